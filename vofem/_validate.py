@@ -1,0 +1,90 @@
+"""Checks of arguments, all of one form: name the thing, say what was found and what was expected."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.errors import ArgumentError
+
+#: Largest magnitude taken for a physical quantity. Cubes and ratios of such numbers stay finite.
+HUGE = 1e60
+
+
+def number(
+    what: str,
+    value: Any,
+    *,
+    minimum: float | None = None,
+    positive: bool = False,
+    finite: bool = True,
+) -> float:
+    """Return `value` as a float, or raise `ArgumentError` naming `what`.
+
+    Parameters
+    ----------
+    what : str
+        The name shown to the user, such as ``"Beam 'b1': length"``.
+    value : number
+        What was given. Booleans, strings and arrays are refused.
+    minimum : float, optional
+        The smallest value allowed.
+    positive : bool
+        Whether zero and less are refused.
+    finite : bool
+        Whether infinity is refused. NaN always is.
+    """
+    expected = "a positive number" if positive else "a number"
+    if minimum is not None:
+        expected = "a number that is not negative" if minimum == 0 else f"a number not below {minimum:g}"
+    if isinstance(value, (bool, str)) or not np.isscalar(value):
+        array = np.asarray(value) if not isinstance(value, (bool, str)) else None
+        if array is None or array.ndim != 0 or array.dtype.kind not in "iuf":
+            raise ArgumentError(f"{what} is {value!r}, expected {expected}")
+    try:
+        result = float(value)
+    except (TypeError, ValueError, OverflowError):
+        raise ArgumentError(f"{what} is {value!r}, expected {expected}") from None
+    if np.isnan(result):
+        raise ArgumentError(f"{what} is NaN, expected {expected}; look where the value was computed")
+    if finite and not abs(result) <= HUGE:
+        raise ArgumentError(f"{what} is {result!r}, expected a finite number (magnitude at most {HUGE:g})")
+    if (positive and not result > 0) or (minimum is not None and not result >= minimum):
+        raise ArgumentError(f"{what} is {result!r}, expected {expected}")
+    return result
+
+
+def array(what: str, values: Any, *, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
+    """Return `values` as a float array of finite numbers, or raise `ArgumentError` naming `what`."""
+    try:
+        result = np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise ArgumentError(f"{what} is {values!r}, expected an array of numbers") from None
+    if shape is not None and result.shape != shape:
+        raise ArgumentError(f"{what} has shape {result.shape}, expected {shape}")
+    if not np.all(np.isfinite(result)):
+        bad = np.argwhere(~np.isfinite(result))[0].tolist()
+        raise ArgumentError(f"{what} holds {result[tuple(bad)]} at index {bad}, expected finite numbers")
+    return result
+
+
+def choice(what: str, value: Any, allowed: tuple[str, ...]) -> str:
+    """Return `value` if it is one of `allowed`, or raise `ArgumentError` with the nearest name."""
+    if isinstance(value, str) and value in allowed:
+        return value
+    raise ArgumentError(f"{what} is {value!r}, expected {one_of(allowed)}{nearest(value, allowed)}")
+
+
+def one_of(allowed: tuple[str, ...]) -> str:
+    """Spell a list of names for a message."""
+    return "one of " + ", ".join(repr(name) for name in allowed)
+
+
+def nearest(value: Any, allowed: tuple[str, ...]) -> str:
+    """Return ``"; did you mean 'x'?"`` where a name is close, else an empty string."""
+    from difflib import get_close_matches
+
+    close = get_close_matches(str(value), allowed, n=1)
+    return f"; did you mean {close[0]!r}?" if close else ""

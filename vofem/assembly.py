@@ -1,0 +1,329 @@
+"""Where bodies and effects are gathered into one System.
+
+Effects call the ``add_*`` methods; what none of them calls is never built.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from vofem.bodies.base import Array, Body, BodyMatrices, IntArray, Point, Row
+from vofem.errors import ArgumentError
+from vofem.system import ContactLaws, Load, LoadFunction, System
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
+
+class Effect(Protocol):
+    """Something that acts on bodies. Effects compare and hash by identity."""
+
+    def compile(self, builder: SystemBuilder) -> None:
+        """Add to the system what the effect is, by the builder's ``add_*`` methods."""
+
+    def points(self) -> tuple[Point, ...]:
+        """Return the points that the effect touches; their bodies must be in the scene."""
+
+    def describe(self) -> str:
+        """Return one line for `vofem.explain`."""
+
+
+@dataclass(frozen=True)
+class ContactEntry:
+    """One contact as `SystemBuilder.add_contact` takes it; the fields are those of `ContactLaws`."""
+
+    name: str
+    row: Row
+    gap: float
+    stiffness: float
+    damping: float
+    jump: bool
+    resolution: float
+
+
+@dataclass(frozen=True)
+class Model:
+    """A System and the way back to the bodies.
+
+    Attributes
+    ----------
+    system : System
+        Over the free degrees of freedom.
+    offsets : dict of Body to int
+        Where a body's degrees of freedom begin among all.
+    free : ndarray of int, shape (n,)
+        The free degrees of freedom among all.
+    mass, stiffness : csr_matrix, shape (N, N)
+        Over all degrees of freedom, supported ones included; for reactions.
+    damping : csr_matrix, optional
+    load_vectors : tuple of ndarray, shape (N,)
+        One per load of the system.
+    contact_rows : csr_matrix, shape (n_contacts, N), optional
+    """
+
+    system: System
+    offsets: dict[Body, int]
+    free: IntArray
+    mass: csr_matrix
+    stiffness: csr_matrix
+    damping: csr_matrix | None
+    load_vectors: tuple[Array, ...]
+    contact_rows: csr_matrix | None
+
+    @property
+    def size(self) -> int:
+        """Number of all degrees of freedom N."""
+        return int(self.mass.shape[0])
+
+    def expand(self, q: Array) -> Array:
+        """Return free values (n, ...) as values of all degrees of freedom (N, ...), zero at supports."""
+        full = np.zeros((self.size, *q.shape[1:]))
+        full[self.free] = q
+        return full
+
+    def of_body(self, body: Body, q: Array) -> Array:
+        """Return one body's values, shape (body.size, ...), out of free values (n, ...)."""
+        start = self.offsets[body]
+        inside = (self.free >= start) & (self.free < start + body.size)
+        values = np.zeros((body.size, *q.shape[1:]))
+        values[self.free[inside] - start] = q[inside]
+        return values
+
+
+class _Triplets:
+    """Coordinate entries of one symmetric matrix over all degrees of freedom."""
+
+    def __init__(self) -> None:
+        self.rows: list[IntArray] = []
+        self.columns: list[IntArray] = []
+        self.values: list[Array] = []
+
+    def add_matrix(self, matrix: Any, offset: int) -> None:
+        coo = matrix.tocoo()
+        self.rows.append(coo.row.astype(np.int64) + offset)
+        self.columns.append(coo.col.astype(np.int64) + offset)
+        self.values.append(coo.data)
+
+    def add_rank_one(self, row: Row, factor: float) -> None:
+        k = row.indices.size
+        self.rows.append(np.repeat(row.indices, k))
+        self.columns.append(np.tile(row.indices, k))
+        self.values.append(factor * np.outer(row.weights, row.weights).ravel())
+
+    def build(self, size: int) -> csr_matrix | None:
+        from scipy.sparse import coo_matrix
+
+        if not self.rows:
+            return None
+        entries = (np.concatenate(self.rows), np.concatenate(self.columns))
+        return coo_matrix((np.concatenate(self.values), entries), shape=(size, size)).tocsr()
+
+
+def _null_space(matrix: Array) -> Array:
+    """Return an orthonormal basis of the null space of a matrix with few columns, shape (columns, r)."""
+    columns = matrix.shape[1]
+    if not matrix.shape[0] or not columns:
+        return np.eye(columns)
+    _, values, right = np.linalg.svd(matrix, full_matrices=True)
+    rank = int(np.sum(values > 1e-10 * max(values[0], np.finfo(float).tiny)))
+    return right[rank:].T
+
+
+class SystemBuilder:
+    """Collects what bodies and effects contribute.
+
+    Parameters
+    ----------
+    bodies : sequence of Body
+        In the order in which their degrees of freedom are numbered.
+    """
+
+    def __init__(self, bodies: Sequence[Body]) -> None:
+        self.offsets: dict[Body, int] = {}
+        self._mass, self._stiffness, self._damping = _Triplets(), _Triplets(), _Triplets()
+        self._attached = _Triplets()
+        self._rayleigh: tuple[float, float] | None = None
+        self._modal: float | None = None
+        self._loads: list[Load] = []
+        self._contacts: list[ContactEntry] = []
+        supported: list[IntArray] = []
+        scales: list[Array] = []
+        self.size = 0
+        for body in bodies:
+            matrices = self._check(body, body.matrices())
+            self.offsets[body] = self.size
+            self._mass.add_matrix(matrices.mass, self.size)
+            self._stiffness.add_matrix(matrices.stiffness, self.size)
+            if matrices.damping is not None:
+                self._damping.add_matrix(matrices.damping, self.size)
+            supported.append(matrices.supported + self.size)
+            scales.append(matrices.scale)
+            self.size += body.size
+        self._supported = np.concatenate(supported)
+        self._scale = np.concatenate(scales)
+        self._accelerations: list[tuple[float, LoadFunction, str]] = []
+
+    @staticmethod
+    def _check(body: Body, matrices: BodyMatrices) -> BodyMatrices:
+        for kind, matrix in (("mass", matrices.mass), ("stiffness", matrices.stiffness)):
+            if not np.all(np.isfinite(matrix.data)):
+                raise ArgumentError(
+                    f"{body.describe()}: the {kind} matrix overflows; check the units of length, EI and rhoA"
+                )
+        return matrices
+
+    # -- rows -------------------------------------------------------------------------------------
+
+    def row(self, point: Point, *, slope: bool = False) -> Row:
+        """Return a point's row over all degrees of freedom."""
+        local = point.slope_row() if slope else point.row()
+        return Row(local.indices + self.offsets[point.body], local.weights)
+
+    def difference(self, a: Point, b: Point | None) -> Row:
+        """Return the row of ``u_a - u_b``, or of ``u_a`` where b is None."""
+        first = self.row(a)
+        if b is None:
+            return first
+        second = self.row(b)
+        return Row(
+            np.concatenate([first.indices, second.indices]), np.concatenate([first.weights, -second.weights])
+        )
+
+    # -- contributions ----------------------------------------------------------------------------
+
+    def add_stiffness(self, row: Row, stiffness: float) -> None:
+        """Add ``stiffness * b b'`` to K."""
+        self._attached.add_rank_one(row, stiffness)
+
+    def add_body_stiffness(self, body: Body, matrix: Any) -> None:
+        """Add a matrix over one body's degrees of freedom to K."""
+        self._attached.add_matrix(matrix, self.offsets[body])
+
+    def add_damping(self, row: Row, damping: float) -> None:
+        """Add ``damping * b b'`` to C."""
+        self._damping.add_rank_one(row, damping)
+
+    def add_mass(self, row: Row, mass: float) -> None:
+        """Add ``mass * b b'`` to M."""
+        self._mass.add_rank_one(row, mass)
+
+    def add_rayleigh(self, alpha: float, beta: float) -> None:
+        """Add ``alpha M + beta K`` to C, M and K being the contact-free matrices with all attachments."""
+        before = self._rayleigh or (0.0, 0.0)
+        self._rayleigh = (before[0] + alpha, before[1] + beta)
+
+    def add_modal_damping(self, ratio: float) -> None:
+        """Damp every mode of (K, M) by a ratio of its critical damping."""
+        self._modal = (self._modal or 0.0) + ratio
+
+    def add_point_load(self, row: Row, function: LoadFunction, name: str) -> None:
+        """Add the load ``b * function(t)``."""
+        vector = np.zeros(self.size)
+        np.add.at(vector, row.indices, row.weights)
+        self._loads.append(Load(vector, function, name))
+
+    def add_body_load(self, body: Body, values: Array, function: LoadFunction, name: str) -> None:
+        """Add a load vector over one body's degrees of freedom, times a function."""
+        vector = np.zeros(self.size)
+        start = self.offsets[body]
+        vector[start : start + body.size] = values
+        self._loads.append(Load(vector, function, name))
+
+    def add_acceleration(self, value: float, function: LoadFunction, name: str) -> None:
+        """Add the load ``value M r function(t)``, r being a unit translation: a force in proportion to mass."""
+        self._accelerations.append((value, function, name))
+
+    def add_contact(self, entry: ContactEntry) -> None:
+        """Add a contact."""
+        self._contacts.append(entry)
+
+    # -- result -----------------------------------------------------------------------------------
+
+    def build(self) -> Model:
+        """Return the model: global matrices, and the System over the free degrees of freedom."""
+        mass, stiffness = self._mass.build(self.size), self._stiffness.build(self.size)
+        assert mass is not None
+        assert stiffness is not None
+        damping = self._damping.build(self.size)
+        attached = self._attached.build(self.size)
+        if attached is not None:
+            stiffness = stiffness + attached
+        held = np.zeros(self.size, dtype=bool)
+        held[self._supported] = True
+        free = np.flatnonzero(~held)
+        if not free.size:
+            raise ArgumentError("the supports hold every degree of freedom, so nothing can move; remove some")
+
+        def restrict(matrix: csr_matrix) -> Any:
+            return matrix[free][:, free].tocsc() if free.size < self.size else matrix.tocsc()
+
+        for value, function, name in self._accelerations:
+            translation = np.concatenate([body.translation() for body in self.offsets])
+            self._loads.append(Load(value * (mass @ translation), function, name))
+        contact_rows, contacts = self._build_contacts(free)
+        system = System(
+            mass=restrict(mass),
+            stiffness=restrict(stiffness),
+            damping=None if damping is None else restrict(damping),
+            rayleigh=self._rayleigh,
+            modal_damping=self._modal,
+            loads=tuple(Load(load.vector[free], load.function, load.name) for load in self._loads),
+            contacts=contacts,
+            scale=self._scale[free],
+            rigid=self._rigid_motions(attached)[free],
+        )
+        vectors = tuple(load.vector for load in self._loads)
+        return Model(system, self.offsets, free, mass, stiffness, damping, vectors, contact_rows)
+
+    def _rigid_motions(self, attached: csr_matrix | None) -> Array:
+        """Return a basis, shape (N, r), of the motions that strain nothing and violate no support.
+
+        They are sought among the rigid motions of the bodies, a problem of a
+        few unknowns: the large matrices cannot tell a soft body from a free one.
+        """
+        blocks: list[tuple[int, Array]] = []
+        for body, start in self.offsets.items():
+            motions = body.rigid_motions()
+            held = self._supported[(self._supported >= start) & (self._supported < start + body.size)] - start
+            motions = motions @ _null_space(motions[held])
+            blocks.extend((start, motions[:, [k]]) for k in range(motions.shape[1]))
+        basis = np.zeros((self.size, len(blocks)))
+        for k, (start, motion) in enumerate(blocks):
+            basis[start : start + motion.shape[0], k] = motion[:, 0]
+        if attached is None or not blocks:
+            return basis
+        used = np.unique(attached.nonzero()[0])
+        root = attached[used][:, used].toarray()
+        values, vectors = np.linalg.eigh(root)
+        strain = (np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T) @ basis[used]
+        return basis @ _null_space(strain)
+
+    def _build_contacts(self, free: IntArray) -> tuple[Any, ContactLaws | None]:
+        from scipy.sparse import csr_matrix
+
+        entries = self._contacts
+        if not entries:
+            return None, None
+        indices = np.concatenate([e.row.indices for e in entries])
+        weights = np.concatenate([e.row.weights for e in entries])
+        ends = np.cumsum([0, *(e.row.indices.size for e in entries)])
+        rows = csr_matrix((weights, indices, ends), shape=(len(entries), self.size))
+        laws = ContactLaws(
+            names=tuple(e.name for e in entries),
+            rows=rows[:, free].tocsr(),
+            gap=np.array([e.gap for e in entries]),
+            stiffness=np.array([e.stiffness for e in entries]),
+            damping=np.array([e.damping for e in entries]),
+            jump=np.array([e.jump for e in entries]),
+            resolution=np.array([e.resolution for e in entries]),
+        )
+        for name, row in zip(laws.names, laws.rows, strict=True):
+            if not np.any(row.data):
+                raise ArgumentError(
+                    f"Contact {name!r} can never move: its points lie on supports, or both are the same point"
+                )
+        return rows, laws

@@ -1,0 +1,427 @@
+"""Euler-Bernoulli beams on Hermite elements."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vofem._validate import array, choice, nearest, number, one_of
+from vofem.bodies.base import Array, BodyMatrices, IntArray, Row, automatic_name
+from vofem.bodies.cubics import hermite
+from vofem.errors import ArgumentError
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+    from skfem import Basis
+
+#: Degrees of freedom (0: displacement, 1: slope) that a support holds at its node.
+SUPPORTS: dict[str, tuple[int, ...]] = {"clamped": (0, 1), "pinned": (0,), "guided": (1,)}
+
+#: Quadrature for coefficients that vary: exact for a product of degree 12.
+_VARIABLE_ORDER = 12
+
+_MOST_ELEMENTS = 10_000_000
+
+
+class Beam:
+    """A straight Euler-Bernoulli beam: ``rhoA eta_tt + (EI eta'')'' - (T eta')' = p``.
+
+    Degrees of freedom are the displacement eta (m, positive upward) and the
+    slope d(eta)/dx of every node, interleaved along the axis. Element matrices
+    are Eq. 19 of the paper for constant coefficients, with the slope positive
+    as the derivative of eta.
+
+    Parameters
+    ----------
+    length : float
+        In m.
+    EI : float, callable of x or array_like of shape (n_elements,)
+        Bending stiffness in N m^2; positive. A callable is given an array of x.
+    rhoA : float, callable of x or array_like of shape (n_elements,)
+        Mass per length in kg/m; positive.
+    elements : int or array_like
+        The number of equal elements, or the x of all nodes, increasing, with
+        ``x[-1] - x[0]`` equal to `length`. With a number, x runs from 0.
+    supports : dict
+        Maps "left", "right" or the x of a node to "clamped" (eta = eta' = 0),
+        "pinned" (eta = 0) or "guided" (eta' = 0). Empty: a free beam.
+    tension : float
+        Axial force in N, positive in tension, constant in time.
+    name : str, optional
+        Unique in a scene; automatic where none is given.
+
+    Raises
+    ------
+    ArgumentError
+        For lengths, coefficients, nodes or supports that make no beam.
+
+    Notes
+    -----
+    Beams compare and hash by identity and are not meant to be changed.
+    """
+
+    def __init__(
+        self,
+        length: float,
+        EI: Any,
+        rhoA: Any,
+        elements: int | ArrayLike,
+        supports: Mapping[Any, str] | None = None,
+        tension: float = 0.0,
+        name: str | None = None,
+    ) -> None:
+        self.name = automatic_name(name, "Beam")
+        label = f"Beam {self.name!r}"
+        self.length = number(f"{label}: length", length, positive=True)
+        self._set_nodes(label, elements)
+        self.EI = self._coefficient(f"{label}: EI", EI)
+        self.rhoA = self._coefficient(f"{label}: rhoA", rhoA)
+        self.tension = number(f"{label}: tension", tension)
+        if supports is not None and not isinstance(supports, Mapping):
+            raise ArgumentError(f"{label}: supports is {supports!r}, expected a dict such as {{'left': 'clamped'}}")
+        self.supports = {
+            self._support_node(label, where): choice(f"{label}: support at {where!r}", kind, tuple(SUPPORTS))
+            for where, kind in (supports or {}).items()
+        }
+
+    # -- geometry ---------------------------------------------------------------------------------
+
+    def _set_nodes(self, label: str, elements: Any) -> None:
+        if isinstance(elements, (int, np.integer)) and not isinstance(elements, bool):
+            if not 1 <= elements <= _MOST_ELEMENTS:
+                raise ArgumentError(f"{label}: elements is {elements}, expected 1 to {_MOST_ELEMENTS}")
+            count = int(elements)
+            self.origin = 0.0
+            self._arc = np.arange(count + 1) * (self.length / count)
+            self._arc[-1] = self.length
+            self.element_lengths: Array = np.full(count, self.length / count)
+            return
+        if isinstance(elements, (float, str, bool)):
+            raise ArgumentError(f"{label}: elements is {elements!r}, expected a whole number or the x of all nodes")
+        nodes = array(f"{label}: elements", elements)
+        if nodes.ndim != 1 or nodes.size < 2:
+            raise ArgumentError(f"{label}: elements has shape {nodes.shape}, expected the x of two or more nodes")
+        lengths = np.diff(nodes)
+        if np.any(lengths <= 0):
+            k = int(np.argmax(lengths <= 0))
+            raise ArgumentError(
+                f"{label}: node x must increase, found x[{k}] = {nodes[k]:g} followed by x[{k + 1}] = {nodes[k + 1]:g}"
+            )
+        if not np.isclose(nodes[-1] - nodes[0], self.length, rtol=1e-9, atol=0.0):
+            raise ArgumentError(
+                f"{label}: the nodes span {nodes[-1] - nodes[0]:g} m, expected the length {self.length:g} m"
+            )
+        self.origin = float(nodes[0])
+        self._arc = nodes - nodes[0]
+        self.element_lengths = lengths
+
+    @property
+    def nodes(self) -> Array:
+        """The x of all nodes in m, shape (n_elements + 1,)."""
+        return self.origin + self._arc
+
+    @property
+    def size(self) -> int:
+        """Number of degrees of freedom, two per node, supported ones included."""
+        return 2 * self._arc.size
+
+    def _locate(self, what: str, x: ArrayLike) -> tuple[IntArray, Array]:
+        """Return element indices and element coordinates of the points x."""
+        arc = array(what, x) - self.origin
+        slack = 1e-9 * self.length
+        if np.any(arc < -slack) or np.any(arc > self.length + slack):
+            bad = float(np.ravel(arc)[int(np.argmax(np.ravel((arc < -slack) | (arc > self.length + slack))))])
+            raise ArgumentError(
+                f"{what} is {self.origin + bad:g} m, expected a point on Beam {self.name!r}, "
+                f"from {self.origin:g} to {self.origin + self.length:g} m"
+            )
+        arc = np.clip(arc, 0.0, self._arc[-1])
+        element = np.clip(np.searchsorted(self._arc, arc, side="right") - 1, 0, self.element_lengths.size - 1)
+        xi = (arc - self._arc[element]) / self.element_lengths[element]
+        # A point given in decimal and a node computed in binary are meant to be the same.
+        snap = 1e-9
+        at_end = (xi > 1.0 - snap) & (element < self.element_lengths.size - 1)
+        element = np.where(at_end, element + 1, element)
+        xi = np.where(at_end | (xi < snap), 0.0, np.where(xi > 1.0 - snap, 1.0, xi))
+        return element, xi
+
+    def _position(self, label: str, where: Any) -> float:
+        named = {"left": self.origin, "right": self.origin + self.length}
+        if isinstance(where, str):
+            if where in named:
+                return named[where]
+            names = tuple(named)
+            raise ArgumentError(f"{label} is {where!r}, expected an x or {one_of(names)}{nearest(where, names)}")
+        x = number(label, where)
+        self._locate(label, x)
+        return x
+
+    def _support_node(self, label: str, where: Any) -> int:
+        what = f"{label}: the place of a support"
+        element, xi = self._locate(what, self._position(what, where))
+        node = int(element) + int(xi == 1.0)
+        if xi not in (0.0, 1.0):
+            left, right = self.nodes[int(element)], self.nodes[int(element) + 1]
+            raise ArgumentError(
+                f"{what} is {where!r}, which is not a node; the nearest are {left:g} and {right:g} m. "
+                "Give elements= the x of all nodes with this one among them"
+            )
+        return node
+
+    def at(self, where: float | str) -> BeamPoint:
+        """Return the point at x (m, any place on the axis, nodes and between), or at "left" or "right".
+
+        Raises
+        ------
+        ArgumentError
+            If the point is not on the beam.
+        """
+        return BeamPoint(self, self._position(f"a point of Beam {self.name!r}", where))
+
+    def __repr__(self) -> str:
+        return f"Beam(name={self.name!r}, length={self.length:g}, elements={self.element_lengths.size})"
+
+    # -- coefficients -----------------------------------------------------------------------------
+
+    def _coefficient(self, what: str, value: Any) -> Any:
+        if callable(value):
+            self._values(what, value, self.origin + 0.5 * (self._arc[:-1] + self._arc[1:]))
+            return value
+        if np.ndim(value) == 0:
+            return number(what, value, positive=True)
+        values = array(what, value, shape=self.element_lengths.shape)
+        if np.any(values <= 0):
+            raise ArgumentError(f"{what} is {values.min():g} in element {values.argmin()}, expected a positive number")
+        return values
+
+    def _values(self, what: str, function: Any, x: Array, *, positive: bool = True) -> Array:
+        """Evaluate a callable of x and check what it returns."""
+        try:
+            values = np.broadcast_to(np.asarray(function(x), dtype=float), x.shape)
+        except (TypeError, ValueError) as error:
+            raise ArgumentError(f"{what} must be a callable that takes an array of x; it raised: {error}") from error
+        bad = ~np.isfinite(values) | ((values <= 0) if positive else False)
+        if np.any(bad):
+            k = np.unravel_index(int(np.argmax(bad)), x.shape)
+            expected = "a positive number" if positive else "a finite number"
+            raise ArgumentError(f"{what} is {values[k]:g} at x = {x[k]:g} m, expected {expected}")
+        return values
+
+    def at_quadrature(self, what: str, value: Any, basis: Basis, *, positive: bool = True) -> Any:
+        """Return a coefficient where scikit-fem wants it: a number, or values of shape (n_elements, n_points)."""
+        if callable(value):
+            x = self.origin + basis.mapping.F(basis.X)[0]
+            return self._values(what, value, x, positive=positive)
+        if np.ndim(value) == 0:
+            return float(value)
+        return np.broadcast_to(np.asarray(value)[:, None], (self.element_lengths.size, basis.X.shape[-1])).copy()
+
+    def basis(self, *values: Any) -> Basis:
+        """Return a scikit-fem basis whose quadrature suits coefficients like `values`."""
+        from vofem.bodies.hermite import line_basis
+
+        order = _VARIABLE_ORDER if any(callable(value) for value in values) else 6
+        return line_basis(self._arc, self.element_lengths, order)
+
+    # -- matrices ---------------------------------------------------------------------------------
+
+    @cached_property
+    def _matrices(self) -> BodyMatrices:
+        from vofem.bodies import hermite as forms
+
+        basis = self.basis(self.EI, self.rhoA)
+        label = f"Beam {self.name!r}"
+        stiffness = forms.bending.assemble(basis, coefficient=self.at_quadrature(f"{label}: EI", self.EI, basis))
+        mass = forms.inertia.assemble(basis, coefficient=self.at_quadrature(f"{label}: rhoA", self.rhoA, basis))
+        if self.tension:
+            stiffness = stiffness + forms.string.assemble(basis, coefficient=self.tension)
+        held = [2 * node + dof for node, kind in self.supports.items() for dof in SUPPORTS[kind]]
+        scale = np.ones(self.size)
+        scale[1::2] = np.minimum(
+            np.append(self.element_lengths, np.inf), np.insert(self.element_lengths, 0, np.inf)
+        )
+        return BodyMatrices(
+            mass=mass.tocsr(),
+            stiffness=stiffness.tocsr(),
+            damping=None,
+            supported=np.unique(np.array(held, dtype=np.int64)),
+            scale=scale,
+        )
+
+    def matrices(self) -> BodyMatrices:
+        """Return mass and stiffness over all nodes, and the supported degrees of freedom."""
+        return self._matrices
+
+    def load_vector(self, p: Any) -> Array:
+        """Return the consistent load vector, shape (size,), of a force per length p (number or callable, N/m)."""
+        from vofem.bodies import hermite as forms
+
+        basis = self.basis(p)
+        values = self.at_quadrature(f"a distributed load on Beam {self.name!r}", p, basis, positive=False)
+        return np.asarray(forms.distributed.assemble(basis, coefficient=values))
+
+    def translation(self) -> Array:
+        """Return the degrees of freedom of a unit displacement upward."""
+        return np.tile([1.0, 0.0], self._arc.size)
+
+    def rigid_motions(self) -> Array:
+        """Return the translation, and the rotation where no tension resists it."""
+        if self.tension:
+            return self.translation()[:, None]
+        rotation = np.empty(self.size)
+        rotation[0::2] = self._arc / self.length - 0.5
+        rotation[1::2] = 1.0 / self.length
+        return np.stack([self.translation(), rotation], axis=1)
+
+    # -- fields -----------------------------------------------------------------------------------
+
+    def field_matrix(self, x: ArrayLike, derivative: int = 0) -> csr_matrix:
+        """Return the matrix that takes the degrees of freedom to a derivative of eta at x.
+
+        At a node the element to its right is taken (the last node: to its left).
+
+        Parameters
+        ----------
+        x : array_like, shape (k,)
+            In m.
+        derivative : int
+            0 to 3.
+
+        Returns
+        -------
+        csr_matrix, shape (k, size)
+        """
+        from scipy.sparse import csr_matrix
+
+        element, xi = self._locate(f"a point of Beam {self.name!r}", np.atleast_1d(np.asarray(x, dtype=float)))
+        h = self.element_lengths[element]
+        weights = np.stack([hermite(i, xi, h, derivative) for i in range(4)], axis=1)
+        columns = 2 * element[:, None] + np.arange(4)
+        rows = np.repeat(np.arange(xi.size), 4)
+        return csr_matrix((weights.ravel(), (rows, columns.ravel())), shape=(xi.size, self.size))
+
+    def bending_stiffness(self, x: ArrayLike) -> tuple[Array, Array]:
+        """Return EI and its derivative d(EI)/dx at x (m), each of shape (k,); at a node, to its right."""
+        x = np.atleast_1d(np.asarray(x, dtype=float))
+        element, xi = self._locate(f"a point of Beam {self.name!r}", x)
+        if np.ndim(self.EI) == 1:
+            return self.EI[element], np.zeros(x.shape)
+        if not callable(self.EI):
+            return np.full(x.shape, self.EI), np.zeros(x.shape)
+        # The polynomial through five Chebyshev points of the element: exact for a tapered section.
+        points = 0.5 - 0.5 * np.cos(np.pi * (np.arange(5) + 0.5) / 5)
+        h = self.element_lengths[element]
+        sample = self.origin + self._arc[element][:, None] + points * h[:, None]
+        values = self._values(f"Beam {self.name!r}: EI", self.EI, sample)
+        coefficients = np.linalg.solve(np.vander(points, 5, increasing=True), values.T)
+        powers = np.arange(1, 5)
+        slope = np.sum(powers[:, None] * coefficients[1:] * xi ** (powers[:, None] - 1), axis=0) / h
+        return self._values(f"Beam {self.name!r}: EI", self.EI, x), slope
+
+    def interpolate(self, field: Any, what: str) -> Array:
+        """Return the degrees of freedom, shape (size,), of an initial field.
+
+        The field is projected in L2 on the supported space, so cubics are
+        reproduced exactly.
+
+        Parameters
+        ----------
+        field : number or callable of an array x
+            In m or m/s.
+        what : str
+            "initial displacement" or the like, for messages.
+
+        Raises
+        ------
+        ArgumentError
+            If the field is not finite, or does not vanish where a support holds it.
+        """
+        label = f"{what} of Beam {self.name!r}"
+        if not callable(field):
+            constant = number(label, field)
+            if constant == 0.0:
+                return np.zeros(self.size)
+            return self.interpolate(lambda x: np.full(np.shape(x), constant), what)
+        self._check_supports(label, field)
+        from scipy.sparse.linalg import spsolve
+
+        from vofem.bodies import hermite as forms
+
+        basis = self.basis(field)
+        values = self.at_quadrature(label, field, basis, positive=False)
+        held = self._matrices.supported
+        free = np.setdiff1d(np.arange(self.size), held)
+        scale = self._matrices.scale
+        gram = forms.inertia.assemble(basis, coefficient=1.0)
+        moments = np.asarray(forms.distributed.assemble(basis, coefficient=values))
+        result = np.zeros(self.size)
+        if free.size:
+            # Slopes in units of one element length keep the system well conditioned on any mesh.
+            balance = 1.0 / scale[free]
+            scaled = gram.tocsc()[free][:, free].multiply(balance[:, None]).multiply(balance[None, :])
+            result[free] = balance * spsolve(scaled.tocsc(), balance * moments[free])
+        return result
+
+    def _check_supports(self, label: str, field: Any) -> None:
+        values = self._values(label, field, self.nodes, positive=False)
+        size = float(np.max(np.abs(values)))
+        for node, kind in self.supports.items():
+            x = self.nodes[node]
+            if 0 in SUPPORTS[kind] and abs(values[node]) > 1e-9 * size:
+                raise ArgumentError(
+                    f"{label} is {values[node]:g} at x = {x:g} m, where the beam is {kind}; expected 0"
+                )
+            if 1 in SUPPORTS[kind]:
+                inward = 1.0 if node == 0 else -1.0
+                element = min(node, self.element_lengths.size - 1) if inward > 0 else node - 1
+                step = 1e-3 * self.element_lengths[element] * inward
+                near = self._values(label, field, x + step * np.arange(4), positive=False)
+                slope = float(near @ np.array([-11.0, 18.0, -9.0, 2.0])) / (6.0 * step)
+                if abs(slope) * self.length > 1e-6 * size:
+                    raise ArgumentError(
+                        f"{label} has the slope {slope:g} at x = {x:g} m, where the beam is {kind}; expected 0"
+                    )
+
+    def describe(self) -> str:
+        """Return name, elements and supports."""
+        held = ", ".join(f"{kind} at x = {self.nodes[node]:g}" for node, kind in self.supports.items())
+        return f"Beam {self.name!r}: {self.element_lengths.size} elements, {held or 'free'}"
+
+
+class BeamPoint:
+    """A point on a beam's axis; made by `Beam.at`.
+
+    Attributes
+    ----------
+    body : Beam
+    x : float
+        In m.
+    """
+
+    def __init__(self, body: Beam, x: float) -> None:
+        self.body = body
+        self.x = x
+
+    def _row(self, derivative: int) -> Row:
+        matrix = self.body.field_matrix([self.x], derivative)
+        keep: NDArray[np.bool_] = matrix.data != 0.0
+        return Row(matrix.indices[keep].astype(np.int64), matrix.data[keep])
+
+    def row(self) -> Row:
+        """Return the row of eta: one entry at a node, four between nodes."""
+        return self._row(0)
+
+    def slope_row(self) -> Row:
+        """Return the row of the slope."""
+        return self._row(1)
+
+    def __repr__(self) -> str:
+        return f"{self.body!r}.at({self.x:g})"
+
+    def describe(self) -> str:
+        """Return beam and place."""
+        return f"Beam {self.body.name!r} at x = {self.x:g} m"

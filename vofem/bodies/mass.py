@@ -1,0 +1,93 @@
+"""A lumped mass: one degree of freedom, tied to ground by a spring and a dashpot."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from vofem._validate import number
+from vofem.bodies.base import Array, BodyMatrices, Row, automatic_name
+from vofem.errors import ArgumentError
+
+
+class Mass:
+    """A mass on a spring and a dashpot to ground: ``m u'' + c u' + k u = f``.
+
+    It is a body with one degree of freedom, and a point itself.
+
+    Parameters
+    ----------
+    mass : float
+        In kg, positive.
+    stiffness : float
+        Of the spring to ground, N/m.
+    damping : float
+        Of the dashpot to ground, N s/m.
+    name : str, optional
+        Unique in a scene; automatic where none is given.
+
+    Raises
+    ------
+    ArgumentError
+        For a value that is not finite, or a negative one.
+    """
+
+    def __init__(
+        self, mass: float, stiffness: float = 0.0, damping: float = 0.0, name: str | None = None
+    ) -> None:
+        self.name = automatic_name(name, "Mass")
+        self.mass = number(f"Mass {self.name!r}: mass", mass, positive=True)
+        self.stiffness = number(f"Mass {self.name!r}: stiffness", stiffness, minimum=0)
+        self.damping = number(f"Mass {self.name!r}: damping", damping, minimum=0)
+
+    def __repr__(self) -> str:
+        return f"Mass(mass={self.mass:g}, stiffness={self.stiffness:g}, damping={self.damping:g}, name={self.name!r})"
+
+    @property
+    def body(self) -> Mass:
+        """The mass itself: it is its own point."""
+        return self
+
+    @property
+    def size(self) -> int:
+        """One."""
+        return 1
+
+    def matrices(self) -> BodyMatrices:
+        """Return the 1 x 1 matrices."""
+        from scipy.sparse import csr_matrix
+
+        return BodyMatrices(
+            mass=csr_matrix([[self.mass]]),
+            stiffness=csr_matrix([[self.stiffness]]),
+            damping=csr_matrix([[self.damping]]) if self.damping else None,
+            supported=np.empty(0, dtype=np.int64),
+            scale=np.ones(1),
+        )
+
+    def row(self) -> Row:
+        """Return the row of its displacement."""
+        return Row(np.zeros(1, dtype=np.int64), np.ones(1))
+
+    def slope_row(self) -> Row:
+        """Refuse: a mass has no slope."""
+        raise ArgumentError(f"Mass {self.name!r} has no slope; moments and rotational springs need a beam")
+
+    def translation(self) -> Array:
+        """Return one."""
+        return np.ones(1)
+
+    def rigid_motions(self) -> Array:
+        """Return the translation, or nothing where a spring ties the mass to ground."""
+        return np.ones((1, 0 if self.stiffness else 1))
+
+    def interpolate(self, field: Any, what: str) -> Array:
+        """Return the number given, as an array of one."""
+        if callable(field):
+            raise ArgumentError(f"{what} of Mass {self.name!r} is a callable, expected a number")
+        return np.array([number(f"{what} of Mass {self.name!r}", field)])
+
+    def describe(self) -> str:
+        """Return its name."""
+        return f"Mass {self.name!r}"

@@ -1,0 +1,28 @@
+"""Effects: what acts on bodies. Each compiles itself into rows, laws and loads of the System."""
+
+from vofem.effects.attachments import Dashpot, PointMass, RotationalSpring, Spring
+from vofem.effects.contact import Contact, Resolved
+from vofem.effects.damping import ModalDamping, RayleighDamping
+from vofem.effects.loads import DistributedLoad, Gravity, PointLoad, PointMoment
+from vofem.effects.time_functions import Constant, Pulse, Ramp, Sine, Tabulated, TimeFunction
+
+__all__ = [
+    "Constant",
+    "Contact",
+    "Dashpot",
+    "DistributedLoad",
+    "Gravity",
+    "ModalDamping",
+    "PointLoad",
+    "PointMass",
+    "PointMoment",
+    "Pulse",
+    "Ramp",
+    "RayleighDamping",
+    "Resolved",
+    "RotationalSpring",
+    "Sine",
+    "Spring",
+    "Tabulated",
+    "TimeFunction",
+]

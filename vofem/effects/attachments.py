@@ -1,0 +1,137 @@
+"""Linear attachments: springs, rotational springs, dashpots and point masses. Each is a rank-one term."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from vofem._validate import number
+from vofem.assembly import SystemBuilder
+from vofem.bodies.base import Point, as_point
+
+
+class _TwoPoints:
+    """An attachment between two points, or between a point and ground."""
+
+    a: Point
+    b: Point | None
+
+    def _attach(self, a: Any, b: Any) -> None:
+        kind = type(self).__name__
+        self.a = as_point(f"{kind}: a", a)
+        self.b = None if b is None else as_point(f"{kind}: b", b)
+
+    def points(self) -> tuple[Point, ...]:
+        """Return a, and b where there is one."""
+        return (self.a,) if self.b is None else (self.a, self.b)
+
+    def _where(self) -> str:
+        return f"{self.a.describe()} to {'ground' if self.b is None else self.b.describe()}"
+
+
+class Spring(_TwoPoints):
+    """A linear spring between two points, or from a point to ground.
+
+    Parameters
+    ----------
+    a, b : points
+    stiffness : float
+        In N/m, not negative.
+    """
+
+    def __init__(self, a: Any, b: Any = None, *, stiffness: float) -> None:
+        self._attach(a, b)
+        self.stiffness = number("Spring: stiffness", stiffness, minimum=0)
+
+    def compile(self, builder: SystemBuilder) -> None:
+        """Add ``k b b'`` to K."""
+        builder.add_stiffness(builder.difference(self.a, self.b), self.stiffness)
+
+    def describe(self) -> str:
+        """Return points and stiffness."""
+        return f"Spring from {self._where()}: {self.stiffness:g} N/m"
+
+
+class Dashpot(_TwoPoints):
+    """A linear dashpot between two points, or from a point to ground.
+
+    Parameters
+    ----------
+    a, b : points
+    damping : float
+        In N s/m, not negative.
+    """
+
+    def __init__(self, a: Any, b: Any = None, *, damping: float) -> None:
+        self._attach(a, b)
+        self.damping = number("Dashpot: damping", damping, minimum=0)
+
+    def compile(self, builder: SystemBuilder) -> None:
+        """Add ``c b b'`` to C."""
+        builder.add_damping(builder.difference(self.a, self.b), self.damping)
+
+    def describe(self) -> str:
+        """Return points and damping."""
+        return f"Dashpot from {self._where()}: {self.damping:g} N s/m"
+
+
+class RotationalSpring:
+    """A linear spring on the slope of a beam, to ground.
+
+    Parameters
+    ----------
+    point : point of a beam
+    stiffness : float
+        In N m/rad, not negative.
+    """
+
+    def __init__(self, point: Any, *, stiffness: float) -> None:
+        self.point = as_point("RotationalSpring: point", point)
+        self.stiffness = number("RotationalSpring: stiffness", stiffness, minimum=0)
+        self.point.slope_row()
+
+    def points(self) -> tuple[Point, ...]:
+        """Return the point."""
+        return (self.point,)
+
+    def compile(self, builder: SystemBuilder) -> None:
+        """Add ``k b b'`` to K, b being the row of the slope."""
+        builder.add_stiffness(builder.row(self.point, slope=True), self.stiffness)
+
+    def describe(self) -> str:
+        """Return point and stiffness."""
+        return f"RotationalSpring on {self.point.describe()}: {self.stiffness:g} N m/rad"
+
+
+class PointMass:
+    """A mass, with or without rotary inertia, fixed to a point.
+
+    Parameters
+    ----------
+    point : point
+    mass : float
+        In kg, not negative.
+    inertia : float
+        Rotary inertia in kg m^2, for a point of a beam.
+    """
+
+    def __init__(self, point: Any, *, mass: float, inertia: float = 0.0) -> None:
+        self.point = as_point("PointMass: point", point)
+        self.mass = number("PointMass: mass", mass, minimum=0)
+        self.inertia = number("PointMass: inertia", inertia, minimum=0)
+        if self.inertia:
+            self.point.slope_row()
+
+    def points(self) -> tuple[Point, ...]:
+        """Return the point."""
+        return (self.point,)
+
+    def compile(self, builder: SystemBuilder) -> None:
+        """Add the mass, and the rotary inertia where there is one, to M."""
+        builder.add_mass(builder.row(self.point), self.mass)
+        if self.inertia:
+            builder.add_mass(builder.row(self.point, slope=True), self.inertia)
+
+    def describe(self) -> str:
+        """Return point and mass."""
+        inertia = f", {self.inertia:g} kg m^2" if self.inertia else ""
+        return f"PointMass on {self.point.describe()}: {self.mass:g} kg{inertia}"

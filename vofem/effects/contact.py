@@ -1,0 +1,141 @@
+"""Contact: a stiffness K_eq that switches with the sign of a gap function."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+
+from vofem._validate import choice, number, one_of
+from vofem.assembly import ContactEntry, SystemBuilder
+from vofem.bodies.base import Point, Row, as_point, automatic_name
+from vofem.errors import ArgumentError
+
+
+class Resolved:
+    """The variable-order switch at a finite scaling factor s0 (Eq. 5), frozen at unit time.
+
+    For ``s > 0`` the contact stiffness is ``K0 / Gamma(1 - beta)`` with
+    ``beta = exp(-s0 s)``; for ``s <= 0`` it is exactly 0.
+
+    Parameters
+    ----------
+    s0 : float
+        Scaling factor in 1/m, positive; `vofem.fractional.scaling_factor` computes one.
+    """
+
+    def __init__(self, s0: float) -> None:
+        self.s0 = number("Resolved: s0", s0, positive=True)
+
+    def __repr__(self) -> str:
+        return f"Resolved(s0={self.s0:g})"
+
+
+class Contact:
+    """A contact between two points, or between a point and a stop that is fixed in space.
+
+    With ``s = u_a - u_b - gap`` (two points), ``s = -eta - gap`` (a stop
+    below) or ``s = eta - gap`` (a stop above), the contact is closed exactly
+    while ``s > 0`` and its force pushes the bodies apart (Eqs. 8-13, 15-18
+    of the paper). With a damper it opens at zero penetration, not at zero
+    force, so the force of a damped contact can be negative for a while.
+
+    Parameters
+    ----------
+    a, b : points
+        ``beam.at(x)`` or a `Mass`. Without b: a stop fixed in space.
+    gap : float
+        In m. Negative, a preload, for ``acts_on="penetration"`` only.
+    stiffness : float
+        K0 in N/m, positive.
+    damping : float
+        C0 in N s/m, active while closed.
+    side : {"below", "above"}
+        For a stop: closes when ``eta < -gap``, or when ``eta > gap``.
+    acts_on : {"displacement", "penetration"}
+        "displacement" is the paper's law: the force is K0 times the whole
+        displacement and jumps by ``K0 gap`` at closing. "penetration" is an
+        elastic stop behind a gap: the force is K0 times ``s``. There is no default.
+    switch : "ideal" or Resolved
+        Eq. 8, or the operator at a finite s0.
+    name : str, optional
+        Unique in a scene.
+
+    Raises
+    ------
+    ArgumentError
+        For a missing or forbidden side, a missing law, or values out of range.
+    """
+
+    def __init__(
+        self,
+        a: Any,
+        b: Any = None,
+        *,
+        gap: float,
+        stiffness: float,
+        damping: float = 0.0,
+        side: Literal["below", "above"] | None = None,
+        acts_on: Literal["displacement", "penetration"] | None = None,
+        switch: Literal["ideal"] | Resolved = "ideal",
+        name: str | None = None,
+    ) -> None:
+        self.name = automatic_name(name, "Contact")
+        label = f"Contact {self.name!r}"
+        self.a: Point = as_point(f"{label}: a", a)
+        self.b: Point | None = None if b is None else as_point(f"{label}: b", b)
+        if acts_on is None:
+            raise ArgumentError(
+                f"{label}: acts_on is missing, expected 'displacement' (the paper's law: the force jumps by "
+                "K0*gap at closing) or 'penetration' (an elastic stop behind a gap)"
+            )
+        self.acts_on = choice(f"{label}: acts_on", acts_on, ("displacement", "penetration"))
+        if self.b is not None and side is not None:
+            raise ArgumentError(f"{label}: side is {side!r}, but a contact between two points has none; remove it")
+        if self.b is None and side is None:
+            raise ArgumentError(f"{label}: side is missing, expected {one_of(('below', 'above'))} for a stop")
+        self.side = None if side is None else choice(f"{label}: side", side, ("below", "above"))
+        self.gap = number(f"{label}: gap", gap)
+        if self.acts_on == "displacement" and self.gap < 0:
+            raise ArgumentError(
+                f"{label}: gap is {self.gap:g} m, expected a number that is not negative with acts_on='displacement'; "
+                "a preloaded contact needs acts_on='penetration'"
+            )
+        self.stiffness = number(f"{label}: stiffness", stiffness, positive=True)
+        self.damping = number(f"{label}: damping", damping, minimum=0)
+        if switch != "ideal" and not isinstance(switch, Resolved):
+            raise ArgumentError(f"{label}: switch is {switch!r}, expected 'ideal' or vofem.Resolved(s0)")
+        self.switch = switch
+
+    def points(self) -> tuple[Point, ...]:
+        """Return a, and b where there is one."""
+        return (self.a,) if self.b is None else (self.a, self.b)
+
+    def compile(self, builder: SystemBuilder) -> None:
+        """Add the contact's row and law."""
+        row = builder.difference(self.a, self.b)
+        if self.side == "below":
+            row = Row(row.indices, -row.weights)
+        builder.add_contact(
+            ContactEntry(
+                name=self.name,
+                row=row,
+                gap=self.gap,
+                stiffness=self.stiffness,
+                damping=self.damping,
+                jump=self.acts_on == "displacement",
+                resolution=self.switch.s0 if isinstance(self.switch, Resolved) else np.inf,
+            )
+        )
+
+    def describe(self) -> str:
+        """Return points, gap, stiffness and law."""
+        where = f"{self.side} {self.a.describe()}" if self.b is None else (
+            f"between {self.a.describe()} and {self.b.describe()}"
+        )
+        damper = f", C0 = {self.damping:g} N s/m" if self.damping else ""
+        switch = "" if self.switch == "ideal" else f", {self.switch!r}"
+        return (
+            f"Contact {self.name!r} {where}: gap {self.gap:g} m, K0 = {self.stiffness:g} N/m{damper}, "
+            f"acts on {self.acts_on}{switch}"
+        )

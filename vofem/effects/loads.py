@@ -1,0 +1,125 @@
+"""Loads: at points, along beams, and gravity."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from vofem._validate import number
+from vofem.assembly import SystemBuilder
+from vofem.bodies.base import Point, as_point
+from vofem.bodies.beam import Beam
+from vofem.effects.time_functions import Constant, as_time_function
+from vofem.errors import ArgumentError
+
+
+class PointLoad:
+    """A force at a point, positive upward.
+
+    Parameters
+    ----------
+    point : point
+    f : float, TimeFunction or callable of t
+        In N.
+    """
+
+    def __init__(self, point: Any, f: Any) -> None:
+        self.point = as_point("PointLoad: point", point)
+        self.f = as_time_function(f)
+
+    def points(self) -> tuple[Point, ...]:
+        """Return the point."""
+        return (self.point,)
+
+    def compile(self, builder: SystemBuilder) -> None:
+        """Add the load."""
+        builder.add_point_load(builder.row(self.point), self.f, self.describe())
+
+    def describe(self) -> str:
+        """Return point and function."""
+        return f"PointLoad on {self.point.describe()}: {self.f!r} N"
+
+
+class PointMoment:
+    """A moment at a point of a beam, positive where it does work on a growing slope.
+
+    Parameters
+    ----------
+    point : point of a beam
+    f : float, TimeFunction or callable of t
+        In N m.
+    """
+
+    def __init__(self, point: Any, f: Any) -> None:
+        self.point = as_point("PointMoment: point", point)
+        self.point.slope_row()
+        self.f = as_time_function(f)
+
+    def points(self) -> tuple[Point, ...]:
+        """Return the point."""
+        return (self.point,)
+
+    def compile(self, builder: SystemBuilder) -> None:
+        """Add the load."""
+        builder.add_point_load(builder.row(self.point, slope=True), self.f, self.describe())
+
+    def describe(self) -> str:
+        """Return point and function."""
+        return f"PointMoment on {self.point.describe()}: {self.f!r} N m"
+
+
+class DistributedLoad:
+    """A force per length on a beam, ``p(x) f(t)``, positive upward.
+
+    Parameters
+    ----------
+    beam : Beam
+    p : float or callable of an array x
+        In N/m.
+    f : float, TimeFunction or callable of t
+        Without unit.
+    """
+
+    def __init__(self, beam: Beam, p: Any, f: Any = 1.0) -> None:
+        if not isinstance(beam, Beam):
+            raise ArgumentError(f"DistributedLoad: beam is {beam!r}, expected a Beam")
+        self.beam = beam
+        self.p = p if callable(p) else number("DistributedLoad: p", p)
+        self.f = as_time_function(f)
+
+    def points(self) -> tuple[Point, ...]:
+        """Return a point of the beam, so that the scene can check it."""
+        return (self.beam.at("left"),)
+
+    def compile(self, builder: SystemBuilder) -> None:
+        """Add the consistent load vector."""
+        builder.add_body_load(self.beam, self.beam.load_vector(self.p), self.f, self.describe())
+
+    def describe(self) -> str:
+        """Return beam and functions."""
+        p = "p(x)" if callable(self.p) else f"{self.p:g} N/m"
+        return f"DistributedLoad on Beam {self.beam.name!r}: {p} times {self.f!r}"
+
+
+class Gravity:
+    """The weight of everything that has mass, point masses included, acting downward.
+
+    Parameters
+    ----------
+    g : float
+        In m/s^2.
+    """
+
+    def __init__(self, g: float = 9.81) -> None:
+        self.g = number("Gravity: g", g)
+
+    def points(self) -> tuple[Point, ...]:
+        """Return nothing: it acts on all bodies."""
+        return ()
+
+    def compile(self, builder: SystemBuilder) -> None:
+        """Add a constant load in proportion to mass."""
+        builder.add_acceleration(-self.g, Constant(1.0), self.describe())
+
+    def describe(self) -> str:
+        """Return g."""
+        return f"Gravity: {self.g:g} m/s^2"

@@ -1,0 +1,1 @@
+"""Integrators: each sees a System and an initial state, and knows nothing of beams, masses or scenes."""

@@ -1,0 +1,140 @@
+"""The contract between integrators and the rest.
+
+An integrator is a function ``run(system, start, t_end, ...) -> Solution``:
+
+1. It reads the `System` and the initial `State` only, and changes neither.
+2. It refuses before its first step what it cannot treat, with an error that
+   names a method that can.
+3. It evaluates only what the system holds: no contacts, no gap evaluations;
+   no damping, no product with C; and counts its work in `Counters`.
+4. Times are computed as ``n * dt`` or as sums over few events, never
+   accumulated step by step.
+5. The solution it returns can be sampled at any time in [0, t_end].
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.system import CLOSED, OPEN, PINNED, ContactLaws, Counters, Events
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Free degrees of freedom at some times: displacement, velocity, acceleration, each (n, n_times)."""
+
+    q: Array
+    v: Array
+    a: Array
+
+
+@dataclass(frozen=True)
+class ContactSamples:
+    """Contacts at some times, each of shape (n_contacts, n_times).
+
+    Attributes
+    ----------
+    status : ndarray of int
+        OPEN, CLOSED or PINNED.
+    stiffness : ndarray
+        K_eq in N/m (Eq. 12a); of a pinned contact, reaction over gap.
+    force : ndarray
+        In N, positive where it pushes the bodies apart.
+    """
+
+    status: NDArray[np.int64]
+    stiffness: Array
+    force: Array
+
+
+@dataclass(frozen=True)
+class Energies:
+    """Energies in J at some times, each of shape (n_times,); `dissipated` and `work` count from t = 0."""
+
+    kinetic: Array
+    strain: Array
+    contact: Array
+    dissipated: Array
+    work: Array
+
+
+class Solution(Protocol):
+    """What a run leaves behind."""
+
+    t_end: float
+    times: Array
+    events: Events
+    counters: Counters
+    notes: list[str]
+
+    def sample(self, times: Array) -> Samples:
+        """Return the motion at any times in [0, t_end]."""
+
+    def contacts(self, times: Array) -> ContactSamples:
+        """Return the contacts at any times in [0, t_end]."""
+
+    def energies(self, times: Array) -> Energies:
+        """Return the energies at any times in [0, t_end]."""
+
+
+def status_at(events: Events, times: Array) -> NDArray[np.int64]:
+    """Return the contact status at some times, shape (n_contacts, n_times); at an event, the one entered."""
+    status = np.empty((events.initial.size, times.size), dtype=np.int64)
+    for j, initial in enumerate(events.initial):
+        mine = events.contact == j
+        history = np.concatenate([[initial], events.status[mine]])
+        status[j] = history[np.searchsorted(events.time[mine], times, side="right")]
+    return status
+
+
+def spring_potential(laws: ContactLaws, u: Array, status: NDArray[np.int64]) -> Array:
+    """Return the energy stored in the contact springs, shape (n_times,).
+
+    ``K0 (u^2 - gap^2)/2`` under the jump law, ``K0 (u - gap)^2/2`` under the
+    other; zero while open or pinned.
+    """
+    s = u - laws.gap[:, None]
+    lever = np.where(laws.jump[:, None], u + laws.gap[:, None], s)
+    return np.sum(np.where(status == CLOSED, 0.5 * laws.stiffness[:, None] * s * lever, 0.0), axis=0)
+
+
+def spring_force(laws: ContactLaws, u: Array, rate: Array, status: NDArray[np.int64]) -> Array:
+    """Return the contact forces of the ideal switch, shape (n_contacts, n_times); pinned ones as zero."""
+    elastic = laws.stiffness[:, None] * (u - laws.offset[:, None])
+    return np.where(status == CLOSED, elastic + laws.damping[:, None] * rate, 0.0)
+
+
+def initial_status(laws: ContactLaws, u: Array, rate: Array, size: Array) -> NDArray[np.int64]:
+    """Return the status at t = 0: closed where ``s > 0``, or where ``s = 0`` and the contact moves in.
+
+    Parameters
+    ----------
+    u, rate : ndarray, shape (n_contacts,)
+        Contact coordinates and their rates.
+    size : ndarray, shape (n_contacts,)
+        Magnitude of the terms of which u is the sum; an s below its rounding is zero.
+    """
+    s = u - laws.gap
+    zero = np.abs(s) <= 4.0 * np.finfo(float).eps * (size + np.abs(laws.gap))
+    return np.where((~zero & (s > 0)) | (zero & (rate > 0)), CLOSED, OPEN).astype(np.int64)
+
+
+__all__ = [
+    "CLOSED",
+    "OPEN",
+    "PINNED",
+    "ContactSamples",
+    "Energies",
+    "Samples",
+    "Solution",
+    "initial_status",
+    "spring_force",
+    "spring_potential",
+    "status_at",
+]

@@ -1,0 +1,269 @@
+"""Energies of an event-driven run: work and dissipation as closed-form integrals.
+
+Velocities and loads are sums of exponentials, so their products integrate in
+closed form, segment by segment, independently of the energies that they must
+balance. Blocks whose motion is no plain sum of exponentials (resonant, rigid,
+critically damped) are integrated by Gauss-Legendre panels that resolve them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.effects.time_functions import Piece
+from vofem.integrators.base import Energies, spring_potential, status_at
+from vofem.integrators.event_driven.motion import Motion, Special
+from vofem.system import CLOSED
+
+if TYPE_CHECKING:
+    from vofem.integrators.event_driven.run import EventSolution
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+#: Roots closer than this, relatively, make a block degenerate.
+_DOUBLE = 1e-3
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
+
+
+def energies(solution: EventSolution, times: Array) -> Energies:
+    """Return energies, dissipation and work at any times."""
+    system, space = solution.system, solution.space
+    z, v = solution.modal(times)
+    contact = np.zeros(times.size)
+    if system.contacts is not None:
+        contact = spring_potential(system.contacts, space.contacts @ z, status_at(solution.events, times))
+    dissipated, work = np.zeros(times.size), np.zeros(times.size)
+    damped = system.damped or (system.contacts is not None and bool(np.any(system.contacts.damping > 0)))
+    if (damped or system.loads) and times.size:
+        _accumulate(solution, times, damped, dissipated, work)
+    return Energies(
+        kinetic=0.5 * np.sum(v**2, axis=0),
+        strain=0.5 * np.sum(space.stiffness[:, None] * z**2, axis=0),
+        contact=contact,
+        dissipated=dissipated,
+        work=work,
+    )
+
+
+def _accumulate(solution: EventSolution, times: Array, damped: bool, dissipated: Array, work: Array) -> None:
+    starts = np.append(solution.segment_starts, solution.t_end)
+    wanted = {index: (mine, tau) for index, mine, tau in solution.visit(times)}
+    lost, done = 0.0, 0.0
+    for index in range(max(wanted) + 1):
+        mine, tau = wanted.get(index, (np.empty(0, dtype=np.int64), np.empty(0)))
+        tau = np.append(tau, starts[index + 1] - starts[index])
+        segment = _Segment(solution, index)
+        if solution.system.loads:
+            pieces = solution.load_pieces(starts[index])
+            gained = segment.work(solution.space.loads, pieces, tau)
+            work[mine] = done + gained[:-1]
+            done += gained[-1]
+        if damped:
+            eaten = segment.dissipation(tau)
+            dissipated[mine] = lost + eaten[:-1]
+            lost += eaten[-1]
+
+
+class _Segment:
+    """Velocities of one segment as sums of exponentials, block by block.
+
+    Block k has the exponents ``mu[k]``, shape (n, e): its two roots, plus and
+    minus every load frequency, and zero; `z` and `v` hold the coefficients.
+    """
+
+    def __init__(self, solution: EventSolution, index: int) -> None:
+        self.motion = solution.motion(index)
+        self.space = solution.space
+        self.laws = solution.system.contacts
+        self.status = solution.segment_status(index)
+        motion, spectrum = self.motion, self.motion.spectrum
+        n, h = spectrum.p.size, motion.omega.size
+        root = np.sqrt(np.asarray(spectrum.delta**2 - spectrum.p, dtype=complex))
+        first, second = -spectrum.delta + root, -spectrum.delta - root
+        overdamped = spectrum.delta > np.abs(root.imag)
+        first = np.where(overdamped & (second != 0), spectrum.p / np.where(second == 0, 1.0, second), first)
+        self.odd = np.abs(first - second) <= _DOUBLE * np.maximum(np.abs(first), np.abs(second))
+        self.odd[motion.special.block] = True
+        gap = np.where(self.odd, 1.0, first - second)
+        self.mu = np.zeros((n, 3 + 2 * h), dtype=complex)
+        self.z, self.v = np.zeros_like(self.mu), np.zeros_like(self.mu)
+        self.mu[:, 0], self.mu[:, 1] = first, second
+        self.z[:, 0] = (motion.v - second * motion.z) / gap
+        self.z[:, 1] = (first * motion.z - motion.v) / gap
+        self.v[:, :2] = self.mu[:, :2] * self.z[:, :2]
+        for i, w in enumerate(motion.omega):
+            self.mu[:, 2 + 2 * i], self.mu[:, 3 + 2 * i] = 1j * w, -1j * w
+            for coefficients, steady in ((self.z, motion.steady_z), (self.v, motion.steady_v)):
+                coefficients[:, 2 + 2 * i] = 0.5 * steady[:, i]
+                coefficients[:, 3 + 2 * i] = 0.5 * np.conj(steady[:, i])
+        self.z[:, -1], self.v[:, -1] = motion.poly_z[:, 0], motion.poly_v[:, 0]
+        self.z[self.odd], self.v[self.odd] = 0.0, 0.0
+
+    def _velocity_rows(self, rows: Array) -> tuple[Array, Array]:
+        """Return (W, U) with ``rows @ modal velocity = W z + U v``."""
+        spectrum = self.motion.spectrum
+        n = spectrum.p.size
+        if spectrum.out is None:
+            return np.zeros_like(rows), rows if spectrum.modes is None else rows @ spectrum.modes
+        both = rows @ spectrum.out[n:]
+        return both[:, :n], both[:, n:]
+
+    def work(self, rows: Array, pieces: list[Piece], tau: Array) -> Array:
+        """Return the work of all loads from the segment's start to tau."""
+        w, u = self._velocity_rows(rows)
+        total = np.zeros(tau.size)
+        for j, piece in enumerate(pieces):
+            coefficients = w[j][:, None] * self.z + u[j][:, None] * self.v
+            used = coefficients != 0
+            c, mu = coefficients[used], self.mu[used]
+            if piece.constant:
+                total += piece.constant * (_integral(mu, tau) @ c).real
+            if piece.slope:
+                total += piece.slope * (_ramp_integral(mu, tau) @ c).real
+            for omega, amplitude in piece.harmonics:
+                total += (amplitude * (_integral(1j * omega + mu, tau) @ c)).real
+        if np.any(self.odd):
+            total += self._odd_work(w, u, pieces, tau)
+        return total
+
+    def _odd_work(self, w: Array, u: Array, pieces: list[Piece], tau: Array) -> Array:
+        motion = _only(self.motion, self.odd)
+
+        def power(at: Array) -> Array:
+            z, v = motion.blocks(at)
+            speed = w[:, self.odd] @ z + u[:, self.odd] @ v
+            force = np.stack([_value(piece, at) for piece in pieces])
+            return np.sum(force * speed, axis=0)
+
+        quickest = max((w for piece in pieces for w, _ in piece.harmonics), default=0.0)
+        return _quadrature(power, tau, quickest + _quickest(motion))
+
+    def dissipation(self, tau: Array) -> Array:
+        """Return the energy taken by all dampers from the segment's start to tau."""
+        if self.motion.spectrum.classical:
+            return self._classical_dissipation(tau)
+        rows = self._damping_rows()
+        w, u = self._velocity_rows(rows)
+        if np.any(self.odd):
+
+            def power(at: Array) -> Array:
+                z, v = self.motion.blocks(at)
+                return np.sum((w @ z + u @ v) ** 2, axis=0)
+
+            return _quadrature(power, tau, _quickest(self.motion))
+        coefficients = (w[:, :, None] * self.z + u[:, :, None] * self.v).reshape(rows.shape[0], -1)
+        mu = self.mu.ravel()
+        # Blocks share the load frequencies: gather equal exponents.
+        unique, inverse = np.unique(mu, return_inverse=True)
+        gathered = np.zeros((rows.shape[0], unique.size), dtype=complex)
+        np.add.at(gathered.T, inverse.ravel(), coefficients.T)
+        gram = gathered.T @ gathered
+        total = unique[:, None] + unique[None, :]
+        steady = np.abs(total) * max(float(tau.max()), 1e-300) < 1e-12
+        quotient = np.where(steady, 0.0, gram / np.where(steady, 1.0, total))
+        wave = np.exp(np.outer(tau, unique))
+        moving = np.einsum("ti,ti->t", wave @ quotient, wave) - quotient.sum()
+        return (moving + gram[steady].sum() * tau).real
+
+    def _classical_dissipation(self, tau: Array) -> Array:
+        rate = 2.0 * self.motion.spectrum.delta
+        total = np.zeros(tau.size)
+        plain = (rate > 0) & ~self.odd
+        v, mu = self.v[plain], self.mu[plain]
+        for a in range(mu.shape[1]):
+            for b in range(a, mu.shape[1]):
+                product = rate[plain] * v[:, a] * v[:, b] * (1.0 if a == b else 2.0)
+                used = product != 0
+                total += (_integral(mu[used, a] + mu[used, b], tau) @ product[used]).real
+        odd = self.odd & (rate > 0)
+        if np.any(odd):
+            motion = _only(self.motion, odd)
+            total += _quadrature(
+                lambda at: np.sum(rate[odd][:, None] * motion.blocks(at)[1] ** 2, axis=0), tau, 2 * _quickest(motion)
+            )
+        return total
+
+    def _damping_rows(self) -> Array:
+        """Return rows F with ``C = F'F`` for the damping that acts in this segment."""
+        rows = []
+        if np.any(self.space.damping):
+            rows.append(np.diag(np.sqrt(self.space.damping)))
+        if self.space.coupling is not None:
+            values, vectors = np.linalg.eigh(self.space.coupling)
+            kept = values > 1e-14 * values[-1]
+            rows.append(np.sqrt(values[kept])[:, None] * vectors[:, kept].T)
+        if self.laws is not None:
+            active = (self.status == CLOSED) & (self.laws.damping > 0)
+            rows.append(np.sqrt(self.laws.damping[active])[:, None] * self.space.contacts[active])
+        return np.concatenate(rows)
+
+
+def _value(piece: Piece, tau: Array) -> Array:
+    values = piece.constant + piece.slope * tau
+    for omega, amplitude in piece.harmonics:
+        values = values + (amplitude * np.exp(1j * omega * tau)).real
+    return values
+
+
+def _integral(mu: Complex, tau: Array) -> Complex:
+    """Return the integral of ``exp(mu s)`` from 0 to tau, shape (n_times, n_mu)."""
+    zero = mu == 0
+    safe = np.where(zero, 1.0, mu)
+    return np.where(zero, tau[:, None], np.expm1(np.outer(tau, safe)) / safe)
+
+
+def _ramp_integral(mu: Complex, tau: Array) -> Complex:
+    """Return the integral of ``s exp(mu s)`` from 0 to tau, shape (n_times, n_mu)."""
+    x = np.outer(tau, mu)
+    small = np.abs(x) < 0.5
+    series = np.zeros_like(x)
+    term = np.ones_like(x)
+    for k in range(20):
+        series += term / (k + 2)
+        term = np.where(small, term * x / (k + 1), 0.0)
+    safe = np.where(small, 1.0, x)
+    plain = (safe * np.exp(safe) - np.expm1(safe)) / safe**2
+    return np.where(small, series, plain) * (tau**2)[:, None]
+
+
+def _only(motion: Motion, keep: NDArray[np.bool_]) -> Motion:
+    """Return the motion of some of the blocks."""
+    spectrum = replace(motion.spectrum, delta=motion.spectrum.delta[keep], p=motion.spectrum.p[keep])
+    number = np.cumsum(keep) - 1
+    entries = keep[motion.special.block]
+    special = Special(
+        number[motion.special.block[entries]].astype(np.int64), *(column[entries] for column in motion.special[1:])
+    )
+    return Motion(
+        spectrum, motion.z[keep], motion.v[keep], motion.omega, motion.steady_z[keep], motion.steady_v[keep],
+        motion.poly_z[keep], motion.poly_v[keep], special,
+    )  # fmt: skip
+
+
+def _quickest(motion: Motion) -> float:
+    """Return the largest rate at which blocks or their inputs change, 1/s."""
+    rates = [np.sqrt(motion.spectrum.p), motion.spectrum.delta, np.abs(motion.special.exponent), motion.omega]
+    return float(np.max(np.concatenate(rates)))
+
+
+def _quadrature(function, tau: Array, rate: float) -> Array:  # type: ignore[no-untyped-def]
+    """Return the integral of a function from 0 to each tau, by panels shorter than 1/rate."""
+    targets, inverse = np.unique(np.append(tau, 0.0), return_inverse=True)
+    widths = np.diff(targets)
+    panels = np.maximum(1, np.ceil(widths * max(rate, 1e-300))).astype(int)
+    edges = np.concatenate([targets[i] + widths[i] * np.arange(panels[i]) / panels[i] for i in range(widths.size)] or [[]])
+    size = np.repeat(widths / panels, panels)
+    values = np.zeros(edges.size)
+    chunk = 4096
+    for k in range(0, edges.size, chunk):
+        part = slice(k, k + chunk)
+        at = edges[part, None] + 0.5 * size[part, None] * (1.0 + _NODES)
+        values[part] = 0.5 * size[part] * (function(at.ravel()).reshape(at.shape) @ _WEIGHTS)
+    ends = np.concatenate([[0.0], np.cumsum(values)[np.cumsum(panels) - 1]]) if edges.size else np.zeros(1)
+    return ends[inverse.ravel()[:-1]]

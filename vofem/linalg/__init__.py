@@ -1,0 +1,1 @@
+"""Numerical building blocks that know nothing of mechanics: eigensystems, exponentials, banded solves."""

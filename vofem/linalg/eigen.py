@@ -1,0 +1,118 @@
+"""Eigensystems of symmetric pencils (K, M) that keep the low modes accurate."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.errors import SingularSystemError
+
+Array = NDArray[np.float64]
+
+
+def modal_basis(mass: Any, stiffness: Any, scale: Array, rigid: Array) -> tuple[Array, Array]:
+    """Return all eigenpairs of ``K phi = omega^2 M phi``, M-orthonormal, in ascending order.
+
+    `eigh(K, M)` loses ``eps (omega_max/omega_1)^2`` in the lowest modes, which
+    carry the motion. The lower half is therefore taken from the inverse
+    problem `eigh(M, K)` and the upper half from the direct one, with slopes
+    scaled by the element length. Parts that are not coupled are solved apart.
+
+    Parameters
+    ----------
+    mass, stiffness : sparse matrix, shape (n, n)
+        M positive definite; K positive definite but for the rigid motions.
+    scale : ndarray, shape (n,)
+        Length that makes a degree of freedom a displacement.
+    rigid : ndarray, shape (n, r)
+        A basis of the null space of K.
+
+    Returns
+    -------
+    omega_squared : ndarray, shape (n,)
+        Exactly 0 for rigid motions.
+    shapes : ndarray, shape (n, n)
+        Columns.
+
+    Raises
+    ------
+    SingularSystemError
+        If K is indefinite.
+    """
+    from scipy.sparse.csgraph import connected_components
+
+    n = scale.size
+    values = np.empty(n)
+    shapes = np.zeros((n, n))
+    count, label = connected_components(abs(mass) + abs(stiffness), directed=False)
+    if count == 1:
+        parts = [np.arange(n)]
+    else:
+        parts = np.split(np.argsort(label, kind="stable"), np.cumsum(np.bincount(label))[:-1])
+    singles = np.array([part[0] for part in parts if part.size == 1], dtype=int)
+    if singles.size:
+        m, k = mass.diagonal()[singles], stiffness.diagonal()[singles]
+        if np.any(k < 0):
+            raise _indefinite()
+        values[singles] = k / m
+        shapes[singles, singles] = 1.0 / np.sqrt(m)
+    for part in parts:
+        if part.size > 1:
+            window = np.ix_(part, part)
+            dense_m = mass[part][:, part].toarray() if count > 1 else mass.toarray()
+            dense_k = stiffness[part][:, part].toarray() if count > 1 else stiffness.toarray()
+            values[part], shapes[window] = _coupled(dense_m, dense_k, scale[part], rigid[part])
+    order = np.argsort(values, kind="stable")
+    return values[order], shapes[:, order]
+
+
+def _indefinite() -> SingularSystemError:
+    return SingularSystemError(
+        "the stiffness matrix is indefinite: the structure without contacts has buckled. "
+        "The usual cause is a compressive axial force (tension < 0) beyond the critical one; "
+        "reduce it, or step in time with method='central_difference'"
+    )
+
+
+def _coupled(mass: Array, stiffness: Array, scale: Array, rigid: Array) -> tuple[Array, Array]:
+    """Solve one coupled part with dense matrices."""
+    from scipy.linalg import LinAlgError, eigh
+
+    balance = 1.0 / scale
+    m = mass * balance[:, None] * balance
+    k = stiffness * balance[:, None] * balance
+    n = scale.size
+    null = _orthonormal(rigid * scale[:, None], m)
+    r = null.shape[1]
+    try:
+        if r:
+            # Rigid motions are lifted above the spectrum, so that both problems are regular.
+            top = eigh(k, m, eigvals_only=True, driver="gvd")[-1]
+            lift = m @ null
+            k = k + 4.0 * top * (lift @ lift.T)
+        direct, high = eigh(k, m, driver="gvd")
+        inverse, low = eigh(m, k, driver="gvd")
+    except LinAlgError:
+        raise _indefinite() from None
+    half = (n - r) // 2
+    values = np.empty(n)
+    vectors = np.empty((n, n))
+    values[:r], vectors[:, :r] = 0.0, null
+    values[r : r + half] = 1.0 / inverse[::-1][:half]
+    vectors[:, r : r + half] = low[:, ::-1][:, :half] * np.sqrt(values[r : r + half])
+    values[r + half :], vectors[:, r + half :] = direct[half : n - r], high[:, half : n - r]
+    if np.any(values[r:] <= 0):
+        raise _indefinite()
+    return values, vectors * balance[:, None]
+
+
+def _orthonormal(basis: Array, mass: Array) -> Array:
+    """Return a mass-orthonormal basis of the span of the columns."""
+    if not basis.shape[1] or not np.any(basis):
+        return np.empty((basis.shape[0], 0))
+    left, values, _ = np.linalg.svd(basis, full_matrices=False)
+    left = left[:, values > 1e-10 * values[0]]
+    gram = np.linalg.cholesky(left.T @ mass @ left)
+    return np.linalg.solve(gram, left.T).T

@@ -1,0 +1,140 @@
+"""Divided differences of the exponential: every response of a linear oscillator, without division by zero.
+
+The response of ``z'' + 2 delta z' + p z`` to ``exp(b t)`` from rest is the
+divided difference of ``x -> exp(x t)`` over its two roots and b. Written so,
+resonance, repeated roots and rigid-body motion are no special cases.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.linalg.jit import jit
+
+Array = NDArray[np.float64]
+
+
+@jit
+def oscillator(delta: float, p: float, t: float) -> tuple[float, float]:
+    """Return ``c, s`` for ``z'' + 2 delta z' + p z = 0``.
+
+    ``s`` is the response to a unit velocity and ``c = s' + delta s``, so that
+    ``z = c z0 + s (v0 + delta z0)`` and ``v = c v0 - s (p z0 + delta v0)``.
+    Under-, over- and critically damped and free motion alike.
+    """
+    square = p - delta * delta
+    if square > 0.0:
+        w = np.sqrt(square)
+        if delta == 0.0:
+            return np.cos(w * t), np.sin(w * t) / w
+        decay = np.exp(-delta * t)
+        return decay * np.cos(w * t), decay * np.sin(w * t) / w
+    if square == 0.0:
+        decay = np.exp(-delta * t)
+        return decay, decay * t
+    kappa = np.sqrt(-square)
+    # The slow root -delta + kappa, without cancellation.
+    slow = np.exp(-p / (delta + kappa) * t)
+    fast = np.exp(-2.0 * kappa * t)
+    return 0.5 * slow * (1.0 + fast), -slow * np.expm1(-2.0 * kappa * t) / (2.0 * kappa)
+
+
+@jit
+def _taylor(points: Array, count: int) -> complex:
+    """Return the divided difference of exp over `count` points that lie close together."""
+    mean = 0.0 + 0.0j
+    for i in range(count):
+        mean += points[i] / count
+    # Complete homogeneous symmetric polynomials, one degree at a time.
+    h = np.zeros(count, dtype=np.complex128)
+    h[:] = 1.0
+    factor = 1.0
+    for i in range(1, count):
+        factor /= i
+    total = 0.0j
+    for m in range(40):
+        total += factor * h[count - 1]
+        h[0] = h[0] * (points[0] - mean)
+        for i in range(1, count):
+            h[i] = h[i - 1] + (points[i] - mean) * h[i]
+        factor /= m + count
+    return np.exp(mean) * total
+
+
+@jit
+def _spread(points: Array, count: int) -> tuple[int, int, float]:
+    """Return the two points farthest apart and their distance."""
+    far_i, far_j, far = 0, 0, 0.0
+    for i in range(count):
+        for j in range(i + 1, count):
+            distance = abs(points[i] - points[j])
+            if distance > far:
+                far_i, far_j, far = i, j, distance
+    return far_i, far_j, far
+
+
+@jit
+def _without(points: Array, count: int, skip: int) -> Array:
+    rest = np.empty(count - 1, dtype=np.complex128)
+    k = 0
+    for i in range(count):
+        if i != skip:
+            rest[k] = points[i]
+            k += 1
+    return rest
+
+
+@jit
+def _difference2(points: Array) -> complex:
+    i, j, far = _spread(points, 2)
+    if far < 1.0:
+        return _taylor(points, 2)
+    return (np.exp(points[j]) - np.exp(points[i])) / (points[j] - points[i])
+
+
+@jit
+def _difference3(points: Array) -> complex:
+    i, j, far = _spread(points, 3)
+    if far < 1.0:
+        return _taylor(points, 3)
+    upper, lower = _difference2(_without(points, 3, i)), _difference2(_without(points, 3, j))
+    return (upper - lower) / (points[j] - points[i])
+
+
+@jit
+def _difference4(points: Array) -> complex:
+    i, j, far = _spread(points, 4)
+    if far < 1.0:
+        return _taylor(points, 4)
+    upper, lower = _difference3(_without(points, 4, i)), _difference3(_without(points, 4, j))
+    return (upper - lower) / (points[j] - points[i])
+
+
+@jit
+def roots(delta: float, p: float) -> tuple[complex, complex]:
+    """Return the two roots of ``x^2 + 2 delta x + p``."""
+    square = p - delta * delta
+    if square >= 0.0:
+        w = np.sqrt(square)
+        return complex(-delta, w), complex(-delta, -w)
+    kappa = np.sqrt(-square)
+    return complex(-p / (delta + kappa), 0.0), complex(-delta - kappa, 0.0)
+
+
+@jit
+def exponential_response(delta: float, p: float, b: complex, t: float) -> complex:
+    """Return the response from rest of ``z'' + 2 delta z' + p z = exp(b t)``."""
+    first, second = roots(delta, p)
+    points = np.empty(3, dtype=np.complex128)
+    points[0], points[1], points[2] = first * t, second * t, b * t
+    return t * t * _difference3(points)
+
+
+@jit
+def ramp_response(delta: float, p: float, t: float) -> float:
+    """Return the response from rest of ``z'' + 2 delta z' + p z = t``."""
+    first, second = roots(delta, p)
+    points = np.empty(4, dtype=np.complex128)
+    points[0], points[1], points[2], points[3] = first * t, second * t, 0.0, 0.0
+    return t * t * t * _difference4(points).real

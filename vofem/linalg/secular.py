@@ -1,0 +1,171 @@
+"""Eigensystem of a diagonal matrix plus a rank-one term, to high relative accuracy.
+
+Between neighbouring poles the secular equation ``1 + rho sum c_j^2/(d_j - x) = 0``
+has one root. It is found as an offset from its nearest pole (so that
+differences of nearly equal numbers never occur), with a two-pole rational
+iteration inside a bracket; the vectors come from Loewner's formula, which
+makes them orthogonal to working precision.
+
+M. Gu, S. C. Eisenstat, SIAM J. Matrix Anal. Appl. 15 (1994) 1266, doi:10.1137/S089547989223924X;
+R.-C. Li, LAPACK Working Note 89 (1993).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.linalg.jit import jit
+
+Array = NDArray[np.float64]
+
+_EPS = float(np.finfo(float).eps)
+
+
+@jit
+def _root(d: Array, w: Array, k: int) -> tuple[int, float]:
+    """Return (pole, offset) of the k-th root of ``1 + sum w_j/(d_j - x)``, all w_j > 0, d ascending."""
+    m = d.size
+    last = k == m - 1
+    if last:
+        pole = k
+        low, high = 0.0, np.sum(w)
+        x = 0.5 * high
+    else:
+        half = 0.5 * (d[k + 1] - d[k])
+        f = 1.0
+        for j in range(m):
+            f += w[j] / ((d[j] - d[k]) - half)
+        if f >= 0.0:
+            pole, low, high = k, 0.0, half
+        else:
+            pole, low, high = k + 1, -half, 0.0
+        x = 0.5 * (low + high)
+    for _ in range(200):
+        psi, dpsi, phi, dphi = 0.0, 0.0, 0.0, 0.0
+        for j in range(m):
+            gap = (d[j] - d[pole]) - x
+            t = w[j] / gap
+            if j <= k:
+                psi += t
+                dpsi += t / gap
+            else:
+                phi += t
+                dphi += t / gap
+        f = 1.0 + psi + phi
+        if abs(f) <= _EPS * (1.0 + abs(psi) + abs(phi)):
+            return pole, x
+        if f < 0.0:
+            low = x
+        else:
+            high = x
+        if high - low <= 2.0 * _EPS * max(abs(low), abs(high)):
+            return pole, x
+        here = (d[k] - d[pole]) - x
+        r, s = psi - dpsi * here, dpsi * here * here
+        new = np.nan
+        if last:
+            if 1.0 + r > 0.0:
+                new = (d[k] - d[pole]) + s / (1.0 + r)
+        else:
+            there = (d[k + 1] - d[pole]) - x
+            a = 1.0 + r + phi - dphi * there
+            big = dphi * there * there
+            b = a * (here + there) + s + big
+            c = here * there * f
+            disc = b * b - 4.0 * a * c
+            if disc >= 0.0:
+                q = b + np.sqrt(disc) if b > 0.0 else b - np.sqrt(disc)
+                if q != 0.0:
+                    new = x + 2.0 * c / q
+                    if not low < new < high and a != 0.0:
+                        new = x + q / (2.0 * a)
+        if not low < new < high:
+            if low * high > 0.0:
+                new = np.sign(low) * np.sqrt(low * high)
+            elif low == 0.0:
+                new = 0.01 * high
+            else:
+                new = 0.01 * low
+            if not low < new < high:
+                new = 0.5 * (low + high)
+        if new == x:
+            return pole, x
+        x = new
+    return pole, x
+
+
+@jit
+def rank_one(d: Array, c: Array, rho: float) -> tuple[Array, Array]:
+    """Return eigenvalues and orthogonal eigenvectors of ``diag(d) + rho c c'``, rho > 0.
+
+    Parameters
+    ----------
+    d : ndarray, shape (n,)
+        Ascending, not negative; repeated values are welcome.
+    c : ndarray, shape (n,)
+    rho : float
+
+    Returns
+    -------
+    values : ndarray, shape (n,)
+        Ascending.
+    vectors : ndarray, shape (n, n)
+        Columns.
+    """
+    n = d.size
+    vectors = np.eye(n)
+    c = c.copy()
+    norm = np.sqrt(np.sum(c * c))
+    values = d.copy()
+    active = np.zeros(n, dtype=np.bool_)
+    for i in range(n):
+        active[i] = abs(c[i]) > 1e-18 * norm
+    # Where poles coincide, one rotation leaves all of the coupling in one of them.
+    previous = -1
+    for i in range(n):
+        if not active[i]:
+            continue
+        if previous >= 0 and d[i] - d[previous] <= 4.0 * _EPS * d[i]:
+            r = np.hypot(c[previous], c[i])
+            cs, sn = c[i] / r, c[previous] / r
+            for row in range(n):
+                a, b = vectors[row, previous], vectors[row, i]
+                vectors[row, previous] = cs * a - sn * b
+                vectors[row, i] = sn * a + cs * b
+            c[previous], c[i] = 0.0, r
+            active[previous] = False
+        previous = i
+    index = np.flatnonzero(active)
+    m = index.size
+    if m == 0:
+        return values, vectors
+    poles = d[index]
+    w = rho * c[index] * c[index]
+    origin = np.empty(m, dtype=np.int64)
+    offset = np.empty(m)
+    for k in range(m):
+        origin[k], offset[k] = _root(poles, w, k)
+        values[index[k]] = poles[origin[k]] + offset[k]
+    # Loewner: the coupling for which the computed roots are exact.
+    exact = np.empty(m)
+    for j in range(m):
+        product = (poles[origin[m - 1]] - poles[j]) + offset[m - 1]
+        for k in range(m - 1):
+            root = (poles[origin[k]] - poles[j]) + offset[k]
+            other = poles[k] - poles[j] if k < j else poles[k + 1] - poles[j]
+            product *= root / other
+        exact[j] = np.sqrt(abs(product)) * (1.0 if c[index[j]] >= 0.0 else -1.0)
+    local = np.empty((m, m))
+    for k in range(m):
+        total = 0.0
+        for j in range(m):
+            local[j, k] = exact[j] / ((poles[j] - poles[origin[k]]) - offset[k])
+            total += local[j, k] * local[j, k]
+        # Positive on the diagonal, so that a weak contact is close to the identity.
+        total = np.sqrt(total) * (1.0 if local[k, k] > 0.0 else -1.0)
+        for j in range(m):
+            local[j, k] /= total
+    vectors[:, index] = np.ascontiguousarray(vectors[:, index]) @ local
+    order = np.argsort(values)
+    return values[order], vectors[:, order]

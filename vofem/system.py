@@ -1,0 +1,221 @@
+"""What an integrator sees: matrices, load vectors and scalar laws on rows. It knows of nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_matrix, csr_matrix
+
+Array = NDArray[np.float64]
+
+#: Contact status.
+OPEN, CLOSED, PINNED = 0, 1, 2
+
+
+class LoadFunction(Protocol):
+    """What a load needs of a function of time; `effects.time_functions.TimeFunction` offers it."""
+
+    closed_form: bool
+
+    def __call__(self, t: ArrayLike) -> Array:
+        """Return the values at times t."""
+
+    def breakpoints(self, t_end: float) -> Array:
+        """Return the times at which the closed form changes."""
+
+
+@dataclass(frozen=True)
+class Load:
+    """A load ``vector * function(t)``.
+
+    Attributes
+    ----------
+    vector : ndarray, shape (n,)
+    function : LoadFunction
+    name : str
+        For messages.
+    """
+
+    vector: Array
+    function: LoadFunction
+    name: str
+
+
+@dataclass(frozen=True)
+class ContactLaws:
+    """Contacts, one per row: closed exactly while ``s = b.q - gap > 0`` (Eq. 8 of the paper).
+
+    While closed, the force ``R`` acts on the structure as ``-b R``:
+
+    - ``R = K0 (b.q) + C0 (b.q')`` where `jump` is true (Eqs. 9b, 13, 18c), and
+    - ``R = K0 (b.q - gap) + C0 (b.q')`` elsewhere.
+
+    Attributes
+    ----------
+    names : tuple of str
+    rows : csr_matrix, shape (n_contacts, n)
+    gap, stiffness, damping : ndarray, shape (n_contacts,)
+        In m, N/m, N s/m.
+    jump : ndarray of bool, shape (n_contacts,)
+        Whether the force acts on the whole displacement.
+    resolution : ndarray, shape (n_contacts,)
+        s0 in 1/m of the resolved switch; inf for the ideal one.
+    """
+
+    names: tuple[str, ...]
+    rows: csr_matrix
+    gap: Array
+    stiffness: Array
+    damping: Array
+    jump: NDArray[np.bool_]
+    resolution: Array
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @property
+    def offset(self) -> Array:
+        """The displacement that the spring force is counted from: 0 for the jump law, else the gap."""
+        return np.where(self.jump, 0.0, self.gap)
+
+    @property
+    def ideal(self) -> bool:
+        """Whether all switches are ideal."""
+        return bool(np.all(np.isinf(self.resolution)))
+
+
+@dataclass(frozen=True)
+class System:
+    """``M q'' + C q' + K q = sum_l F_l f_l(t) - sum_j b_j R_j(b_j.q, b_j.q')`` over the free degrees of freedom.
+
+    What a scene does not declare is None or empty here, never a zero matrix.
+
+    Attributes
+    ----------
+    mass, stiffness : csc_matrix, shape (n, n)
+        Symmetric, without contacts.
+    damping : csc_matrix, shape (n, n), optional
+        Of bodies and dashpots. Together with the next two it makes C, which is
+        built once without contacts: contact status never changes it.
+    rayleigh : (float, float), optional
+        Adds ``alpha M + beta K`` to C. Kept apart because modal coordinates
+        make it diagonal, which rounding in a product of matrices would spoil.
+    modal_damping : float, optional
+        Adds this ratio of critical damping to every mode of (K, M).
+    rigid : ndarray, shape (n, r)
+        A basis of the motions without strain energy, known from kinematics; r is mostly 0.
+    loads : tuple of Load
+    contacts : ContactLaws, optional
+    scale : ndarray, shape (n,)
+        Length that makes a degree of freedom a displacement; balances eigenproblems.
+    """
+
+    mass: csc_matrix
+    stiffness: csc_matrix
+    damping: csc_matrix | None
+    rayleigh: tuple[float, float] | None
+    modal_damping: float | None
+    loads: tuple[Load, ...]
+    contacts: ContactLaws | None
+    scale: Array
+    rigid: Array
+
+    @property
+    def size(self) -> int:
+        """Number of free degrees of freedom."""
+        return int(self.scale.size)
+
+    @property
+    def damped(self) -> bool:
+        """Whether there is any damping outside the contacts."""
+        return not (self.damping is None and self.rayleigh is None and self.modal_damping is None)
+
+    @property
+    def sparse_damping(self) -> csc_matrix | None:
+        """Dashpots and Rayleigh damping as one matrix; modal damping, which is dense, is not in it."""
+        if self.rayleigh is None:
+            return self.damping
+        proportional = self.rayleigh[0] * self.mass + self.rayleigh[1] * self.stiffness
+        return proportional if self.damping is None else self.damping + proportional
+
+    def force(self, t: float) -> Array:
+        """Return the load vector at time t, shape (n,)."""
+        total = np.zeros(self.size)
+        for load in self.loads:
+            total += load.vector * float(load.function(t))
+        return total
+
+
+@dataclass(frozen=True)
+class State:
+    """Displacements and velocities at one time, each of shape (n,)."""
+
+    q: Array
+    v: Array
+
+
+@dataclass
+class Counters:
+    """Work done by a run. What a scene does not call for stays exactly zero.
+
+    Attributes
+    ----------
+    steps : int
+        Time steps, or segments between events.
+    events : int
+        Closings and openings of contacts.
+    gap_evaluations : int
+        Evaluations of a contact's gap function.
+    factorizations : int
+        Matrix factorisations.
+    eigensolves : int
+        Full eigenvalue problems.
+    rank_one_updates : int
+        Eigensystems gained from another one by closing one contact.
+    statuses : int
+        Distinct sets of closed contacts that were visited.
+    load_evaluations : int
+        Evaluations of load functions.
+    damping_evaluations : int
+        Products with a damping matrix, or damped eigensystems.
+    contact_solves : int
+        Solutions of equations in the contact coordinates.
+    """
+
+    steps: int = 0
+    events: int = 0
+    gap_evaluations: int = 0
+    factorizations: int = 0
+    eigensolves: int = 0
+    rank_one_updates: int = 0
+    statuses: int = 0
+    load_evaluations: int = 0
+    damping_evaluations: int = 0
+    contact_solves: int = 0
+
+
+@dataclass(frozen=True)
+class Events:
+    """Contact events in order of time.
+
+    Attributes
+    ----------
+    time : ndarray, shape (k,)
+        In s.
+    contact : ndarray of int, shape (k,)
+        Index into the system's contacts.
+    status : ndarray of int, shape (k,)
+        The status entered: OPEN, CLOSED or PINNED.
+    initial : ndarray of int, shape (n_contacts,)
+        The status at t = 0.
+    """
+
+    time: Array = field(default_factory=lambda: np.empty(0))
+    contact: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    status: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    initial: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
