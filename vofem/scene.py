@@ -15,6 +15,15 @@ from vofem.errors import ArgumentError
 from vofem.system import State
 
 
+def as_scene(what: str, value: Any) -> Scene:
+    """Return `value` if it is a Scene, else raise `ArgumentError` naming `what`."""
+    if isinstance(value, Scene):
+        return value
+    raise ArgumentError(
+        f"{what}: scene is {value!r}, expected a vofem.Scene; put bodies and effects into one"
+    )
+
+
 class StateSource(Protocol):
     """An earlier outcome that a scene can start from: an `Equilibrium` or a `Result`."""
 
@@ -62,7 +71,9 @@ class Scene:
                 raise ArgumentError(f"Scene: bodies holds {body!r}, expected a Beam or a Mass")
         for effect in self.effects:
             if not hasattr(effect, "compile") or not hasattr(effect, "points"):
-                raise ArgumentError(f"Scene: effects holds {effect!r}, expected a Contact, a load, a spring, ...")
+                raise ArgumentError(
+                    f"Scene: effects holds {effect!r}, expected a Contact, a load, a spring, ..."
+                )
         self._check_names("bodies", [body.name for body in self.bodies])
         self._check_names("contacts", [contact.name for contact in self.contacts])
         for effect in self.effects:
@@ -75,9 +86,13 @@ class Scene:
 
     @staticmethod
     def _check_names(what: str, names: list[str]) -> None:
-        twice = sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
+        twice = (
+            sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
+        )
         if twice:
-            raise ArgumentError(f"Scene: {what} named {twice[0]!r} occur more than once; give each its own name")
+            raise ArgumentError(
+                f"Scene: {what} named {twice[0]!r} occur more than once; give each its own name"
+            )
 
     @property
     def contacts(self) -> tuple[Contact, ...]:

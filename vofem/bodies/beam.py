@@ -82,7 +82,9 @@ class Beam:
         self.rhoA = self._coefficient(f"{label}: rhoA", rhoA)
         self.tension = number(f"{label}: tension", tension)
         if supports is not None and not isinstance(supports, Mapping):
-            raise ArgumentError(f"{label}: supports is {supports!r}, expected a dict such as {{'left': 'clamped'}}")
+            raise ArgumentError(
+                f"{label}: supports is {supports!r}, expected a dict such as {{'left': 'clamped'}}"
+            )
         self.supports = {
             self._support_node(label, where): choice(f"{label}: support at {where!r}", kind, tuple(SUPPORTS))
             for where, kind in (supports or {}).items()
@@ -101,10 +103,14 @@ class Beam:
             self.element_lengths: Array = np.full(count, self.length / count)
             return
         if isinstance(elements, (float, str, bool)):
-            raise ArgumentError(f"{label}: elements is {elements!r}, expected a whole number or the x of all nodes")
+            raise ArgumentError(
+                f"{label}: elements is {elements!r}, expected a whole number or the x of all nodes"
+            )
         nodes = array(f"{label}: elements", elements)
         if nodes.ndim != 1 or nodes.size < 2:
-            raise ArgumentError(f"{label}: elements has shape {nodes.shape}, expected the x of two or more nodes")
+            raise ArgumentError(
+                f"{label}: elements has shape {nodes.shape}, expected the x of two or more nodes"
+            )
         lengths = np.diff(nodes)
         if np.any(lengths <= 0):
             k = int(np.argmax(lengths <= 0))
@@ -155,10 +161,22 @@ class Beam:
             if where in named:
                 return named[where]
             names = tuple(named)
-            raise ArgumentError(f"{label} is {where!r}, expected an x or {one_of(names)}{nearest(where, names)}")
+            raise ArgumentError(
+                f"{label} is {where!r}, expected an x or {one_of(names)}{nearest(where, names)}"
+            )
         x = number(label, where)
         self._locate(label, x)
         return x
+
+    def node_at(self, where: Any) -> int:
+        """Return the number of the node at "left", "right" or x, counted from the left.
+
+        Raises
+        ------
+        ArgumentError
+            If there is no node at x.
+        """
+        return self._support_node(f"Beam {self.name!r}", where)
 
     def _support_node(self, label: str, where: Any) -> int:
         what = f"{label}: the place of a support"
@@ -195,7 +213,9 @@ class Beam:
             return number(what, value, positive=True)
         values = array(what, value, shape=self.element_lengths.shape)
         if np.any(values <= 0):
-            raise ArgumentError(f"{what} is {values.min():g} in element {values.argmin()}, expected a positive number")
+            raise ArgumentError(
+                f"{what} is {values.min():g} in element {values.argmin()}, expected a positive number"
+            )
         return values
 
     def _values(self, what: str, function: Any, x: Array, *, positive: bool = True) -> Array:
@@ -203,7 +223,9 @@ class Beam:
         try:
             values = np.broadcast_to(np.asarray(function(x), dtype=float), x.shape)
         except (TypeError, ValueError) as error:
-            raise ArgumentError(f"{what} must be a callable that takes an array of x; it raised: {error}") from error
+            raise ArgumentError(
+                f"{what} must be a callable that takes an array of x; it raised: {error}"
+            ) from error
         bad = ~np.isfinite(values) | ((values <= 0) if positive else False)
         if np.any(bad):
             k = np.unravel_index(int(np.argmax(bad)), x.shape)
@@ -218,7 +240,9 @@ class Beam:
             return self._values(what, value, x, positive=positive)
         if np.ndim(value) == 0:
             return float(value)
-        return np.broadcast_to(np.asarray(value)[:, None], (self.element_lengths.size, basis.X.shape[-1])).copy()
+        return np.broadcast_to(
+            np.asarray(value)[:, None], (self.element_lengths.size, basis.X.shape[-1])
+        ).copy()
 
     def basis(self, *values: Any) -> Basis:
         """Return a scikit-fem basis whose quadrature suits coefficients like `values`."""
@@ -235,8 +259,12 @@ class Beam:
 
         basis = self.basis(self.EI, self.rhoA)
         label = f"Beam {self.name!r}"
-        stiffness = forms.bending.assemble(basis, coefficient=self.at_quadrature(f"{label}: EI", self.EI, basis))
-        mass = forms.inertia.assemble(basis, coefficient=self.at_quadrature(f"{label}: rhoA", self.rhoA, basis))
+        stiffness = forms.bending.assemble(
+            basis, coefficient=self.at_quadrature(f"{label}: EI", self.EI, basis)
+        )
+        mass = forms.inertia.assemble(
+            basis, coefficient=self.at_quadrature(f"{label}: rhoA", self.rhoA, basis)
+        )
         if self.tension:
             stiffness = stiffness + forms.string.assemble(basis, coefficient=self.tension)
         held = [2 * node + dof for node, kind in self.supports.items() for dof in SUPPORTS[kind]]
@@ -297,7 +325,9 @@ class Beam:
         """
         from scipy.sparse import csr_matrix
 
-        element, xi = self._locate(f"a point of Beam {self.name!r}", np.atleast_1d(np.asarray(x, dtype=float)))
+        element, xi = self._locate(
+            f"a point of Beam {self.name!r}", np.atleast_1d(np.asarray(x, dtype=float))
+        )
         h = self.element_lengths[element]
         weights = np.stack([hermite(i, xi, h, derivative) for i in range(4)], axis=1)
         columns = 2 * element[:, None] + np.arange(4)

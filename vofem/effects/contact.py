@@ -91,7 +91,9 @@ class Contact:
             )
         self.acts_on = choice(f"{label}: acts_on", acts_on, ("displacement", "penetration"))
         if self.b is not None and side is not None:
-            raise ArgumentError(f"{label}: side is {side!r}, but a contact between two points has none; remove it")
+            raise ArgumentError(
+                f"{label}: side is {side!r}, but a contact between two points has none; remove it"
+            )
         if self.b is None and side is None:
             raise ArgumentError(f"{label}: side is missing, expected {one_of(('below', 'above'))} for a stop")
         self.side = None if side is None else choice(f"{label}: side", side, ("below", "above"))
@@ -130,8 +132,10 @@ class Contact:
 
     def describe(self) -> str:
         """Return points, gap, stiffness and law."""
-        where = f"{self.side} {self.a.describe()}" if self.b is None else (
-            f"between {self.a.describe()} and {self.b.describe()}"
+        where = (
+            f"{self.side} {self.a.describe()}"
+            if self.b is None
+            else (f"between {self.a.describe()} and {self.b.describe()}")
         )
         damper = f", C0 = {self.damping:g} N s/m" if self.damping else ""
         switch = "" if self.switch == "ideal" else f", {self.switch!r}"

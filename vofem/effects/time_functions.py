@@ -189,7 +189,9 @@ class Ramp(TimeFunction):
         if self.stop is not None:
             object.__setattr__(self, "stop", number("Ramp: stop", self.stop))
             if self.stop <= self.start:
-                raise ArgumentError(f"Ramp: stop is {self.stop:g}, expected a time after start = {self.start:g}")
+                raise ArgumentError(
+                    f"Ramp: stop is {self.stop:g}, expected a time after start = {self.start:g}"
+                )
 
     def __call__(self, t: ArrayLike) -> Array:
         end = np.inf if self.stop is None else self.stop
@@ -368,7 +370,9 @@ class Arbitrary(TimeFunction):
         try:
             result = float(value)
         except (TypeError, ValueError):
-            raise LoadError(f"load function {self._name} returned {value!r} at t = {t:g} s, expected a number") from None
+            raise LoadError(
+                f"load function {self._name} returned {value!r} at t = {t:g} s, expected a number"
+            ) from None
         if not np.isfinite(result):
             raise LoadError(
                 f"load function {self._name} returned {result} at t = {t:g} s, expected a finite number; "

@@ -185,7 +185,9 @@ class _Segment:
         if np.any(odd):
             motion = _only(self.motion, odd)
             total += _quadrature(
-                lambda at: np.sum(rate[odd][:, None] * motion.blocks(at)[1] ** 2, axis=0), tau, 2 * _quickest(motion)
+                lambda at: np.sum(rate[odd][:, None] * motion.blocks(at)[1] ** 2, axis=0),
+                tau,
+                2 * _quickest(motion),
             )
         return total
 
@@ -238,7 +240,8 @@ def _only(motion: Motion, keep: NDArray[np.bool_]) -> Motion:
     number = np.cumsum(keep) - 1
     entries = keep[motion.special.block]
     special = Special(
-        number[motion.special.block[entries]].astype(np.int64), *(column[entries] for column in motion.special[1:])
+        number[motion.special.block[entries]].astype(np.int64),
+        *(column[entries] for column in motion.special[1:]),
     )
     return Motion(
         spectrum, motion.z[keep], motion.v[keep], motion.omega, motion.steady_z[keep], motion.steady_v[keep],
@@ -257,7 +260,9 @@ def _quadrature(function, tau: Array, rate: float) -> Array:  # type: ignore[no-
     targets, inverse = np.unique(np.append(tau, 0.0), return_inverse=True)
     widths = np.diff(targets)
     panels = np.maximum(1, np.ceil(widths * max(rate, 1e-300))).astype(int)
-    edges = np.concatenate([targets[i] + widths[i] * np.arange(panels[i]) / panels[i] for i in range(widths.size)] or [[]])
+    edges = np.concatenate(
+        [targets[i] + widths[i] * np.arange(panels[i]) / panels[i] for i in range(widths.size)] or [[]]
+    )
     size = np.repeat(widths / panels, panels)
     values = np.zeros(edges.size)
     chunk = 4096

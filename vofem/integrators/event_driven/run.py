@@ -57,7 +57,9 @@ def refusal(system: System) -> str | None:
     return None
 
 
-def run(system: System, start: State, t_end: float, times: Array, max_events: int = MOST_EVENTS) -> EventSolution:
+def run(
+    system: System, start: State, t_end: float, times: Array, max_events: int = MOST_EVENTS
+) -> EventSolution:
     """Simulate from the start state at t = 0 to t_end.
 
     Parameters
@@ -131,7 +133,9 @@ def _storm(system: System, solution: EventSolution, t: float, limit: int) -> str
 class EventSolution:
     """The run as a sequence of linear segments, each known in closed form."""
 
-    def __init__(self, system: System, space: ModalSpace, t_end: float, times: Array, counters: Counters) -> None:
+    def __init__(
+        self, system: System, space: ModalSpace, t_end: float, times: Array, counters: Counters
+    ) -> None:
         self.t_end = t_end
         self.times = times
         self.counters = counters
@@ -224,7 +228,11 @@ class EventSolution:
             closed = status == CLOSED
             constant += (laws.stiffness * laws.offset * closed) @ space.contacts
         omega = np.array(list(harmonics))
-        waves = np.stack(list(harmonics.values()), axis=1) if harmonics else np.zeros((space.size, 0), dtype=complex)
+        waves = (
+            np.stack(list(harmonics.values()), axis=1)
+            if harmonics
+            else np.zeros((space.size, 0), dtype=complex)
+        )
         return Forcing(omega, waves, constant, slope)
 
     def visit(self, times: Array) -> list[tuple[int, NDArray[np.int64], Array]]:
@@ -249,7 +257,9 @@ class EventSolution:
     def sample(self, times: Array) -> Samples:
         """Return the motion at any times; the acceleration is that of the equation of motion."""
         z, v = self.modal(times)
-        return Samples(self.space.shapes @ z, self.space.shapes @ v, self.space.shapes @ self._acceleration(times, z, v))
+        return Samples(
+            self.space.shapes @ z, self.space.shapes @ v, self.space.shapes @ self._acceleration(times, z, v)
+        )
 
     def _acceleration(self, times: Array, z: Array, v: Array) -> Array:
         space = self.space

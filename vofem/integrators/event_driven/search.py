@@ -82,7 +82,9 @@ class _Point(NamedTuple):
     rate: Array
 
 
-def next_event(functions: EventFunctions, motion: Motion, duration: float) -> tuple[float, NDArray[np.bool_], int]:
+def next_event(
+    functions: EventFunctions, motion: Motion, duration: float
+) -> tuple[float, NDArray[np.bool_], int]:
     """Return the first time at which a function becomes positive.
 
     Parameters

@@ -1,0 +1,45 @@
+"""The stability limit of explicit methods, with every contact closed."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vofem.integrators.switch import steepest
+from vofem.system import System
+
+#: Up to this size the spectrum is computed with dense matrices.
+_DENSE = 600
+
+
+def highest_frequency(system: System) -> float:
+    """Return an upper estimate of the highest natural frequency in rad/s, all contacts closed."""
+    stiffness = system.stiffness
+    laws = system.contacts
+    if laws is not None:
+        from scipy.sparse import diags
+
+        slope = [
+            steepest(g, bool(j), s0) for g, j, s0 in zip(laws.gap, laws.jump, laws.resolution, strict=True)
+        ]
+        stiffness = stiffness + laws.rows.T @ diags(laws.stiffness * np.array(slope)) @ laws.rows
+    n = system.size
+    if n <= _DENSE:
+        from scipy.linalg import eigh
+
+        balance = 1.0 / system.scale
+        k = stiffness.toarray() * balance[:, None] * balance
+        m = system.mass.toarray() * balance[:, None] * balance
+        return float(np.sqrt(max(eigh(k, m, eigvals_only=True, driver="gvd")[-1], 0.0)))
+    from scipy.sparse.linalg import eigsh
+
+    start = np.random.default_rng(0).standard_normal(n)
+    top = eigsh(
+        stiffness.tocsc(), k=1, M=system.mass, which="LA", v0=start, tol=1e-6, return_eigenvectors=False
+    )[0]
+    return float(np.sqrt(max(top, 0.0)) * (1.0 + 1e-5))
+
+
+def critical_step(system: System) -> float:
+    """Return the critical time step of central differences, ``2/omega_max``, in s."""
+    omega = highest_frequency(system)
+    return 2.0 / omega if omega > 0 else np.inf

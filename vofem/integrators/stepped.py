@@ -1,0 +1,171 @@
+"""The outcome of a method that steps in time: states at stored times, and interpolation between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.errors import ArgumentError
+from vofem.integrators.base import ContactSamples, Energies, Samples
+from vofem.integrators.switch import contact_stiffness
+from vofem.linalg.jit import jit
+from vofem.system import CLOSED, OPEN, Counters, Events, System
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class SteppedSolution:
+    """States of a stepping run at its stored times.
+
+    Attributes
+    ----------
+    times : ndarray, shape (n_times,)
+        Stored times, s.
+    samples : Samples
+        Of shape (n, n_times).
+    stored : Energies
+        In the method's own discrete form.
+    dt : float
+        Step size, s.
+    """
+
+    system: System
+    t_end: float
+    times: Array
+    samples: Samples
+    stored: Energies
+    dt: float
+    events: Events
+    counters: Counters
+    notes: list[str]
+
+    def _place(self, times: Array) -> tuple[NDArray[np.int64], Array]:
+        """Return the stored interval of every time and the fraction of it."""
+        left = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, max(self.times.size - 2, 0))
+        if self.times.size == 1:
+            return left, np.zeros(times.size)
+        width = self.times[left + 1] - self.times[left]
+        fraction = (times - self.times[left]) / width
+        near = np.minimum(np.abs(fraction), np.abs(1.0 - fraction)) <= 1e-9
+        coarse = ~near & (width > 2.0 * self.dt)
+        if np.any(coarse):
+            raise ArgumentError(
+                f"t = {times[coarse][0]:g} s lies between the stored times of this run, which are "
+                f"{width[coarse][0]:g} s apart at a step of {self.dt:g} s; name it in times= when simulating"
+            )
+        return left, np.where(near, np.round(fraction), fraction)
+
+    def sample(self, times: Array) -> Samples:
+        """Return the motion at stored times, or between steps by the quintic through q, v and a."""
+        if np.array_equal(times, self.times):
+            return self.samples
+        left, x = self._place(times)
+        if self.times.size == 1:
+            return Samples(self.samples.q[:, left], self.samples.v[:, left], self.samples.a[:, left])
+        n = self.samples.q.shape[0]
+        q, v, a = np.empty((n, times.size)), np.empty((n, times.size)), np.empty((n, times.size))
+        _interpolate_all(self.times, self.samples.q, self.samples.v, self.samples.a, left, x, q, v, a)
+        return Samples(q, v, a)
+
+    def contacts(self, times: Array) -> ContactSamples:
+        """Return status, K_eq and force at some times, from the gap functions there."""
+        laws = self.system.contacts
+        assert laws is not None
+        samples = self.sample(times)
+        u, rate = laws.rows @ samples.q, laws.rows @ samples.v
+        s = u - laws.gap[:, None]
+        closed = s > 0.0
+        start = times == 0.0
+        closed[:, start] = (self.events.initial == CLOSED)[:, None]
+        stiffness = np.zeros(s.shape)
+        for j in range(len(laws)):
+            values = [contact_stiffness(laws.stiffness[j], x, laws.resolution[j]) for x in s[j]]
+            stiffness[j] = np.where(closed[j], np.maximum(values, 0.0), 0.0)
+            if np.isinf(laws.resolution[j]):
+                stiffness[j] = np.where(closed[j], laws.stiffness[j], 0.0)
+        share = stiffness / laws.stiffness[:, None]
+        force = stiffness * (u - laws.offset[:, None]) + share * laws.damping[:, None] * rate
+        return ContactSamples(np.where(closed, CLOSED, OPEN), stiffness, force)
+
+    def energies(self, times: Array) -> Energies:
+        """Return the stored energies; between stored times they are interpolated linearly."""
+        if np.array_equal(times, self.times):
+            return self.stored
+        self._place(times)
+        kinds = ("kinetic", "strain", "contact", "dissipated", "work")
+        return Energies(*(np.interp(times, self.times, getattr(self.stored, kind)) for kind in kinds))
+
+
+@jit
+def quintic(
+    x: float, h: float, q0: float, v0: float, a0: float, q1: float, v1: float, a1: float
+) -> tuple[float, float, float]:
+    """Return value, rate and second rate at fraction x of a step h, from those at both of its ends."""
+    # Newton form about the left end: remainders after the Taylor polynomial there.
+    dq = (q1 - q0) - h * (v0 + 0.5 * h * a0)
+    dv = h * ((v1 - v0) - h * a0)
+    da = h * h * (a1 - a0)
+    c3 = 10.0 * dq - 4.0 * dv + 0.5 * da
+    c4 = -15.0 * dq + 7.0 * dv - da
+    c5 = 6.0 * dq - 3.0 * dv + 0.5 * da
+    q = q0 + x * (h * v0 + x * (0.5 * h * h * a0 + x * (c3 + x * (c4 + x * c5))))
+    v = v0 + x * (h * a0 + x * (3.0 * c3 + x * (4.0 * c4 + x * 5.0 * c5)) / h)
+    a = a0 + x * (6.0 * c3 + x * (12.0 * c4 + x * 20.0 * c5)) / (h * h)
+    return q, v, a
+
+
+@jit
+def _interpolate_all(
+    times: Array,
+    q0: Array,
+    v0: Array,
+    a0: Array,
+    left: NDArray[np.int64],
+    x: Array,
+    q: Array,
+    v: Array,
+    a: Array,
+) -> None:
+    for i in range(left.size):
+        k = left[i]
+        h = times[k + 1] - times[k]
+        for r in range(q0.shape[0]):
+            if x[i] == 0.0:
+                q[r, i], v[r, i], a[r, i] = q0[r, k], v0[r, k], a0[r, k]
+            elif x[i] == 1.0:
+                q[r, i], v[r, i], a[r, i] = q0[r, k + 1], v0[r, k + 1], a0[r, k + 1]
+            else:
+                q[r, i], v[r, i], a[r, i] = quintic(
+                    x[i], h, q0[r, k], v0[r, k], a0[r, k], q0[r, k + 1], v0[r, k + 1], a0[r, k + 1]
+                )
+
+
+def storage_times(times: Array | None, dt: float, steps: int, size: int, notes: list[str]) -> Array:
+    """Return the times to store: those asked for, or every step, thinned where memory would run out.
+
+    Parameters
+    ----------
+    times : ndarray, optional
+    dt : float
+    steps : int
+    size : int
+        Degrees of freedom.
+    notes : list of str
+        Told of thinning.
+    """
+    if times is not None:
+        return times
+    limit = 512 * 2**20
+    stride = int(np.ceil(3 * 8 * size * (steps + 1) / limit))
+    if stride > 1:
+        notes.append(
+            f"storage: every step would take more than {limit // 2**20} MiB, so every {stride}th of {steps} "
+            "steps is kept; name the times you need in times="
+        )
+    kept = np.arange(0, steps + 1, stride)
+    if kept[-1] != steps:
+        kept = np.append(kept, steps)
+    return kept * dt

@@ -1,0 +1,117 @@
+"""Symmetric banded matrices for compiled time loops: factor once, solve and multiply many times.
+
+Lower band storage: ``band[d, i]`` is the entry (i + d, i). The factorisation
+is L D L' without pivoting and without square roots, for positive definite
+matrices; its solve takes two sweeps.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.errors import SingularSystemError
+from vofem.linalg.jit import jit
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+def band_order(*matrices: Any) -> IntArray:
+    """Return an order of the unknowns that keeps the common pattern of the matrices narrow.
+
+    The natural order is kept unless reverse Cuthill-McKee narrows the band.
+    """
+    from scipy.sparse import csr_matrix
+    from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+    pattern = sum((abs(matrix) for matrix in matrices[1:]), start=abs(matrices[0])).tocoo()
+    n = pattern.shape[0]
+    natural = np.arange(n)
+    width = int(np.max(np.abs(pattern.row - pattern.col), initial=0))
+    if width <= 3:
+        return natural
+    order = np.asarray(reverse_cuthill_mckee(csr_matrix(pattern), symmetric_mode=True), dtype=np.int64)
+    place = np.empty(n, dtype=np.int64)
+    place[order] = natural
+    return order if np.max(np.abs(place[pattern.row] - place[pattern.col])) < width else natural
+
+
+def to_band(matrix: Any, order: IntArray) -> Array:
+    """Return a symmetric sparse matrix in lower band storage, unknowns taken in the given order."""
+    coo = matrix.tocoo()
+    place = np.empty(order.size, dtype=np.int64)
+    place[order] = np.arange(order.size)
+    row, column = place[coo.row], place[coo.col]
+    lower = row >= column
+    width = int(np.max(row[lower] - column[lower], initial=0))
+    band = np.zeros((width + 1, order.size))
+    np.add.at(band, ((row - column)[lower], column[lower]), coo.data[lower])
+    return band
+
+
+def widen(band: Array, width: int) -> Array:
+    """Return a band with zero diagonals added up to the given half-bandwidth."""
+    return np.vstack([band, np.zeros((width + 1 - band.shape[0], band.shape[1]))])
+
+
+def factor(band: Array, what: str) -> Array:
+    """Return L (unit, below) and D (row 0) of ``A = L D L'`` in band storage.
+
+    Raises
+    ------
+    SingularSystemError
+        If a pivot is not positive; `what` names the matrix.
+    """
+    result = band.copy()
+    bad = _factor(result)
+    if bad >= 0:
+        raise SingularSystemError(f"{what} is not positive definite (pivot {bad} of {band.shape[1]})")
+    return result
+
+
+@jit
+def _factor(band: Array) -> int:
+    width, n = band.shape[0] - 1, band.shape[1]
+    for i in range(n):
+        pivot = band[0, i]
+        if not pivot > 0.0:
+            return i
+        reach = min(width, n - 1 - i)
+        for a in range(1, reach + 1):
+            ratio = band[a, i] / pivot
+            for b in range(a, reach + 1):
+                band[b - a, i + a] -= ratio * band[b, i]
+        for a in range(1, reach + 1):
+            band[a, i] /= pivot
+    return -1
+
+
+@jit
+def solve(factored: Array, x: Array) -> None:
+    """Solve ``A x = x`` in place."""
+    width, n = factored.shape[0] - 1, factored.shape[1]
+    for i in range(n):
+        value = x[i]
+        for a in range(1, min(width, n - 1 - i) + 1):
+            x[i + a] -= factored[a, i] * value
+    for i in range(n):
+        x[i] /= factored[0, i]
+    for i in range(n - 1, -1, -1):
+        value = x[i]
+        for a in range(1, min(width, n - 1 - i) + 1):
+            value -= factored[a, i] * x[i + a]
+        x[i] = value
+
+
+@jit
+def subtract_product(band: Array, x: Array, y: Array) -> None:
+    """Subtract ``A x`` from y."""
+    width, n = band.shape[0] - 1, band.shape[1]
+    for i in range(n):
+        y[i] -= band[0, i] * x[i]
+        for a in range(1, min(width, n - 1 - i) + 1):
+            y[i + a] -= band[a, i] * x[i]
+            y[i] -= band[a, i] * x[i + a]

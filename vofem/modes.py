@@ -1,0 +1,148 @@
+"""Vibration modes, with any contacts held closed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vofem._validate import nearest
+from vofem.assembly import Model
+from vofem.bodies.base import Body
+from vofem.bodies.beam import Beam
+from vofem.errors import ArgumentError
+from vofem.scene import Scene, as_scene
+
+Array = NDArray[np.float64]
+
+#: Up to this size all modes come from dense matrices.
+_DENSE = 1500
+
+
+class Modes:
+    """Undamped vibration modes in ascending order, rigid ones first.
+
+    Attributes
+    ----------
+    omega : ndarray, shape (count,)
+        In rad/s; exactly 0 for rigid motions.
+    """
+
+    def __init__(self, model: Model, omega: Array, shapes: Array) -> None:
+        self._model = model
+        self.omega = omega
+        self._shapes = shapes
+
+    @property
+    def frequencies(self) -> Array:
+        """In Hz, shape (count,)."""
+        return self.omega / (2.0 * np.pi)
+
+    def shape(self, k: int, x: ArrayLike | None = None, body: Any = None) -> Array:
+        """Return the k-th mode shape (from 0), of unit modal mass.
+
+        Parameters
+        ----------
+        k : int
+        x : array_like, optional
+            Points along a beam in m; not for a mass.
+        body : Beam or Mass, optional
+            Needed where the scene has several bodies.
+
+        Returns
+        -------
+        ndarray, shape (len(x),), or (1,) for a mass
+            In 1/sqrt(kg).
+        """
+        if not 0 <= k < self.omega.size:
+            raise ArgumentError(f"mode {k} was asked for, expected 0 to {self.omega.size - 1}")
+        chosen = self._body(body)
+        values = self._model.of_body(chosen, self._shapes[:, k])
+        if not isinstance(chosen, Beam):
+            return values
+        if x is None:
+            raise ArgumentError("the shape of a beam needs x, the points to evaluate it at")
+        return np.asarray(chosen.field_matrix(x) @ values)
+
+    def _body(self, body: Any) -> Body:
+        bodies = tuple(self._model.offsets)
+        if body is None:
+            if len(bodies) != 1:
+                raise ArgumentError(f"the scene has {len(bodies)} bodies; say which one with body=")
+            return bodies[0]
+        if body not in bodies:
+            raise ArgumentError(f"{body!r} is not in the scene")
+        return body
+
+
+def modes(scene: Scene, count: int = 6, closed: Sequence[Any] = ()) -> Modes:
+    """Return the lowest vibration modes, undamped, with the named contacts closed.
+
+    Parameters
+    ----------
+    scene : Scene
+    count : int
+        How many; fewer are returned where the system has fewer.
+    closed : sequence of str or Contact
+        Contacts that act as linear springs; all others are open.
+
+    Raises
+    ------
+    ArgumentError
+        For an unknown contact.
+    """
+    from vofem.linalg.eigen import modal_basis
+
+    if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 1:
+        raise ArgumentError(f"modes: count is {count!r}, expected a positive whole number")
+    system = as_scene("modes", scene).model.system
+    stiffness, rigid = system.stiffness, system.rigid
+    chosen = _indices(scene, closed)
+    if chosen:
+        from scipy.sparse import diags
+
+        laws = system.contacts
+        assert laws is not None
+        rows = laws.rows[chosen]
+        stiffness = stiffness + rows.T @ diags(laws.stiffness[chosen]) @ rows
+        if rigid.shape[1]:
+            _, values, right = np.linalg.svd(rows @ rigid)
+            rank = int(np.sum(values > 1e-10 * values[0])) if values.size else 0
+            rigid = rigid @ right[rank:].T
+    if system.size <= _DENSE:
+        squares, shapes = modal_basis(system.mass, stiffness, system.scale, rigid)
+    else:
+        squares, shapes = _lowest(system.mass, stiffness, rigid, min(count, system.size - 2))
+    count = min(count, squares.size)
+    return Modes(scene.model, np.sqrt(squares[:count]), shapes[:, :count])
+
+
+def _indices(scene: Scene, closed: Sequence[Any]) -> list[int]:
+    names = [contact.name for contact in scene.contacts]
+    wanted = [closed] if isinstance(closed, str) else list(closed)
+    indices = []
+    for item in wanted:
+        name = getattr(item, "name", item)
+        if name not in names:
+            raise ArgumentError(
+                f"modes: no contact is named {name!r}; there are {names}{nearest(name, tuple(names))}"
+            )
+        indices.append(names.index(name))
+    return indices
+
+
+def _lowest(mass: Any, stiffness: Any, rigid: Array, count: int) -> tuple[Array, Array]:
+    """Return the lowest modes of a large system by Lanczos on the inverse problem."""
+    from scipy.sparse.linalg import eigsh
+
+    # A shift well below the first elastic mode makes K regular where rigid motions remain.
+    typical = float(np.median(stiffness.diagonal() / mass.diagonal()))
+    sigma = -1e-12 * typical if rigid.shape[1] else 0.0
+    start = np.random.default_rng(0).standard_normal(mass.shape[0])
+    squares, shapes = eigsh(stiffness.tocsc(), k=count, M=mass.tocsc(), sigma=sigma, which="LM", v0=start)
+    order = np.argsort(squares)
+    squares, shapes = squares[order], shapes[:, order]
+    squares[: rigid.shape[1]] = 0.0
+    return np.maximum(squares, 0.0), shapes

@@ -1,0 +1,63 @@
+"""Support reactions from the equations of motion of the supported degrees of freedom."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.assembly import Model
+from vofem.bodies.beam import SUPPORTS, Beam
+from vofem.errors import ArgumentError
+from vofem.integrators.base import Samples
+
+Array = NDArray[np.float64]
+
+
+def support_reaction(
+    model: Model, beam: Beam, where: Any, times: Array, samples: Samples, contact_force: Array | None
+) -> tuple[Array, Array]:
+    """Return force (N) and moment (N m) that a support exerts, each of shape (n_times,).
+
+    Raises
+    ------
+    ArgumentError
+        If there is no support at that place.
+    """
+    node = beam.node_at(where)
+    if node not in beam.supports:
+        places = ", ".join(f"x = {beam.nodes[k]:g}" for k in beam.supports) or "none"
+        raise ArgumentError(f"Beam {beam.name!r} has no support at {where!r}; its supports: {places}")
+    result = np.zeros((2, times.size))
+    for dof in SUPPORTS[beam.supports[node]]:
+        result[dof] = _residual(model, model.offsets[beam] + 2 * node + dof, times, samples, contact_force)
+    return result[0], result[1]
+
+
+def _residual(model: Model, dof: int, times: Array, samples: Samples, contact_force: Array | None) -> Array:
+    """Return ``M a + C v + K q - f + contact forces`` of one supported degree of freedom."""
+    system = model.system
+    total = model.mass[[dof]][:, model.free] @ samples.a + model.stiffness[[dof]][:, model.free] @ samples.q
+    if model.damping is not None:
+        total = total + model.damping[[dof]][:, model.free] @ samples.v
+    if system.rayleigh is not None:
+        alpha, beta = system.rayleigh
+        row = alpha * model.mass[[dof]] + beta * model.stiffness[[dof]]
+        total = total + row[:, model.free] @ samples.v
+    if system.modal_damping is not None:
+        from vofem.linalg.eigen import modal_basis
+
+        squares, shapes = modal_basis(system.mass, system.stiffness, system.scale, system.rigid)
+        rates = shapes.T @ (system.mass @ samples.v)
+        force = shapes @ (2.0 * system.modal_damping * np.sqrt(squares)[:, None] * rates)
+        total = total + model.mass[[dof]][:, model.free] @ force
+    value = np.asarray(total)[0]
+    for vector, load in zip(model.load_vectors, system.loads, strict=True):
+        if vector[dof]:
+            value = value - vector[dof] * load.function(times)
+    if model.contact_rows is not None and contact_force is not None:
+        column = np.asarray(model.contact_rows[:, [dof]].todense())[:, 0]
+        if np.any(column):
+            value = value + column @ contact_force
+    return value

@@ -1,0 +1,361 @@
+"""What a run returns: data, counters, events and energies. Plotting lives elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vofem._validate import array, nearest
+from vofem.assembly import Model
+from vofem.bodies.base import Body, Row
+from vofem.bodies.beam import Beam
+from vofem.errors import ArgumentError
+from vofem.fractional.orders import exponential_order
+from vofem.integrators.base import ContactSamples, Samples, Solution
+from vofem.scene import Scene
+from vofem.system import CLOSED, PINNED, Counters
+
+Array = NDArray[np.float64]
+
+
+class Reaction(NamedTuple):
+    """What a support does to a body: force in N (positive upward) and moment in N m, each (n_times,).
+
+    The moment is positive where it does work on a growing slope. The one that
+    the support does not hold is zero.
+    """
+
+    force: Array
+    moment: Array
+
+
+@dataclass(frozen=True)
+class Energy:
+    """Energies in J at `Result.times`, each of shape (n_times,).
+
+    Attributes
+    ----------
+    kinetic, strain : ndarray
+        Of bodies and linear attachments.
+    contact : ndarray
+        Stored in closed contacts: ``K0 (u^2 - gap^2)/2`` for ``acts_on="displacement"``.
+    dissipated : ndarray
+        Taken by all dampers since t = 0.
+    work : ndarray
+        Done by all loads since t = 0.
+    """
+
+    kinetic: Array
+    strain: Array
+    contact: Array
+    dissipated: Array
+    work: Array
+
+    @property
+    def total(self) -> Array:
+        """Kinetic, strain and contact energy together."""
+        return self.kinetic + self.strain + self.contact
+
+    @property
+    def balance(self) -> Array:
+        """What is missing from the balance, J: ``total - total[0] + dissipated - work``."""
+        return self.total - self.total[0] + self.dissipated - self.work
+
+    @property
+    def balance_error(self) -> float:
+        """The largest magnitude of `balance` over the largest energy in it."""
+        parts = (self.total, self.dissipated, self.work)
+        scale = max((float(np.max(np.abs(part), initial=0.0)) for part in parts), default=0.0)
+        return float(np.max(np.abs(self.balance), initial=0.0)) / scale if scale > 0 else 0.0
+
+
+class ContactHistory:
+    """One contact along a run.
+
+    Attributes
+    ----------
+    name : str
+    """
+
+    def __init__(self, result: Result, index: int) -> None:
+        self._result = result
+        self._index = index
+        laws = result.model.system.contacts
+        assert laws is not None
+        self._laws = laws
+        self.name = laws.names[index]
+
+    def __repr__(self) -> str:
+        return f"ContactHistory({self.name!r}, {self.closings.size} closings, {self.openings.size} openings)"
+
+    def _times(self, closing: bool) -> Array:
+        events = self._result.solution.events
+        mine = events.contact == self._index
+        held = np.concatenate([[events.initial[self._index]], events.status[mine]]) == CLOSED
+        times = np.concatenate([[0.0], events.time[mine]])
+        before = np.concatenate([[False], held[:-1]])
+        return times[held & ~before] if closing else times[~held & before]
+
+    @property
+    def closings(self) -> Array:
+        """Times at which the contact closes, s; 0.0 first where it starts closed."""
+        return self._times(True)
+
+    @property
+    def openings(self) -> Array:
+        """Times at which the contact ceases to be closed, s."""
+        return self._times(False)
+
+    @property
+    def _samples(self) -> ContactSamples:
+        return self._result.contact_samples
+
+    @property
+    def closed(self) -> NDArray[np.bool_]:
+        """Whether the contact is closed, shape (n_times,)."""
+        return self._samples.status[self._index] == CLOSED
+
+    @property
+    def stiffness(self) -> Array:
+        """K_eq in N/m, shape (n_times,)."""
+        return self._samples.stiffness[self._index]
+
+    @property
+    def force(self) -> Array:
+        """Contact force in N, shape (n_times,); positive pushes the bodies apart."""
+        return self._samples.force[self._index]
+
+    @property
+    def gap_function(self) -> Array:
+        """The gap function s in m, shape (n_times,); positive is penetration."""
+        u = np.asarray(self._laws.rows[[self._index]] @ self._result.samples.q)[0]
+        return u - self._laws.gap[self._index]
+
+    @property
+    def order(self) -> Array:
+        """The order beta of the operator, shape (n_times,).
+
+        Under the ideal switch 0 while closed and inf while open; NaN while pinned.
+        """
+        s0 = float(self._laws.resolution[self._index])
+        status = self._samples.status[self._index]
+        if np.isinf(s0):
+            ideal = np.where(status == CLOSED, 0.0, np.inf)
+            return np.where(status == PINNED, np.nan, ideal)
+        return exponential_order(self.gap_function, s0)
+
+
+class Contacts(Mapping[str, ContactHistory]):
+    """The contacts of a run by name, in the order of the scene."""
+
+    def __init__(self, histories: dict[str, ContactHistory]) -> None:
+        self._histories = histories
+
+    def __getitem__(self, name: Any) -> ContactHistory:
+        key = getattr(name, "name", name)
+        if key not in self._histories:
+            known = tuple(self._histories)
+            raise ArgumentError(f"no contact is named {key!r}; there are {list(known)}{nearest(key, known)}")
+        return self._histories[key]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._histories)
+
+    def __len__(self) -> int:
+        return len(self._histories)
+
+
+class Result:
+    """The outcome of `vofem.simulate`.
+
+    Quantities are computed when first read. All arrays over time follow
+    `times`; methods that take t accept other times too: any with
+    ``event_driven``, those between neighbouring steps with a stepping method.
+
+    Attributes
+    ----------
+    scene : Scene
+    method : str
+        The integrator that ran.
+    times : ndarray, shape (n_times,)
+        In s; t = 0 first.
+    counters : Counters
+        Work done by the run.
+    notes : list of str
+        What a user should know.
+    """
+
+    def __init__(self, scene: Scene, method: str, solution: Solution) -> None:
+        self.scene = scene
+        self.method = method
+        self.solution = solution
+        self.model: Model = scene.model
+        self.times: Array = solution.times
+
+    def __repr__(self) -> str:
+        return (
+            f"Result(method={self.method!r}, {self.times.size} times to {self.times[-1]:g} s, "
+            f"{self.counters.steps} steps, {self.counters.events} contact events)"
+        )
+
+    @property
+    def counters(self) -> Counters:
+        """Work done by the run."""
+        return self.solution.counters
+
+    @property
+    def notes(self) -> list[str]:
+        """What a user should know about the run."""
+        return self.solution.notes
+
+    # -- states -----------------------------------------------------------------------------------
+
+    @cached_property
+    def samples(self) -> Samples:
+        """Free degrees of freedom at `times`: q, v, a of shape (n, n_times)."""
+        return self.solution.sample(self.times)
+
+    @cached_property
+    def contact_samples(self) -> ContactSamples:
+        """Contacts at `times`."""
+        return self.solution.contacts(self.times)
+
+    def _at(self, t: ArrayLike | None) -> Samples:
+        if t is None:
+            return self.samples
+        times = np.atleast_1d(array("t", t))
+        end = self.solution.t_end
+        if np.any(times < 0.0) or np.any(times > end * (1.0 + 1e-12)):
+            raise ArgumentError(
+                f"t reaches from {times.min():g} to {times.max():g} s, expected 0 to {end:g} s"
+            )
+        return self.solution.sample(np.minimum(times, end))
+
+    def _body(self, body: Any) -> Body:
+        """Return the scene's body of the same name: a loaded result knows its bodies by name only."""
+        name = getattr(body, "name", body)
+        for candidate in self.scene.bodies:
+            if candidate.name == name:
+                return candidate
+        names = tuple(candidate.name for candidate in self.scene.bodies)
+        raise ArgumentError(f"no body is named {name!r}; there are {list(names)}{nearest(name, names)}")
+
+    def _row(self, point: Any) -> tuple[Body, Row]:
+        if not hasattr(point, "row"):
+            raise ArgumentError(f"expected a point, beam.at(x) or a Mass, found {point!r}")
+        body = self._body(point.body)
+        if isinstance(body, Beam):
+            return body, body.at(point.x).row()
+        return body, point.row()
+
+    def _along(self, point: Any, values: Array) -> Array:
+        body, row = self._row(point)
+        return row.weights @ self.model.of_body(body, values)[row.indices]
+
+    def displacement(self, point: Any, t: ArrayLike | None = None) -> Array:
+        """Return the displacement of a point in m, shape (n_times,) or (len(t),)."""
+        return self._along(point, self._at(t).q)
+
+    def velocity(self, point: Any, t: ArrayLike | None = None) -> Array:
+        """Return the velocity of a point in m/s, shape (n_times,) or (len(t),)."""
+        return self._along(point, self._at(t).v)
+
+    def acceleration(self, point: Any, t: ArrayLike | None = None) -> Array:
+        """Return the acceleration of a point in m/s^2, shape (n_times,) or (len(t),)."""
+        return self._along(point, self._at(t).a)
+
+    def state_of(self, body_name: str) -> tuple[Array, Array]:
+        """Return a body's degrees of freedom and rates at the last time, each (size,); starts another scene."""
+        body = self._body(body_name)
+        return self.model.of_body(body, self.samples.q[:, -1]), self.model.of_body(
+            body, self.samples.v[:, -1]
+        )
+
+    # -- fields -----------------------------------------------------------------------------------
+
+    def _beam(self, body: Any) -> Beam:
+        if body is None:
+            beams = [candidate for candidate in self.scene.bodies if isinstance(candidate, Beam)]
+            if len(beams) != 1:
+                raise ArgumentError(f"the scene has {len(beams)} beams; say which one with body=")
+            return beams[0]
+        beam = self._body(body)
+        if not isinstance(beam, Beam):
+            raise ArgumentError(f"{beam.describe()} has no deflection along x; use displacement(point)")
+        return beam
+
+    def _field(self, x: ArrayLike, t: ArrayLike | None, body: Any, derivative: int) -> Array:
+        beam = self._beam(body)
+        return np.asarray(beam.field_matrix(x, derivative) @ self.model.of_body(beam, self._at(t).q))
+
+    def deflection(self, x: ArrayLike, t: ArrayLike | None = None, body: Any = None) -> Array:
+        """Return eta in m by the Hermite cubics, shape (len(x), len(t)).
+
+        Parameters
+        ----------
+        x : array_like
+            Points on the axis in m.
+        t : array_like, optional
+            Times in s; `times` where not given.
+        body : Beam, optional
+            Needed where the scene has several beams.
+        """
+        return self._field(x, t, body, 0)
+
+    def slope(self, x: ArrayLike, t: ArrayLike | None = None, body: Any = None) -> Array:
+        """Return d(eta)/dx, shape (len(x), len(t))."""
+        return self._field(x, t, body, 1)
+
+    def bending_moment(self, x: ArrayLike, t: ArrayLike | None = None, body: Any = None) -> Array:
+        """Return ``M = EI eta''`` in N m, shape (len(x), len(t)); at a node, that of the element to its right."""
+        beam = self._beam(body)
+        return beam.bending_stiffness(x)[0][:, None] * self._field(x, t, beam, 2)
+
+    def shear_force(self, x: ArrayLike, t: ArrayLike | None = None, body: Any = None) -> Array:
+        """Return ``V = (EI eta'')'`` in N, shape (len(x), len(t)); constant within an element where EI is."""
+        beam = self._beam(body)
+        stiffness, change = beam.bending_stiffness(x)
+        shear = stiffness[:, None] * self._field(x, t, beam, 3)
+        return shear + change[:, None] * self._field(x, t, beam, 2) if np.any(change) else shear
+
+    # -- contacts, reactions, energies ------------------------------------------------------------
+
+    @cached_property
+    def contacts(self) -> Contacts:
+        """Contact histories by name."""
+        laws = self.model.system.contacts
+        names = () if laws is None else laws.names
+        return Contacts({name: ContactHistory(self, j) for j, name in enumerate(names)})
+
+    def reaction(self, body: Any, where: Any) -> Reaction:
+        """Return what a support does to a body at `times`.
+
+        It is what the equations of motion of the supported degrees of freedom
+        leave over, inertia and damping included.
+
+        Parameters
+        ----------
+        body : Beam
+        where : "left", "right" or x
+            The place of a support.
+        """
+        from vofem.reactions import support_reaction
+
+        beam = self._beam(body)
+        return Reaction(
+            *support_reaction(self.model, beam, where, self.times, self.samples, self._contact_force())
+        )
+
+    def _contact_force(self) -> Array | None:
+        return None if self.model.system.contacts is None else self.contact_samples.force
+
+    @cached_property
+    def energy(self) -> Energy:
+        """Energies at `times`."""
+        parts = self.solution.energies(self.times)
+        return Energy(parts.kinetic, parts.strain, parts.contact, parts.dissipated, parts.work)

@@ -1,0 +1,188 @@
+"""Chooses the method, checks the arguments, runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vofem._validate import array, nearest, number, one_of
+from vofem.errors import ArgumentError
+from vofem.result import Result
+from vofem.scene import Scene, as_scene
+from vofem.system import System
+
+Array = NDArray[np.float64]
+
+METHODS = ("event_driven", "central_difference")
+
+#: Options that a method takes beside those of `simulate`.
+_OPTIONS: dict[str, tuple[str, ...]] = {"event_driven": ("max_events",), "central_difference": ()}
+
+
+def simulate(
+    scene: Scene,
+    t_end: float,
+    *,
+    method: str = "auto",
+    dt: float | None = None,
+    times: ArrayLike | None = None,
+    **options: Any,
+) -> Result:
+    """Simulate a scene from t = 0 to t_end.
+
+    Parameters
+    ----------
+    scene : Scene
+    t_end : float
+        In s, positive.
+    method : {"auto", "event_driven", "central_difference"}
+        "auto" takes event_driven, which is exact up to rounding, where it
+        applies; `vofem.explain` says what it chooses and why.
+    dt : float, optional
+        Step size in s of a stepping method; chosen where not given.
+    times : array_like, shape (n_times,), optional
+        Where results are wanted, increasing, within [0, t_end]. Without it:
+        1001 uniform times for event_driven, every step for a stepping method.
+    **options
+        ``max_events`` of event_driven.
+
+    Returns
+    -------
+    Result
+
+    Raises
+    ------
+    ArgumentError
+        For arguments out of range or options that the method does not know.
+    MethodError
+        If the method cannot treat the scene; the message names one that can.
+    StepSizeError
+        If dt is beyond the critical step.
+    InstabilityError, EventStormError
+        If the run goes wrong.
+    """
+    t_end = number("simulate: t_end", t_end, positive=True)
+    wanted = None if times is None else _times(times, t_end)
+    system = as_scene("simulate", scene).model.system
+    chosen = choose(system).method if method == "auto" else method
+    if chosen not in METHODS:
+        names = ("auto", *METHODS)
+        raise ArgumentError(
+            f"simulate: method is {method!r}, expected {one_of(names)}{nearest(method, names)}"
+        )
+    unknown = sorted(set(options) - set(_OPTIONS[chosen]))
+    if unknown:
+        raise ArgumentError(
+            f"simulate: method {chosen!r} does not know the option {unknown[0]!r}"
+            f"{nearest(unknown[0], (*_OPTIONS[chosen], 'dt', 'times', 'method'))}; it takes {list(_OPTIONS[chosen])}"
+        )
+    start = scene.initial_state()
+    if chosen == "event_driven":
+        from vofem.integrators import event_driven
+
+        if dt is not None:
+            raise ArgumentError("simulate: dt was given, but event_driven has no step; leave it out")
+        sampled = np.linspace(0.0, t_end, 1001) if wanted is None else wanted
+        return Result(scene, chosen, event_driven.run(system, start, t_end, sampled, **options))
+    from vofem.integrators import central_difference
+
+    step = None if dt is None else number("simulate: dt", dt, positive=True)
+    return Result(scene, chosen, central_difference.run(system, start, t_end, wanted, step))
+
+
+def _times(times: ArrayLike, t_end: float) -> Array:
+    wanted = np.atleast_1d(array("simulate: times", times))
+    if wanted.ndim != 1 or not wanted.size or np.any(np.diff(wanted) < 0):
+        raise ArgumentError("simulate: times must be a list of times that does not decrease")
+    slack = 1e-12 * t_end
+    if wanted[0] < 0.0 or wanted[-1] > t_end + slack:
+        raise ArgumentError(
+            f"simulate: times reaches from {wanted[0]:g} to {wanted[-1]:g} s, expected within 0 to t_end = {t_end:g} s"
+        )
+    return np.minimum(wanted, t_end)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A method and why it was chosen."""
+
+    method: str
+    why: str
+
+
+def choose(system: System) -> Choice:
+    """Return the method that ``method="auto"`` takes: the most accurate one that applies."""
+    from vofem.integrators import event_driven
+
+    reason = event_driven.refusal(system)
+    if reason is None:
+        return Choice(
+            "event_driven",
+            "the scene is linear between contact events and its loads have closed forms: exact up to rounding",
+        )
+    return Choice("central_difference", f"event_driven does not apply: {reason.split('. ')[0]}")
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """What will be simulated, by which method and why, and what will not; print it.
+
+    Attributes
+    ----------
+    bodies, effects : tuple of str
+        One line each.
+    unknowns : int
+        Free degrees of freedom.
+    method, why : str
+        What ``method="auto"`` takes, and the reason.
+    absent : tuple of str
+        Kinds of effects that the scene does not call for: nothing is built or evaluated for them.
+    """
+
+    bodies: tuple[str, ...]
+    effects: tuple[str, ...]
+    unknowns: int
+    method: str
+    why: str
+    absent: tuple[str, ...]
+
+    def __str__(self) -> str:
+        lines = ["Bodies", *(f"  {line}" for line in self.bodies)]
+        lines += ["Effects", *(f"  {line}" for line in self.effects or ("none",))]
+        lines += [f"Unknowns: {self.unknowns}", f"Method: {self.method}, because {self.why}"]
+        lines.append(f"Not simulated: {', '.join(self.absent) or 'nothing is left out'}")
+        return "\n".join(lines)
+
+
+_KINDS: tuple[tuple[str, Callable[[System], bool]], ...] = (
+    ("contacts", lambda system: system.contacts is not None),
+    (
+        "contact dampers",
+        lambda system: system.contacts is not None and bool(np.any(system.contacts.damping > 0)),
+    ),
+    ("damping", lambda system: system.damped),
+    ("loads", lambda system: bool(system.loads)),
+)
+
+
+def explain(scene: Scene) -> Explanation:
+    """Return what will be simulated, by which method and why, and what will not.
+
+    Parameters
+    ----------
+    scene : Scene
+    """
+    system = as_scene("explain", scene).model.system
+    choice = choose(system)
+    return Explanation(
+        bodies=tuple(body.describe() for body in scene.bodies),
+        effects=tuple(effect.describe() for effect in scene.effects),
+        unknowns=system.size,
+        method=choice.method,
+        why=choice.why,
+        absent=tuple(kind for kind, present in _KINDS if not present(system)),
+    )

@@ -1,0 +1,345 @@
+"""Static equilibrium with contact, from any starting set of closed contacts.
+
+The energy of a structure on contacts is convex, under both force laws. It is
+minimised in the space of the contact coordinates by Newton's method with an
+exact line search, which ends after finitely many steps; the vertical part of
+the jump law (the reaction may lie anywhere in [0, K0 gap] at the gap) is
+given a steep slope on the way and treated exactly at the end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vofem._validate import number
+from vofem.assembly import Model
+from vofem.bodies.base import Body
+from vofem.bodies.beam import Beam
+from vofem.errors import ArgumentError, ConvergenceError, SingularSystemError
+from vofem.scene import Scene, as_scene
+from vofem.system import CLOSED, OPEN, PINNED, ContactLaws, System
+
+Array = NDArray[np.float64]
+Status = NDArray[np.int64]
+
+_MOST_ITERATIONS = 500
+
+
+@dataclass(frozen=True)
+class StaticContact:
+    """A contact in equilibrium.
+
+    Attributes
+    ----------
+    force : float
+        In N, positive pushes the bodies apart.
+    status : str
+        "open", "closed" or "pinned": held at the gap between both force laws.
+    gap_function : float
+        s in m; positive is penetration.
+    """
+
+    force: float
+    status: str
+    gap_function: float
+
+    @property
+    def closed(self) -> bool:
+        """Whether the contact is closed."""
+        return self.status == "closed"
+
+    @property
+    def pinned(self) -> bool:
+        """Whether the contact is pinned."""
+        return self.status == "pinned"
+
+
+class Equilibrium:
+    """The outcome of `equilibrium`.
+
+    Attributes
+    ----------
+    contacts : dict of str to StaticContact
+    iterations : int
+        Newton steps of the contact solution.
+    notes : list of str
+    """
+
+    def __init__(
+        self, model: Model, q: Array, contacts: Mapping[str, StaticContact], iterations: int
+    ) -> None:
+        self._model = model
+        self._q = q
+        self.contacts = dict(contacts)
+        self.iterations = iterations
+        self.notes = [
+            f"contact {name!r} is pinned at its gap with a reaction of {contact.force:.6g} N: the load lies between "
+            "the open and the closed equilibrium of acts_on='displacement'"
+            for name, contact in self.contacts.items()
+            if contact.pinned
+        ]
+
+    def _body(self, body: Any) -> Body:
+        name = getattr(body, "name", body)
+        for candidate in self._model.offsets:
+            if candidate.name == name:
+                return candidate
+        raise ArgumentError(f"no body is named {name!r}; there are {[b.name for b in self._model.offsets]}")
+
+    def state_of(self, body_name: str) -> tuple[Array, Array]:
+        """Return a body's degrees of freedom and their rates (zero), each (size,); starts a scene from rest."""
+        values = self._model.of_body(self._body(body_name), self._q)
+        return values, np.zeros_like(values)
+
+    def displacement(self, point: Any) -> float:
+        """Return the displacement of a point in m."""
+        row = point.row()
+        return float(row.weights @ self._model.of_body(self._body(point.body), self._q)[row.indices])
+
+    def _field(self, x: ArrayLike, body: Any, derivative: int) -> tuple[Beam, Array]:
+        if body is None:
+            beams = [candidate for candidate in self._model.offsets if isinstance(candidate, Beam)]
+            if len(beams) != 1:
+                raise ArgumentError(f"the scene has {len(beams)} beams; say which one with body=")
+            body = beams[0]
+        beam = self._body(body)
+        if not isinstance(beam, Beam):
+            raise ArgumentError(f"{beam.describe()} has no deflection along x; use displacement(point)")
+        return beam, np.asarray(beam.field_matrix(x, derivative) @ self._model.of_body(beam, self._q))
+
+    def deflection(self, x: ArrayLike, body: Any = None) -> Array:
+        """Return eta in m, shape (len(x),)."""
+        return self._field(x, body, 0)[1]
+
+    def slope(self, x: ArrayLike, body: Any = None) -> Array:
+        """Return d(eta)/dx, shape (len(x),)."""
+        return self._field(x, body, 1)[1]
+
+    def bending_moment(self, x: ArrayLike, body: Any = None) -> Array:
+        """Return ``M = EI eta''`` in N m, shape (len(x),)."""
+        beam, curvature = self._field(x, body, 2)
+        return beam.bending_stiffness(x)[0] * curvature
+
+    def shear_force(self, x: ArrayLike, body: Any = None) -> Array:
+        """Return ``V = (EI eta'')'`` in N, shape (len(x),)."""
+        beam, curvature = self._field(x, body, 2)
+        stiffness, change = beam.bending_stiffness(x)
+        return stiffness * self._field(x, beam, 3)[1] + change * curvature
+
+
+def equilibrium(scene: Scene, t: float = 0.0) -> Equilibrium:
+    """Return the static equilibrium of a scene under its loads at time t.
+
+    Under ``acts_on="displacement"`` a load between the open and the closed
+    equilibrium pins the contact; it is returned so, with its reaction.
+
+    Parameters
+    ----------
+    scene : Scene
+    t : float
+        In s.
+
+    Raises
+    ------
+    SingularSystemError
+        If the structure, held by its supports and by the contacts that carry
+        load, can still move freely.
+    """
+    t = number("equilibrium: t", t)
+    model = as_scene("equilibrium", scene).model
+    system = model.system
+    force = system.force(t)
+    laws = system.contacts
+    if laws is None:
+        _check_held(scene, model, None)
+        return Equilibrium(model, _factorize(system.stiffness)(force), {}, 0)
+    if not laws.ideal:
+        k = int(np.argmax(np.isfinite(laws.resolution)))
+        raise ArgumentError(f"equilibrium needs ideal switches; Contact {laws.names[k]!r} has a resolved one")
+    _check_held(scene, model, laws.rows.toarray())
+    solver = _ContactSolver(system, laws, force)
+    status, iterations = solver.solve(np.full(len(laws), CLOSED if system.rigid.shape[1] else OPEN))
+    active = status != OPEN
+    _check_held(scene, model, laws.rows[active].toarray() if np.any(active) else None)
+    u, reaction = solver.exact(status)
+    q = solver.displacement(u, reaction)
+    names = {OPEN: "open", CLOSED: "closed", PINNED: "pinned"}
+    contacts = {
+        name: StaticContact(float(reaction[j]), names[int(status[j])], float(u[j] - laws.gap[j]))
+        for j, name in enumerate(laws.names)
+    }
+    return Equilibrium(model, q, contacts, iterations)
+
+
+def _check_held(scene: Scene, model: Model, rows: Array | None) -> None:
+    """Raise where a rigid motion is resisted neither by supports nor by the given contact rows."""
+    rigid = model.system.rigid
+    if not rigid.shape[1]:
+        return
+    held = np.zeros((1, rigid.shape[1])) if rows is None or not rows.size else rows @ rigid
+    _, values, right = np.linalg.svd(held)
+    rank = int(np.sum(values > 1e-10 * max(float(np.abs(held).max()), np.finfo(float).tiny)))
+    if rank == rigid.shape[1]:
+        return
+    loose = rigid @ right[rank]
+    full = np.abs(model.expand(loose[:, None])[:, 0])
+    weights = {body: full[start : start + body.size].max() for body, start in model.offsets.items()}
+    body = max(weights, key=lambda b: float(weights[b]))
+    by = "its supports" if model.system.contacts is None else "its supports and the contacts that carry load"
+    raise SingularSystemError(
+        f"{body.describe()} can move freely: {by} do not hold it, so it has no equilibrium. "
+        "Add a support or a spring; its motion in time can be simulated"
+    )
+
+
+def _factorize(matrix: Any) -> Any:
+    """Return a function that solves with a sparse symmetric matrix."""
+    from scipy.sparse.linalg import splu
+
+    try:
+        return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}).solve
+    except RuntimeError as error:
+        raise SingularSystemError(
+            f"the stiffness matrix is singular ({error}); hold the structure better"
+        ) from None
+
+
+class _ContactSolver:
+    """Equilibrium in the contact coordinates: ``u = u_f - G (R - shift u)``, R a law of u.
+
+    Where the structure is loose without contacts, all of them are first
+    closed (`shift`), so that a matrix can be factored; the shift is taken out
+    of the law again.
+    """
+
+    def __init__(self, system: System, laws: ContactLaws, force: Array) -> None:
+        from scipy.sparse import diags
+
+        self.laws = laws
+        stiffness = system.stiffness
+        self.shift = laws.stiffness if system.rigid.shape[1] else np.zeros(len(laws))
+        if system.rigid.shape[1]:
+            stiffness = stiffness + laws.rows.T @ diags(self.shift) @ laws.rows
+        self._solve = _factorize(stiffness)
+        self._force = force
+        self._columns = self._solve(laws.rows.T.toarray())
+        self.compliance = np.asarray(laws.rows @ self._columns)
+        self.free = np.asarray(laws.rows @ self._solve(force))
+
+    def _law(self, u: Array, ramp: Array) -> tuple[Array, Array, Array, Status]:
+        """Return reaction, tangent, and intercept with status, the jump replaced by a ramp of a given width."""
+        laws = self.laws
+        k, gap = laws.stiffness, laws.gap
+        s = u - gap
+        beyond = np.where(laws.jump, s > ramp, s > 0)
+        within = laws.jump & (s > 0) & ~beyond
+        safe = np.where(ramp > 0, ramp, 1.0)
+        steep = k * (gap + ramp) / safe
+        reaction = np.where(beyond, k * (u - laws.offset), np.where(within, steep * s, 0.0))
+        tangent = np.where(beyond, k, np.where(within, steep, 0.0))
+        status = np.where(beyond, CLOSED, np.where(within, PINNED, OPEN)).astype(np.int64)
+        return reaction, tangent, reaction - tangent * u, status
+
+    def solve(self, start: Status) -> tuple[Status, int]:
+        """Return the status in equilibrium and the number of Newton steps."""
+        laws = self.laws
+        total = 0
+        for width in (1e-6, 1e-9, 1e-12):
+            ramp = np.where(laws.jump, width * laws.gap, 0.0)
+            status, steps = self._newton(start, ramp)
+            total += steps
+            if self._consistent(status):
+                return status, total
+            start = status
+        raise ConvergenceError(
+            f"the contact equilibrium was not found in {total} steps; contacts {laws.names} with stiffness "
+            f"{laws.stiffness.tolist()} N/m may differ too much in magnitude"
+        )
+
+    def _newton(self, start: Status, ramp: Array) -> tuple[Status, int]:
+        """Minimise the convex energy; `w` is the force of the law with the shift taken out."""
+        laws, g = self.laws, self.compliance
+        tangent = np.where(start == OPEN, 0.0, laws.stiffness)
+        intercept = -tangent * laws.offset
+        u, w = self._linear(tangent, intercept)
+        for step in range(1, _MOST_ITERATIONS + 1):
+            reaction, tangent, intercept, status = self._law(u, ramp)
+            if np.all(
+                np.abs(reaction - self.shift * u - w) <= 1e-12 * (np.abs(reaction) + np.abs(w) + 1e-300)
+            ):
+                return status, step
+            u_new, w_new = self._linear(tangent, intercept)
+            du, dw = u_new - u, w_new - w
+            if np.array_equal(self._law(u_new, ramp)[3], status):
+                return status, step
+            length = self._line_search(u, w, du, dw, ramp)
+            u, w = u + length * du, w + length * dw
+        return self._law(u, ramp)[3], _MOST_ITERATIONS
+
+    def _linear(self, tangent: Array, intercept: Array) -> tuple[Array, Array]:
+        """Return u and w for ``R = tangent u + intercept``."""
+        slope = tangent - self.shift
+        # Contacts that carry nothing keep a trace of stiffness, so that a loose structure stays solvable.
+        trace = np.where((tangent == 0.0) & (self.shift > 0), 1e-12 * self.laws.stiffness, 0.0)
+        matrix = np.eye(slope.size) + self.compliance * (slope + trace)
+        u = np.linalg.solve(matrix, self.free - self.compliance @ intercept)
+        return u, slope * u + intercept
+
+    def _line_search(self, u: Array, w: Array, du: Array, dw: Array, ramp: Array) -> float:
+        """Return the minimum of the energy along a direction, by bisection on its monotone derivative."""
+
+        def derivative(x: float) -> float:
+            reaction = self._law(u + x * du, ramp)[0]
+            return float(du @ (reaction - self.shift * (u + x * du) - (w + x * dw)))
+
+        if derivative(1.0) <= 0.0:
+            return 1.0
+        low, high = 0.0, 1.0
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            if derivative(middle) > 0.0:
+                high = middle
+            else:
+                low = middle
+        return 0.5 * (low + high)
+
+    def exact(self, status: Status) -> tuple[Array, Array]:
+        """Return u and the reactions for a status, pinned contacts held at their gap exactly."""
+        laws, g = self.laws, self.compliance
+        m = len(laws)
+        closed, pinned = status == CLOSED, np.flatnonzero(status == PINNED)
+        tangent = np.where(closed, laws.stiffness, 0.0)
+        matrix = np.zeros((m + pinned.size, m + pinned.size))
+        matrix[:m, :m] = np.eye(m) + g * (tangent - self.shift)
+        matrix[:m, m:] = g[:, pinned]
+        matrix[m + np.arange(pinned.size), pinned] = 1.0
+        right = np.concatenate([self.free + g @ (tangent * laws.offset), laws.gap[pinned]])
+        solution = np.linalg.solve(matrix, right)
+        u = solution[:m]
+        reaction = tangent * (u - laws.offset)
+        reaction[pinned] = solution[m:]
+        u[pinned] = laws.gap[pinned]
+        return u, reaction
+
+    def _consistent(self, status: Status) -> bool:
+        """Return whether the exact solution for a status agrees with it, to rounding."""
+        laws = self.laws
+        try:
+            u, reaction = self.exact(status)
+        except np.linalg.LinAlgError:
+            return True  # a loose structure: the caller finds out and says so
+        slack = 1e-10 * (np.abs(laws.gap) + np.abs(u).max(initial=0.0))
+        s = u - laws.gap
+        jump = laws.stiffness * laws.gap
+        fine = np.where(status == CLOSED, s >= -slack, s <= slack)
+        held = (reaction >= -1e-10 * jump) & (reaction <= jump * (1.0 + 1e-10))
+        return bool(np.all(np.where(status == PINNED, held, fine)))
+
+    def displacement(self, u: Array, reaction: Array) -> Array:
+        """Return all free degrees of freedom, shape (n,)."""
+        return self._solve(self._force) - self._columns @ (reaction - self.shift * u)
