@@ -173,7 +173,7 @@ class SystemBuilder:
         for kind, matrix in (("mass", matrices.mass), ("stiffness", matrices.stiffness)):
             if not np.all(np.isfinite(matrix.data)):
                 raise ArgumentError(
-                    f"{body.describe()}: the {kind} matrix overflows; check the units of length, EI and rhoA"
+                    f"{body.label}: the {kind} matrix overflows; check the units of length, EI and rhoA"
                 )
         return matrices
 
@@ -190,9 +190,7 @@ class SystemBuilder:
         if b is None:
             return first
         second = self.row(b)
-        return Row(
-            np.concatenate([first.indices, second.indices]), np.concatenate([first.weights, -second.weights])
-        )
+        return Row(np.concatenate([first.indices, second.indices]), np.concatenate([first.weights, -second.weights]))
 
     # -- contributions ----------------------------------------------------------------------------
 

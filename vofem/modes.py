@@ -126,9 +126,7 @@ def _indices(scene: Scene, closed: Sequence[Any]) -> list[int]:
     for item in wanted:
         name = getattr(item, "name", item)
         if name not in names:
-            raise ArgumentError(
-                f"modes: no contact is named {name!r}; there are {names}{nearest(name, tuple(names))}"
-            )
+            raise ArgumentError(f"modes: no contact is named {name!r}; there are {names}{nearest(name, tuple(names))}")
         indices.append(names.index(name))
     return indices
 

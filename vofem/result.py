@@ -231,9 +231,7 @@ class Result:
         times = np.atleast_1d(array("t", t))
         end = self.solution.t_end
         if np.any(times < 0.0) or np.any(times > end * (1.0 + 1e-12)):
-            raise ArgumentError(
-                f"t reaches from {times.min():g} to {times.max():g} s, expected 0 to {end:g} s"
-            )
+            raise ArgumentError(f"t reaches from {times.min():g} to {times.max():g} s, expected 0 to {end:g} s")
         return self.solution.sample(np.minimum(times, end))
 
     def _body(self, body: Any) -> Body:
@@ -272,9 +270,7 @@ class Result:
     def state_of(self, body_name: str) -> tuple[Array, Array]:
         """Return a body's degrees of freedom and rates at the last time, each (size,); starts another scene."""
         body = self._body(body_name)
-        return self.model.of_body(body, self.samples.q[:, -1]), self.model.of_body(
-            body, self.samples.v[:, -1]
-        )
+        return self.model.of_body(body, self.samples.q[:, -1]), self.model.of_body(body, self.samples.v[:, -1])
 
     # -- fields -----------------------------------------------------------------------------------
 
@@ -286,7 +282,7 @@ class Result:
             return beams[0]
         beam = self._body(body)
         if not isinstance(beam, Beam):
-            raise ArgumentError(f"{beam.describe()} has no deflection along x; use displacement(point)")
+            raise ArgumentError(f"{beam.label} has no deflection along x; use displacement(point)")
         return beam
 
     def _field(self, x: ArrayLike, t: ArrayLike | None, body: Any, derivative: int) -> Array:
@@ -347,9 +343,7 @@ class Result:
         from vofem.reactions import support_reaction
 
         beam = self._beam(body)
-        return Reaction(
-            *support_reaction(self.model, beam, where, self.times, self.samples, self._contact_force())
-        )
+        return Reaction(*support_reaction(self.model, beam, where, self.times, self.samples, self._contact_force()))
 
     def _contact_force(self) -> Array | None:
         return None if self.model.system.contacts is None else self.contact_samples.force

@@ -19,9 +19,7 @@ def as_scene(what: str, value: Any) -> Scene:
     """Return `value` if it is a Scene, else raise `ArgumentError` naming `what`."""
     if isinstance(value, Scene):
         return value
-    raise ArgumentError(
-        f"{what}: scene is {value!r}, expected a vofem.Scene; put bodies and effects into one"
-    )
+    raise ArgumentError(f"{what}: scene is {value!r}, expected a vofem.Scene; put bodies and effects into one")
 
 
 class StateSource(Protocol):
@@ -71,28 +69,22 @@ class Scene:
                 raise ArgumentError(f"Scene: bodies holds {body!r}, expected a Beam or a Mass")
         for effect in self.effects:
             if not hasattr(effect, "compile") or not hasattr(effect, "points"):
-                raise ArgumentError(
-                    f"Scene: effects holds {effect!r}, expected a Contact, a load, a spring, ..."
-                )
+                raise ArgumentError(f"Scene: effects holds {effect!r}, expected a Contact, a load, a spring, ...")
         self._check_names("bodies", [body.name for body in self.bodies])
         self._check_names("contacts", [contact.name for contact in self.contacts])
         for effect in self.effects:
             for point in effect.points():
                 if point.body not in self.bodies:
-                    known = ", ".join(body.describe() for body in self.bodies)
+                    known = ", ".join(body.label for body in self.bodies)
                     raise ArgumentError(
                         f"{effect.describe()}: its body is not in the scene, which holds {known}; add it to bodies"
                     )
 
     @staticmethod
     def _check_names(what: str, names: list[str]) -> None:
-        twice = (
-            sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
-        )
+        twice = sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
         if twice:
-            raise ArgumentError(
-                f"Scene: {what} named {twice[0]!r} occur more than once; give each its own name"
-            )
+            raise ArgumentError(f"Scene: {what} named {twice[0]!r} occur more than once; give each its own name")
 
     @property
     def contacts(self) -> tuple[Contact, ...]:
@@ -133,14 +125,14 @@ class Scene:
             q, v = self.initial.state_of(body.name)
             if np.shape(q) != (body.size,):
                 raise ArgumentError(
-                    f"Scene: initial has {np.shape(q)[0]} degrees of freedom for {body.describe()}, "
+                    f"Scene: initial has {np.shape(q)[0]} degrees of freedom for {body.label}, "
                     f"expected {body.size}; start from a scene with the same mesh"
                 )
             return q, v
         value = self.initial[body]
         if not isinstance(value, (tuple, list)) or len(value) != 2:
             raise ArgumentError(
-                f"Scene: initial of {body.describe()} is {value!r}, expected a pair (displacement, velocity)"
+                f"Scene: initial of {body.label} is {value!r}, expected a pair (displacement, velocity)"
             )
         return (
             body.interpolate(value[0], "initial displacement"),

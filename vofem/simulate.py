@@ -71,9 +71,7 @@ def simulate(
     chosen = choose(system).method if method == "auto" else method
     if chosen not in METHODS:
         names = ("auto", *METHODS)
-        raise ArgumentError(
-            f"simulate: method is {method!r}, expected {one_of(names)}{nearest(method, names)}"
-        )
+        raise ArgumentError(f"simulate: method is {method!r}, expected {one_of(names)}{nearest(method, names)}")
     unknown = sorted(set(options) - set(_OPTIONS[chosen]))
     if unknown:
         raise ArgumentError(

@@ -70,9 +70,7 @@ class Equilibrium:
     notes : list of str
     """
 
-    def __init__(
-        self, model: Model, q: Array, contacts: Mapping[str, StaticContact], iterations: int
-    ) -> None:
+    def __init__(self, model: Model, q: Array, contacts: Mapping[str, StaticContact], iterations: int) -> None:
         self._model = model
         self._q = q
         self.contacts = dict(contacts)
@@ -109,7 +107,7 @@ class Equilibrium:
             body = beams[0]
         beam = self._body(body)
         if not isinstance(beam, Beam):
-            raise ArgumentError(f"{beam.describe()} has no deflection along x; use displacement(point)")
+            raise ArgumentError(f"{beam.label} has no deflection along x; use displacement(point)")
         return beam, np.asarray(beam.field_matrix(x, derivative) @ self._model.of_body(beam, self._q))
 
     def deflection(self, x: ArrayLike, body: Any = None) -> Array:
@@ -192,7 +190,7 @@ def _check_held(scene: Scene, model: Model, rows: Array | None) -> None:
     body = max(weights, key=lambda b: float(weights[b]))
     by = "its supports" if model.system.contacts is None else "its supports and the contacts that carry load"
     raise SingularSystemError(
-        f"{body.describe()} can move freely: {by} do not hold it, so it has no equilibrium. "
+        f"{body.label} can move freely: {by} do not hold it, so it has no equilibrium. "
         "Add a support or a spring; its motion in time can be simulated"
     )
 
@@ -204,9 +202,7 @@ def _factorize(matrix: Any) -> Any:
     try:
         return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}).solve
     except RuntimeError as error:
-        raise SingularSystemError(
-            f"the stiffness matrix is singular ({error}); hold the structure better"
-        ) from None
+        raise SingularSystemError(f"the stiffness matrix is singular ({error}); hold the structure better") from None
 
 
 class _ContactSolver:
@@ -263,15 +259,13 @@ class _ContactSolver:
 
     def _newton(self, start: Status, ramp: Array) -> tuple[Status, int]:
         """Minimise the convex energy; `w` is the force of the law with the shift taken out."""
-        laws, g = self.laws, self.compliance
+        laws = self.laws
         tangent = np.where(start == OPEN, 0.0, laws.stiffness)
         intercept = -tangent * laws.offset
         u, w = self._linear(tangent, intercept)
         for step in range(1, _MOST_ITERATIONS + 1):
             reaction, tangent, intercept, status = self._law(u, ramp)
-            if np.all(
-                np.abs(reaction - self.shift * u - w) <= 1e-12 * (np.abs(reaction) + np.abs(w) + 1e-300)
-            ):
+            if np.all(np.abs(reaction - self.shift * u - w) <= 1e-12 * (np.abs(reaction) + np.abs(w) + 1e-300)):
                 return status, step
             u_new, w_new = self._linear(tangent, intercept)
             du, dw = u_new - u, w_new - w
@@ -281,7 +275,7 @@ class _ContactSolver:
             u, w = u + length * du, w + length * dw
         return self._law(u, ramp)[3], _MOST_ITERATIONS
 
-    def _linear(self, tangent: Array, intercept: Array) -> tuple[Array, Array]:
+    def _linear(self, tangent: Array, intercept: Array) -> tuple[Any, Any]:
         """Return u and w for ``R = tangent u + intercept``."""
         slope = tangent - self.shift
         # Contacts that carry nothing keep a trace of stiffness, so that a loose structure stays solvable.

@@ -79,6 +79,10 @@ class Body(Protocol):
     def interpolate(self, field: Any, what: str) -> Array:
         """Return the degrees of freedom, shape (size,), of an initial field."""
 
+    @property
+    def label(self) -> str:
+        """Kind and name for messages, such as ``Beam 'deck'``."""
+
     def describe(self) -> str:
         """Return one line for `vofem.explain`."""
 

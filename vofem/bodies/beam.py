@@ -82,9 +82,7 @@ class Beam:
         self.rhoA = self._coefficient(f"{label}: rhoA", rhoA)
         self.tension = number(f"{label}: tension", tension)
         if supports is not None and not isinstance(supports, Mapping):
-            raise ArgumentError(
-                f"{label}: supports is {supports!r}, expected a dict such as {{'left': 'clamped'}}"
-            )
+            raise ArgumentError(f"{label}: supports is {supports!r}, expected a dict such as {{'left': 'clamped'}}")
         self.supports = {
             self._support_node(label, where): choice(f"{label}: support at {where!r}", kind, tuple(SUPPORTS))
             for where, kind in (supports or {}).items()
@@ -98,19 +96,15 @@ class Beam:
                 raise ArgumentError(f"{label}: elements is {elements}, expected 1 to {_MOST_ELEMENTS}")
             count = int(elements)
             self.origin = 0.0
-            self._arc = np.arange(count + 1) * (self.length / count)
+            self._arc: Array = np.arange(count + 1, dtype=float) * (self.length / count)
             self._arc[-1] = self.length
             self.element_lengths: Array = np.full(count, self.length / count)
             return
         if isinstance(elements, (float, str, bool)):
-            raise ArgumentError(
-                f"{label}: elements is {elements!r}, expected a whole number or the x of all nodes"
-            )
+            raise ArgumentError(f"{label}: elements is {elements!r}, expected a whole number or the x of all nodes")
         nodes = array(f"{label}: elements", elements)
         if nodes.ndim != 1 or nodes.size < 2:
-            raise ArgumentError(
-                f"{label}: elements has shape {nodes.shape}, expected the x of two or more nodes"
-            )
+            raise ArgumentError(f"{label}: elements has shape {nodes.shape}, expected the x of two or more nodes")
         lengths = np.diff(nodes)
         if np.any(lengths <= 0):
             k = int(np.argmax(lengths <= 0))
@@ -128,7 +122,7 @@ class Beam:
     @property
     def nodes(self) -> Array:
         """The x of all nodes in m, shape (n_elements + 1,)."""
-        return self.origin + self._arc
+        return np.asarray(self.origin + self._arc)
 
     @property
     def size(self) -> int:
@@ -161,9 +155,7 @@ class Beam:
             if where in named:
                 return named[where]
             names = tuple(named)
-            raise ArgumentError(
-                f"{label} is {where!r}, expected an x or {one_of(names)}{nearest(where, names)}"
-            )
+            raise ArgumentError(f"{label} is {where!r}, expected an x or {one_of(names)}{nearest(where, names)}")
         x = number(label, where)
         self._locate(label, x)
         return x
@@ -213,9 +205,7 @@ class Beam:
             return number(what, value, positive=True)
         values = array(what, value, shape=self.element_lengths.shape)
         if np.any(values <= 0):
-            raise ArgumentError(
-                f"{what} is {values.min():g} in element {values.argmin()}, expected a positive number"
-            )
+            raise ArgumentError(f"{what} is {values.min():g} in element {values.argmin()}, expected a positive number")
         return values
 
     def _values(self, what: str, function: Any, x: Array, *, positive: bool = True) -> Array:
@@ -223,9 +213,7 @@ class Beam:
         try:
             values = np.broadcast_to(np.asarray(function(x), dtype=float), x.shape)
         except (TypeError, ValueError) as error:
-            raise ArgumentError(
-                f"{what} must be a callable that takes an array of x; it raised: {error}"
-            ) from error
+            raise ArgumentError(f"{what} must be a callable that takes an array of x; it raised: {error}") from error
         bad = ~np.isfinite(values) | ((values <= 0) if positive else False)
         if np.any(bad):
             k = np.unravel_index(int(np.argmax(bad)), x.shape)
@@ -240,9 +228,7 @@ class Beam:
             return self._values(what, value, x, positive=positive)
         if np.ndim(value) == 0:
             return float(value)
-        return np.broadcast_to(
-            np.asarray(value)[:, None], (self.element_lengths.size, basis.X.shape[-1])
-        ).copy()
+        return np.broadcast_to(np.asarray(value)[:, None], (self.element_lengths.size, basis.X.shape[-1])).copy()
 
     def basis(self, *values: Any) -> Basis:
         """Return a scikit-fem basis whose quadrature suits coefficients like `values`."""
@@ -259,19 +245,13 @@ class Beam:
 
         basis = self.basis(self.EI, self.rhoA)
         label = f"Beam {self.name!r}"
-        stiffness = forms.bending.assemble(
-            basis, coefficient=self.at_quadrature(f"{label}: EI", self.EI, basis)
-        )
-        mass = forms.inertia.assemble(
-            basis, coefficient=self.at_quadrature(f"{label}: rhoA", self.rhoA, basis)
-        )
+        stiffness = forms.bending.assemble(basis, coefficient=self.at_quadrature(f"{label}: EI", self.EI, basis))
+        mass = forms.inertia.assemble(basis, coefficient=self.at_quadrature(f"{label}: rhoA", self.rhoA, basis))
         if self.tension:
             stiffness = stiffness + forms.string.assemble(basis, coefficient=self.tension)
         held = [2 * node + dof for node, kind in self.supports.items() for dof in SUPPORTS[kind]]
         scale = np.ones(self.size)
-        scale[1::2] = np.minimum(
-            np.append(self.element_lengths, np.inf), np.insert(self.element_lengths, 0, np.inf)
-        )
+        scale[1::2] = np.minimum(np.append(self.element_lengths, np.inf), np.insert(self.element_lengths, 0, np.inf))
         return BodyMatrices(
             mass=mass.tocsr(),
             stiffness=stiffness.tocsr(),
@@ -325,9 +305,7 @@ class Beam:
         """
         from scipy.sparse import csr_matrix
 
-        element, xi = self._locate(
-            f"a point of Beam {self.name!r}", np.atleast_1d(np.asarray(x, dtype=float))
-        )
+        element, xi = self._locate(f"a point of Beam {self.name!r}", np.atleast_1d(np.asarray(x, dtype=float)))
         h = self.element_lengths[element]
         weights = np.stack([hermite(i, xi, h, derivative) for i in range(4)], axis=1)
         columns = 2 * element[:, None] + np.arange(4)
@@ -402,9 +380,7 @@ class Beam:
         for node, kind in self.supports.items():
             x = self.nodes[node]
             if 0 in SUPPORTS[kind] and abs(values[node]) > 1e-9 * size:
-                raise ArgumentError(
-                    f"{label} is {values[node]:g} at x = {x:g} m, where the beam is {kind}; expected 0"
-                )
+                raise ArgumentError(f"{label} is {values[node]:g} at x = {x:g} m, where the beam is {kind}; expected 0")
             if 1 in SUPPORTS[kind]:
                 inward = 1.0 if node == 0 else -1.0
                 element = min(node, self.element_lengths.size - 1) if inward > 0 else node - 1
@@ -416,10 +392,15 @@ class Beam:
                         f"{label} has the slope {slope:g} at x = {x:g} m, where the beam is {kind}; expected 0"
                     )
 
+    @property
+    def label(self) -> str:
+        """Kind and name."""
+        return f"Beam {self.name!r}"
+
     def describe(self) -> str:
         """Return name, elements and supports."""
         held = ", ".join(f"{kind} at x = {self.nodes[node]:g}" for node, kind in self.supports.items())
-        return f"Beam {self.name!r}: {self.element_lengths.size} elements, {held or 'free'}"
+        return f"{self.label}: {self.element_lengths.size} elements, {held or 'free'}"
 
 
 class BeamPoint:

@@ -33,9 +33,7 @@ class Mass:
         For a value that is not finite, or a negative one.
     """
 
-    def __init__(
-        self, mass: float, stiffness: float = 0.0, damping: float = 0.0, name: str | None = None
-    ) -> None:
+    def __init__(self, mass: float, stiffness: float = 0.0, damping: float = 0.0, name: str | None = None) -> None:
         self.name = automatic_name(name, "Mass")
         self.mass = number(f"Mass {self.name!r}: mass", mass, positive=True)
         self.stiffness = number(f"Mass {self.name!r}: stiffness", stiffness, minimum=0)
@@ -88,6 +86,11 @@ class Mass:
             raise ArgumentError(f"{what} of Mass {self.name!r} is a callable, expected a number")
         return np.array([number(f"{what} of Mass {self.name!r}", field)])
 
-    def describe(self) -> str:
-        """Return its name."""
+    @property
+    def label(self) -> str:
+        """Kind and name."""
         return f"Mass {self.name!r}"
+
+    def describe(self) -> str:
+        """Return its name, as a point; what it is made of stands in its repr."""
+        return self.label

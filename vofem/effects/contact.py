@@ -91,9 +91,7 @@ class Contact:
             )
         self.acts_on = choice(f"{label}: acts_on", acts_on, ("displacement", "penetration"))
         if self.b is not None and side is not None:
-            raise ArgumentError(
-                f"{label}: side is {side!r}, but a contact between two points has none; remove it"
-            )
+            raise ArgumentError(f"{label}: side is {side!r}, but a contact between two points has none; remove it")
         if self.b is None and side is None:
             raise ArgumentError(f"{label}: side is missing, expected {one_of(('below', 'above'))} for a stop")
         self.side = None if side is None else choice(f"{label}: side", side, ("below", "above"))

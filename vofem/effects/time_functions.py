@@ -39,9 +39,7 @@ class Piece:
     slope: float = 0.0
 
     def __add__(self, other: Piece) -> Piece:
-        return Piece(
-            self.harmonics + other.harmonics, self.constant + other.constant, self.slope + other.slope
-        )
+        return Piece(self.harmonics + other.harmonics, self.constant + other.constant, self.slope + other.slope)
 
     def scaled(self, factor: float) -> Piece:
         """Return the piece times a number."""
@@ -125,6 +123,7 @@ class Sine(TimeFunction):
             object.__setattr__(self, name, number(f"Sine: {name}", getattr(self, name)))
 
     def __call__(self, t: ArrayLike) -> Array:
+        """Return the values at times t."""
         return self.amplitude * np.sin(self.omega * np.asarray(t, dtype=float) + self.phase)
 
     def derivative(self, t: ArrayLike, order: int = 1) -> Array:
@@ -154,6 +153,7 @@ class Constant(TimeFunction):
         object.__setattr__(self, "value", number("Constant: value", self.value))
 
     def __call__(self, t: ArrayLike) -> Array:
+        """Return the values at times t."""
         return np.full(np.shape(t), self.value)
 
     def derivative(self, t: ArrayLike, order: int = 1) -> Array:
@@ -189,11 +189,10 @@ class Ramp(TimeFunction):
         if self.stop is not None:
             object.__setattr__(self, "stop", number("Ramp: stop", self.stop))
             if self.stop <= self.start:
-                raise ArgumentError(
-                    f"Ramp: stop is {self.stop:g}, expected a time after start = {self.start:g}"
-                )
+                raise ArgumentError(f"Ramp: stop is {self.stop:g}, expected a time after start = {self.start:g}")
 
     def __call__(self, t: ArrayLike) -> Array:
+        """Return the values at times t."""
         end = np.inf if self.stop is None else self.stop
         return self.slope * np.clip(np.asarray(t, dtype=float) - self.start, 0.0, end - self.start)
 
@@ -228,6 +227,7 @@ class Pulse(TimeFunction):
         object.__setattr__(self, "duration", number("Pulse: duration", self.duration, positive=True))
 
     def __call__(self, t: ArrayLike) -> Array:
+        """Return the values at times t."""
         t = np.asarray(t, dtype=float)
         return np.where((t >= self.start) & (t < self.start + self.duration), self.amplitude, 0.0)
 
@@ -275,6 +275,7 @@ class Tabulated(TimeFunction):
         object.__setattr__(self, "values", values)
 
     def __call__(self, t: ArrayLike) -> Array:
+        """Return the values at times t."""
         return np.interp(np.asarray(t, dtype=float), self.t, self.values)
 
     def derivative(self, t: ArrayLike, order: int = 1) -> Array:
@@ -301,6 +302,7 @@ class Sum(TimeFunction):
     terms: tuple[TimeFunction, ...]
 
     def __call__(self, t: ArrayLike) -> Array:
+        """Return the values at times t."""
         return np.sum([term(t) for term in self.terms], axis=0)
 
     @property
@@ -332,6 +334,7 @@ class Scaled(TimeFunction):
     factor: float
 
     def __call__(self, t: ArrayLike) -> Array:
+        """Return the values at times t."""
         return self.factor * self.function(t)
 
     @property
@@ -361,6 +364,7 @@ class Arbitrary(TimeFunction):
     closed_form = False
 
     def __call__(self, t: ArrayLike) -> Array:
+        """Return the values at times t."""
         times = np.asarray(t, dtype=float)
         values = np.array([self._value(time) for time in times.ravel()])
         return values.reshape(times.shape)
@@ -379,6 +383,9 @@ class Arbitrary(TimeFunction):
                 "a division by zero or a table that ends too early is the usual cause"
             )
         return result
+
+    def __repr__(self) -> str:
+        return f"function {self._name}"
 
     @property
     def _name(self) -> str:

@@ -80,9 +80,7 @@ def literal(C0: float, s: ArrayLike, s0: float, t: float) -> tuple[Array, Array]
         wave = np.where(np.mod(beta, 1.0) == 0.0, 0.0, wave)
         small = beta < 0.5
         upper = -np.expm1(-s0 * s)
-        log = np.where(
-            small, -gammaln(np.where(small, upper, 1.0)), gammaln(beta) + np.log(np.abs(wave) / np.pi)
-        )
+        log = np.where(small, -gammaln(np.where(small, upper, 1.0)), gammaln(beta) + np.log(np.abs(wave) / np.pi))
         log = log - beta * np.log(t) + np.log(abs(C0))
         sign = np.sign(C0) * np.where(small, 1.0, np.sign(wave))
         lost = ~np.isfinite(beta) | (beta > 2.0**52)

@@ -69,9 +69,12 @@ class Solution(Protocol):
 
     t_end: float
     times: Array
-    events: Events
     counters: Counters
     notes: list[str]
+
+    @property
+    def events(self) -> Events:
+        """Contact events in order of time."""
 
     def sample(self, times: Array) -> Samples:
         """Return the motion at any times in [0, t_end]."""

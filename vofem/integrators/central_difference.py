@@ -18,6 +18,7 @@ N. M. Newmark's family at beta = 0, gamma = 1/2; R. W. Clough, J. Penzien, Dynam
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -93,9 +94,7 @@ class _Output(NamedTuple):
     dissipated: Array
 
 
-def run(
-    system: System, start: State, t_end: float, times: Array | None, dt: float | None = None
-) -> SteppedSolution:
+def run(system: System, start: State, t_end: float, times: Array | None, dt: float | None = None) -> SteppedSolution:
     """Simulate from the start state at t = 0 to t_end.
 
     Parameters
@@ -195,7 +194,7 @@ class _Run:
         cursor, done = 0, 0
         while done <= steps:
             count = min(_CHUNK, steps + 1 - done)
-            values = self._load_values(np.arange(done, done + count) * self.dt)
+            values = self._load_values(np.arange(done, done + count, dtype=float) * self.dt)
             cursor, events, happened = _advance(
                 self.matrices, self.contacts, self.loads, values, self.dt, done, count,
                 state, status, output, cursor,
@@ -286,7 +285,7 @@ def _contact_energy(laws: ContactLaws, u: Array) -> Array:
         # Panels between multiples of the switching length resolve the rise; beyond 40 of them K_eq is K0.
         s0 = laws.resolution[j]
         edges = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 40.0]) / s0
-        for low, high in zip(edges[:-1], edges[1:], strict=True):
+        for low, high in pairwise(edges):
             width = np.clip(s, low, high) - low
             at = low + 0.5 * width[:, None] * (1.0 + nodes)
             lever = at + laws.gap[j] - laws.offset[j]
@@ -316,7 +315,7 @@ def _advance(
     matrices: _Matrices, contacts: _Contacts, loads: Array, values: Array, dt: float, first: int, count: int,
     state: _State, status: IntArray, output: _Output, cursor: int,
 ) -> tuple[int, Array, int]:  # fmt: skip
-    """Advance `count` steps from step `first`; return the output cursor and the events as rows (time, contact, status)."""
+    """Advance `count` steps from step `first`; return the output cursor and events (time, contact, status)."""
     n, m = state.q.size, contacts.gap.size
     q, half = state.q, state.half
     damped = matrices.damping.shape[0] > 0
@@ -418,9 +417,7 @@ def _implicit_dampers(contacts: _Contacts, c_eq: Array, half_step: float, a: Arr
 
 
 @jit
-def _store(
-    output: _Output, cursor: int, t: float, dt: float, step: int, state: _State, v: Array, a: Array
-) -> int:
+def _store(output: _Output, cursor: int, t: float, dt: float, step: int, state: _State, v: Array, a: Array) -> int:
     """Store all times up to t: on the step as it is, inside it by the quintic through both ends."""
     while cursor < output.times.size and output.times[cursor] <= t + 1e-9 * dt:
         x = 1.0 - (t - output.times[cursor]) / dt

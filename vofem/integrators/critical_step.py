@@ -18,9 +18,7 @@ def highest_frequency(system: System) -> float:
     if laws is not None:
         from scipy.sparse import diags
 
-        slope = [
-            steepest(g, bool(j), s0) for g, j, s0 in zip(laws.gap, laws.jump, laws.resolution, strict=True)
-        ]
+        slope = [steepest(g, bool(j), s0) for g, j, s0 in zip(laws.gap, laws.jump, laws.resolution, strict=True)]
         stiffness = stiffness + laws.rows.T @ diags(laws.stiffness * np.array(slope)) @ laws.rows
     n = system.size
     if n <= _DENSE:
@@ -33,9 +31,7 @@ def highest_frequency(system: System) -> float:
     from scipy.sparse.linalg import eigsh
 
     start = np.random.default_rng(0).standard_normal(n)
-    top = eigsh(
-        stiffness.tocsc(), k=1, M=system.mass, which="LA", v0=start, tol=1e-6, return_eigenvectors=False
-    )[0]
+    top = eigsh(stiffness.tocsc(), k=1, M=system.mass, which="LA", v0=start, tol=1e-6, return_eigenvectors=False)[0]
     return float(np.sqrt(max(top, 0.0)) * (1.0 + 1e-5))
 
 

@@ -168,4 +168,4 @@ def storage_times(times: Array | None, dt: float, steps: int, size: int, notes: 
     kept = np.arange(0, steps + 1, stride)
     if kept[-1] != steps:
         kept = np.append(kept, steps)
-    return kept * dt
+    return np.asarray(kept * dt, dtype=float)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from vofem.linalg.jit import jit
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 
 @jit
@@ -41,7 +42,7 @@ def oscillator(delta: float, p: float, t: float) -> tuple[float, float]:
 
 
 @jit
-def _taylor(points: Array, count: int) -> complex:
+def _taylor(points: Complex, count: int) -> complex:
     """Return the divided difference of exp over `count` points that lie close together."""
     mean = 0.0 + 0.0j
     for i in range(count):
@@ -63,7 +64,7 @@ def _taylor(points: Array, count: int) -> complex:
 
 
 @jit
-def _spread(points: Array, count: int) -> tuple[int, int, float]:
+def _spread(points: Complex, count: int) -> tuple[int, int, float]:
     """Return the two points farthest apart and their distance."""
     far_i, far_j, far = 0, 0, 0.0
     for i in range(count):
@@ -75,7 +76,7 @@ def _spread(points: Array, count: int) -> tuple[int, int, float]:
 
 
 @jit
-def _without(points: Array, count: int, skip: int) -> Array:
+def _without(points: Complex, count: int, skip: int) -> Complex:
     rest = np.empty(count - 1, dtype=np.complex128)
     k = 0
     for i in range(count):
@@ -86,7 +87,7 @@ def _without(points: Array, count: int, skip: int) -> Array:
 
 
 @jit
-def _difference2(points: Array) -> complex:
+def _difference2(points: Complex) -> complex:
     i, j, far = _spread(points, 2)
     if far < 1.0:
         return _taylor(points, 2)
@@ -94,7 +95,7 @@ def _difference2(points: Array) -> complex:
 
 
 @jit
-def _difference3(points: Array) -> complex:
+def _difference3(points: Complex) -> complex:
     i, j, far = _spread(points, 3)
     if far < 1.0:
         return _taylor(points, 3)
@@ -103,7 +104,7 @@ def _difference3(points: Array) -> complex:
 
 
 @jit
-def _difference4(points: Array) -> complex:
+def _difference4(points: Complex) -> complex:
     i, j, far = _spread(points, 4)
     if far < 1.0:
         return _taylor(points, 4)

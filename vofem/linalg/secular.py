@@ -29,7 +29,7 @@ def _root(d: Array, w: Array, k: int) -> tuple[int, float]:
     last = k == m - 1
     if last:
         pole = k
-        low, high = 0.0, np.sum(w)
+        low, high = 0.0, float(np.sum(w))
         x = 0.5 * high
     else:
         half = 0.5 * (d[k + 1] - d[k])
@@ -91,7 +91,7 @@ def _root(d: Array, w: Array, k: int) -> tuple[int, float]:
                 new = 0.5 * (low + high)
         if new == x:
             return pole, x
-        x = new
+        x = float(new)
     return pole, x
 
 

@@ -8,6 +8,7 @@ critically damped) are integrated by Gauss-Legendre panels that resolve them.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -231,7 +232,7 @@ def _ramp_integral(mu: Complex, tau: Array) -> Complex:
         term = np.where(small, term * x / (k + 1), 0.0)
     safe = np.where(small, 1.0, x)
     plain = (safe * np.exp(safe) - np.expm1(safe)) / safe**2
-    return np.where(small, series, plain) * (tau**2)[:, None]
+    return np.asarray(np.where(small, series, plain) * (tau**2)[:, None])
 
 
 def _only(motion: Motion, keep: NDArray[np.bool_]) -> Motion:
@@ -239,9 +240,13 @@ def _only(motion: Motion, keep: NDArray[np.bool_]) -> Motion:
     spectrum = replace(motion.spectrum, delta=motion.spectrum.delta[keep], p=motion.spectrum.p[keep])
     number = np.cumsum(keep) - 1
     entries = keep[motion.special.block]
+    old = motion.special
     special = Special(
-        number[motion.special.block[entries]].astype(np.int64),
-        *(column[entries] for column in motion.special[1:]),
+        number[old.block[entries]].astype(np.int64),
+        old.exponent[entries],
+        old.g1[entries],
+        old.g2[entries],
+        old.ramp[entries],
     )
     return Motion(
         spectrum, motion.z[keep], motion.v[keep], motion.omega, motion.steady_z[keep], motion.steady_v[keep],
@@ -255,7 +260,7 @@ def _quickest(motion: Motion) -> float:
     return float(np.max(np.concatenate(rates)))
 
 
-def _quadrature(function, tau: Array, rate: float) -> Array:  # type: ignore[no-untyped-def]
+def _quadrature(function: Callable[[Array], Array], tau: Array, rate: float) -> Array:
     """Return the integral of a function from 0 to each tau, by panels shorter than 1/rate."""
     targets, inverse = np.unique(np.append(tau, 0.0), return_inverse=True)
     widths = np.diff(targets)

@@ -107,9 +107,7 @@ class Motion:
         return self.spectrum.to_modes(*self.blocks(tau))
 
 
-def start_motion(
-    spectrum: Spectrum, displacement: Array, velocity: Array, forcing: Forcing, horizon: float
-) -> Motion:
+def start_motion(spectrum: Spectrum, displacement: Array, velocity: Array, forcing: Forcing, horizon: float) -> Motion:
     """Return the motion that starts from a modal state under a forcing.
 
     Parameters

@@ -57,9 +57,7 @@ def refusal(system: System) -> str | None:
     return None
 
 
-def run(
-    system: System, start: State, t_end: float, times: Array, max_events: int = MOST_EVENTS
-) -> EventSolution:
+def run(system: System, start: State, t_end: float, times: Array, max_events: int = MOST_EVENTS) -> EventSolution:
     """Simulate from the start state at t = 0 to t_end.
 
     Parameters
@@ -133,9 +131,7 @@ def _storm(system: System, solution: EventSolution, t: float, limit: int) -> str
 class EventSolution:
     """The run as a sequence of linear segments, each known in closed form."""
 
-    def __init__(
-        self, system: System, space: ModalSpace, t_end: float, times: Array, counters: Counters
-    ) -> None:
+    def __init__(self, system: System, space: ModalSpace, t_end: float, times: Array, counters: Counters) -> None:
         self.t_end = t_end
         self.times = times
         self.counters = counters
@@ -228,11 +224,7 @@ class EventSolution:
             closed = status == CLOSED
             constant += (laws.stiffness * laws.offset * closed) @ space.contacts
         omega = np.array(list(harmonics))
-        waves = (
-            np.stack(list(harmonics.values()), axis=1)
-            if harmonics
-            else np.zeros((space.size, 0), dtype=complex)
-        )
+        waves = np.stack(list(harmonics.values()), axis=1) if harmonics else np.zeros((space.size, 0), dtype=complex)
         return Forcing(omega, waves, constant, slope)
 
     def visit(self, times: Array) -> list[tuple[int, NDArray[np.int64], Array]]:

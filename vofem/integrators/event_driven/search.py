@@ -82,9 +82,7 @@ class _Point(NamedTuple):
     rate: Array
 
 
-def next_event(
-    functions: EventFunctions, motion: Motion, duration: float
-) -> tuple[float, NDArray[np.bool_], int]:
+def next_event(functions: EventFunctions, motion: Motion, duration: float) -> tuple[float, NDArray[np.bool_], int]:
     """Return the first time at which a function becomes positive.
 
     Parameters
@@ -146,9 +144,7 @@ def _evaluate(tau: float, watch: _Watch, flow: _Flow, at: _Point) -> None:
         vdot[k] = 0.0
     for e in range(flow.block.size):
         k = flow.block[e]
-        dz, dv = special_response(
-            flow.delta[k], flow.p[k], flow.exponent[e], flow.g1[e], flow.g2[e], flow.ramp[e], tau
-        )
+        dz, dv = special_response(flow.delta[k], flow.p[k], flow.exponent[e], flow.g1[e], flow.g2[e], flow.ramp[e], tau)
         z[k] += dz
         v[k] += dv
         wave = complex(tau, 0.0) if flow.ramp[e] else np.exp(flow.exponent[e] * tau)

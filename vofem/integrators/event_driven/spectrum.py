@@ -14,6 +14,7 @@ updates; the others need complex modes, written as real blocks all the same.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -135,7 +136,7 @@ class Spectrum:
             return z, v
         return self.modes @ z, self.modes @ v
 
-    def inputs(self, force: Array) -> tuple[Array, Array]:
+    def inputs(self, force: Any) -> tuple[Any, Any]:
         """Return block inputs (g1, g2) of a modal force, shape (n,), real or complex."""
         if self.into is not None:
             both = self.into[:, self.p.size :] @ force
