@@ -45,9 +45,7 @@ def paper_beam(
     tip = beam.at(1.0)
     effects: list[Any] = [vf.PointLoad(tip, vf.Sine(0.1, 1.0) if load is None else load), *extra]
     if contact:
-        effects.insert(
-            0, vf.Contact(tip, gap=gap, stiffness=stiffness, side="below", acts_on=acts_on, name="stop")
-        )
+        effects.insert(0, vf.Contact(tip, gap=gap, stiffness=stiffness, side="below", acts_on=acts_on, name="stop"))
     return beam, vf.Scene([beam], effects)
 
 
@@ -62,8 +60,6 @@ def two_masses(case: str, acts_on: str, *, damping: float = 0.0) -> tuple[vf.Mas
     """The paper's two masses (section 4.1)."""
     first = vf.Mass(1.0, stiffness=1.0, damping=0.1, name="first")
     second = vf.Mass(1.0, stiffness=1.0, damping=0.4, name="second")
-    contact = vf.Contact(
-        first, second, gap=5.0, stiffness=2.0, damping=damping, acts_on=acts_on, name="contact"
-    )
+    contact = vf.Contact(first, second, gap=5.0, stiffness=2.0, damping=damping, acts_on=acts_on, name="contact")
     loads = [vf.PointLoad(m, f) for m, f in zip((first, second), FORCES[case], strict=True) if f is not None]
     return first, second, vf.Scene([first, second], [contact, *loads], initial={first: (0.0, -1.0)})

@@ -194,15 +194,11 @@ def test_cantilever_that_hits_a_stop_as_published():
 @pytest.mark.parametrize(("kappa", "root"), [(1.0, 2.0100033224), (1e3, 3.8978008052)])
 def test_beam_with_a_closed_contact_at_its_tip(kappa, root):
     def characteristic(b):
-        return b**3 * (1.0 + np.cos(b) * np.cosh(b)) + kappa * (
-            np.sin(b) * np.cosh(b) - np.cos(b) * np.sinh(b)
-        )
+        return b**3 * (1.0 + np.cos(b) * np.cosh(b)) + kappa * (np.sin(b) * np.cosh(b) - np.cos(b) * np.sinh(b))
 
     assert brentq(characteristic, root - 0.1, root + 0.1, xtol=1e-14) == pytest.approx(root, abs=1e-10)
     beam = vf.Beam(1.0, 1.0, 1.0, 25, {"left": "clamped"})
-    stop = vf.Contact(
-        beam.at(1.0), gap=0.03, stiffness=kappa, side="below", acts_on="displacement", name="stop"
-    )
+    stop = vf.Contact(beam.at(1.0), gap=0.03, stiffness=kappa, side="below", acts_on="displacement", name="stop")
     scene = vf.Scene([beam], [stop])
     assert np.sqrt(vf.modes(scene, 1, closed=["stop"]).omega[0]) == pytest.approx(root, rel=4e-7)
     assert np.sqrt(vf.modes(scene, 1).omega[0]) == pytest.approx(1.875104068712, rel=1e-7)

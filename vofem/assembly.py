@@ -147,6 +147,8 @@ class SystemBuilder:
         self.offsets: dict[Body, int] = {}
         self._mass, self._stiffness, self._damping = _Triplets(), _Triplets(), _Triplets()
         self._attached = _Triplets()
+        self._springs: list[tuple[Row, float]] = []
+        self._plain_stiffness = False
         self._rayleigh: tuple[float, float] | None = None
         self._modal: float | None = None
         self._loads: list[Load] = []
@@ -197,10 +199,12 @@ class SystemBuilder:
     def add_stiffness(self, row: Row, stiffness: float) -> None:
         """Add ``stiffness * b b'`` to K."""
         self._attached.add_rank_one(row, stiffness)
+        self._springs.append((row, stiffness))
 
     def add_body_stiffness(self, body: Body, matrix: Any) -> None:
         """Add a matrix over one body's degrees of freedom to K."""
         self._attached.add_matrix(matrix, self.offsets[body])
+        self._plain_stiffness = True
 
     def add_damping(self, row: Row, damping: float) -> None:
         """Add ``damping * b b'`` to C."""
@@ -273,10 +277,27 @@ class SystemBuilder:
             loads=tuple(Load(load.vector[free], load.function, load.name) for load in self._loads),
             contacts=contacts,
             scale=self._scale[free],
+            strain=self._strain_rows(free),
             rigid=self._rigid_motions(attached)[free],
         )
         vectors = tuple(load.vector for load in self._loads)
         return Model(system, self.offsets, free, mass, stiffness, damping, vectors, contact_rows)
+
+    def _strain_rows(self, free: IntArray) -> csr_matrix | None:
+        """Return D with ``K = D'D`` over the free degrees of freedom, or None."""
+        from scipy.sparse import block_diag, csr_matrix, vstack
+
+        rows = [body.strain_rows() for body in self.offsets]
+        if any(row is None for row in rows) or self._plain_stiffness:
+            return None
+        whole = rows[0] if len(rows) == 1 else block_diag(rows, format="csr")
+        if self._springs:
+            count = len(self._springs)
+            indices = np.concatenate([row.indices for row, _ in self._springs])
+            weights = np.concatenate([np.sqrt(k) * row.weights for row, k in self._springs])
+            ends = np.cumsum([0, *(row.indices.size for row, _ in self._springs)])
+            whole = vstack([whole, csr_matrix((weights, indices, ends), shape=(count, self.size))], format="csr")
+        return whole[:, free] if free.size < self.size else whole
 
     def _rigid_motions(self, attached: csr_matrix | None) -> Array:
         """Return a basis, shape (N, r), of the motions that strain nothing and violate no support.

@@ -98,21 +98,23 @@ def modes(scene: Scene, count: int = 6, closed: Sequence[Any] = ()) -> Modes:
     if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 1:
         raise ArgumentError(f"modes: count is {count!r}, expected a positive whole number")
     system = as_scene("modes", scene).model.system
-    stiffness, rigid = system.stiffness, system.rigid
+    stiffness, rigid, strain = system.stiffness, system.rigid, system.strain
     chosen = _indices(scene, closed)
     if chosen:
-        from scipy.sparse import diags
+        from scipy.sparse import diags, vstack
 
         laws = system.contacts
         assert laws is not None
         rows = laws.rows[chosen]
         stiffness = stiffness + rows.T @ diags(laws.stiffness[chosen]) @ rows
+        if strain is not None:
+            strain = vstack([strain, diags(np.sqrt(laws.stiffness[chosen])) @ rows], format="csr")
         if rigid.shape[1]:
             _, values, right = np.linalg.svd(rows @ rigid)
             rank = int(np.sum(values > 1e-10 * values[0])) if values.size else 0
             rigid = rigid @ right[rank:].T
     if system.size <= _DENSE:
-        squares, shapes = modal_basis(system.mass, stiffness, system.scale, rigid)
+        squares, shapes = modal_basis(system.mass, stiffness, system.scale, rigid, strain)
     else:
         squares, shapes = _lowest(system.mass, stiffness, rigid, min(count, system.size - 2))
     count = min(count, squares.size)

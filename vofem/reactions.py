@@ -48,7 +48,7 @@ def _residual(model: Model, dof: int, times: Array, samples: Samples, contact_fo
     if system.modal_damping is not None:
         from vofem.linalg.eigen import modal_basis
 
-        squares, shapes = modal_basis(system.mass, system.stiffness, system.scale, system.rigid)
+        squares, shapes = modal_basis(system.mass, system.stiffness, system.scale, system.rigid, system.strain)
         rates = shapes.T @ (system.mass @ samples.v)
         force = shapes @ (2.0 * system.modal_damping * np.sqrt(squares)[:, None] * rates)
         total = total + model.mass[[dof]][:, model.free] @ force

@@ -107,6 +107,9 @@ class System:
         make it diagonal, which rounding in a product of matrices would spoil.
     modal_damping : float, optional
         Adds this ratio of critical damping to every mode of (K, M).
+    strain : csr_matrix, shape (n_strains, n), optional
+        D with ``K = D'D``, so that energies keep digits that products with K
+        lose; None where K is no sum of squares.
     rigid : ndarray, shape (n, r)
         A basis of the motions without strain energy, known from kinematics; r is mostly 0.
     loads : tuple of Load
@@ -123,6 +126,7 @@ class System:
     loads: tuple[Load, ...]
     contacts: ContactLaws | None
     scale: Array
+    strain: csr_matrix | None
     rigid: Array
 
     @property

@@ -70,6 +70,9 @@ class Body(Protocol):
     def matrices(self) -> BodyMatrices:
         """Return mass, stiffness, damping and supports."""
 
+    def strain_rows(self) -> csr_matrix | None:
+        """Return D, shape (n_strains, size), with stiffness ``D'D``; None where K is no sum of squares."""
+
     def translation(self) -> Array:
         """Return the degrees of freedom, shape (size,), of a unit displacement upward as a rigid body."""
 

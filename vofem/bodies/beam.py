@@ -264,6 +264,35 @@ class Beam:
         """Return mass and stiffness over all nodes, and the supported degrees of freedom."""
         return self._matrices
 
+    def strain_rows(self) -> csr_matrix | None:
+        """Return strains whose squares sum to twice the energy; None under an axial force.
+
+        Of an element with constant EI they are the difference of its slopes
+        and its deviation from a parabola, both free of the cancellation in K.
+        """
+        from scipy.sparse import csr_matrix
+
+        if self.tension:
+            return None
+        h = self.element_lengths
+        if callable(self.EI):
+            nodes, weights = np.polynomial.legendre.leggauss(_VARIABLE_ORDER // 2 + 1)
+            xi = 0.5 * (1.0 + nodes)
+            x = self.origin + self._arc[:-1, None] + xi * h[:, None]
+            root = np.sqrt(self._values(f"{self.label}: EI", self.EI, x) * 0.5 * weights * h[:, None])
+            entries = np.stack([root * hermite(i, xi, h[:, None], 2) for i in range(4)], axis=-1)
+        else:
+            stiffness = np.broadcast_to(np.asarray(self.EI, dtype=float), h.shape)
+            entries = np.zeros((h.size, 2, 4))
+            entries[:, 0] = np.sqrt(12.0 * stiffness / h**3)[:, None] * np.stack(
+                [np.ones_like(h), 0.5 * h, -np.ones_like(h), 0.5 * h], axis=1
+            )
+            entries[:, 1, 1] = np.sqrt(stiffness / h)
+            entries[:, 1, 3] = -entries[:, 1, 1]
+        rows = entries.shape[0] * entries.shape[1]
+        columns = np.repeat(2 * np.arange(h.size), entries.shape[1])[:, None] + np.arange(4)
+        return csr_matrix((entries.ravel(), columns.ravel(), 4 * np.arange(rows + 1)), shape=(rows, self.size))
+
     def load_vector(self, p: Any) -> Array:
         """Return the consistent load vector, shape (size,), of a force per length p (number or callable, N/m)."""
         from vofem.bodies import hermite as forms
@@ -305,12 +334,23 @@ class Beam:
         """
         from scipy.sparse import csr_matrix
 
+        columns, weights = self._cubics(x, derivative)
+        count = weights.shape[0]
+        ends = 4 * np.arange(count + 1)
+        return csr_matrix((weights.ravel(), columns.ravel(), ends), shape=(count, self.size))
+
+    def _cubics(self, x: ArrayLike, derivative: int) -> tuple[IntArray, Array]:
+        """Return degrees of freedom and weights of a derivative of eta at x, each of shape (len(x), 4)."""
         element, xi = self._locate(f"a point of Beam {self.name!r}", np.atleast_1d(np.asarray(x, dtype=float)))
         h = self.element_lengths[element]
         weights = np.stack([hermite(i, xi, h, derivative) for i in range(4)], axis=1)
-        columns = 2 * element[:, None] + np.arange(4)
-        rows = np.repeat(np.arange(xi.size), 4)
-        return csr_matrix((weights.ravel(), (rows, columns.ravel())), shape=(xi.size, self.size))
+        return 2 * element[:, None] + np.arange(4), weights
+
+    def row_at(self, x: float, derivative: int = 0) -> Row:
+        """Return the row of eta or of a derivative at x; one entry at a node, four between nodes."""
+        columns, weights = self._cubics([x], derivative)
+        keep: NDArray[np.bool_] = weights[0] != 0.0
+        return Row(columns[0][keep], weights[0][keep])
 
     def bending_stiffness(self, x: ArrayLike) -> tuple[Array, Array]:
         """Return EI and its derivative d(EI)/dx at x (m), each of shape (k,); at a node, to its right."""
@@ -417,18 +457,13 @@ class BeamPoint:
         self.body = body
         self.x = x
 
-    def _row(self, derivative: int) -> Row:
-        matrix = self.body.field_matrix([self.x], derivative)
-        keep: NDArray[np.bool_] = matrix.data != 0.0
-        return Row(matrix.indices[keep].astype(np.int64), matrix.data[keep])
-
     def row(self) -> Row:
         """Return the row of eta: one entry at a node, four between nodes."""
-        return self._row(0)
+        return self.body.row_at(self.x)
 
     def slope_row(self) -> Row:
         """Return the row of the slope."""
-        return self._row(1)
+        return self.body.row_at(self.x, 1)
 
     def __repr__(self) -> str:
         return f"{self.body!r}.at({self.x:g})"

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from vofem._validate import number
 from vofem.bodies.base import Array, BodyMatrices, Row, automatic_name
 from vofem.errors import ArgumentError
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
 
 
 class Mass:
@@ -71,6 +74,12 @@ class Mass:
     def slope_row(self) -> Row:
         """Refuse: a mass has no slope."""
         raise ArgumentError(f"Mass {self.name!r} has no slope; moments and rotational springs need a beam")
+
+    def strain_rows(self) -> csr_matrix:
+        """Return the root of the stiffness."""
+        from scipy.sparse import csr_matrix
+
+        return csr_matrix([[np.sqrt(self.stiffness)]])
 
     def translation(self) -> Array:
         """Return one."""

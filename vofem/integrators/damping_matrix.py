@@ -32,7 +32,7 @@ def damping_matrix(system: System, counters: Counters) -> Any:
 
     from vofem.linalg.eigen import modal_basis
 
-    squares, shapes = modal_basis(system.mass, system.stiffness, system.scale, system.rigid)
+    squares, shapes = modal_basis(system.mass, system.stiffness, system.scale, system.rigid, system.strain)
     counters.eigensolves += 1
     momentum = system.mass @ shapes
     full = (momentum * (2.0 * system.modal_damping * np.sqrt(squares))) @ momentum.T

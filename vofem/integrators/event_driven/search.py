@@ -27,9 +27,6 @@ Complex = NDArray[np.complex128]
 #: Event functions are known to this many units of rounding of their largest terms.
 _ROUNDING = 64.0 * float(np.finfo(float).eps)
 
-#: Ratio of frequencies between two levels of the amplitude bound.
-_LEVEL_RATIO = 6.0
-
 
 @dataclass(frozen=True)
 class EventFunctions:
@@ -110,24 +107,12 @@ def next_event(functions: EventFunctions, motion: Motion, duration: float) -> tu
         poly = poly + u @ motion.poly_v
         steady = steady + u @ motion.steady_v
     poly[:, 0] -= functions.constant
-    frequency = np.sqrt(spectrum.p)
     watch = _Watch(w, u, poly, steady, np.abs(functions.constant))
     flow = _Flow(
-        spectrum.delta, spectrum.p, frequency, motion.z, motion.v, motion.omega,
+        spectrum.delta, spectrum.p, spectrum.frequency, motion.z, motion.v, motion.omega,
         motion.special.block, motion.special.exponent, motion.special.g1, motion.special.g2, motion.special.ramp,
     )  # fmt: skip
-    return _march(watch, flow, _levels(frequency), duration)
-
-
-def _levels(frequency: Array) -> NDArray[np.int64]:
-    """Return block counts: up to each of them blocks may count as slow. The last is all."""
-    n = frequency.size
-    positive = frequency[frequency > 0]
-    if positive.size < 2:
-        return np.array([n], dtype=np.int64)
-    count = int(np.ceil(np.log(positive[-1] / positive[0]) / np.log(_LEVEL_RATIO)))
-    edges = positive[0] * _LEVEL_RATIO ** np.arange(1, min(count, 40))
-    return np.unique(np.append(np.searchsorted(frequency, edges), n)).astype(np.int64)
+    return _march(watch, flow, spectrum.levels, duration)
 
 
 @jit

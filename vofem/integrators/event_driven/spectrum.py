@@ -14,6 +14,7 @@ updates; the others need complex modes, written as real blocks all the same.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,9 @@ Array = NDArray[np.float64]
 
 #: Damping counts as classical while its off-diagonal part stays below this fraction.
 _CLASSICAL = 1e-13
+
+#: Ratio of frequencies between two levels of a spectrum.
+_LEVEL_RATIO = 6.0
 
 #: Condition number of complex eigenvectors beyond which a solution would lose too many digits.
 _WORST_CONDITION = 1e9
@@ -68,7 +72,7 @@ class ModalSpace:
 
 def modal_space(system: System, counters: Counters) -> ModalSpace:
     """Solve the contact-free eigenproblem and express all rows in its modes."""
-    squares, shapes = modal_basis(system.mass, system.stiffness, system.scale, system.rigid)
+    squares, shapes = modal_basis(system.mass, system.stiffness, system.scale, system.rigid, system.strain)
     counters.eigensolves += 1
     n = squares.size
     damping, coupling = np.zeros(n), None
@@ -112,6 +116,21 @@ class Spectrum:
     modes: Array | None = None
     out: Array | None = None
     into: Array | None = None
+
+    @cached_property
+    def frequency(self) -> Array:
+        """Undamped frequency of each block in rad/s, ascending, shape (n,)."""
+        return np.sqrt(self.p)
+
+    @cached_property
+    def levels(self) -> NDArray[np.int64]:
+        """Block counts at which the frequency has grown by another factor; the last is all blocks."""
+        positive = self.frequency[self.frequency > 0]
+        if positive.size < 2:
+            return np.array([self.p.size], dtype=np.int64)
+        count = int(np.ceil(np.log(positive[-1] / positive[0]) / np.log(_LEVEL_RATIO)))
+        edges = positive[0] * _LEVEL_RATIO ** np.arange(1, min(count, 40))
+        return np.unique(np.append(np.searchsorted(self.frequency, edges), self.p.size)).astype(np.int64)
 
     @property
     def classical(self) -> bool:
