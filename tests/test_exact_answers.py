@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scenes import published, quantity, two_masses
@@ -125,7 +127,7 @@ def test_newtons_cradle():
     masses = [vf.Mass(1.0) for _ in range(count)]
     contacts = [
         vf.Contact(a, b, gap=gap, stiffness=stiffness, acts_on="penetration", name=f"c{i}")
-        for i, (a, b) in enumerate(zip(masses[:-1], masses[1:], strict=True))
+        for i, (a, b) in enumerate(pairwise(masses))
     ]
     result = vf.simulate(vf.Scene(masses, contacts, initial={masses[0]: (0.0, speed)}), 0.1)
     w = np.sqrt(2.0 * stiffness)

@@ -287,8 +287,8 @@ class SystemBuilder:
         """Return D with ``K = D'D`` over the free degrees of freedom, or None."""
         from scipy.sparse import block_diag, csr_matrix, vstack
 
-        rows = [body.strain_rows() for body in self.offsets]
-        if any(row is None for row in rows) or self._plain_stiffness:
+        rows = [row for body in self.offsets if (row := body.strain_rows()) is not None]
+        if len(rows) < len(self.offsets) or self._plain_stiffness:
             return None
         whole = rows[0] if len(rows) == 1 else block_diag(rows, format="csr")
         if self._springs:

@@ -161,9 +161,14 @@ def equilibrium(scene: Scene, t: float = 0.0) -> Equilibrium:
         raise ArgumentError(f"equilibrium needs ideal switches; Contact {laws.names[k]!r} has a resolved one")
     _check_held(scene, model, laws.rows.toarray())
     solver = _ContactSolver(system, laws, force)
-    status, iterations = solver.solve(np.full(len(laws), CLOSED if system.rigid.shape[1] else OPEN))
+    status, iterations, found = solver.solve(np.full(len(laws), CLOSED if system.rigid.shape[1] else OPEN))
     active = status != OPEN
     _check_held(scene, model, laws.rows[active].toarray() if np.any(active) else None)
+    if not found:
+        raise ConvergenceError(
+            f"the contact equilibrium was not found in {iterations} steps; contacts {laws.names} with stiffness "
+            f"{laws.stiffness.tolist()} N/m may differ too much in magnitude"
+        )
     u, reaction = solver.exact(status)
     q = solver.displacement(u, reaction)
     names = {OPEN: "open", CLOSED: "closed", PINNED: "pinned"}
@@ -241,8 +246,8 @@ class _ContactSolver:
         status = np.where(beyond, CLOSED, np.where(within, PINNED, OPEN)).astype(np.int64)
         return reaction, tangent, reaction - tangent * u, status
 
-    def solve(self, start: Status) -> tuple[Status, int]:
-        """Return the status in equilibrium and the number of Newton steps."""
+    def solve(self, start: Status) -> tuple[Status, int, bool]:
+        """Return the status in equilibrium, the number of Newton steps and whether they ended there."""
         laws = self.laws
         total = 0
         for width in (1e-6, 1e-9, 1e-12):
@@ -250,12 +255,9 @@ class _ContactSolver:
             status, steps = self._newton(start, ramp)
             total += steps
             if self._consistent(status):
-                return status, total
+                return status, total, True
             start = status
-        raise ConvergenceError(
-            f"the contact equilibrium was not found in {total} steps; contacts {laws.names} with stiffness "
-            f"{laws.stiffness.tolist()} N/m may differ too much in magnitude"
-        )
+        return status, total, False
 
     def _newton(self, start: Status, ramp: Array) -> tuple[Status, int]:
         """Minimise the convex energy; `w` is the force of the law with the shift taken out."""

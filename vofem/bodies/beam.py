@@ -245,8 +245,12 @@ class Beam:
 
         basis = self.basis(self.EI, self.rhoA)
         label = f"Beam {self.name!r}"
-        stiffness = forms.bending.assemble(basis, coefficient=self.at_quadrature(f"{label}: EI", self.EI, basis))
-        mass = forms.inertia.assemble(basis, coefficient=self.at_quadrature(f"{label}: rhoA", self.rhoA, basis))
+        bending = self.at_quadrature(f"{label}: EI", self.EI, basis)
+        inertia = self.at_quadrature(f"{label}: rhoA", self.rhoA, basis)
+        # What overflows here is found, and named, when the matrices are gathered.
+        with np.errstate(over="ignore", invalid="ignore"):
+            stiffness = forms.bending.assemble(basis, coefficient=bending)
+            mass = forms.inertia.assemble(basis, coefficient=inertia)
         if self.tension:
             stiffness = stiffness + forms.string.assemble(basis, coefficient=self.tension)
         held = [2 * node + dof for node, kind in self.supports.items() for dof in SUPPORTS[kind]]
@@ -264,6 +268,7 @@ class Beam:
         """Return mass and stiffness over all nodes, and the supported degrees of freedom."""
         return self._matrices
 
+    @np.errstate(over="ignore")
     def strain_rows(self) -> csr_matrix | None:
         """Return strains whose squares sum to twice the energy; None under an axial force.
 

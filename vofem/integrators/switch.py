@@ -25,7 +25,8 @@ def contact_stiffness(stiffness: float, s: float, s0: float) -> float:
     if s <= 0.0:
         return 0.0
     rise = -np.expm1(-s0 * s)
-    return stiffness / math.gamma(rise) if rise > 1e-300 else 0.0
+    # 1/Gamma(x) is x where the gamma function itself would overflow.
+    return stiffness / math.gamma(rise) if rise > 1e-150 else stiffness * rise
 
 
 def steepest(gap: float, jump: bool, s0: float) -> float:

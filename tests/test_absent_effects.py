@@ -1,0 +1,108 @@
+"""What a scene does not call for is not built, not evaluated and not counted."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scenes import paper_beam, two_masses
+
+import vofem as vf
+from vofem.assembly import SystemBuilder
+from vofem.integrators import central_difference, event_driven
+
+METHODS = ("event_driven", "central_difference")
+
+
+def run(scene, method, t_end=0.5, **options):
+    return vf.simulate(scene, t_end, method=method, times=np.linspace(0.0, t_end, 11), **options)
+
+
+def nonzero(counters):
+    return {field.name for field in dataclasses.fields(counters) if getattr(counters, field.name)}
+
+
+def refuse(*_args, **_kwargs):
+    raise AssertionError("an absent effect was built or evaluated")
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_counters_of_a_bare_beam(method):
+    beam = vf.Beam(1.0, 1.0, 1.0, 5, {"left": "clamped"})
+    scene = vf.Scene([beam], initial={beam: (lambda x: 0.01 * x**2, 0.0)})
+    result = run(scene, method)
+    expected = {
+        "event_driven": {"steps", "eigensolves", "statuses"},
+        "central_difference": {"steps", "eigensolves", "factorizations"},
+    }
+    assert nonzero(result.counters) == expected[method]
+    assert scene.model.system.damping is None
+    assert scene.model.system.contacts is None
+    assert scene.model.system.loads == ()
+    assert scene.model.contact_rows is None
+    assert np.all(result.energy.dissipated == 0.0)
+    assert np.all(result.energy.work == 0.0)
+    assert np.all(result.energy.contact == 0.0)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_builders_of_absent_effects_are_never_called(method, monkeypatch):
+    for name in (
+        "add_stiffness", "add_body_stiffness", "add_damping", "add_mass", "add_rayleigh", "add_modal_damping",
+        "add_point_load", "add_body_load", "add_acceleration", "add_contact",
+    ):  # fmt: skip
+        monkeypatch.setattr(SystemBuilder, name, refuse)
+    monkeypatch.setitem(event_driven.run.__globals__, "next_event", refuse)
+    monkeypatch.setitem(event_driven.run.__globals__, "spring_force", refuse)
+    monkeypatch.setattr(central_difference, "initial_status", refuse)
+    beam = vf.Beam(1.0, 1.0, 1.0, 5, {"left": "clamped"})
+    result = run(vf.Scene([beam], initial={beam: (lambda x: 0.01 * x**2, 0.0)}), method)
+    assert np.max(np.abs(result.displacement(beam.at(1.0)))) > 0.0
+
+
+def test_contact_without_reach_costs_gap_evaluations_only():
+    _, scene = paper_beam("penetration", gap=10.0)
+    result = run(scene, "event_driven")
+    assert result.counters.gap_evaluations > 0
+    assert result.counters.rank_one_updates == 0
+    assert result.counters.statuses == 1
+
+
+def test_undamped_scene_never_touches_damping():
+    _, scene = paper_beam("displacement")
+    for method in METHODS:
+        assert run(scene, method, 4.0).counters.damping_evaluations == 0
+
+
+def test_ceilings_on_work_for_the_paper_s_scenes():
+    """The whole run of the paper's beam: two statuses, one eigenproblem, some ten looks at the gap per event."""
+    _, scene = paper_beam("displacement")
+    counters = vf.simulate(scene, 20.0).counters
+    assert (counters.events, counters.steps, counters.statuses) == (12, 13, 2)
+    assert (counters.eigensolves, counters.rank_one_updates, counters.factorizations) == (1, 1, 0)
+    assert counters.gap_evaluations <= 20 * counters.steps
+    _, _, scene = two_masses("b", "displacement")
+    counters = vf.simulate(scene, 100.0).counters
+    assert (counters.events, counters.statuses) == (37, 2)
+    assert counters.gap_evaluations <= 20 * counters.steps
+
+
+def test_fast_modes_do_not_drive_the_search():
+    """Four times the elements, sixteen times the highest frequency: the same number of looks at the gap."""
+    looks = []
+    for elements in (25, 100):
+        _, scene = paper_beam("penetration", elements=elements)
+        looks.append(vf.simulate(scene, 20.0).counters.gap_evaluations)
+    assert looks[1] <= 1.5 * looks[0]
+
+
+def test_explain_says_what_is_left_out():
+    beam = vf.Beam(1.0, 1.0, 1.0, 5, {"left": "clamped"}, name="deck")
+    text = str(vf.explain(vf.Scene([beam], [vf.PointLoad(beam.at(1.0), vf.Sine(1.0, 1.0))])))
+    assert "Beam 'deck': 5 elements, clamped at x = 0" in text
+    assert "Method: event_driven" in text
+    assert "Not simulated: contacts, contact dampers, damping" in text
+    explanation = vf.explain(vf.Scene([beam], [vf.PointLoad(beam.at(1.0), lambda t: t)]))
+    assert explanation.method == "central_difference"
+    assert "closed form" in explanation.why

@@ -1,0 +1,237 @@
+"""Bad input gives a typed error that names the thing and the cure, and gives it at once."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+from scenes import paper_beam
+
+import vofem as vf
+
+NAN, INF = float("nan"), float("inf")
+
+
+def beam(**changes):
+    arguments = {"length": 1.0, "EI": 1.0, "rhoA": 1.0, "elements": 4, "supports": {"left": "clamped"}, "name": "deck"}
+    return vf.Beam(**{**arguments, **changes})
+
+
+def contact(**changes):
+    arguments = {
+        "gap": 0.1, "stiffness": 1.0, "side": "below", "acts_on": "penetration", "name": "stop",
+    }  # fmt: skip
+    return vf.Contact(beam().at(1.0), **{**arguments, **changes})
+
+
+def scene(*effects_of, initial=None, **changes):
+    b = beam(**changes)
+    return b, vf.Scene([b], [effect(b) for effect in effects_of], initial=initial)
+
+
+BAD_NUMBERS = [-1.0, 0.0, NAN, INF, -INF, 1e300, "1", None, True, [1.0, 2.0], 1 + 2j]
+
+CASES = [
+    *((lambda v=v: beam(length=v), "Beam 'deck': length") for v in BAD_NUMBERS),
+    *((lambda v=v: beam(rhoA=v), "Beam 'deck': rhoA") for v in (-1.0, 0.0, NAN, INF, "x")),
+    *((lambda v=v: beam(EI=v), "Beam 'deck': EI") for v in (-1.0, 0.0, NAN, [1.0, 2.0], [1.0, 1.0, NAN, 1.0])),
+    (lambda: beam(EI=lambda x: x - 0.5), r"EI is .* at x = .* expected a positive number"),
+    (lambda: beam(EI=lambda x: "thick"), "EI must be a callable that takes an array of x"),
+    (lambda: beam(tension=NAN), "tension is NaN"),
+    *((lambda v=v: beam(elements=v), "elements|node x") for v in (0, -3, 2.5, "many", 10**9, [0.0], [0.0, 0.5, 0.4, 1.0])),
+    (lambda: beam(elements=[0.0, 0.5, 2.0]), "the nodes span 2 m, expected the length 1 m"),
+    (lambda: beam(elements=[0.0, NAN, 1.0]), "elements holds nan"),
+    (lambda: beam(supports={"left": "welded"}), "expected one of 'clamped', 'pinned', 'guided'"),
+    (lambda: beam(supports={"left": "clampd"}), "did you mean 'clamped'"),
+    (lambda: beam(supports={"lift": "clamped"}), "did you mean 'left'"),
+    (lambda: beam(supports={0.3: "pinned"}), "not a node; the nearest are 0.25 and 0.5 m"),
+    (lambda: beam(supports={1.7: "pinned"}), "from 0 to 1 m"),
+    (lambda: beam(supports=["left"]), "expected a dict"),
+    (lambda: beam(name=""), "expected a non-empty string"),
+    (lambda: beam().at(1.2), r"1.2 m, expected a point on Beam 'deck', from 0 to 1 m"),
+    (lambda: beam().at(NAN), "NaN"),
+    (lambda: beam().at("tip"), "expected an x or one of 'left', 'right'"),
+    *((lambda v=v: vf.Mass(v, name="m"), "Mass 'm': mass") for v in (-1.0, 0.0, NAN, INF)),
+    (lambda: vf.Mass(1.0, stiffness=-1.0), "stiffness is -1.0, expected a number that is not negative"),
+    (lambda: vf.Mass(1.0, damping=NAN), "damping is NaN"),
+    *((lambda v=v: contact(gap=v), "Contact 'stop': gap") for v in (NAN, INF, "wide")),
+    (lambda: contact(gap=-0.1, acts_on="displacement"), "a preloaded contact needs acts_on='penetration'"),
+    *((lambda v=v: contact(stiffness=v), "Contact 'stop': stiffness") for v in (-1.0, 0.0, NAN, INF)),
+    (lambda: contact(damping=-1.0), "damping is -1.0"),
+    (lambda: contact(acts_on=None), "acts_on is missing, expected 'displacement'"),
+    (lambda: contact(acts_on="penetraton"), "did you mean 'penetration'"),
+    (lambda: contact(side=None), "side is missing"),
+    (lambda: contact(side="left"), "expected one of 'below', 'above'"),
+    (lambda: contact(b=vf.Mass(1.0)), "a contact between two points has none"),
+    (lambda: contact(switch="soft"), "expected 'ideal' or vofem.Resolved"),
+    (lambda: vf.Resolved(0.0), "s0 is 0.0, expected a positive number"),
+    (lambda: vf.Contact(beam(), gap=0.1, stiffness=1.0, side="below", acts_on="penetration"), r"\.at\(x\)"),
+    (lambda: vf.PointLoad(3.0, 1.0), "expected a point"),
+    (lambda: vf.PointLoad(beam().at(1.0), NAN), "NaN"),
+    (lambda: vf.PointLoad(beam().at(1.0), "sine"), "time function"),
+    (lambda: vf.PointMoment(vf.Mass(1.0), 1.0), "has no slope"),
+    (lambda: vf.RotationalSpring(vf.Mass(1.0), stiffness=1.0), "has no slope"),
+    (lambda: vf.DistributedLoad(vf.Mass(1.0), 1.0), "expected a Beam"),
+    (lambda: scene(lambda b: vf.DistributedLoad(b, lambda x: x / 0.0 * 0.0))[1].model, "distributed load"),
+    (lambda: vf.Spring(beam().at(1.0), stiffness=-1.0), "Spring: stiffness"),
+    (lambda: vf.Dashpot(beam().at(1.0), damping=NAN), "Dashpot: damping"),
+    (lambda: vf.PointMass(beam().at(1.0), mass=-1.0), "PointMass: mass"),
+    (lambda: vf.RayleighDamping(-0.1, 0.0), "alpha"),
+    (lambda: vf.ModalDamping(NAN), "ratio"),
+    (lambda: vf.Gravity(INF), "Gravity: g"),
+    (lambda: vf.Sine(NAN, 1.0), "Sine: amplitude"),
+    (lambda: vf.Ramp(1.0, 2.0, 1.0), "expected a time after start"),
+    (lambda: vf.Pulse(1.0, 0.0, 0.0), "Pulse: duration"),
+    (lambda: vf.Tabulated([0.0, 1.0], [1.0]), "expected two equal"),
+    (lambda: vf.Tabulated([0.0, 0.0], [1.0, 2.0]), "must increase strictly"),
+    (lambda: vf.Tabulated([0.0, 1.0], [1.0, NAN]), "Tabulated: values holds nan"),
+    (lambda: vf.Scene([]), "bodies is empty"),
+    (lambda: vf.Scene([1.0]), "expected a Beam or a Mass"),
+    (lambda: vf.Scene([beam()], ["load"]), "expected a Contact, a load"),
+    (lambda: vf.Scene([beam(), beam()]), "named 'deck' occur more than once"),
+    (lambda: vf.Scene([beam()], [vf.PointLoad(beam(name="other").at(1.0), 1.0)]), "add it to bodies"),
+    (lambda: vf.Scene([beam()], initial={beam(): (0.0, 0.0)}).initial_state(), "not among the bodies"),
+    (lambda: scene(lambda b: vf.Gravity(), initial=None, supports={"left": "clamped", "right": "clamped"},
+                   elements=1)[1].model, "hold every degree of freedom"),
+    (lambda: vf.simulate(scene()[0], 1.0), "expected a vofem.Scene"),
+    *((lambda v=v: vf.simulate(scene()[1], v), "t_end") for v in (-1.0, 0.0, NAN, INF, "10 s")),
+    (lambda: vf.simulate(scene()[1], 1.0, method="event_drive"), "did you mean 'event_driven'"),
+    (lambda: vf.simulate(scene()[1], 1.0, method="event_driven", dt=0.1), "event_driven has no step"),
+    (lambda: vf.simulate(scene()[1], 1.0, rho_infinty=0.8), "does not know the option 'rho_infinty'"),
+    (lambda: vf.simulate(scene()[1], 1.0, times=[0.0, 2.0]), "within 0 to t_end = 1 s"),
+    (lambda: vf.simulate(scene()[1], 1.0, times=[0.5, 0.2]), "does not decrease"),
+    (lambda: vf.simulate(scene()[1], 1.0, times=[0.0, NAN]), "times holds nan"),
+    *((lambda v=v: vf.simulate(scene()[1], 1.0, method="central_difference", dt=v), "dt")
+      for v in (-1e-3, 0.0, NAN, INF)),
+    (lambda: vf.modes(scene()[1], 0), "expected a positive whole number"),
+    (lambda: vf.modes(scene()[1], 2, closed=["stop"]), "no contact is named 'stop'"),
+    (lambda: vf.equilibrium(scene()[1], t=NAN), "NaN"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("call", "message"), CASES)
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_bad_argument(call, message):
+    start = time.perf_counter()
+    with pytest.raises(vf.VofemError, match=message) as caught:
+        call()
+    assert isinstance(caught.value, ValueError)
+    assert time.perf_counter() - start < 2.0
+
+
+def test_bad_initial_states():
+    b = beam()
+    for field, message in (
+        (3.0, "expected 0"),
+        (NAN, "NaN"),
+        (lambda x: np.full(x.shape, NAN), "expected a finite number"),
+        ("still", "initial displacement"),
+    ):
+        with pytest.raises(vf.ArgumentError, match=message):
+            vf.simulate(vf.Scene([b], initial={b: (field, 0.0)}), 1.0)
+    m = vf.Mass(1.0)
+    for value, message in ((0.0, "expected a pair"), ((NAN, 0.0), "NaN"), ((lambda x: x, 0.0), "expected a number")):
+        with pytest.raises(vf.ArgumentError, match=message):
+            vf.simulate(vf.Scene([m], initial={m: value}), 1.0)
+
+
+def test_an_unsupported_body_has_no_equilibrium():
+    free = vf.Beam(1.0, 1.0, 1.0, 4, name="raft")
+    with pytest.raises(vf.SingularSystemError, match=r"Beam 'raft' can move freely: its supports do not hold it"):
+        vf.equilibrium(vf.Scene([free], [vf.Gravity()]))
+    one = vf.Contact(free.at(0.5), gap=0.0, stiffness=1.0, side="below", acts_on="penetration")
+    with pytest.raises(vf.SingularSystemError, match="the contacts that carry load do not hold it"):
+        vf.equilibrium(vf.Scene([free], [vf.Gravity(), one]))
+    # Held by two contacts that gravity closes, it has one; lifted off them it has none.
+    two = [vf.Contact(free.at(x), gap=0.0, stiffness=1.0, side="below", acts_on="penetration") for x in (0.2, 0.8)]
+    assert vf.equilibrium(vf.Scene([free], [vf.Gravity(2.0), *two])).displacement(free.at(0.2)) < 0
+    with pytest.raises(vf.SingularSystemError, match="can move freely"):
+        vf.equilibrium(vf.Scene([free], [vf.Gravity(-2.0), *two]))
+
+
+def bad_at_three(t):
+    return NAN if t >= 3.0 else 0.1
+
+
+def test_load_function_that_returns_nan():
+    _, s = paper_beam("penetration", load=bad_at_three)
+    start = time.perf_counter()
+    with pytest.raises(vf.LoadError, match=r"'bad_at_three' returned nan at t = 3") as caught:
+        vf.simulate(s, 5.0)
+    assert "division by zero" in str(caught.value)
+    assert time.perf_counter() - start < 2.0
+    _, s = paper_beam("penetration", load=lambda t: "much")
+    with pytest.raises(vf.LoadError, match="expected a number"):
+        vf.simulate(s, 1e-2, dt=1e-5)
+
+
+def test_step_beyond_the_critical_one():
+    """The paper's dt = 1e-3 on its beam, which blows up at step 6."""
+    _, s = paper_beam("displacement")
+    with pytest.raises(vf.StepSizeError, match=r"critical step 5\.344e-05 s") as caught:
+        vf.simulate(s, 20.0, method="central_difference", dt=1e-3)
+    assert "method='event_driven'" in str(caught.value)
+
+
+def test_the_critical_step_counts_closed_contacts():
+    m = vf.Mass(1.0, stiffness=1.0)
+    stop = vf.Contact(m, gap=1.0, stiffness=1e4, side="above", acts_on="penetration")
+    s = vf.Scene([m], [stop])
+    with pytest.raises(vf.StepSizeError, match=r"0\.02 s"):
+        vf.simulate(s, 1.0, method="central_difference", dt=0.0201)
+    vf.simulate(s, 1.0, method="central_difference", dt=0.0199)
+
+
+def test_callable_load_and_event_driven():
+    _, s = paper_beam("displacement", load=lambda t: 0.1 * np.sin(t))
+    with pytest.raises(vf.MethodError, match="Ways out: write it with Sine, Ramp, Pulse, Tabulated") as caught:
+        vf.simulate(s, 1.0, method="event_driven")
+    assert "central_difference" in str(caught.value)
+
+
+def test_resolved_switch_and_event_driven():
+    m = vf.Mass(1.0)
+    stop = vf.Contact(
+        m, gap=1.0, stiffness=1.0, side="above", acts_on="penetration", switch=vf.Resolved(100.0), name="soft"
+    )
+    with pytest.raises(vf.MethodError, match="Contact 'soft' has a resolved switch"):
+        vf.simulate(vf.Scene([m], [stop]), 1.0, method="event_driven")
+
+
+def test_names_in_results():
+    b, s = paper_beam("displacement")
+    result = vf.simulate(s, 1.0)
+    with pytest.raises(vf.ArgumentError, match="did you mean 'stop'"):
+        result.contacts["stopp"]
+    with pytest.raises(vf.ArgumentError, match="no body is named 'other'"):
+        result.displacement(beam(name="other").at(1.0))
+    with pytest.raises(vf.ArgumentError, match="has no support at 'right'"):
+        result.reaction(b, "right")
+    with pytest.raises(vf.ArgumentError, match="expected 0 to 1 s"):
+        result.deflection([0.5], [2.0])
+    with pytest.raises(vf.ArgumentError, match="from 0 to 1 m"):
+        result.deflection([1.5], [0.5])
+    coarse = vf.simulate(s, 1.0, method="central_difference", times=[0.0, 0.5, 1.0])
+    with pytest.raises(vf.ArgumentError, match="name it in times="):
+        coarse.deflection([0.5], [0.3])
+
+
+def test_many_events_end_with_a_typed_error():
+    m = vf.Mass(1.0, stiffness=1.0)
+    stop = vf.Contact(m, gap=0.0, stiffness=1e4, side="above", acts_on="penetration", name="stop")
+    s = vf.Scene([m], [stop], initial={m: (-1.0, 0.0)})
+    with pytest.raises(vf.EventStormError, match=r"more than 5 contact events .* 'stop'"):
+        vf.simulate(s, 100.0, max_events=5)
+
+
+def test_contact_on_a_support_can_never_move():
+    b = beam()
+    with pytest.raises(vf.ArgumentError, match="can never move"):
+        stop = vf.Contact(b.at(0.0), gap=0.1, stiffness=1.0, side="below", acts_on="penetration")
+        vf.simulate(vf.Scene([b], [stop]), 1.0)
+
+
+def test_overflowing_units_are_named():
+    with pytest.raises(vf.ArgumentError, match=r"stiffness matrix overflows|expected a finite number"):
+        vf.simulate(vf.Scene([beam(length=1e-100, EI=1e60, elements=1000)]), 1.0)

@@ -1,0 +1,110 @@
+"""The numerical building blocks, against independent computations."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.linalg import eigh, expm
+
+from vofem.errors import SingularSystemError
+from vofem.linalg.banded import band_order, factor, solve, subtract_product, to_band
+from vofem.linalg.exponential import exponential_response, oscillator, ramp_response
+from vofem.linalg.secular import rank_one
+
+
+def exact_response(delta, p, b, t):
+    matrix = np.array([[0, 1, 0], [-p, -2 * delta, 1], [0, 0, b]], dtype=complex)
+    return expm(matrix * t)[0, 2]
+
+
+def exact_ramp(delta, p, t):
+    matrix = np.array([[0, 1, 0, 0], [-p, -2 * delta, 1, 0], [0, 0, 0, 1], [0, 0, 0, 0]], dtype=float)
+    return expm(matrix * t)[0, 3]
+
+
+RESONANT = [
+    (0.0, 1.0, 1j), (0.0, 1.0, 1.0000001j), (0.0, 0.0, 0j), (0.0, 0.0, 1e-9j), (0.0, 1e-18, 0j), (1.0, 1.0, 0j),
+    (1.0, 1.0, 1j), (0.5, 0.25, -0.5 + 0j), (0.0, 4.0, 1j), (0.1, 3.0, 2j), (3.0, 1.0, 0.1j), (0.0, 1e-6, 1e-3j),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("delta", "p", "b"), RESONANT)
+@pytest.mark.parametrize("t", [1e-6, 1e-2, 0.9, 3.0, 30.0])
+def test_response_of_an_oscillator_at_and_near_resonance(delta, p, b, t):
+    expected = exact_response(delta, p, b, t)
+    assert abs(exponential_response(delta, p, b, t) - expected) < 1e-12 * abs(expected) + 1e-300
+    expected = exact_ramp(delta, p, t)
+    assert abs(ramp_response(delta, p, t) - expected) < 2e-12 * abs(expected)
+
+
+@given(delta=st.floats(0.0, 10.0), p=st.one_of(st.just(0.0), st.floats(1e-12, 1e3)), t=st.floats(1e-6, 20.0))
+def test_free_motion_of_any_oscillator(delta, p, t):
+    c, s = oscillator(delta, p, t)
+    flow = expm(np.array([[0.0, 1.0], [-p, -2.0 * delta]]) * t)
+    got = np.array([[c + delta * s, s], [-p * s, c - delta * s]])
+    assert np.max(np.abs(got - flow)) < 1e-9 * max(1.0, np.max(np.abs(flow)))
+
+
+@given(st.data())
+def test_rank_one_update_of_a_diagonal(data):
+    n = data.draw(st.integers(1, 8))
+    pool = st.sampled_from([0.0, 1e-6, 1.0, 1.0 + 1e-15, 2.0, 1e3, 1e6])
+    d = np.sort(np.array(data.draw(st.lists(pool, min_size=n, max_size=n))))
+    c = np.array(data.draw(st.lists(st.sampled_from([0.0, 1e-9, 0.1, -1.0, 3.0]), min_size=n, max_size=n)))
+    rho = data.draw(st.sampled_from([1e-9, 1.0, 1e4, 1e12]))
+    values, vectors = rank_one(d, c, rho)
+    matrix = np.diag(d) + rho * np.outer(c, c)
+    size = max(np.max(np.abs(matrix)), 1e-300)
+    assert np.max(np.abs(vectors.T @ vectors - np.eye(n))) < 1e-13
+    assert np.max(np.abs(matrix @ vectors - vectors * values)) < 1e-13 * size
+    assert np.all(np.diff(values) >= 0)
+    # Interlacing: no value falls below its pole, none but the last exceeds the next pole.
+    assert np.all(values >= d)
+    assert np.all(values[:-1] <= d[1:])
+
+
+def test_low_eigenvalues_keep_their_digits_beside_a_huge_contact():
+    """`eigh` of the same matrix loses eight digits; the inverse, by Sherman-Morrison, tells the truth."""
+    d = np.arange(1.0, 21.0) ** 4
+    c = np.ones(20)
+    rho = 1e12
+    values, _ = rank_one(d, c, rho)
+    inverse = np.diag(1.0 / d) - np.outer(c / d, c / d) / (1.0 / rho + np.sum(c**2 / d))
+    expected = 1.0 / eigh(inverse, eigvals_only=True)[-1]
+    assert values[0] == pytest.approx(expected, rel=1e-13)
+
+
+@pytest.mark.parametrize("width", [0, 1, 3, 6])
+def test_banded_solver(width):
+    from scipy.sparse import csr_matrix
+
+    rng = np.random.default_rng(width)
+    full = rng.standard_normal((40, 40))
+    full = np.triu(np.tril(full + full.T, width), -width) + 20.0 * np.eye(40)
+    sparse = csr_matrix(full)
+    order = band_order(sparse)
+    band = to_band(sparse, order)
+    x = rng.standard_normal(40)
+    y = x.copy()
+    solve(factor(band, "A"), y)
+    assert np.max(np.abs(full[np.ix_(order, order)] @ y - x)) < 1e-13
+    rest = x.copy()
+    subtract_product(band, y, rest)
+    assert np.max(np.abs(rest)) < 1e-13
+
+
+def test_band_order_narrows_a_shuffled_chain():
+    from scipy.sparse import diags
+
+    n = 200
+    chain = diags([-np.ones(n - 1), 2.0 * np.ones(n), -np.ones(n - 1)], [-1, 0, 1]).tocsr()
+    shuffle = np.random.default_rng(1).permutation(n)
+    shuffled = chain[shuffle][:, shuffle]
+    assert to_band(shuffled, band_order(shuffled)).shape[0] <= 3
+
+
+def test_indefinite_matrix_is_named():
+    with pytest.raises(SingularSystemError, match="the mass matrix is not positive definite"):
+        factor(np.array([[1.0, -1.0]]), "the mass matrix")
