@@ -277,6 +277,74 @@ def test_one_node_has_one_support():
         vf.Beam(1.0, 1.0, 1.0, 4, {"left": "pinned", 0.0: "guided"})
 
 
+def test_a_support_between_nodes_names_the_cure():
+    with pytest.raises(vf.ArgumentError, match=r"nearest are 0.48 and 0.52 m. Put a node there in the mesh"):
+        vf.Beam.from_mesh(MESHES / "beam25.msh", 1.0, 1.0, {0.5: "pinned"})
+
+
+def test_what_gmsh_writes_besides(tmp_path):
+    """As Gmsh writes: boxes with a margin, points without a group, a curve in two groups, a reversed curve."""
+    text = """$MeshFormat
+4.1 0 8
+$EndMeshFormat
+$PhysicalNames
+4
+0 1 "fixed ends"
+0 2 "load:point"
+1 3 "all"
+1 4 "outer"
+$EndPhysicalNames
+$Entities
+3 2 0 0
+7 0 0 0 1 1
+8 2 0 0 0
+9 5 0 0 2 1 2
+4 -1e-07 -1e-07 -1e-07 2.0000001 1e-07 1e-07 1 3 2 8 -7
+6 2 0 0 5 0 0 2 3 4 2 8 -9
+$EndEntities
+$Nodes
+5 6 10 40
+0 7 0 1
+10
+0 0 0
+0 8 0 1
+40
+2 0 0
+0 9 0 1
+20
+5 0 0
+1 4 0 2
+31
+32
+1.5 0 0
+0.5 0 0
+1 6 0 1
+33
+3 0 0
+$EndNodes
+$Elements
+4 7 1 7
+0 7 15 1
+1 10
+0 9 15 1
+2 20
+1 4 1 3
+3 40 31
+4 31 32
+5 32 10
+1 6 1 2
+6 40 33
+7 33 20
+$EndElements
+"""
+    path = tmp_path / "layout.msh"
+    path.write_text(text)
+    mesh = read_mesh(path)
+    np.testing.assert_array_equal(mesh.arc, [0.0, 0.5, 1.5, 2.0, 3.0, 5.0])
+    assert {name: nodes.tolist() for name, nodes in mesh.points.items()} == {"fixed ends": [0, 5], "load:point": [5]}
+    assert {name: lines.tolist() for name, lines in mesh.subdomains.items()} == {"all": [*range(5)], "outer": [3, 4]}
+
+
 def test_left_and_right_in_the_mesh_must_be_the_ends(tmp_path):
     for marks, good in (([1, 0, 0], True), ([0, 1, 0], False), ([0, 0, 1], False), ([1, 0, 1], False)):
         path = line_file(tmp_path / "l.vtu", [0.0, 1.0, 2.0], chain_of(3), point_data={"left": np.array(marks)})

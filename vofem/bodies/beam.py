@@ -66,7 +66,8 @@ class Beam:
 
     Notes
     -----
-    Beams compare and hash by identity and are not meant to be changed.
+    Beams compare and hash by identity and are not meant to be changed. `mesh`
+    holds the named points and subdomains of a mesh file, or is None.
     """
 
     _arc: Array
@@ -251,7 +252,7 @@ class Beam:
             left, right = self.nodes[int(element)], self.nodes[int(element) + 1]
             raise ArgumentError(
                 f"{what} is {where!r}, which is not a node; the nearest are {left:g} and {right:g} m. "
-                "Give elements= the x of all nodes with this one among them"
+                + ("Put a node there in the mesh" if self.mesh else "Give elements= the x of all nodes with this one")
             )
         return int(element) + int(xi == 1.0)
 

@@ -202,7 +202,7 @@ def _cell_sets(mesh: Any) -> Sets:
         for name in _clean(groups):
             sets[name] = [np.union1d(*pair) for pair in zip(sets.get(name, empty), blocks_of or empty, strict=True)]
     for name, data in mesh.cell_data.items():  # VTU: masks
-        if ":" not in name and name not in sets and name != "cell_tags":
+        if not name.startswith("gmsh:") and name not in sets and name != "cell_tags":
             masks = [_mask(values) for values in data]
             if all(mask is not None for mask in masks) and any(np.any(mask) for mask in masks if mask is not None):
                 sets[name] = [np.flatnonzero(mask) for mask in masks if mask is not None]
@@ -219,7 +219,7 @@ def _point_sets(mesh: Any) -> dict[str, IntArray]:
                 _add(sets, name, members)
     for name, values in mesh.point_data.items():  # VTU: masks
         mask = _mask(values)
-        if ":" not in name and name != "point_tags" and mask is not None and np.any(mask):
+        if not name.startswith("gmsh:") and name != "point_tags" and mask is not None and np.any(mask):
             _add(sets, name, np.flatnonzero(mask))
     return sets
 
