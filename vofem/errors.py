@@ -23,6 +23,10 @@ class StepSizeError(ArgumentError):
     """The step size lies beyond the stability limit; the message says the limit."""
 
 
+class MeshError(VofemError, ValueError):
+    """A mesh file is missing, damaged, or not one straight chain of lines; the message names the file."""
+
+
 class LoadError(VofemError, ValueError):
     """A load function returned something that is not a finite number."""
 

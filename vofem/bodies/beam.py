@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from vofem._validate import array, choice, nearest, number, one_of
 from vofem.bodies.base import Array, BodyMatrices, IntArray, Row, automatic_name
 from vofem.bodies.cubics import hermite
+from vofem.bodies.mesh import LineMesh
 from vofem.errors import ArgumentError
 
 if TYPE_CHECKING:
@@ -39,16 +41,19 @@ class Beam:
     ----------
     length : float
         In m.
-    EI : float, callable of x or array_like of shape (n_elements,)
+    EI : float, callable of x, array_like of shape (n_elements,) or dict
         Bending stiffness in N m^2; positive. A callable is given an array of x.
-    rhoA : float, callable of x or array_like of shape (n_elements,)
+        A dict gives a number for every named subdomain of a mesh.
+    rhoA : float, callable of x, array_like of shape (n_elements,) or dict
         Mass per length in kg/m; positive.
     elements : int or array_like
         The number of equal elements, or the x of all nodes, increasing, with
-        ``x[-1] - x[0]`` equal to `length`. With a number, x runs from 0.
+        ``x[-1] - x[0]`` equal to `length`. With a number, x runs from 0. For a
+        mesh file use `Beam.from_mesh`.
     supports : dict
-        Maps "left", "right" or the x of a node to "clamped" (eta = eta' = 0),
-        "pinned" (eta = 0) or "guided" (eta' = 0). Empty: a free beam.
+        Maps "left", "right", a named point of a mesh or the x of a node to
+        "clamped" (eta = eta' = 0), "pinned" (eta = 0) or "guided" (eta' = 0).
+        Empty: a free beam.
     tension : float
         Axial force in N, positive in tension, constant in time.
     name : str, optional
@@ -61,15 +66,19 @@ class Beam:
 
     Notes
     -----
-    Beams compare and hash by identity and are not meant to be changed.
+    Beams compare and hash by identity and are not meant to be changed. `mesh`
+    holds the named points and subdomains of a mesh file, or is None.
     """
+
+    _arc: Array
+    element_lengths: Array
 
     def __init__(
         self,
         length: float,
         EI: Any,
         rhoA: Any,
-        elements: int | ArrayLike,
+        elements: int | ArrayLike | LineMesh,
         supports: Mapping[Any, str] | None = None,
         tension: float = 0.0,
         name: str | None = None,
@@ -77,28 +86,81 @@ class Beam:
         self.name = automatic_name(name, "Beam")
         label = f"Beam {self.name!r}"
         self.length = number(f"{label}: length", length, positive=True)
+        self.mesh = elements if isinstance(elements, LineMesh) else None
         self._set_nodes(label, elements)
         self.EI = self._coefficient(f"{label}: EI", EI)
         self.rhoA = self._coefficient(f"{label}: rhoA", rhoA)
         self.tension = number(f"{label}: tension", tension)
         if supports is not None and not isinstance(supports, Mapping):
             raise ArgumentError(f"{label}: supports is {supports!r}, expected a dict such as {{'left': 'clamped'}}")
-        self.supports = {
-            self._support_node(label, where): choice(f"{label}: support at {where!r}", kind, tuple(SUPPORTS))
-            for where, kind in (supports or {}).items()
-        }
+        self.supports = self._supports(label, supports or {})
+
+    @classmethod
+    def from_mesh(
+        cls,
+        path: str | os.PathLike[str],
+        EI: Any,
+        rhoA: Any,
+        supports: Mapping[Any, str] | None = None,
+        tension: float = 0.0,
+        name: str | None = None,
+    ) -> Beam:
+        """Return a beam on the nodes of a mesh file.
+
+        The file holds one straight, open chain of two-node lines, its nodes in
+        any order; lines of higher order are refused, as the Hermite element
+        needs end nodes only. The left end is the one with the smaller x; where
+        these agree the smaller y, then z. An axis along x keeps the x of the
+        file; on any other, in the plane or in space, x is the arc length from
+        the left end, from 0.
+
+        Named sets of nodes serve in `supports` (all nodes of the set) and
+        `at` (a set of one node), named sets of elements in `EI` and `rhoA` as
+        dicts such as ``{"thick": 2.0, "thin": 1.0}``, which together must give
+        every element one value. "left" and "right" are always the ends.
+
+        =========  =====================================================================
+        file       names come from
+        =========  =====================================================================
+        Gmsh .msh  physical names of points and curves
+        MED .med   groups of nodes and of elements
+        VTU .vtu   the names of integer arrays of 0 and 1: point data mark the nodes of
+                   a set, cell data the elements (a marked vertex counts as its node)
+        =========  =====================================================================
+
+        Parameters
+        ----------
+        path : str or path
+            With the extension .msh, .vtu or .med; lengths in m.
+        EI, rhoA, supports, tension, name
+            As for `Beam`.
+
+        Raises
+        ------
+        MeshError
+            If the file is missing, damaged, or holds no such chain.
+        ArgumentError
+            For coefficients or supports that do not suit the mesh.
+        """
+        from vofem.bodies.mesh_file import read_mesh
+
+        mesh = read_mesh(path)
+        return cls(mesh.length, EI, rhoA, mesh, supports, tension, name)
 
     # -- geometry ---------------------------------------------------------------------------------
 
     def _set_nodes(self, label: str, elements: Any) -> None:
+        if isinstance(elements, LineMesh):
+            self.origin, self._arc, self.element_lengths = elements.origin, elements.arc, elements.lengths
+            return
         if isinstance(elements, (int, np.integer)) and not isinstance(elements, bool):
             if not 1 <= elements <= _MOST_ELEMENTS:
                 raise ArgumentError(f"{label}: elements is {elements}, expected 1 to {_MOST_ELEMENTS}")
             count = int(elements)
             self.origin = 0.0
-            self._arc: Array = np.arange(count + 1, dtype=float) * (self.length / count)
+            self._arc = np.arange(count + 1, dtype=float) * (self.length / count)
             self._arc[-1] = self.length
-            self.element_lengths: Array = np.full(count, self.length / count)
+            self.element_lengths = np.full(count, self.length / count)
             return
         if isinstance(elements, (float, str, bool)):
             raise ArgumentError(f"{label}: elements is {elements!r}, expected a whole number or the x of all nodes")
@@ -149,46 +211,72 @@ class Beam:
         xi = np.where(at_end | (xi < snap), 0.0, np.where(xi > 1.0 - snap, 1.0, xi))
         return element, xi
 
+    def _named_nodes(self, what: str, where: str) -> IntArray:
+        """Return the nodes called `where`: one for an end, one or more for a named point set of a mesh."""
+        ends = {"left": 0, "right": self._arc.size - 1}
+        if where in ends:
+            return np.array([ends[where]])
+        if self.mesh is not None and where in self.mesh.points:
+            return self.mesh.nodes_named(what, where)
+        names = (*ends, *(self.mesh.points if self.mesh is not None else ()))
+        raise ArgumentError(f"{what} is {where!r}, expected an x or {one_of(names)}{nearest(where, names)}")
+
+    def _one_node(self, what: str, where: str) -> int:
+        nodes = self._named_nodes(what, where)
+        if nodes.size > 1:
+            places = ", ".join(f"{x:g}" for x in self.nodes[nodes[:5]]) + (", ..." if nodes.size > 5 else "")
+            raise ArgumentError(f"{what} is {where!r}, which names {nodes.size} nodes (x = {places} m); give one x")
+        return int(nodes[0])
+
     def _position(self, label: str, where: Any) -> float:
-        named = {"left": self.origin, "right": self.origin + self.length}
         if isinstance(where, str):
-            if where in named:
-                return named[where]
-            names = tuple(named)
-            raise ArgumentError(f"{label} is {where!r}, expected an x or {one_of(names)}{nearest(where, names)}")
+            return float(self.nodes[self._one_node(label, where)])
         x = number(label, where)
         self._locate(label, x)
         return x
 
     def node_at(self, where: Any) -> int:
-        """Return the number of the node at "left", "right" or x, counted from the left.
+        """Return the number of the node at "left", "right", a named point or x, counted from the left.
 
         Raises
         ------
         ArgumentError
-            If there is no node at x.
+            If there is no node at x, or a name is unknown or names several nodes.
         """
-        return self._support_node(f"Beam {self.name!r}", where)
+        what = f"a node of Beam {self.name!r}"
+        return self._one_node(what, where) if isinstance(where, str) else self._node_by_x(what, where)
 
-    def _support_node(self, label: str, where: Any) -> int:
-        what = f"{label}: the place of a support"
-        element, xi = self._locate(what, self._position(what, where))
-        node = int(element) + int(xi == 1.0)
+    def _node_by_x(self, what: str, where: Any) -> int:
+        element, xi = self._locate(what, number(what, where))
         if xi not in (0.0, 1.0):
             left, right = self.nodes[int(element)], self.nodes[int(element) + 1]
             raise ArgumentError(
                 f"{what} is {where!r}, which is not a node; the nearest are {left:g} and {right:g} m. "
-                "Give elements= the x of all nodes with this one among them"
+                + ("Put a node there in the mesh" if self.mesh else "Give elements= the x of all nodes with this one")
             )
-        return node
+        return int(element) + int(xi == 1.0)
+
+    def _supports(self, label: str, supports: Mapping[Any, str]) -> dict[int, str]:
+        what = f"{label}: the place of a support"
+        held: dict[int, str] = {}
+        for where, given in supports.items():
+            kind = choice(f"{label}: support at {where!r}", given, tuple(SUPPORTS))
+            named = isinstance(where, str)
+            for node in self._named_nodes(what, where).tolist() if named else [self._node_by_x(what, where)]:
+                if held.setdefault(node, kind) != kind:
+                    raise ArgumentError(
+                        f"{label}: the support at {where!r} is {kind!r}, but that node (x = {self.nodes[node]:g} m) "
+                        f"is {held[node]!r} under another name; keep one ('clamped' is pinned and guided)"
+                    )
+        return held
 
     def at(self, where: float | str) -> BeamPoint:
-        """Return the point at x (m, any place on the axis, nodes and between), or at "left" or "right".
+        """Return the point at x (m, any place on the axis), at "left" or "right", or at a named point of a mesh.
 
         Raises
         ------
         ArgumentError
-            If the point is not on the beam.
+            If the point is not on the beam, or a name is unknown or names several nodes.
         """
         return BeamPoint(self, self._position(f"a point of Beam {self.name!r}", where))
 
@@ -201,6 +289,10 @@ class Beam:
         if callable(value):
             self._values(what, value, self.origin + 0.5 * (self._arc[:-1] + self._arc[1:]))
             return value
+        if isinstance(value, Mapping):
+            if self.mesh is None:
+                raise ArgumentError(f"{what} is {value!r}, but only a beam from a mesh has named subdomains")
+            return self.mesh.coefficient(what, value)
         if np.ndim(value) == 0:
             return number(what, value, positive=True)
         values = array(what, value, shape=self.element_lengths.shape)
