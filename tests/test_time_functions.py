@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -27,7 +29,7 @@ def value(piece, tau):
 @pytest.mark.parametrize("f", FUNCTIONS, ids=repr)
 def test_pieces_reproduce_the_function(f):
     edges = [0.0, *f.breakpoints(2.0), 2.0]
-    for left, right in zip(edges[:-1], edges[1:], strict=True):
+    for left, right in itertools.pairwise(edges):
         t = left + (right - left) * np.linspace(0.0, 0.999, 7)
         piece = f.piece(left)
         assert np.array([value(piece, x - left) for x in t]) == pytest.approx(f(t), abs=1e-13)

@@ -1,0 +1,42 @@
+# Two commands do everything: `make demo` and `make test`. Both set up a .venv first.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+JOBS ?= 2
+
+.PHONY: demo test lint types unit setup lock clean
+
+demo: setup
+	$(BIN)/python examples/cantilever_on_stop.py --output output
+
+test: lint types unit
+
+lint: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: setup
+	$(BIN)/mypy
+
+unit: setup
+	$(BIN)/python -m pytest -n $(JOBS)
+
+setup: $(STAMP)
+
+$(STAMP): pyproject.toml requirements.lock
+	$(PYTHON) -c 'import sys; sys.exit(None if sys.version_info >= (3, 11) else "vofem needs Python 3.11 or newer: make PYTHON=python3.11 ...")'
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
+	touch $(STAMP)
+
+# Resolve the ranges of pyproject.toml anew and write down what was found.
+lock:
+	rm -rf build/lock && $(PYTHON) -m venv build/lock
+	build/lock/bin/python -m pip install --quiet --disable-pip-version-check '.[dev]'
+	{ echo '# Written by `make lock`: the versions that `make test` was run with.'; \
+	  build/lock/bin/python -m pip freeze --exclude vofem; } > requirements.lock
+
+clean:
+	rm -rf $(VENV) build output *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
