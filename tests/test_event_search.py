@@ -1,0 +1,206 @@
+"""The search for events: nothing is missed, however short, and nothing is found that is not there."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import vofem as vf
+
+
+@pytest.mark.parametrize("eps", [1e-3, 1e-6, 1e-9, 1e-12])
+def test_grazing(eps):
+    """x = sin t with a gap of 1 - eps: two crossings a period, ten periods."""
+    mass = vf.Mass(1.0, stiffness=1.0)
+    stop = vf.Contact(mass, gap=1.0 - eps, stiffness=1e-9, side="above", acts_on="penetration", name="stop")
+    result = vf.simulate(vf.Scene([mass], [stop], initial={mass: (0.0, 1.0)}), 20.0 * np.pi)
+    contact = result.contacts["stop"]
+    assert contact.closings.size == contact.openings.size == 10
+    period = 2.0 * np.pi * np.arange(10)
+    half = np.arccos(1.0 - eps)
+    # A root sqrt(2 eps) from the top is conditioned like eps(float) / sqrt(2 eps).
+    slack = 1e-7 if eps < 1e-8 else 1e-9
+    assert contact.closings == pytest.approx(np.pi / 2 - half + period, abs=slack)
+    assert contact.openings == pytest.approx(np.pi / 2 + half + period, abs=slack)
+
+
+@pytest.mark.parametrize("eps", [1e-3, 1e-6, 1e-9])
+def test_a_near_miss_is_no_event(eps):
+    mass = vf.Mass(1.0, stiffness=1.0)
+    stop = vf.Contact(mass, gap=1.0 + eps, stiffness=1.0, side="above", acts_on="penetration")
+    result = vf.simulate(vf.Scene([mass], [stop], initial={mass: (0.0, 1.0)}), 20.0 * np.pi)
+    assert result.counters.events == 0
+    assert result.counters.gap_evaluations < 3000
+
+
+def test_two_crossings_of_a_fast_mode_on_a_slow_one():
+    """A ripple of 1 % of the amplitude and a hundred times the frequency crosses the gap many times."""
+    a, b = vf.Mass(1.0, stiffness=1.0), vf.Mass(1.0, stiffness=1e4)
+    contact = vf.Contact(a, b, gap=0.999, stiffness=1e-9, acts_on="penetration", name="c")
+    result = vf.simulate(vf.Scene([a, b], [contact], initial={a: (0.0, 1.0), b: (0.0, 1.0)}), 3.0)
+    t = np.linspace(0.0, 3.0, 300_001)
+    above = np.sin(t) - 0.01 * np.sin(100.0 * t) > 0.999
+    crossings = t[1:][above[1:] != above[:-1]]
+    events = np.sort(np.concatenate([result.contacts["c"].closings, result.contacts["c"].openings]))
+    assert events == pytest.approx(crossings, abs=2e-5)
+    assert events.size >= 4
+
+
+def test_simultaneous_events_are_one():
+    """A symmetric beam meets two stops at once, and stays symmetric to rounding."""
+    beam = vf.Beam(1.0, 1.0, 1.0, 8, {0.5: "clamped"})
+    stops = [
+        vf.Contact(beam.at(x), gap=0.01, stiffness=20.0, side="below", acts_on="penetration", name=name)
+        for x, name in ((0.0, "left"), (1.0, "right"))
+    ]
+    loads = [vf.PointLoad(beam.at(x), vf.Sine(-0.2, 3.0)) for x in (0.0, 1.0)]
+    result = vf.simulate(vf.Scene([beam], [*stops, *loads]), 10.0)
+    left, right = result.contacts["left"], result.contacts["right"]
+    assert left.closings.size >= 2
+    assert np.array_equal(left.closings, right.closings)
+    assert np.array_equal(left.openings, right.openings)
+    assert result.counters.steps <= result.counters.events // 2 + 2
+
+
+def test_corners_of_loads_are_segments_not_events():
+    mass = vf.Mass(1.0, stiffness=1.0)
+    table = vf.Tabulated([0.0, 1.0, 2.0, 3.0], [0.0, 1.0, 0.5, 0.0])
+    result = vf.simulate(vf.Scene([mass], [vf.PointLoad(mass, table + vf.Pulse(1.0, 0.5, 0.25))]), 4.0)
+    assert result.counters.events == 0
+    assert result.counters.steps == 6
+    assert result.energy.balance_error < 1e-14
+
+
+def test_start_in_contact():
+    """s > 0 is closed; s = 0 is closed where it moves in; both count from t = 0."""
+    for displacement, velocity, closed in ((0.2, 0.0, True), (0.1, 1.0, True), (0.1, -1.0, False), (0.0, 0.0, False)):
+        mass = vf.Mass(1.0)
+        stop = vf.Contact(mass, gap=0.1, stiffness=1.0, side="above", acts_on="penetration", name="stop")
+        result = vf.simulate(vf.Scene([mass], [stop], initial={mass: (displacement, velocity)}), 0.1)
+        history = result.contacts["stop"]
+        assert history.closed[0] == closed
+        assert (history.closings.size == 1 and history.closings[0] == 0.0) == closed
+
+
+def test_preloaded_contact():
+    """A negative gap is a preload: static offset and vibration of the sum of both springs."""
+    mass = vf.Mass(1.0, stiffness=3.0)
+    stop = vf.Contact(mass, gap=-0.5, stiffness=6.0, side="above", acts_on="penetration", name="stop")
+    scene = vf.Scene([mass], [stop])
+    assert vf.equilibrium(scene).displacement(mass) == pytest.approx(-1.0 / 3.0, rel=1e-14)
+    result = vf.simulate(scene, 5.0)
+    assert result.contacts["stop"].openings.size > 0
+    t = result.times[result.times < result.contacts["stop"].openings[0]]
+    expected = -(1.0 - np.cos(3.0 * t)) / 3.0
+    assert result.displacement(mass)[: t.size] == pytest.approx(expected, abs=1e-13)
+
+
+def random_scene(data, contacts_at_most):
+    decades = st.floats(-3.0, 3.0).map(lambda e: 10.0**e)
+    count = data.draw(st.integers(1, 4), "masses")
+    masses = [
+        vf.Mass(data.draw(decades), data.draw(st.one_of(st.just(0.0), decades)), data.draw(st.sampled_from([0.0, 0.1])))
+        for _ in range(count)
+    ]
+    springs = [
+        vf.Spring(masses[i], masses[i + 1], stiffness=data.draw(decades))
+        for i in range(count - 1)
+        if data.draw(st.booleans())
+    ]
+    contacts = []
+    for k in range(data.draw(st.integers(0, contacts_at_most), "contacts")):
+        a, b = data.draw(st.integers(0, count - 1)), data.draw(st.integers(0, count - 1))
+        where = {"side": data.draw(st.sampled_from(["above", "below"]))} if a == b else {"b": masses[b]}
+        contacts.append(
+            vf.Contact(
+                masses[a],
+                gap=data.draw(st.floats(0.01, 1.0)),
+                stiffness=10.0 ** data.draw(st.floats(-3.0, 9.0)),
+                damping=data.draw(st.sampled_from([0.0, 0.0, 0.5])),
+                acts_on="penetration",
+                name=f"c{k}",
+                **where,
+            )
+        )
+    load = vf.PointLoad(masses[0], vf.Sine(data.draw(decades), data.draw(st.floats(0.1, 10.0))))
+    initial = {m: (0.0, data.draw(st.floats(-1.0, 1.0))) for m in masses}
+    return masses, contacts, vf.Scene(masses, [*springs, *contacts, load], initial)
+
+
+@settings(max_examples=60)
+@given(data=st.data())
+def test_random_scenes(data):
+    """No hang, no missed crossing, forces of one sign, energy in balance."""
+    masses, contacts, scene = random_scene(data, 3)
+    times = np.linspace(0.0, 3.0, 4001)
+    result = vf.simulate(scene, 3.0, times=times, max_events=20_000)
+    assert result.energy.balance_error < 1e-10
+    for contact in contacts:
+        history = result.contacts[contact.name]
+        scale = 1e-10 * (1.0 + np.max(np.abs(result.samples.q)))
+        # An independent dense sampling sees penetration exactly while the contact is closed.
+        assert np.all(history.gap_function[history.closed] >= -scale)
+        assert np.all(history.gap_function[~history.closed] <= scale)
+        assert np.all(history.force[~history.closed] == 0.0)
+        if not contact.damping:
+            assert np.all(history.force >= -scale * contact.stiffness)
+
+
+@settings(max_examples=30)
+@given(data=st.data())
+def test_superposition_while_nothing_is_in_contact(data):
+    """Twice the load, and the sum of two loads."""
+    masses, _, scene = random_scene(data, 0)
+    result = vf.simulate(scene, 3.0)
+    double = vf.Scene(
+        masses,
+        [*scene.effects, *scene.effects[-1:]],
+        {m: (0.0, 2.0 * v[1]) for m, v in scene.initial.items()},
+    )
+    again = vf.simulate(double, 3.0)
+    for m in masses:
+        one, two = result.displacement(m), again.displacement(m)
+        assert np.max(np.abs(two - 2.0 * one)) <= 1e-11 * np.max(np.abs(two)) + 1e-300
+
+
+@settings(max_examples=20)
+@given(
+    k1=st.floats(0.1, 100.0), k2=st.floats(0.1, 100.0), acts_on=st.sampled_from(["displacement", "penetration"]),
+    speed=st.floats(0.5, 2.0),
+)  # fmt: skip
+def test_parallel_contacts_add(k1, k2, acts_on, speed):
+    """Eq. 14: two contacts side by side equal one of their summed stiffness."""
+    outcomes = []
+    for stiffnesses in ((k1, k2), (k1 + k2,)):
+        mass = vf.Mass(1.0, stiffness=1.0)
+        stops = [vf.Contact(mass, gap=0.3, stiffness=k, side="above", acts_on=acts_on) for k in stiffnesses]
+        outcomes.append(vf.simulate(vf.Scene([mass], stops, {mass: (0.0, speed)}), 6.0).displacement(mass))
+    assert np.max(np.abs(outcomes[0] - outcomes[1])) < 1e-12 * np.max(np.abs(outcomes[1]))
+
+
+def test_free_chain_keeps_its_momentum():
+    masses = [vf.Mass(m) for m in (1.0, 2.0, 0.5)]
+    contacts = [
+        vf.Contact(masses[0], masses[1], gap=0.1, stiffness=1e5, acts_on="penetration"),
+        vf.Contact(masses[1], masses[2], gap=0.2, stiffness=1e3, acts_on="penetration"),
+    ]
+    result = vf.simulate(vf.Scene(masses, contacts, {masses[0]: (0.0, 1.0)}), 5.0)
+    momentum = sum(m.mass * result.velocity(m) for m in masses)
+    assert result.counters.events >= 4
+    assert np.max(np.abs(momentum - 1.0)) < 1e-12
+
+
+def test_relabelled_chain_moves_alike():
+    def outcome(order):
+        masses = [vf.Mass(1.0 + 0.1 * i, stiffness=1.0, name=f"m{i}") for i in range(4)]
+        contacts = [
+            vf.Contact(masses[i], masses[i + 1], gap=0.05, stiffness=100.0, acts_on="penetration") for i in range(3)
+        ]
+        scene = vf.Scene([masses[i] for i in order], contacts, {masses[0]: (0.0, 1.0)})
+        result = vf.simulate(scene, 3.0)
+        assert result.counters.events > 4
+        return np.stack([result.displacement(m) for m in masses])
+
+    assert np.max(np.abs(outcome([0, 1, 2, 3]) - outcome([2, 0, 3, 1]))) < 1e-11
