@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from vofem.io.drawing import COLORMAP, Drawing, Strip
 
 _DPI = 100.0
+
+#: Colours along a strip.
+_COLUMNS = 1024
 
 
 def draw(drawing: Drawing, path: Path) -> None:
@@ -20,13 +24,12 @@ def draw(drawing: Drawing, path: Path) -> None:
     width, height = drawing.size
     figure = Figure(figsize=(width / _DPI, height / _DPI), dpi=_DPI, facecolor="white")
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    axes.set(xlim=(0, width), ylim=(0, height))
     axes.axis("off")
     points = 72.0 / _DPI
     for patch in drawing.patches:
-        axes.add_patch(Polygon(patch.points, closed=True, facecolor=patch.color, edgecolor="none", zorder=1))
+        axes.add_patch(Polygon(patch.points, closed=True, facecolor=patch.color, edgecolor="none", zorder=2))
     for line in drawing.lines:
-        axes.plot(*line.points.T, color=line.color, linewidth=line.width * points, zorder=2 if line.behind else 4)
+        axes.plot(*line.points.T, color=line.color, linewidth=line.width * points, zorder=1 if line.behind else 4)
     for strip in drawing.strips:
         _strip(axes, strip, drawing.limit)
     for dots in drawing.dots:
@@ -44,22 +47,28 @@ def draw(drawing: Drawing, path: Path) -> None:
             va="center",
             zorder=6,
         )
+    # An image sets the limits to its own.
+    axes.set(xlim=(0, width), ylim=(0, height))
     figure.savefig(path, dpi=_DPI, facecolor="white")
 
 
-def _strip(axes: object, strip: Strip, limit: float) -> None:
-    x = np.stack([strip.x, strip.x])
-    y = np.stack([strip.low, strip.high])
-    values = np.stack([strip.values, strip.values])
-    axes.pcolormesh(  # type: ignore[attr-defined]
-        x,
-        y,
-        values,
+def _strip(axes: Any, strip: Strip, limit: float) -> None:
+    """Add an image that is clipped by the outline: triangles of colour show seams in some viewers."""
+    from matplotlib.patches import Polygon
+
+    outline = np.concatenate([np.stack([strip.x, strip.low], axis=1), np.stack([strip.x, strip.high], axis=1)[::-1]])
+    (left, bottom), (right, top) = outline.min(axis=0), outline.max(axis=0)
+    if not (right > left and top > bottom):
+        return  # a diagram of zero moment
+    values = np.interp(np.linspace(left, right, _COLUMNS), strip.x, strip.values)
+    image = axes.imshow(
+        values[None, :],
+        extent=(left, right, bottom, top),
+        aspect="auto",
         cmap=COLORMAP,
         vmin=-limit,
         vmax=limit,
-        shading="gouraud",
-        alpha=strip.opacity,
-        rasterized=True,
+        interpolation="bilinear",
         zorder=3,
     )
+    image.set_clip_path(Polygon(outline, closed=True, transform=axes.transData))

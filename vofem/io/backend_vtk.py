@@ -14,7 +14,7 @@ from vofem.io.drawing import COLORMAP, Drawing, Label, Line, Strip
 Array = NDArray[np.float64]
 
 # Heights towards the viewer, by which kinds of shapes cover each other.
-_PATCH, _BEHIND, _STRIP, _LINE, _DOT = 0.0, 1.0, 2.0, 3.0, 4.0
+_BEHIND, _PATCH, _STRIP, _LINE, _DOT = 0.0, 1.0, 2.0, 3.0, 4.0
 
 
 def draw(drawing: Drawing) -> bytes:
@@ -25,13 +25,13 @@ def draw(drawing: Drawing) -> bytes:
     try:
         plotter.set_background("white")
         for patch in drawing.patches:
-            _add(plotter, _polygon(patch.points), color=patch.color)
+            _add(plotter, _polygons(patch.points[None], _PATCH), color=patch.color)
         for line in drawing.lines:
             _line(plotter, line)
         for strip in drawing.strips:
             _strip(plotter, strip, drawing.limit)
         for dots in drawing.dots:
-            _add(plotter, _discs(dots.points, 0.5 * dots.diameter), color=dots.color)
+            _add(plotter, _discs(dots.points, 0.5 * dots.diameter, _DOT), color=dots.color)
         for label in drawing.labels:
             plotter.add_actor(_text(label), render=False)
         plotter.enable_anti_aliasing("ssaa")
@@ -58,55 +58,49 @@ def _flat(points: Array, z: float) -> Array:
     return np.column_stack([points, np.full(len(points), z)])
 
 
-def _polygon(points: Array) -> Any:
-    return pyvista.PolyData(_flat(points, _PATCH), faces=np.concatenate([[len(points)], np.arange(len(points))]))
+def _polygons(corners: Array, z: float) -> Any:
+    """Return polygons of k corners each, given as (n, k, 2)."""
+    count, each = corners.shape[:2]
+    numbers = np.arange(count * each).reshape(count, each)
+    faces = np.column_stack([np.full(count, each), numbers])
+    return pyvista.PolyData(_flat(corners.reshape(-1, 2), z), faces=faces.ravel())
 
 
-def _discs(centers: Array, radius: float) -> Any:
+def _discs(centers: Array, radius: float, z: float) -> Any:
     """Return filled circles: the round points of OpenGL are left to the driver."""
     angle = np.linspace(0.0, 2.0 * np.pi, 21)[:-1]
     rim = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    points = (centers[:, None, :] + rim).reshape(-1, 2)
-    corners = np.arange(len(points)).reshape(-1, angle.size)
-    faces = np.column_stack([np.full(len(centers), angle.size), corners])
-    return pyvista.PolyData(_flat(points, _DOT), faces=faces.ravel())
+    return _polygons(centers[:, None, :] + rim, z)
 
 
 def _line(plotter: Any, line: Line) -> None:
-    """Add a polyline as a band of triangles: wide lines of OpenGL have gaps at their corners."""
+    """Add a polyline as rectangles, with discs where it bends: wide lines of OpenGL have gaps at their corners."""
     points, half = line.points, 0.5 * line.width
     step = np.diff(points, axis=0)
-    keep = np.hypot(*step.T) > 1e-9
-    points = np.concatenate([points[:1], points[1:][keep]])
-    if len(points) < 2:
+    size = np.hypot(*step.T)
+    start, end, step = points[:-1][size > 0], points[1:][size > 0], step[size > 0] / size[size > 0, None]
+    if not len(step):
         return
-    along = step[keep] / np.hypot(*step[keep].T)[:, None]
-    normal = np.stack([-along[:, 1], along[:, 0]], axis=1)
-    before, after = np.concatenate([normal[:1], normal]), np.concatenate([normal, normal[-1:]])
-    # A mitre, cut short where the line turns back on itself.
-    miter = before + after
-    miter /= np.maximum(np.sum(miter * after, axis=1), 0.3)[:, None]
-    left, right = points + half * miter, points - half * miter
+    normal = half * np.stack([-step[:, 1], step[:, 0]], axis=1)
+    corners = np.stack([start + normal, end + normal, end - normal, start - normal], axis=1)
     z = _BEHIND if line.behind else _LINE
-    _add(plotter, _band(left, right, z), color=line.color)
-
-
-def _band(one: Array, other: Array, z: float) -> Any:
-    k = np.arange(len(one) - 1)
-    corners = np.column_stack([np.full(k.size, 4), k, k + 1, len(one) + k + 1, len(one) + k])
-    return pyvista.PolyData(_flat(np.concatenate([one, other]), z), faces=corners.ravel())
+    _add(plotter, _polygons(corners, z), color=line.color)
+    bends = np.sum(step[:-1] * step[1:], axis=1) < 0.98
+    if np.any(bends):
+        _add(plotter, _discs(end[:-1][bends], half, z), color=line.color)
 
 
 def _strip(plotter: Any, strip: Strip, limit: float) -> None:
-    band = _band(np.stack([strip.x, strip.low], axis=1), np.stack([strip.x, strip.high], axis=1), _STRIP)
-    band["moment"] = np.concatenate([strip.values, strip.values])
+    low, high = np.stack([strip.x, strip.low], axis=1), np.stack([strip.x, strip.high], axis=1)
+    band = _polygons(np.stack([low[:-1], low[1:], high[1:], high[:-1]], axis=1), _STRIP)
+    values = strip.values
+    band["moment"] = np.stack([values[:-1], values[1:], values[1:], values[:-1]], axis=1).ravel()
     _add(
         plotter,
         band,
         scalars="moment",
         cmap=COLORMAP,
         clim=(-limit, limit),
-        opacity=strip.opacity,
         interpolate_before_map=True,
     )
 

@@ -1,7 +1,7 @@
 """A picture as plain shapes in pixels: what `layout` arranges, `sketch` composes, and a backend draws.
 
 The origin is the lower left corner, y points up. Shapes are drawn in the order
-of their kinds: patches, lines below, strips, lines, dots, labels.
+of their kinds: lines behind, patches, strips, lines, dots, labels.
 """
 
 from __future__ import annotations
@@ -38,14 +38,12 @@ class Strip:
         In pixels.
     values : ndarray, shape (k,)
         In the unit of `Drawing.limit`.
-    opacity : float
     """
 
     x: Array
     low: Array
     high: Array
     values: Array
-    opacity: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -58,7 +56,7 @@ class Patch:
 
 @dataclass(frozen=True)
 class Line:
-    """A polyline, points of shape (k, 2), width in pixels; `behind` puts it below the strips."""
+    """A polyline, points of shape (k, 2), width in pixels; `behind` puts it below all else."""
 
     points: Array
     color: str
@@ -124,13 +122,14 @@ class Drawing:
         """Add dots."""
         self.dots.append(Dots(np.stack([x, y], axis=1), color, diameter))
 
-    def rectangle(self, left: float, right: float, bottom: float, top: float, color: str) -> None:
-        """Add a filled rectangle."""
+    def rectangle(self, across: tuple[float, float], upward: tuple[float, float], color: str) -> None:
+        """Add a filled rectangle, between two x and two y in any order."""
+        (left, right), (bottom, top) = sorted(across), sorted(upward)
         corners = [[left, bottom], [right, bottom], [right, top], [left, top]]
         self.patches.append(Patch(np.array(corners, dtype=float), color))
 
     def place(self, label: Label, others: list[Label]) -> bool:
-        """Add the first of `label` and `others` that fits in the picture and covers no label; return whether one did."""
+        """Add the first of `label` and `others` that is inside and covers no other label; return whether one is."""
         for candidate in (label, *others):
             left, bottom, right, top = candidate.box
             inside = left >= 0.0 and bottom >= 0.0 and right <= self.size[0] and top <= self.size[1]

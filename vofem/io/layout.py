@@ -6,6 +6,7 @@ above that of a, and the spring between them is seen to shorten as it closes.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -215,7 +216,7 @@ def _needs(view: Snapshot, order: list[Body], unit: float) -> list[_Needs]:
 def _heights(needs: list[_Needs], view: Snapshot, motion: float, unit: float) -> tuple[list[float], float]:
     """Return the height of each axis over the lower end of the lowest lane, and the height of all."""
     axes = [needs[0].extent(False, motion, unit)]
-    for low, high in zip(needs[:-1], needs[1:], strict=True):
+    for low, high in itertools.pairwise(needs):
         apart = low.extent(True, motion, unit) + high.extent(False, motion, unit)
         gaps = [k.gap for k, a, b in _pairs(view) if {a, b} == {low.body, high.body}]
         if gaps:

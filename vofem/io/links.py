@@ -110,7 +110,7 @@ def _stop(
     thick = 0.0 if link.status == "spring" else 7.0 * layout.unit
     shapes.spring(drawing, (x, pad + face * thick), (x, ground), 0.7 * half, color, width)
     if thick:
-        drawing.rectangle(x - half, x + half, *sorted((pad, pad + face * thick)), color)
+        drawing.rectangle((x - half, x + half), (pad, pad + face * thick), color)
     return x, 0.5 * (pad + ground)
 
 
@@ -134,7 +134,7 @@ def _between(drawing: Drawing, layout: Layout, link: Link, half: float) -> tuple
         at = max(low.rest + link.gap * layout.motion + high.now - high.rest, low.now)
     shapes.spring(drawing, (low.x, at + thick), (high.x, high.now), 0.7 * half, color, width)
     if thick:
-        drawing.rectangle(low.x - half, low.x + half, at, at + thick, color)
+        drawing.rectangle((low.x - half, low.x + half), (at, at + thick), color)
     return 0.5 * (low.x + high.x), 0.5 * (at + high.now)
 
 

@@ -34,11 +34,12 @@ def clamp(drawing: Drawing, x: float, y: float, half: float, unit: float, facing
     """Add a clamped support: a block left of x (facing 1), right of it (-1), or on both faces of the beam (0)."""
     if facing:
         outer = x - facing * 38.0 * unit
-        drawing.rectangle(min(x, outer), max(x, outer), y - half - 52.0 * unit, y + half + 52.0 * unit, BLOCK)
+        reach = half + 52.0 * unit
+        drawing.rectangle((x, outer), (y - reach, y + reach), BLOCK)
         return
     for side in (-1.0, 1.0):
-        ends = sorted((y + side * half, y + side * (half + 30.0 * unit)))
-        drawing.rectangle(x - 20.0 * unit, x + 20.0 * unit, *ends, BLOCK)
+        face = y + side * half
+        drawing.rectangle((x - 20.0 * unit, x + 20.0 * unit), (face, face + side * 30.0 * unit), BLOCK)
 
 
 def pin(drawing: Drawing, x: float, y: float, half: float, unit: float) -> None:
@@ -46,7 +47,7 @@ def pin(drawing: Drawing, x: float, y: float, half: float, unit: float) -> None:
     tip, foot = y - half, y - half - 32.0 * unit
     corners = [[x, tip], [x - 22.0 * unit, foot], [x + 22.0 * unit, foot]]
     drawing.patches.append(Patch(np.array(corners), BLOCK))
-    drawing.rectangle(x - 34.0 * unit, x + 34.0 * unit, foot - 7.0 * unit, foot, GROUND)
+    drawing.rectangle((x - 34.0 * unit, x + 34.0 * unit), (foot - 7.0 * unit, foot), GROUND)
 
 
 def guide(
@@ -64,8 +65,8 @@ def guide(
     radius = 8.0 * unit
     for direction in (side,) if side else (-1, 1):
         near = x + direction * 2.0 * radius
-        ends = sorted((near, near + direction * 16.0 * unit))
-        drawing.rectangle(*ends, reach[0] - half - 14.0 * unit, reach[1] + half + 14.0 * unit, BLOCK)
+        more = half + 14.0 * unit
+        drawing.rectangle((near, near + direction * 16.0 * unit), (reach[0] - more, reach[1] + more), BLOCK)
         for level in (-0.55, 0.55):
             disc(drawing, x + direction * radius, y + level * half, radius, GROUND)
 

@@ -59,7 +59,9 @@ def _title(drawing: Drawing, view: Snapshot, layout: Layout) -> None:
         place, value = _most_telling(state.body, state.x, state.eta)
         name = state.body.name if len(view.bodies) > 1 else ""
         factor, unit = length(value)
-        parts.append(f"{' '.join(w for w in (name, place) if w)} {three_digits(value / factor)} {unit}".strip())
+        number = f"{three_digits(value / factor)} {unit}"
+        words = (name, place, number) if place == "tip" else (name, number, place)
+        parts.append(" ".join(word for word in words if word))
     text = "    ".join(parts)
     if layout.magnification is not None:
         text += f"    (motion shown x{layout.magnification:g})"
@@ -75,7 +77,7 @@ def _most_telling(body: object, x: Array, eta: Array) -> tuple[str, float]:
     if len(ends) == 1:
         return "tip", float(eta[ends[0][1]])
     k = int(np.argmax(np.abs(eta)))
-    return f"x = {x[k]:.3g} m", float(eta[k])
+    return f"at x = {x[k]:.3g} m", float(eta[k])
 
 
 def _color_bar(drawing: Drawing, view: Snapshot) -> float:
@@ -110,7 +112,7 @@ def _diagrams(drawing: Drawing, layout: Layout, beams: list[Lane], factor: float
         # A moment that is positive stretches the lower side.
         base = layout.top - row * room - 0.5 * (inner - used) + state.moment_low * scale
         curve = base - state.moment * scale
-        drawing.strips.append(Strip(x, np.full(x.size, base), curve, state.moment / factor, 0.85))
+        drawing.strips.append(Strip(x, np.full(x.size, base), curve, state.moment / factor))
         drawing.line(x[[0, -1]], base, OUTLINE, 1.2)
         drawing.line(x, curve, INK, 1.6)
         if len(beams) > 1:
@@ -125,16 +127,13 @@ def _name(drawing: Drawing, name: str, x: float, y: float, size: float) -> None:
 
 def _ground(drawing: Drawing, layout: Layout, lane: Lane) -> None:
     bar, body = BAR * layout.unit, lane.state.body
-    if isinstance(body, Beam):
-        ends = (
-            layout.along(body, np.array([body.origin, body.origin + body.length])) + np.array([-38, 38]) * layout.unit
-        )
-    else:
-        ends = layout.along(body, 0.0) + np.array([-120.0, 120.0]) * layout.unit
+    first, last = (body.origin, body.origin + body.length) if isinstance(body, Beam) else (0.0, 0.0)
+    margin = (38.0 if isinstance(body, Beam) else 120.0) * layout.unit
+    ends = float(layout.along(body, first)) - margin, float(layout.along(body, last)) + margin
     if lane.floor is not None:
-        drawing.rectangle(*ends, lane.floor - bar, lane.floor, GROUND)
+        drawing.rectangle(ends, (lane.floor - bar, lane.floor), GROUND)
     if lane.ceiling is not None:
-        drawing.rectangle(*ends, lane.ceiling, lane.ceiling + bar, GROUND)
+        drawing.rectangle(ends, (lane.ceiling, lane.ceiling + bar), GROUND)
 
 
 def _beam(drawing: Drawing, layout: Layout, lane: Lane, beam: Beam, factor: float) -> None:
@@ -171,7 +170,7 @@ def _mass(drawing: Drawing, layout: Layout, lane: Lane, side: str) -> None:
     y = lane.axis + float(lane.state.eta[0]) * layout.motion
     corners_x = x + 1.3 * half * np.array([-1, 1, 1, -1, -1])
     drawing.line(corners_x, lane.axis + half * np.array([-1, -1, 1, 1, -1]), OUTLINE, 1.6, behind=True)
-    drawing.rectangle(x - 1.3 * half, x + 1.3 * half, y - half, y + half, MASS)
+    drawing.rectangle((x - 1.3 * half, x + 1.3 * half), (y - half, y + half), MASS)
     drawing.line(corners_x, y + half * np.array([-1, -1, 1, 1, -1]), INK, 2.2)
     name = getattr(lane.state.body, "name", "")
     drawing.labels.append(Label(x - 1.3 * half - 14.0 * unit, y, name, INK, 21.0 * unit, "right", bold=True))
@@ -181,7 +180,7 @@ def _mass(drawing: Drawing, layout: Layout, lane: Lane, side: str) -> None:
     arm, ledge = x + 1.3 * half + 90.0 * unit, lane.axis + lane.state.low * layout.motion - 62.0 * unit
     drawing.line([x + 1.3 * half, arm], y, BLOCK, 4.0 * unit, behind=True)
     shapes.spring(drawing, (arm, y), (arm, ledge), 14.0 * unit, SPRING, 3.4 * unit)
-    drawing.rectangle(arm - 40.0 * unit, arm + 40.0 * unit, ledge - 0.5 * BAR * unit, ledge, GROUND)
+    drawing.rectangle((arm - 40.0 * unit, arm + 40.0 * unit), (ledge - 0.5 * BAR * unit, ledge), GROUND)
 
 
 def _scale_of_motion(drawing: Drawing, layout: Layout) -> None:
