@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Box = tuple[float, float, float, float]
 
 #: Colour map of the bending moment: blue where negative, red where positive.
 COLORMAP = "RdBu_r"
@@ -86,7 +87,7 @@ class Label:
     bold: bool = False
 
     @property
-    def box(self) -> tuple[float, float, float, float]:
+    def box(self) -> Box:
         """Left, bottom, right and top, estimated from the number of characters."""
         width = 0.58 * self.size * len(self.text)
         left = self.x - {"left": 0.0, "center": 0.5, "right": 1.0}[self.align] * width
@@ -103,6 +104,8 @@ class Drawing:
         Width and height in pixels.
     limit : float
         Strips are coloured from -limit to limit.
+    taken : list of tuple
+        Left, bottom, right and top of what `place` keeps labels away from, other labels aside.
     """
 
     size: tuple[int, int]
@@ -112,6 +115,7 @@ class Drawing:
     lines: list[Line] = field(default_factory=list)
     dots: list[Dots] = field(default_factory=list)
     labels: list[Label] = field(default_factory=list)
+    taken: list[Box] = field(default_factory=list)
 
     def line(self, x: object, y: object, color: str, width: float, behind: bool = False) -> None:
         """Add a polyline."""
@@ -129,15 +133,16 @@ class Drawing:
         self.patches.append(Patch(np.array(corners, dtype=float), color))
 
     def place(self, label: Label, others: list[Label]) -> bool:
-        """Add the first of `label` and `others` that is inside and covers no other label; return whether one is."""
+        """Add the first of `label` and `others` that is inside and covers nothing; return whether one is."""
         for candidate in (label, *others):
             left, bottom, right, top = candidate.box
             inside = left >= 0.0 and bottom >= 0.0 and right <= self.size[0] and top <= self.size[1]
-            if inside and not any(_overlap(candidate.box, placed.box) for placed in self.labels):
+            boxes = [*self.taken, *(placed.box for placed in self.labels)]
+            if inside and not any(_overlap(candidate.box, box) for box in boxes):
                 self.labels.append(candidate)
                 return True
         return False
 
 
-def _overlap(a: tuple[float, float, float, float], b: tuple[float, float, float, float]) -> bool:
+def _overlap(a: Box, b: Box) -> bool:
     return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]

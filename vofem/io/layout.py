@@ -63,8 +63,8 @@ class Layout:
         Pixels per metre of displacement.
     magnification : float or None
         Of displacements over lengths; None where the scene has no length.
-    top : float
-        Upper end of the moment diagrams, pixels.
+    top, diagrams : float
+        Upper end and height of the moment diagrams, pixels.
     """
 
     size: tuple[int, int]
@@ -73,8 +73,14 @@ class Layout:
     motion: float
     magnification: float | None
     top: float
+    diagrams: float
     _start: float
     _scale: float
+
+    @property
+    def text(self) -> float:
+        """Pixels per pixel of text: text shrinks less than shapes, to stay readable."""
+        return max(self.unit, 0.75 * min(self.size[0] / 1600.0, self.size[1] / 700.0))
 
     def along(self, body: Body, x: float | Array) -> Array:
         """Return the pixels of the x of a body."""
@@ -119,16 +125,13 @@ def arrange(view: Snapshot, size: tuple[int, int], magnification: float | None) 
     lower = (SCALE_BAND if beams else 40.0) * full
     upper = size[1] - HEADER * full
     room = upper - lower - (DIAGRAMS * full if beams else 0.0)
-    for unit in full * 0.85 ** np.arange(12):
-        needs = _needs(view, order, float(unit))
-        chosen = _magnify(needs, view, room, float(unit), scale, magnification)
-        if chosen is not None:
-            break
-    else:  # more bodies than a picture of this size can show clearly
-        chosen = magnification or 1.0
+    unit, chosen = _choose(view, order, room, full, scale, magnification)
     motion = chosen * scale
-    axes, total = _heights(needs, view, motion, float(unit))
-    lowest = lower + max(0.0, 0.5 * (room - total))
+    needs = _needs(view, order, unit)
+    axes, total = _heights(needs, view, motion, unit)
+    left = max(0.0, room - total)
+    diagrams = DIAGRAMS * full + min(left, 0.4 * DIAGRAMS * full)
+    lowest = lower + 0.5 * max(0.0, left - 0.4 * DIAGRAMS * full)
     lanes = {}
     for need, axis in zip(needs, axes, strict=True):
         state = next(s for s in view.bodies if s.body is need.body)
@@ -136,7 +139,27 @@ def arrange(view: Snapshot, size: tuple[int, int], magnification: float | None) 
         ceiling = axis + need.extent(True, motion, unit) - BAR * unit + lowest if need.above else None
         lanes[need.body] = Lane(state, lowest + axis, need.half, shifts[need.body], floor, ceiling)
     shown = chosen if beams else None
-    return Layout(size, lanes, float(unit), motion, shown, upper, start, scale)
+    return Layout(size, lanes, unit, motion, shown, upper, diagrams, start, scale)
+
+
+def _choose(
+    view: Snapshot, order: list[Body], room: float, full: float, scale: float, wanted: float | None
+) -> tuple[float, float]:
+    """Return the unit and the magnification: bodies are drawn smaller only where the motion would not be seen."""
+    fallback: tuple[float, float] | None = None
+    for unit in full * 0.85 ** np.arange(14):
+        needs = _needs(view, order, float(unit))
+        chosen = _magnify(needs, view, room, float(unit), scale, wanted)
+        if chosen is None:
+            continue
+        fallback = fallback or (float(unit), chosen)
+        size = max(max(need.down, need.up) for need in needs)
+        if wanted is not None or size == 0.0 or size * chosen * scale >= 0.35 * MOTION * full:
+            return float(unit), chosen
+        if unit < 0.5 * full:
+            break
+    # None: more bodies than a picture of this size can show clearly.
+    return fallback or (float(full) * 0.1, wanted or 1.0)
 
 
 def _pairs(view: Snapshot) -> list[tuple[Link, Body, Body]]:

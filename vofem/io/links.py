@@ -109,6 +109,7 @@ def _stop(
     width = max(1.5, min(4.6 * layout.unit, 0.25 * half))
     thick = 0.0 if link.status == "spring" else 7.0 * layout.unit
     shapes.spring(drawing, (x, pad + face * thick), (x, ground), 0.7 * half, color, width)
+    drawing.taken.append((x - 0.7 * half, min(pad, ground), x + 0.7 * half, max(pad, ground)))
     if thick:
         drawing.rectangle((x - half, x + half), (pad, pad + face * thick), color)
     return x, 0.5 * (pad + ground)
@@ -133,6 +134,7 @@ def _between(drawing: Drawing, layout: Layout, link: Link, half: float) -> tuple
         # The spring keeps its length: the pad moves with the upper body.
         at = max(low.rest + link.gap * layout.motion + high.now - high.rest, low.now)
     shapes.spring(drawing, (low.x, at + thick), (high.x, high.now), 0.7 * half, color, width)
+    drawing.taken.append((low.x - 0.7 * half, min(at, high.now), low.x + 0.7 * half, max(at, high.now)))
     if thick:
         drawing.rectangle((low.x - half, low.x + half), (at, at + thick), color)
     return 0.5 * (low.x + high.x), 0.5 * (at + high.now)
@@ -151,8 +153,8 @@ def _ground_springs(drawing: Drawing, layout: Layout, slots: dict[int, float], h
 
 
 def _labels(drawing: Drawing, layout: Layout, wanted: list[tuple[Link, float, float, float]]) -> None:
-    """Label the links beside them, the largest force first; where it is crowded the last ones go without."""
-    unit = layout.unit
+    """Label the links beside them, the largest force first; where it is crowded some go without, and are counted."""
+    unit, omitted = layout.unit, 0
     for link, x, y, half in sorted(wanted, key=lambda w: -abs(w[0].force)):
         if link.status == "spring":
             continue
@@ -160,6 +162,14 @@ def _labels(drawing: Drawing, layout: Layout, wanted: list[tuple[Link, float, fl
         text = "open" if link.status == "open" else spell(link.force, "N")
         if link.status == "pinned":
             text = f"pinned, {text}"
-        right = Label(x + 0.7 * half + 16.0 * unit, y, text, color, 21.0 * unit, "left", bold=True)
-        left = Label(x - 0.7 * half - 16.0 * unit, y, text, color, 21.0 * unit, "right", bold=True)
-        drawing.place(right, [left])
+        right = Label(x + 0.7 * half + 16.0 * unit, y, text, color, 21.0 * layout.text, "left", bold=True)
+        left = Label(x - 0.7 * half - 16.0 * unit, y, text, color, 21.0 * layout.text, "right", bold=True)
+        omitted += not drawing.place(right, [left])
+    contacts = [link for link, _, _, _ in wanted if link.status != "spring"]
+    if omitted:
+        active = [link.force for link in contacts if link.status != "open"]
+        text = f"{len(active)} of {len(contacts)} contacts closed"
+        full = min(drawing.size[0] / 1600.0, drawing.size[1] / 700.0)
+        drawing.labels.append(
+            Label(drawing.size[0] - 30.0 * full, 30.0 * full, text, CLOSED_TEXT, 21.0 * full, "right", bold=True)
+        )

@@ -93,7 +93,7 @@ def time_history(
     path : path of a .png, .pdf or .svg
     contact : contact, name or several of them, optional
         Those to show; where not given, the contacts at the point, and where
-        there are none, those of its body.
+        there are none, the nearest of its body, at most six.
 
     Returns
     -------
@@ -122,15 +122,16 @@ def time_history(
     upper.set_title(point.describe().replace("$", r"\$"), fontsize=11)
     for index, item in enumerate(chosen):
         color = _COLORS[index % len(_COLORS)]
-        surface = np.broadcast_to(_surface(result, item, point, times), times.shape)
-        upper.plot(times, surface / factor, color=color, linewidth=1.0, linestyle="--", label=f"{item.name} closes")
+        if _at(item, point):
+            surface = np.broadcast_to(_surface(result, item, point, times), times.shape)
+            upper.plot(times, surface / factor, color=color, linewidth=1.0, linestyle="--", label=f"{item.name} closes")
         for start, end in _closed(result, item):
             for axes in grid[:, 0]:
                 axes.axvspan(start, end, color=color, alpha=0.13, linewidth=0)
     if chosen:
         _stiffness(result, chosen, times, grid[1, 0])
-        # Beside the axes, where no curve can run under it.
-        upper.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=9)
+    for axes in grid[:, 0]:
+        _legend(axes)
     for axes in grid[:, 0]:
         axes.grid(color="#e3e5e9", linewidth=0.7)
         axes.set_axisbelow(True)
@@ -150,15 +151,33 @@ def _contacts(result: Result, point: Point, wanted: Any) -> list[Contact]:
     if not hasattr(point, "body"):
         raise ArgumentError(f"expected a point, beam.at(x) or a Mass, found {point!r}")
     of_body = [c for c in result.scene.contacts if any(p.body.name == point.body.name for p in c.points())]
-    here = [
-        c
-        for c in of_body
-        if any(
-            p.body.name == point.body.name and np.isclose(place_of(p), place_of(point), rtol=1e-9, atol=0.0)
-            for p in c.points()
+    here = [c for c in of_body if _at(c, point)]
+    # More than there are colours cannot be told apart.
+    nearest = sorted(of_body, key=lambda c: min(abs(place_of(p) - place_of(point)) for p in c.points()))
+    return here or [c for c in of_body if c in nearest[: len(_COLORS)]]
+
+
+def _at(contact: Contact, point: Point) -> bool:
+    """Return whether a contact touches its body at a point."""
+    return any(
+        p.body.name == point.body.name and np.isclose(place_of(p), place_of(point), rtol=1e-9, atol=0.0)
+        for p in contact.points()
+    )
+
+
+def _legend(axes: Any) -> None:
+    """Add a legend beside the axes, where no curve runs under it, of as many lines as there are colours."""
+    handles, names = axes.get_legend_handles_labels()
+    if not handles:
+        return
+    more = len(names) - len(_COLORS)
+    if more > 0:
+        handles, names = (
+            handles[: len(_COLORS)],
+            [*names[: len(_COLORS) - 1], f"{names[len(_COLORS) - 1]}, and {more} more"],
         )
-    ]
-    return here or of_body
+    names = [name.replace("$", r"\$") for name in names]
+    axes.legend(handles, names, loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=9)
 
 
 def _times(result: Result, contacts: list[Contact]) -> Array:
@@ -201,6 +220,4 @@ def _stiffness(result: Result, contacts: list[Contact], times: Array, axes: Any)
             label=contact.name,
         )
     axes.set_ylabel(rf"$K_\mathrm{{eq}}$ [{unit}]")
-    axes.set_ylim(bottom=0.0)
-    axes.margins(y=0.12)
-    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=9)
+    axes.set_ylim(0.0, 1.1 * float(np.max(laws.stiffness[rows])) / factor)

@@ -19,7 +19,7 @@ from vofem.io.drawing import (
     Label,
     Strip,
 )
-from vofem.io.layout import BAR, DIAGRAMS, Lane, Layout, arrange, side_of_ground
+from vofem.io.layout import BAR, Lane, Layout, arrange, side_of_ground
 from vofem.io.links import add_links
 from vofem.io.snapshot import Snapshot
 from vofem.io.units import length, nice_above, nice_below, prefixed, three_digits
@@ -101,7 +101,7 @@ def _color_bar(drawing: Drawing, view: Snapshot) -> float:
 def _diagrams(drawing: Drawing, layout: Layout, beams: list[Lane], factor: float) -> None:
     """Add the moment diagrams, on the side of the beam that is in tension, all in one scale."""
     full = _full(drawing.size)
-    room = (DIAGRAMS - 12.0) * full / len(beams)
+    room = (layout.diagrams - 12.0 * full) / len(beams)
     inner = room * (1.0 if len(beams) == 1 else 0.86)
     ranges = [lane.state.moment_high - lane.state.moment_low for lane in beams]
     scale = 0.94 * inner / max(*ranges, 1e-300)
@@ -161,7 +161,7 @@ def _beam(drawing: Drawing, layout: Layout, lane: Lane, beam: Beam, factor: floa
         else:
             shapes.guide(drawing, place, float(np.interp(place, x, y)), depth, reach, unit, -facing)
     if len(layout.lanes) > 1:
-        _name(drawing, beam.name, float(x[0]) - 52.0 * unit, lane.axis, 20.0 * unit)
+        _name(drawing, beam.name, float(x[0]) - 52.0 * unit, lane.axis, 20.0 * layout.text)
 
 
 def _mass(drawing: Drawing, layout: Layout, lane: Lane, side: str) -> None:
@@ -173,7 +173,7 @@ def _mass(drawing: Drawing, layout: Layout, lane: Lane, side: str) -> None:
     drawing.rectangle((x - 1.3 * half, x + 1.3 * half), (y - half, y + half), MASS)
     drawing.line(corners_x, y + half * np.array([-1, -1, 1, 1, -1]), INK, 2.2)
     name = getattr(lane.state.body, "name", "")
-    drawing.labels.append(Label(x - 1.3 * half - 14.0 * unit, y, name, INK, 21.0 * unit, "right", bold=True))
+    drawing.labels.append(Label(x - 1.3 * half - 14.0 * unit, y, name, INK, 21.0 * layout.text, "right", bold=True))
     if not getattr(lane.state.body, "stiffness", 0.0) or side != "aside":
         return
     # Between two others there is no ground to stand on: an arm leads to a ledge beside them.
@@ -193,4 +193,4 @@ def _scale_of_motion(drawing: Drawing, layout: Layout) -> None:
         drawing.line([x - 8.0 * layout.unit, x + 8.0 * layout.unit], [y, y], INK, 2.2)
     factor, unit = length(size)
     text = f"{size / factor:g} {unit}"
-    drawing.labels.append(Label(x + 18.0 * layout.unit, 0.5 * (low + high), text, INK, 21.0 * layout.unit))
+    drawing.labels.append(Label(x + 18.0 * layout.unit, 0.5 * (low + high), text, INK, 21.0 * layout.text))
