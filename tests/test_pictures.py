@@ -97,13 +97,16 @@ def test_open_and_closed_differ(paper, tmp_path, forced, request):
     opened = pixels(render(result, 0.75, tmp_path / "open.png").path)
     for image in (closed, opened):
         assert image.std() > 0.05
-        assert np.all(image[:8] == 1.0) and np.all(image[:, :8] == 1.0) and np.all(image[:, -8:] == 1.0)
+        assert np.all(image[:8] == 1.0)
+        assert np.all(image[:, :8] == 1.0)
+        assert np.all(image[:, -8:] == 1.0)
     assert np.mean(np.any(np.abs(closed - opened) > 0.1, axis=-1)) > 0.02
     assert orange(closed) > 200
     assert orange(opened) < 20
     # The stop is at the right end and below.
     rows, columns = np.nonzero(np.all(np.abs(closed - ORANGE) < 0.03, axis=-1))
-    assert rows.min() > 400 and columns.min() > 1300
+    assert rows.min() > 400
+    assert columns.min() > 1300
 
 
 @pytest.mark.usefixtures("no_vtk")
@@ -112,7 +115,8 @@ def test_fallback_names_the_packages(paper, tmp_path):
     assert outcome.backend == "matplotlib"
     assert "forced" in outcome.message
     if sys.platform.startswith("linux"):
-        assert "libegl1" in outcome.message and "libgl1-mesa-dri" in outcome.message
+        assert "libegl1" in outcome.message
+        assert "libgl1-mesa-dri" in outcome.message
 
 
 def test_a_crash_of_the_driver_does_not_reach_the_user(tmp_path):
@@ -182,7 +186,8 @@ def test_labels_keep_apart_and_inside(build):
     view = snapshot(vf.equilibrium(scene), None, scene)
     boxes = [label.box for label in sketch(view, (1600, 700), None).labels]
     for k, (left, bottom, right, top) in enumerate(boxes):
-        assert 0 <= left < right <= 1600 and 0 <= bottom < top <= 700
+        assert 0 <= left < right <= 1600
+        assert 0 <= bottom < top <= 700
         for other in boxes[:k]:
             assert left >= other[2] or other[0] >= right or bottom >= other[3] or other[1] >= top
 
@@ -202,8 +207,14 @@ def test_time_history(paper, tmp_path):
         image = pixels(time_history(result, beam.at(1.0), tmp_path / f"{name}.png", contact=contact))
         assert image.std() > 0.05
         assert (orange(image) > 200) is (name != "none")
-    stepped = vf.simulate(result.scene, 2.0, method="central_difference")
-    assert time_history(stepped, beam.at(0.5), tmp_path / "stepped.svg").stat().st_size > 1000
+
+
+def test_stepping_method(tmp_path):
+    scene = two_sided(-30.0)
+    (beam,) = scene.bodies
+    result = vf.simulate(scene, 0.5, method="central_difference")
+    assert time_history(result, beam.at(0.5), tmp_path / "a.svg").stat().st_size > 1000
+    assert orange(pixels(draw_scene(result, 0.2, tmp_path / "a.png"))) > 200
 
 
 def test_unwritable_path(paper, tmp_path):
@@ -218,7 +229,8 @@ def test_unwritable_path(paper, tmp_path):
         ):
             with pytest.raises(vf.OutputError, match=r"cannot be written: .*(create|choose|give)") as caught:
                 draw()
-            assert isinstance(caught.value, vf.VofemError) and isinstance(caught.value, OSError)
+            assert isinstance(caught.value, vf.VofemError)
+            assert isinstance(caught.value, OSError)
             assert str(path) in str(caught.value)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "folder.png"]
 
@@ -247,7 +259,7 @@ def test_other_errors_pass_and_clean_up(tmp_path):
 
 def test_wrong_arguments(paper, tmp_path):
     _, result = paper
-    with pytest.raises(vf.ArgumentError, match="suffix|ends in"):
+    with pytest.raises(vf.ArgumentError, match="ends in"):
         render(result, 1.0, tmp_path / "a.jpg")
     with pytest.raises(vf.ArgumentError, match="0 to 6 s"):
         render(result, 7.0, tmp_path / "a.png")
@@ -267,7 +279,7 @@ def test_numbers_read_well():
         "0 N",
         "1.00 GN",
     ]
-    assert (nice_below(4.9), nice_below(0.2), nice_above(0.141)) == (2.0, 0.2, 0.16)
+    assert (nice_below(4.9), nice_below(0.2), nice_above(0.141)) == pytest.approx((2.0, 0.2, 0.16))
 
 
 def test_import_is_light():

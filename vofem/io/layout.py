@@ -130,8 +130,9 @@ def arrange(view: Snapshot, size: tuple[int, int], magnification: float | None) 
     needs = _needs(view, order, unit)
     axes, total = _heights(needs, view, motion, unit)
     left = max(0.0, room - total)
-    diagrams = DIAGRAMS * full + min(left, 0.4 * DIAGRAMS * full)
-    lowest = lower + 0.5 * max(0.0, left - 0.4 * DIAGRAMS * full)
+    # Room that is left goes to the moment diagrams first.
+    extra = min(left, 0.4 * DIAGRAMS * full) if beams else 0.0
+    lowest = lower + 0.5 * (left - extra)
     lanes = {}
     for need, axis in zip(needs, axes, strict=True):
         state = next(s for s in view.bodies if s.body is need.body)
@@ -139,7 +140,7 @@ def arrange(view: Snapshot, size: tuple[int, int], magnification: float | None) 
         ceiling = axis + need.extent(True, motion, unit) - BAR * unit + lowest if need.above else None
         lanes[need.body] = Lane(state, lowest + axis, need.half, shifts[need.body], floor, ceiling)
     shown = chosen if beams else None
-    return Layout(size, lanes, unit, motion, shown, upper, diagrams, start, scale)
+    return Layout(size, lanes, unit, motion, shown, upper, DIAGRAMS * full + extra, start, scale)
 
 
 def _choose(

@@ -68,8 +68,9 @@ def draw_scene(
     from vofem.io.snapshot import snapshot
 
     goal = target(path, _SUFFIXES)
+    drawing = sketch(snapshot(outcome, t, scene), size, magnification)
     with replacing(goal) as temporary:
-        draw(sketch(snapshot(outcome, t, scene), size, magnification), temporary)
+        draw(drawing, temporary)
     return goal
 
 
@@ -120,6 +121,8 @@ def time_history(
     upper.plot(times, eta / factor, color="#16181d", linewidth=1.3)
     upper.set_ylabel(f"displacement [{unit}]")
     upper.set_title(point.describe().replace("$", r"\$"), fontsize=11)
+    # Intervals of several contacts lie on each other.
+    shade = 0.14 / max(1, len(chosen)) ** 0.7
     for index, item in enumerate(chosen):
         color = _COLORS[index % len(_COLORS)]
         if _at(item, point):
@@ -127,7 +130,7 @@ def time_history(
             upper.plot(times, surface / factor, color=color, linewidth=1.0, linestyle="--", label=f"{item.name} closes")
         for start, end in _closed(result, item):
             for axes in grid[:, 0]:
-                axes.axvspan(start, end, color=color, alpha=0.13, linewidth=0)
+                axes.axvspan(start, end, color=color, alpha=shade, linewidth=0)
     if chosen:
         _stiffness(result, chosen, times, grid[1, 0])
     for axes in grid[:, 0]:
@@ -181,12 +184,14 @@ def _legend(axes: Any) -> None:
 
 
 def _times(result: Result, contacts: list[Contact]) -> Array:
+    # The last step of a stepping method may reach beyond the end of the run, where nothing is known.
+    end = min(float(result.times[-1]), result.solution.t_end)
     if result.method != "event_driven":
-        return result.times
-    dense = np.linspace(0.0, result.times[-1], max(_DENSE, result.times.size))
+        return result.times[result.times <= end]
+    dense = np.linspace(0.0, end, max(_DENSE, result.times.size))
     events = [np.concatenate([result.contacts[c.name].closings, result.contacts[c.name].openings]) for c in contacts]
     times = np.unique(np.concatenate([dense, *events]))
-    return times[times <= result.times[-1]]
+    return times[times <= end]
 
 
 def _surface(result: Result, contact: Contact, point: Point, times: Array) -> float | Array:

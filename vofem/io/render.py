@@ -6,8 +6,6 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from vofem._validate import number
-from vofem.errors import ArgumentError
 from vofem.io.files import replacing, target
 from vofem.io.probe import Probe, cure, prepare_environment, probe
 from vofem.result import Result
@@ -15,8 +13,6 @@ from vofem.scene import Scene
 from vofem.statics import Equilibrium
 
 __all__ = ["Probe", "RenderOutcome", "probe", "render"]
-
-_SMALLEST, _LARGEST = 200, 8000
 
 
 @dataclass(frozen=True)
@@ -83,9 +79,6 @@ def render(
     from vofem.io.snapshot import snapshot
 
     goal = target(path, (".png",))
-    size = _size(size)
-    if magnification is not None:
-        magnification = number("render: magnification", magnification, positive=True)
     drawing = sketch(snapshot(result, t, scene), size, magnification)
     found = probe()
     with replacing(goal) as temporary:
@@ -102,13 +95,3 @@ def render(
         return RenderOutcome(goal, "vtk", "")
     message = f"drawn with matplotlib, because VTK does not work here: {found.detail}. To get VTK, {cure()}"
     return RenderOutcome(goal, "matplotlib", message)
-
-
-def _size(size: tuple[int, int]) -> tuple[int, int]:
-    try:
-        width, height = (int(side) for side in size)
-    except (TypeError, ValueError):
-        raise ArgumentError(f"render: size is {size!r}, expected (width, height) in pixels") from None
-    if not (_SMALLEST <= width <= _LARGEST and _SMALLEST <= height <= _LARGEST):
-        raise ArgumentError(f"render: size is {size!r}, expected {_SMALLEST} to {_LARGEST} pixels each way")
-    return width, height

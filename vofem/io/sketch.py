@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem._validate import number
 from vofem.bodies import Beam
+from vofem.errors import ArgumentError
 from vofem.io import shapes
 from vofem.io.drawing import (
     BLOCK,
@@ -22,13 +24,18 @@ from vofem.io.drawing import (
 from vofem.io.layout import BAR, Lane, Layout, arrange, side_of_ground
 from vofem.io.links import add_links
 from vofem.io.snapshot import Snapshot
-from vofem.io.units import length, nice_above, nice_below, prefixed, three_digits
+from vofem.io.units import length, nice_above, nice_below, prefixed, spell, three_digits
 
 Array = NDArray[np.float64]
 
+_SMALLEST, _LARGEST = 200, 8000
+
 
 def sketch(view: Snapshot, size: tuple[int, int], magnification: float | None) -> Drawing:
-    """Return the picture of a scene."""
+    """Return the picture of a scene, of a size in pixels and with a magnification or one that is chosen."""
+    size = _checked(size)
+    if magnification is not None:
+        magnification = number("a picture's magnification", magnification, positive=True)
     layout = arrange(view, size, magnification)
     drawing = Drawing(size)
     _title(drawing, view, layout)
@@ -48,13 +55,23 @@ def sketch(view: Snapshot, size: tuple[int, int], magnification: float | None) -
     return drawing
 
 
+def _checked(size: tuple[int, int]) -> tuple[int, int]:
+    try:
+        width, height = (int(side) for side in size)
+    except (TypeError, ValueError):
+        raise ArgumentError(f"a picture's size is {size!r}, expected (width, height) in pixels") from None
+    if not (_SMALLEST <= width <= _LARGEST and _SMALLEST <= height <= _LARGEST):
+        raise ArgumentError(f"a picture's size is {size!r}, expected {_SMALLEST} to {_LARGEST} pixels each way")
+    return width, height
+
+
 def _full(size: tuple[int, int]) -> float:
     return min(size[0] / 1600.0, size[1] / 700.0)
 
 
 def _title(drawing: Drawing, view: Snapshot, layout: Layout) -> None:
     full = _full(drawing.size)
-    parts = ["equilibrium" if view.time is None else f"t = {view.time:.3f} s"]
+    parts = ["equilibrium" if view.time is None else f"t = {_spelled(view.time)}"]
     for state in sorted(view.bodies, key=lambda s: -float(np.max(np.abs(s.eta))))[:3]:
         place, value = _most_telling(state.body, state.x, state.eta)
         name = state.body.name if len(view.bodies) > 1 else ""
@@ -67,6 +84,11 @@ def _title(drawing: Drawing, view: Snapshot, layout: Layout) -> None:
         text += f"    (motion shown x{layout.magnification:g})"
     fitting = min(27.0 * full, 0.96 * drawing.size[0] / (0.56 * len(text)))
     drawing.labels.append(Label(0.5 * drawing.size[0], drawing.size[1] - 34.0 * full, text, INK, fitting, "center"))
+
+
+def _spelled(time: float) -> str:
+    """Return a time to a millisecond, or finer where it is short."""
+    return f"{time:.3f} s" if time >= 0.1 or time == 0.0 else spell(time, "s")
 
 
 def _most_telling(body: object, x: Array, eta: Array) -> tuple[str, float]:
@@ -177,7 +199,7 @@ def _mass(drawing: Drawing, layout: Layout, lane: Lane, side: str) -> None:
     if not getattr(lane.state.body, "stiffness", 0.0) or side != "aside":
         return
     # Between two others there is no ground to stand on: an arm leads to a ledge beside them.
-    arm, ledge = x + 1.3 * half + 90.0 * unit, lane.axis + lane.state.low * layout.motion - 62.0 * unit
+    arm, ledge = x + 1.3 * half + 150.0 * unit, lane.axis + lane.state.low * layout.motion - 62.0 * unit
     drawing.line([x + 1.3 * half, arm], y, BLOCK, 4.0 * unit, behind=True)
     shapes.spring(drawing, (arm, y), (arm, ledge), 14.0 * unit, SPRING, 3.4 * unit)
     drawing.rectangle((arm - 40.0 * unit, arm + 40.0 * unit), (ledge - 0.5 * BAR * unit, ledge), GROUND)

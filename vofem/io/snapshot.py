@@ -146,7 +146,7 @@ def _at_rest(outcome: Equilibrium, body: Body) -> BodyState:
 
 def _in_motion(result: Result, body: Body, t: float) -> BodyState:
     # The picture's own time comes first, then the run.
-    times = np.concatenate([[t], np.linspace(0.0, result.times[-1], _TIMES)])
+    times = np.concatenate([[t], np.linspace(0.0, min(float(result.times[-1]), result.solution.t_end), _TIMES)])
     if not isinstance(body, Beam):
         return _mass(body, result.displacement(body, times))
     x, eta, moment = _sampled(
