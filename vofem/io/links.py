@@ -14,6 +14,9 @@ from vofem.io.layout import MASS_HALF, Layout, place_of, side_of_ground
 from vofem.io.snapshot import Link, Snapshot
 from vofem.io.units import spell
 
+#: Length in pixels of a spring that is drawn as short as can be.
+_SHORTEST = 40.0
+
 _COLORS = {
     "open": (OPEN, OPEN_TEXT),
     "closed": (CLOSED, CLOSED_TEXT),
@@ -33,8 +36,8 @@ class _Foot:
 
 def add_links(drawing: Drawing, view: Snapshot, layout: Layout) -> None:
     """Add all contacts and springs, and the ground springs of masses."""
-    slots = _slots(view, layout)
-    half = _half_width(slots, layout)
+    slots, spacing = _slots(view, layout)
+    half = float(np.clip(0.4 * spacing, 2.0 * layout.unit, 24.0 * layout.unit))
     wanted: list[tuple[Link, float, float, float]] = []
     for index, link in enumerate(view.links):
         lane = layout.lanes[link.a.body]
@@ -51,8 +54,8 @@ def add_links(drawing: Drawing, view: Snapshot, layout: Layout) -> None:
     _labels(drawing, layout, wanted)
 
 
-def _slots(view: Snapshot, layout: Layout) -> dict[int, float]:
-    """Return where along each stop is drawn; those at one place stand side by side.
+def _slots(view: Snapshot, layout: Layout) -> tuple[dict[int, float], float]:
+    """Return where along each stop is drawn, and their smallest spacing; those at one place stand side by side.
 
     The ground spring of the mass in lane i has the key ``-1 - i``.
     """
@@ -67,21 +70,25 @@ def _slots(view: Snapshot, layout: Layout) -> dict[int, float]:
             groups.setdefault((id(layout.lanes[link.a.body]), link.side), []).append((index, at))
     pitch = 60.0 * layout.unit
     slots: dict[int, float] = {}
-    for members in groups.values():
+    spacing = np.inf
+    ends = {
+        id(lane): tuple(float(layout.along(body, x)) for x in (lane.state.x[0], lane.state.x[-1]))
+        for body, lane in layout.lanes.items()
+    }
+    for key, members in groups.items():
         members.sort(key=lambda m: m[1])
         places = [x for _, x in members]
         for x in sorted(set(np.round(places, 0))):
-            same = [(index, at) for index, at in members if round(at, 0) == x]
-            for k, (index, at) in enumerate(same):
-                slots[index] = at + (k - 0.5 * (len(same) - 1)) * pitch
-    return slots
-
-
-def _half_width(slots: dict[int, float], layout: Layout) -> float:
-    """Return half the width of a pad: less where stops stand closely."""
-    places = np.unique(np.round(list(slots.values()), 0))
-    spacing = float(np.min(np.diff(places), initial=np.inf))
-    return float(np.clip(0.4 * spacing, 2.0 * layout.unit, 24.0 * layout.unit))
+            same = [(index, at) for index, at in members if np.round(at, 0) == x]
+            reach = 0.5 * (len(same) - 1) * pitch
+            left, right = ends[key[0]]
+            # At the end of a beam they stand beside each other under it, not beyond it.
+            middle = float(np.clip(x, left + reach, right - reach)) if right - left > 2.0 * reach else x
+            for k, (index, _) in enumerate(same):
+                slots[index] = middle - reach + k * pitch
+        used = np.sort([slots[index] for index, _ in members])
+        spacing = min(spacing, float(np.min(np.diff(used), initial=np.inf)))
+    return slots, spacing
 
 
 def _foot(layout: Layout, point: Point, x: float, face: float) -> _Foot:
@@ -103,7 +110,7 @@ def _stop(
     free = foot.rest + face * link.gap * layout.motion
     pad = free if link.status == "open" else foot.now
     # A gap far beyond the motion does not fit: its pad stays in the picture, near the ground.
-    limit = ground - face * 40.0 * layout.unit
+    limit = ground - face * _SHORTEST * layout.unit
     pad = min(pad, limit) if face > 0 else max(pad, limit)
     color = _COLORS[link.status][0]
     width = max(1.5, min(4.6 * layout.unit, 0.25 * half))
@@ -113,6 +120,13 @@ def _stop(
     if thick:
         drawing.rectangle((x - half, x + half), (pad, pad + face * thick), color)
     return x, 0.5 * (pad + ground)
+
+
+def _is_far(layout: Layout, link: Link) -> bool:
+    """Return whether the gap of a stop is too large to be drawn to scale."""
+    lane = layout.lanes[link.a.body]
+    ground = lane.ceiling if link.side == "above" else lane.floor
+    return ground is not None and link.gap * layout.motion > abs(ground - lane.axis) - _SHORTEST * layout.unit
 
 
 def _between(drawing: Drawing, layout: Layout, link: Link, half: float) -> tuple[float, float]:
@@ -160,6 +174,8 @@ def _labels(drawing: Drawing, layout: Layout, wanted: list[tuple[Link, float, fl
             continue
         color = _COLORS[link.status][1]
         text = "open" if link.status == "open" else spell(link.force, "N")
+        if link.status == "open" and link.b is None and _is_far(layout, link):
+            text = f"open, gap {spell(link.gap, 'm')}"
         if link.status == "pinned":
             text = f"pinned, {text}"
         right = Label(x + 0.7 * half + 16.0 * unit, y, text, color, 21.0 * layout.text, "left", bold=True)

@@ -47,7 +47,7 @@ def probe() -> Probe:
     prepare_environment()
     try:
         child = subprocess.run(
-            [sys.executable, "-c", _SCRIPT],
+            [sys.executable or "python", "-c", _SCRIPT],
             stdin=subprocess.DEVNULL,
             capture_output=True,
             timeout=_TIMEOUT,

@@ -161,17 +161,24 @@ def _sampled(
     """Return x (k,), eta (k, n_times) and M (k, n_times) along a beam.
 
     The moment of cubic elements jumps from one to the next by the error of
-    discretisation; at a node the mean of both sides is drawn.
+    discretisation; at a node the mean of both sides is drawn. Where a support
+    takes up a moment the jump is real: x occurs twice there.
     """
     count = beam.element_lengths.size
     if count > 2 * _POINTS:
         x = np.linspace(beam.nodes[0], beam.nodes[-1], _POINTS + 1)
         return x, deflection(x), bending_moment(x)
-    inside = np.arange(max(4, -(-_POINTS // count))) / max(4, -(-_POINTS // count))
+    each = max(4, -(-_POINTS // count))
+    inside = np.arange(each) / each
     x = np.append((beam.nodes[:-1, None] + inside * beam.element_lengths[:, None]).ravel(), beam.nodes[-1])
     moment = bending_moment(x)
-    nodes = np.arange(1, count) * inside.size
-    moment[nodes] = 0.5 * (moment[nodes] + bending_moment(x[nodes] - 1e-6 * beam.element_lengths[:-1]))
+    inner = np.arange(1, count)
+    before = bending_moment(x[inner * each] - 1e-6 * beam.element_lengths[:-1])
+    jumps = np.array([beam.supports.get(node, "pinned") != "pinned" for node in inner.tolist()], dtype=bool)
+    smooth = inner[~jumps] * each
+    moment[smooth] = 0.5 * (moment[smooth] + before[~jumps])
+    moment = np.insert(moment, inner[jumps] * each, before[jumps], axis=0)
+    x = np.insert(x, inner[jumps] * each, x[inner[jumps] * each])
     return x, deflection(x), moment
 
 
