@@ -272,9 +272,7 @@ class SystemBuilder:
             return matrix[free][:, free].tocsc() if free.size < self.size else matrix.tocsc()
 
         for value, function, name, only in self._accelerations:
-            translation = np.concatenate(
-                [body.translation() * (only is None or body is only) for body in self.offsets]
-            )
+            translation = np.concatenate([body.translation() * (only is None or body is only) for body in self.offsets])
             self._loads.append(Load(value * (mass @ translation), function, name))
         contact_rows, contacts = self._build_contacts(free)
         nonlinear_rows = self._rows([row for row, _ in self._nonlinear]) if self._nonlinear else None

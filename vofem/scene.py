@@ -84,7 +84,9 @@ class Scene:
 
     def _check_bases(self) -> None:
         """Raise where something joins bodies whose bases move differently: their gap would depend on time."""
-        bases = {id(body): [e for e in self.effects if isinstance(e, BaseMotion) and e.body is body] for body in self.bodies}
+        bases = {
+            id(body): [e for e in self.effects if isinstance(e, BaseMotion) and e.body is body] for body in self.bodies
+        }
         for effect in self.effects:
             on = [[motion.acceleration for motion in bases.get(id(point.body), [])] for point in effect.points()]
             if len(on) == 2 and on[0] != on[1]:

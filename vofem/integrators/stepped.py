@@ -143,9 +143,7 @@ def _interpolate_all(
                 )
 
 
-def storage_times(
-    times: Array | None, t_end: float, dt: float, steps: int, size: int, notes: list[str]
-) -> Array:
+def storage_times(times: Array | None, t_end: float, dt: float, steps: int, size: int, notes: list[str]) -> Array:
     """Return the times to store: those asked for, or every step, thinned where memory would run out.
 
     Parameters
