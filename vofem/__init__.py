@@ -8,12 +8,15 @@ K0 as a gap function changes sign. See the README for a first scene.
 from vofem import fractional
 from vofem.bodies import Beam, Mass
 from vofem.effects import (
+    BaseMotion,
     Constant,
     Contact,
     Dashpot,
     DistributedLoad,
+    Foundation,
     Gravity,
     ModalDamping,
+    NonlinearSpring,
     PointLoad,
     PointMass,
     PointMoment,
@@ -50,6 +53,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "ArgumentError",
+    "BaseMotion",
     "Beam",
     "Constant",
     "Contact",
@@ -58,6 +62,7 @@ __all__ = [
     "DistributedLoad",
     "Equilibrium",
     "EventStormError",
+    "Foundation",
     "Gravity",
     "InstabilityError",
     "LoadError",
@@ -66,6 +71,7 @@ __all__ = [
     "MethodError",
     "ModalDamping",
     "Modes",
+    "NonlinearSpring",
     "OutputError",
     "PointLoad",
     "PointMass",

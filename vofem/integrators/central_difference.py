@@ -128,7 +128,7 @@ def run(system: System, start: State, t_end: float, times: Array | None, dt: flo
             "method='event_driven', which has no step"
         )
     steps = max(1, int(np.ceil(t_end / dt - 1e-9)))
-    stored = storage_times(times, dt, steps, system.size, notes)
+    stored = storage_times(times, t_end, dt, steps, system.size, notes)
     return _Run(system, dt, counters, notes).advance(start, t_end, steps, stored)
 
 

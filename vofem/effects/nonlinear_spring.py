@@ -1,0 +1,86 @@
+"""Springs with any smooth law: cubic, bistable, softening."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from vofem.assembly import SystemBuilder
+from vofem.bodies.base import Point, as_point, automatic_name
+from vofem.errors import ArgumentError
+from vofem.system import NonlinearLaw
+
+#: Elongations in m at which force and potential are compared.
+_SAMPLES = (-1.0, -0.1, -1e-2, -1e-3, 1e-3, 1e-2, 0.1, 1.0)
+
+
+class NonlinearSpring:
+    """A spring between two points, or from a point to ground, with a potential.
+
+    Only methods that step in time take it.
+
+    Parameters
+    ----------
+    a, b : points
+    potential : callable
+        V(u) in J of the elongation ``u = u_a - u_b`` in m.
+    force : callable
+        ``F(u) = dV/du`` in N; it acts on a as -F and on b as +F, so a linear
+        spring has ``F = k u``.
+    name : str, optional
+
+    Raises
+    ------
+    ArgumentError
+        If the force is not the derivative of the potential.
+    """
+
+    def __init__(
+        self,
+        a: Any,
+        b: Any = None,
+        *,
+        potential: Callable[[float], float],
+        force: Callable[[float], float],
+        name: str | None = None,
+    ) -> None:
+        self.name = automatic_name(name, "NonlinearSpring")
+        label = f"NonlinearSpring {self.name!r}"
+        self.a: Point = as_point(f"{label}: a", a)
+        self.b: Point | None = None if b is None else as_point(f"{label}: b", b)
+        for what, function in (("potential", potential), ("force", force)):
+            if not callable(function):
+                raise ArgumentError(f"{label}: {what} is {function!r}, expected a callable of the elongation in m")
+        self.law = NonlinearLaw(self.name, potential, force)
+        self._check(label)
+
+    def _check(self, label: str) -> None:
+        """Compare the force with a difference quotient of the potential: a wrong sign is the usual slip."""
+        with np.errstate(all="ignore"):
+            for u in _SAMPLES:
+                step = 1e-4 * abs(u)
+                values = [self.law.energy(u + step), self.law.energy(u - step), self.law.reaction(u)]
+                if not np.all(np.isfinite(values)):
+                    continue
+                slope = (values[0] - values[1]) / (2.0 * step)
+                size = abs(slope) + abs(values[2]) + 1e-9 * (abs(values[0]) + abs(values[1])) / step
+                if abs(slope - values[2]) > 1e-3 * size:
+                    raise ArgumentError(
+                        f"{label}: force({u:g}) is {values[2]:g} N, but the potential grows by {slope:g} N there; "
+                        "expected force = dV/du (positive in tension, like k*u)"
+                    )
+
+    def points(self) -> tuple[Point, ...]:
+        """Return a, and b where there is one."""
+        return (self.a,) if self.b is None else (self.a, self.b)
+
+    def compile(self, builder: SystemBuilder) -> None:
+        """Add row and law."""
+        builder.add_nonlinear(builder.difference(self.a, self.b), self.law)
+
+    def describe(self) -> str:
+        """Return name and points."""
+        end = "ground" if self.b is None else self.b.describe()
+        return f"NonlinearSpring {self.name!r} from {self.a.describe()} to {end}"
