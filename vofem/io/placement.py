@@ -123,7 +123,7 @@ def _touches(scene: Scene, origins: dict[Body, Array], magnification: float) -> 
         return []
 
     def foot(point: Point) -> Foot:
-        return Foot(point.body, origins[point.body] + [_along(point), 0.0, 0.0], point.row())
+        return Foot(point.body, origins[point.body] + np.array([_along(point), 0.0, 0.0]), point.row())
 
     known = {contact.name: contact for contact in scene.contacts}
     touches = []
@@ -135,7 +135,8 @@ def _touches(scene: Scene, origins: dict[Body, Array], magnification: float) -> 
             point, side = _node_of(scene, index)
             a, b = foot(point), None
         up = 1.0 if side == "above" else -1.0
-        touches.append(Touch(index, a, b, a.place + [0.0, up * magnification * laws.gap[index], 0.0]))
+        stop = a.place + np.array([0.0, up * magnification * laws.gap[index], 0.0])
+        touches.append(Touch(index, a, b, stop))
     return touches
 
 

@@ -235,8 +235,7 @@ def _folder_of(index: Path) -> Path | None:
 
 def _index_text(folder: str, times: Array) -> bytes:
     entries = "".join(
-        f'<DataSet timestep="{float(t)!r}" part="0" file="{escape(folder)}/{_name(k)}"/>\n'
-        for k, t in enumerate(times)
+        f'<DataSet timestep="{float(t)!r}" part="0" file="{escape(folder)}/{_name(k)}"/>\n' for k, t in enumerate(times)
     )
     text = f'<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n<Collection>\n{entries}</Collection>\n'
     return (text + "</VTKFile>\n").encode()

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 #: The cell data `kind`.
 BEAM, MASS, CONTACT, STOP = range(4)
 
-#: Just left of a node, where a beam is asked for EI on the element that ends there.
+#: Just left of a node, where a beam is asked for EI on the element that ends there: at the node it gives the next.
 _INSIDE = 1.0 - 1e-8
 
 
@@ -47,7 +47,8 @@ class _BeamPoints:
         self.x = beam.nodes[:-1, None] + xi * h
         self.x[:, -1] = beam.nodes[1:]
         stiffness, change = beam.bending_stiffness((beam.nodes[:-1, None] + np.minimum(xi, _INSIDE) * h).ravel())
-        self.stiffness, self.change = stiffness.reshape(self.x.shape), change.reshape(self.x.shape)
+        self.stiffness, self.change = stiffness.reshape(self.x.shape).copy(), change.reshape(self.x.shape)
+        self.stiffness[:, -1] += self.change[:, -1] * (1.0 - _INSIDE) * h[:, 0]
         self.weights = [np.stack([hermite(i, xi, h, d) for i in range(4)], axis=-1) for d in range(4)]
 
     def fields(self, q: Array, v: Array) -> dict[str, Array]:

@@ -134,7 +134,7 @@ def _section(name: str, values: NDArray) -> _Section:
 
 def _compress(values: NDArray) -> bytes:
     """Return number, size and last size of the blocks, their compressed sizes, and the blocks."""
-    raw = memoryview(np.ascontiguousarray(values)).cast("B") if values.size else memoryview(b"")
+    raw = values.tobytes()
     blocks = [zlib.compress(raw[k : k + _BLOCK], _LEVEL) for k in range(0, len(raw), _BLOCK)]
     last = len(raw) - (len(blocks) - 1) * _BLOCK if blocks else 0
     header = struct.pack(f"={3 + len(blocks)}Q", len(blocks), _BLOCK, last, *map(len, blocks))
