@@ -260,6 +260,7 @@ class SystemBuilder:
         assert stiffness is not None
         damping = self._damping.build(self.size)
         attached = self._attached.build(self.size)
+        strains = self._attached_strains()
         if attached is not None:
             stiffness = stiffness + attached
         held = np.zeros(self.size, dtype=bool)
@@ -286,8 +287,8 @@ class SystemBuilder:
             contacts=contacts,
             nonlinear=self._nonlinear_laws(nonlinear_rows, free),
             scale=self._scale[free],
-            strain=self._strain_rows(free),
-            rigid=self._rigid_motions(attached)[free],
+            strain=self._strain_rows(strains, free),
+            rigid=self._rigid_motions(strains)[free],
         )
         vectors = tuple(load.vector for load in self._loads)
         return Model(system, self.offsets, free, mass, stiffness, damping, vectors, contact_rows, nonlinear_rows)
@@ -306,20 +307,28 @@ class SystemBuilder:
             return None
         return NonlinearLaws(rows[:, free].tocsr(), tuple(law for _, law in self._nonlinear))
 
-    def _strain_rows(self, free: IntArray) -> csr_matrix | None:
+    def _attached_strains(self) -> csr_matrix | None:
+        """Return the strain rows of springs and foundations over all degrees of freedom, or None."""
+        from scipy.sparse import csr_matrix, vstack
+
+        parts = []
+        if self._springs:
+            parts.append(self._rows([Row(row.indices, np.sqrt(k) * row.weights) for row, k in self._springs]))
+        for start, strains in self._strains:
+            shifted = (strains.data, strains.indices + start, strains.indptr)
+            parts.append(csr_matrix(shifted, shape=(strains.shape[0], self.size)))
+        return vstack(parts, format="csr") if parts else None
+
+    def _strain_rows(self, attached: csr_matrix | None, free: IntArray) -> csr_matrix | None:
         """Return D with ``K = D'D`` over the free degrees of freedom, or None."""
-        from scipy.sparse import block_diag, csr_matrix, vstack
+        from scipy.sparse import block_diag, vstack
 
         rows = [row for body in self.offsets if (row := body.strain_rows()) is not None]
         if len(rows) < len(self.offsets):
             return None
         whole = rows[0] if len(rows) == 1 else block_diag(rows, format="csr")
-        if self._springs:
-            roots = [Row(row.indices, np.sqrt(k) * row.weights) for row, k in self._springs]
-            whole = vstack([whole, self._rows(roots)], format="csr")
-        for start, strains in self._strains:
-            shifted = (strains.data, strains.indices + start, strains.indptr)
-            whole = vstack([whole, csr_matrix(shifted, shape=(strains.shape[0], self.size))], format="csr")
+        if attached is not None:
+            whole = vstack([whole, attached], format="csr")
         return whole[:, free] if free.size < self.size else whole
 
     def _rigid_motions(self, attached: csr_matrix | None) -> Array:
@@ -339,11 +348,7 @@ class SystemBuilder:
             basis[start : start + motion.shape[0], k] = motion[:, 0]
         if attached is None or not blocks:
             return basis
-        used = np.unique(attached.nonzero()[0])
-        root = attached[used][:, used].toarray()
-        values, vectors = np.linalg.eigh(root)
-        strain = (np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T) @ basis[used]
-        return basis @ _null_space(strain)
+        return basis @ _null_space(np.asarray(attached @ basis))
 
     def _build_contacts(self, free: IntArray) -> tuple[Any, ContactLaws | None]:
         entries = self._contacts

@@ -106,12 +106,18 @@ class NonlinearLaw:
     force: Callable[[float], float]
 
     def reaction(self, u: float) -> float:
-        """Return R(u) in N."""
-        return float(self.force(u))
+        """Return R(u) in N; infinite where Python's floats overflow."""
+        try:
+            return float(self.force(u))
+        except OverflowError:
+            return float("inf")
 
     def energy(self, u: float) -> float:
-        """Return V(u) in J."""
-        return float(self.potential(u))
+        """Return V(u) in J; infinite where Python's floats overflow."""
+        try:
+            return float(self.potential(u))
+        except OverflowError:
+            return float("inf")
 
     def tangent(self, u: float, step: float = 1e-6) -> float:
         """Return dR/du in N/m by a central difference."""
