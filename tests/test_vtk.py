@@ -374,12 +374,40 @@ def test_places_that_cannot_be_written(run, tmp_path):
         assert snapshot(tmp_path) == before
 
 
-@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write anywhere")
-def test_a_folder_without_permission(run, tmp_path):
-    tmp_path.chmod(0o500)
-    with pytest.raises(vf.OutputError, match="permission"):
-        write_series(run[1], tmp_path)
-    tmp_path.chmod(0o700)
+@pytest.mark.skipif(not hasattr(os, "setuid"), reason="needs the users of POSIX")
+def test_folders_without_permission():
+    """Root may write anywhere, so as root another user tries."""
+    script = """
+import os, tempfile
+import vofem as vf
+from vofem.io.vtk import write_series
+result = vf.simulate(vf.Scene([vf.Mass(1.0, stiffness=1.0)]), 1.0, times=[0.0, 1.0])
+write_series(result, tempfile.mkdtemp())
+with tempfile.TemporaryDirectory() as top:
+    os.chmod(top, 0o755)
+    for name, mode in (("listed", 0o555), ("closed", 0o000)):
+        os.mkdir(f"{top}/{name}")
+        os.chmod(f"{top}/{name}", mode)
+    child = os.fork()
+    if not child:
+        if os.geteuid() == 0:
+            os.setuid(65534)
+        for place in ("listed", "listed/run.pvd", "listed/new", "closed", "closed/run.pvd", "closed/new"):
+            try:
+                write_series(result, f"{top}/{place}")
+            except vf.OutputError as error:
+                print(error, flush=True)
+        os._exit(0)
+    os.waitpid(child, 0)
+    os.chmod(f"{top}/closed", 0o755)
+    os.chmod(f"{top}/listed", 0o755)
+    print(os.listdir(f"{top}/listed"), os.listdir(f"{top}/closed"))
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    *refused, left = done.stdout.splitlines()
+    assert len(refused) == 6, done.stdout
+    assert all("Permission denied" in line for line in refused)
+    assert left == "[] []"
 
 
 @pytest.mark.parametrize(

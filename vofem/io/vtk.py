@@ -180,14 +180,15 @@ def _index(path: str | os.PathLike[str], made: list[Path]) -> Path:
         return goal
     if goal.suffix.lower() in _OTHER_FORMATS:
         raise ArgumentError(f"path is {str(path)!r}, expected NAME.pvd or a folder; each frame becomes a .vtu file")
-    if not goal.exists():
-        try:
-            goal.mkdir()
-        except OSError as error:
-            raise OutputError(
-                f"the folder {goal} cannot be made: {error.strerror}; make it yourself or choose another place"
-            ) from error
+    try:
+        goal.mkdir()
         made.append(goal)
+    except FileExistsError:
+        pass  # a folder, or a file, of which `replacing` will complain
+    except OSError as error:
+        raise OutputError(
+            f"the folder {goal} cannot be made: {error.strerror}; make it yourself or choose another place"
+        ) from error
     return goal / "series.pvd"
 
 
