@@ -49,7 +49,7 @@ def simulate(
         1001 uniform times for event_driven, every step for a stepping method.
     **options
         Of event_driven: ``max_events`` (a million), and ``pin_fraction``, the
-        fraction of the gap below which chatter counts as rest (1e-6).
+        fraction of the gap below which chatter counts as rest (1e-7).
 
     Returns
     -------

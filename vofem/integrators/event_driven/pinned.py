@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 Status = NDArray[np.int64]
 
 #: Predicted excursion, as a fraction of the gap, below which a chattering contact is pinned.
-PIN_FRACTION = 1e-6
+PIN_FRACTION = 1e-7
 
 
 @dataclass(frozen=True)

@@ -358,7 +358,10 @@ class EventSolution:
         for index, mine, tau in self.visit(times):
             held = np.flatnonzero(self._states[index][0] == PINNED)
             if held.size:
-                force[np.ix_(held, mine)] = self._reactions(index).at(self.motion(index), tau)
+                # The interval's ends are roots, found to rounding.
+                laws = self.system.contacts
+                jump = (laws.stiffness[held] * laws.gap[held])[:, None]
+                force[np.ix_(held, mine)] = np.clip(self._reactions(index).at(self.motion(index), tau), 0.0, jump)
         return force
 
     def contacts(self, times: Array) -> ContactSamples:
