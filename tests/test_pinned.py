@@ -67,7 +67,7 @@ def test_pinned_contact_is_released_when_its_reaction_leaves_the_interval():
 
 def test_pinned_equilibrium_of_statics_and_dynamics_agree():
     """A damped beam settles where statics says it is pinned."""
-    beam, scene = paper_beam(
+    _beam, scene = paper_beam(
         "displacement", elements=6, load=vf.Ramp(-0.05, 0.0, 2.0), extra=(vf.RayleighDamping(2.0, 1e-3),)
     )
     expected = vf.equilibrium(scene, t=2.0)

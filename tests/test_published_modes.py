@@ -69,3 +69,23 @@ def test_tapered_cantilever(at, root_width):
     )
     names = [f"f{k}" for k in range(1, 6)]
     check(case, names, vf.modes(vf.Scene([beam]), 5).frequencies, at)
+
+
+def test_beam_folded_on_itself():
+    """Two arms side by side, one clamped and one free at the far end, stiffly joined there: double frequencies."""
+    case = published("vpcs_sdll02_folded")
+    p = case["parameters"]
+    width, height, arm = 0.050, 0.005, p["arm"]
+    EI, rhoA = p["E"] * width * height**3 / 12.0, p["rho"] * width * height
+    outer = vf.Beam(arm, EI, rhoA, 40, {"left": "clamped"})
+    inner = vf.Beam(arm, EI, rhoA, 40)
+    fold = [
+        vf.Spring(outer.at("right"), inner.at("right"), stiffness=1e8 * EI / arm**3),
+        vf.RotationalSpring(outer.at("right"), inner.at("right"), stiffness=1e8 * EI / arm),
+    ]
+    frequencies = vf.modes(vf.Scene([outer, inner], fold), 8).frequencies
+    for k, name in enumerate(("f1,f2", "f3,f4", "f5,f6", "f7,f8")):
+        q = quantity(case, name)
+        for frequency in frequencies[2 * k : 2 * k + 2]:
+            assert frequency == pytest.approx(q["value"], abs=q["tolerance"])
+            assert frequency == pytest.approx(q["our_value"], rel=1e-4)

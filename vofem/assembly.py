@@ -189,12 +189,12 @@ class SystemBuilder:
         local = point.slope_row() if slope else point.row()
         return Row(local.indices + self.offsets[point.body], local.weights)
 
-    def difference(self, a: Point, b: Point | None) -> Row:
+    def difference(self, a: Point, b: Point | None, *, slope: bool = False) -> Row:
         """Return the row of ``u_a - u_b``, or of ``u_a`` where b is None."""
-        first = self.row(a)
+        first = self.row(a, slope=slope)
         if b is None:
             return first
-        second = self.row(b)
+        second = self.row(b, slope=slope)
         return Row(np.concatenate([first.indices, second.indices]), np.concatenate([first.weights, -second.weights]))
 
     # -- contributions ----------------------------------------------------------------------------

@@ -75,31 +75,36 @@ class Dashpot(_TwoPoints):
 
 
 class RotationalSpring:
-    """A linear spring on the slope of a beam, to ground.
+    """A linear spring on the slope of a beam, to ground or to the slope at another point.
 
     Parameters
     ----------
     point : point of a beam
+    other : point of a beam, optional
+        The spring then acts on the difference of both slopes.
     stiffness : float
         In N m/rad, not negative.
     """
 
-    def __init__(self, point: Any, *, stiffness: float) -> None:
+    def __init__(self, point: Any, other: Any = None, *, stiffness: float) -> None:
         self.point = as_point("RotationalSpring: point", point)
+        self.other: Point | None = None if other is None else as_point("RotationalSpring: other", other)
         self.stiffness = number("RotationalSpring: stiffness", stiffness, minimum=0)
-        self.point.slope_row()
+        for end in self.points():
+            end.slope_row()
 
     def points(self) -> tuple[Point, ...]:
-        """Return the point."""
-        return (self.point,)
+        """Return the point, and the other where there is one."""
+        return (self.point,) if self.other is None else (self.point, self.other)
 
     def compile(self, builder: SystemBuilder) -> None:
-        """Add ``k b b'`` to K, b being the row of the slope."""
-        builder.add_stiffness(builder.row(self.point, slope=True), self.stiffness)
+        """Add ``k b b'`` to K, b being the row of the slope or of the difference of slopes."""
+        builder.add_stiffness(builder.difference(self.point, self.other, slope=True), self.stiffness)
 
     def describe(self) -> str:
         """Return point and stiffness."""
-        return f"RotationalSpring on {self.point.describe()}: {self.stiffness:g} N m/rad"
+        end = "" if self.other is None else f" to {self.other.describe()}"
+        return f"RotationalSpring on {self.point.describe()}{end}: {self.stiffness:g} N m/rad"
 
 
 class PointMass:

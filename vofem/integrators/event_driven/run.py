@@ -223,11 +223,12 @@ class EventSolution:
         after = status.copy()
         for contact, new in entered.items():
             after[contact] = new
-        load = self._load(t)
-        for contact in entered:
-            released = status[contact] == PINNED
-            if not released and should_pin(self.space, laws, after, contact, (displacement, velocity), load, fraction):
-                after[contact] = PINNED
+        jumping = [j for j in entered if laws.jump[j] and status[j] != PINNED]
+        if jumping:
+            state, load = (displacement, velocity), self._load(t)
+            for contact in jumping:
+                if should_pin(self.space, laws, after, contact, state, load, fraction):
+                    after[contact] = PINNED
         for contact in entered:
             if after[contact] != status[contact]:
                 self._event_log.append((t, contact, int(after[contact])))
