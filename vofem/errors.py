@@ -45,3 +45,7 @@ class InstabilityError(VofemError):
 
 class EventStormError(VofemError):
     """More contact events than the run was allowed to treat."""
+
+
+class OutputError(VofemError, OSError):
+    """A file could not be written; the message says which, why, and what to do."""

@@ -1,0 +1,287 @@
+"""Pictures: they show something, they differ where the motion does, and they never leave half a file."""
+
+import os
+import subprocess
+import sys
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+import vofem as vf
+from vofem.io import backend_matplotlib
+from vofem.io import render as render_module
+from vofem.io.files import replacing
+from vofem.io.layout import arrange
+from vofem.io.plot import draw_scene, time_history
+from vofem.io.probe import Probe, probe, verdict
+from vofem.io.render import render
+from vofem.io.sketch import sketch
+from vofem.io.snapshot import snapshot
+from vofem.io.units import nice_above, nice_below, spell
+
+ORANGE = np.array([0xE0, 0x7B, 0x21]) / 255.0
+
+
+def pixels(path):
+    return matplotlib.image.imread(path)[..., :3]
+
+
+def orange(image):
+    """Number of pixels in the colour of a closed contact."""
+    return int(np.sum(np.all(np.abs(image - ORANGE) < 0.03, axis=-1)))
+
+
+@pytest.fixture(scope="module")
+def paper():
+    beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=25, supports={"left": "clamped"})
+    stop = vf.Contact(beam.at(1.0), gap=0.03, stiffness=1.0, side="below", acts_on="displacement", name="stop")
+    scene = vf.Scene([beam], [stop, vf.PointLoad(beam.at(1.0), vf.Sine(0.1, 1.0))])
+    return beam, vf.simulate(scene, 6.0)
+
+
+@pytest.fixture
+def no_vtk(monkeypatch):
+    monkeypatch.setattr(render_module, "probe", lambda: Probe(False, "forced"))
+
+
+def two_beams():
+    lower = vf.Beam(1.0, 1.0, 1.0, 10, supports={"left": "clamped"}, name="lower")
+    upper = vf.Beam(1.2, 2.0, 1.0, 12, supports={"left": "pinned", "right": "guided"}, name="upper")
+    contact = vf.Contact(lower.at(1.0), upper.at(0.6), gap=0.02, stiffness=50.0, acts_on="penetration", name="c")
+    return vf.Scene([lower, upper], [contact, vf.PointLoad(lower.at(1.0), vf.Constant(0.3))])
+
+
+def two_masses():
+    a, b = vf.Mass(1.0, stiffness=100.0, name="a"), vf.Mass(2.0, stiffness=50.0, name="b")
+    contact = vf.Contact(a, b, gap=0.01, stiffness=1e3, acts_on="penetration", name="c")
+    return vf.Scene([a, b], [contact, vf.PointLoad(a, vf.Constant(3.0))])
+
+
+def two_sided(load):
+    beam = vf.Beam(2.0, 10.0, 1.0, 16, supports={"left": "pinned", "right": "pinned"})
+    stops = [
+        vf.Contact(beam.at(1.0), gap=0.01, stiffness=1e3, side=side, acts_on="penetration", name=side)
+        for side in ("below", "above")
+    ]
+    return vf.Scene([beam], [*stops, vf.PointLoad(beam.at(1.0), vf.Constant(load))])
+
+
+def chain():
+    beam = vf.Beam(3.0, 100.0, 2.0, 6, supports={"left": "clamped", 1.5: "pinned", "right": "guided"}, name="deck")
+    a, b, c = vf.Mass(1.0, 50.0, name="a"), vf.Mass(1.0, 20.0, name="b"), vf.Mass(1.0, 5.0, name="c")
+    links = [
+        vf.Contact(p, q, gap=0.005, stiffness=1e3, acts_on="penetration", name=f"{k}")
+        for k, (p, q) in enumerate([(beam.at(1.0), a), (a, b), (b, c)])
+    ]
+    return vf.Scene([beam, a, b, c], [*links, vf.Spring(beam.at(2.0), stiffness=10.0), vf.PointLoad(a, vf.Constant(2))])
+
+
+def test_backend_is_vtk_where_it_works_and_said_where_not(paper, tmp_path):
+    _, result = paper
+    outcome = render(result, 4.0, tmp_path / "closed.png")
+    assert pixels(outcome.path).shape == (700, 1600, 3)
+    if probe().works:
+        assert (outcome.backend, outcome.message) == ("vtk", "")
+    else:
+        assert outcome.backend == "matplotlib"
+        assert probe().detail in outcome.message
+
+
+@pytest.mark.parametrize("forced", [False, True])
+def test_open_and_closed_differ(paper, tmp_path, forced, request):
+    if forced:
+        request.getfixturevalue("no_vtk")
+    _, result = paper
+    closed = pixels(render(result, 4.0, tmp_path / "closed.png").path)
+    opened = pixels(render(result, 0.75, tmp_path / "open.png").path)
+    for image in (closed, opened):
+        assert image.std() > 0.05
+        assert np.all(image[:8] == 1.0)
+        assert np.all(image[:, :8] == 1.0)
+        assert np.all(image[:, -8:] == 1.0)
+    assert np.mean(np.any(np.abs(closed - opened) > 0.1, axis=-1)) > 0.02
+    assert orange(closed) > 200
+    assert orange(opened) < 20
+    # The stop is at the right end and below.
+    rows, columns = np.nonzero(np.all(np.abs(closed - ORANGE) < 0.03, axis=-1))
+    assert rows.min() > 400
+    assert columns.min() > 1300
+
+
+@pytest.mark.usefixtures("no_vtk")
+def test_fallback_names_the_packages(paper, tmp_path):
+    outcome = render(paper[1], 4.0, tmp_path / "a.png")
+    assert outcome.backend == "matplotlib"
+    assert "forced" in outcome.message
+    if sys.platform.startswith("linux"):
+        assert "libegl1" in outcome.message
+        assert "libgl1-mesa-dri" in outcome.message
+
+
+def test_a_crash_of_the_driver_does_not_reach_the_user(tmp_path):
+    """Without EGL vendors VTK ends in a segmentation fault; other platforms pass with what they have."""
+    code = (
+        "import vofem as vf; from vofem.io.render import render, probe\n"
+        "m = vf.Mass(1.0, 10.0); r = vf.simulate(vf.Scene([m], [vf.PointLoad(m, vf.Constant(1.0))]), 1.0)\n"
+        f"o = render(r, 0.5, r'{tmp_path / 'm.png'}')\n"
+        "print(o.backend, probe().works)"
+    )
+    environment = {**os.environ, "__EGL_VENDOR_LIBRARY_DIRS": str(tmp_path), "LIBGL_DRIVERS_PATH": str(tmp_path)}
+    environment.pop("DISPLAY", None)
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=False)
+    assert run.returncode == 0, run.stderr
+    backend, works = run.stdout.split()
+    assert (backend, works) in (("matplotlib", "False"), ("vtk", "True"))
+    assert pixels(tmp_path / "m.png").std() > 0.02
+
+
+def test_verdict_of_a_trial():
+    assert verdict(0, "vofem-probe vtkEGLRenderWindow\n", "") == Probe(True, "vtkEGLRenderWindow")
+    assert not verdict(-11, "", "warnings").works
+    assert not verdict(0, "vofem-probe blank\n", "").works
+    assert (
+        "No module named 'pyvista'"
+        in verdict(1, "", "Traceback\nModuleNotFoundError: No module named 'pyvista'\n").detail
+    )
+
+
+@pytest.mark.parametrize(
+    ("build", "contact"),
+    [
+        (two_beams, True),
+        (two_masses, True),
+        (lambda: two_sided(-30.0), True),
+        (lambda: two_sided(0.1), False),
+        (chain, None),
+    ],
+)
+def test_other_scenes_draw(build, contact, tmp_path):
+    scene = build()
+    image = pixels(draw_scene(vf.equilibrium(scene), None, tmp_path / "a.png", scene=scene))
+    assert image.std() > 0.03
+    if contact is not None:
+        assert (orange(image) > 200) is contact
+
+
+def test_stop_above_pushes_from_above(tmp_path):
+    heights = []
+    for load in (-30.0, 30.0):
+        scene = two_sided(load)
+        image = pixels(draw_scene(vf.equilibrium(scene), None, tmp_path / "a.png", scene=scene))
+        heights.append(float(np.nonzero(np.all(np.abs(image - ORANGE) < 0.03, axis=-1))[0].mean()))
+    assert heights[0] > heights[1] + 100
+
+
+def test_several_bodies_render(tmp_path):
+    result = vf.simulate(two_beams(), 2.0)
+    outcome = render(result, 1.0, tmp_path / "a.png", size=(800, 500), magnification=1)
+    assert pixels(outcome.path).shape == (500, 800, 3)
+    assert pixels(outcome.path).std() > 0.03
+
+
+@pytest.mark.parametrize("build", [two_beams, two_masses, chain])
+def test_labels_keep_apart_and_inside(build):
+    scene = build()
+    view = snapshot(vf.equilibrium(scene), None, scene)
+    boxes = [label.box for label in sketch(view, (1600, 700), None).labels]
+    for k, (left, bottom, right, top) in enumerate(boxes):
+        assert 0 <= left < right <= 1600
+        assert 0 <= bottom < top <= 700
+        for other in boxes[:k]:
+            assert left >= other[2] or other[0] >= right or bottom >= other[3] or other[1] >= top
+
+
+def test_lower_body_of_a_contact_is_below():
+    scene = two_beams()
+    view = snapshot(vf.equilibrium(scene), None, scene)
+    layout = arrange(view, (1600, 700), None)
+    lower, upper = scene.bodies
+    assert layout.lanes[lower].axis < layout.lanes[upper].axis
+    assert layout.along(lower, 1.0) == pytest.approx(float(layout.along(upper, 0.6)))
+
+
+def test_time_history(paper, tmp_path):
+    beam, result = paper
+    for name, contact in (("auto", None), ("named", "stop"), ("none", ())):
+        image = pixels(time_history(result, beam.at(1.0), tmp_path / f"{name}.png", contact=contact))
+        assert image.std() > 0.05
+        assert (orange(image) > 200) is (name != "none")
+
+
+def test_stepping_method(tmp_path):
+    scene = two_sided(-30.0)
+    (beam,) = scene.bodies
+    result = vf.simulate(scene, 0.5, method="central_difference")
+    assert time_history(result, beam.at(0.5), tmp_path / "a.svg").stat().st_size > 1000
+    assert orange(pixels(draw_scene(result, 0.2, tmp_path / "a.png"))) > 200
+
+
+def test_unwritable_path(paper, tmp_path):
+    beam, result = paper
+    (tmp_path / "file").write_text("x")
+    (tmp_path / "folder.png").mkdir()
+    for path in (tmp_path / "missing" / "a.png", tmp_path / "file" / "a.png", tmp_path / "folder.png"):
+        for draw in (
+            lambda path=path: render(result, 1.0, path),
+            lambda path=path: draw_scene(result, 1.0, path),
+            lambda path=path: time_history(result, beam.at(1.0), path),
+        ):
+            with pytest.raises(vf.OutputError, match=r"cannot be written: .*(create|choose|give)") as caught:
+                draw()
+            assert isinstance(caught.value, vf.VofemError)
+            assert isinstance(caught.value, OSError)
+            assert str(path) in str(caught.value)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "folder.png"]
+
+
+@pytest.mark.usefixtures("no_vtk")
+def test_failure_half_way_leaves_the_old_file(paper, tmp_path, monkeypatch):
+    path = tmp_path / "a.png"
+    path.write_bytes(b"old")
+
+    def full_disk(drawing, temporary):
+        temporary.write_bytes(b"half")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(backend_matplotlib, "draw", full_disk)
+    with pytest.raises(vf.OutputError, match="No space left on device"):
+        render(paper[1], 1.0, path)
+    assert path.read_bytes() == b"old"
+    assert [p.name for p in tmp_path.iterdir()] == ["a.png"]
+
+
+def test_other_errors_pass_and_clean_up(tmp_path):
+    with pytest.raises(ZeroDivisionError), replacing(tmp_path / "a.png"):
+        raise ZeroDivisionError
+    assert not list(tmp_path.iterdir())
+
+
+def test_wrong_arguments(paper, tmp_path):
+    _, result = paper
+    with pytest.raises(vf.ArgumentError, match="ends in"):
+        render(result, 1.0, tmp_path / "a.jpg")
+    with pytest.raises(vf.ArgumentError, match="0 to 6 s"):
+        render(result, 7.0, tmp_path / "a.png")
+    with pytest.raises(vf.ArgumentError, match="NaN"):
+        render(result, float("nan"), tmp_path / "a.png")
+    with pytest.raises(vf.ArgumentError, match="scene="):
+        draw_scene(vf.equilibrium(result.scene), None, tmp_path / "a.png")
+    with pytest.raises(vf.ArgumentError, match="size"):
+        render(result, 1.0, tmp_path / "a.png", size=(10, 10))
+
+
+def test_numbers_read_well():
+    assert [spell(v, "N") for v in (1330.0, 0.0347, 0.241, 0.0, 1e9)] == [
+        "1.33 kN",
+        "34.7 mN",
+        "0.241 N",
+        "0 N",
+        "1.00 GN",
+    ]
+    assert (nice_below(4.9), nice_below(0.2), nice_above(0.141)) == pytest.approx((2.0, 0.2, 0.16))
+
+
+def test_import_is_light():
+    code = "import sys, vofem; print(sorted({'matplotlib', 'pyvista', 'vtkmodules'} & set(sys.modules)))"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"

@@ -1,0 +1,269 @@
+"""Where everything goes in a picture: bodies in lanes one above another, one scale along, one for the motion.
+
+In a contact between two bodies `a` closes upward on `b`, so the lane of b is
+above that of a, and the spring between them is seen to shorten as it closes.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.bodies import Beam
+from vofem.bodies.base import Body, Point
+from vofem.io.snapshot import BodyState, Link, Snapshot
+from vofem.io.units import nice_below
+
+Array = NDArray[np.float64]
+
+#: Lengths in pixels of a picture of 1600 x 700; all are scaled together.
+BEAM_HALF, MASS_HALF, BAR, SPRING_ROOM, PAD, MOTION = 26.0, 34.0, 18.0, 74.0, 10.0, 170.0
+HEADER, SCALE_BAND, DIAGRAMS, SIDES = 74.0, 112.0, 150.0, (190.0, 210.0)
+
+
+@dataclass(frozen=True)
+class Lane:
+    """The place of a body.
+
+    Attributes
+    ----------
+    state : BodyState
+    axis : float
+        Height of the undeflected axis, pixels.
+    half : float
+        Half the largest depth, pixels.
+    shift : float
+        By which the body's x is moved along the picture, m.
+    floor, ceiling : float or None
+        Where the ground of its springs begins, pixels.
+    """
+
+    state: BodyState
+    axis: float
+    half: float
+    shift: float
+    floor: float | None
+    ceiling: float | None
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The places of all bodies.
+
+    Attributes
+    ----------
+    lanes : dict of Body to Lane
+        From the lowest to the highest.
+    unit : float
+        Pixels of this picture per pixel of a picture of 1600 x 700.
+    motion : float
+        Pixels per metre of displacement.
+    magnification : float or None
+        Of displacements over lengths; None where the scene has no length.
+    top, diagrams : float
+        Upper end and height of the moment diagrams, pixels.
+    """
+
+    size: tuple[int, int]
+    lanes: dict[Body, Lane]
+    unit: float
+    motion: float
+    magnification: float | None
+    top: float
+    diagrams: float
+    _start: float
+    _scale: float
+
+    @property
+    def text(self) -> float:
+        """Pixels per pixel of text: text shrinks less than shapes, to stay readable."""
+        return max(self.unit, 0.75 * min(self.size[0] / 1600.0, self.size[1] / 700.0))
+
+    def along(self, body: Body, x: float | Array) -> Array:
+        """Return the pixels of the x of a body."""
+        return np.asarray(SIDES[0] * self.size[0] / 1600.0 + (x + self.lanes[body].shift - self._start) * self._scale)
+
+
+@dataclass(frozen=True)
+class _Needs:
+    """Room that a body takes below or above its axis: ``fixed + share * motion`` pixels."""
+
+    body: Body
+    half: float
+    below: bool
+    above: bool
+    down: float
+    up: float
+
+    def extent(self, up: bool, motion: float, unit: float) -> float:
+        ground = self.above if up else self.below
+        room = (SPRING_ROOM + BAR if ground else PAD) * unit
+        return self.half + (self.up if up else self.down) * motion + room
+
+
+def side_of_ground(index: int, count: int) -> str:
+    """Return where the ground spring of a mass goes: the lowest stands, the highest hangs, others are held aside."""
+    return "below" if index == 0 else "above" if index == count - 1 else "aside"
+
+
+def arrange(view: Snapshot, size: tuple[int, int], magnification: float | None) -> Layout:
+    """Return the places of all bodies, at the largest short magnification that fits."""
+    order = _stack(view)
+    beams = [body for body in order if isinstance(body, Beam)]
+    shifts = _shifts(view)
+    starts = [beam.origin + shifts[beam] for beam in beams] + [shifts[b] for b in order if b not in beams]
+    ends = [beam.origin + beam.length + shifts[beam] for beam in beams] + starts[len(beams) :]
+    width = size[0] * (1.0 - sum(SIDES) / 1600.0)
+    start, span = min(starts), max(ends) - min(starts)
+    if span == 0.0:  # masses only: a column in the middle of a picture one metre wide
+        start, span = start - 0.5, 1.0
+    scale = width / span
+    full = min(size[0] / 1600.0, size[1] / 700.0)
+    lower = (SCALE_BAND if beams else 40.0) * full
+    upper = size[1] - HEADER * full
+    room = upper - lower - (DIAGRAMS * full if beams else 0.0)
+    unit, chosen = _choose(view, order, room, full, scale, magnification)
+    motion = chosen * scale
+    needs = _needs(view, order, unit)
+    axes, total = _heights(needs, view, motion, unit)
+    left = max(0.0, room - total)
+    # Room that is left goes to the moment diagrams first.
+    extra = min(left, 0.4 * DIAGRAMS * full) if beams else 0.0
+    lowest = lower + 0.5 * (left - extra)
+    lanes = {}
+    for need, axis in zip(needs, axes, strict=True):
+        state = next(s for s in view.bodies if s.body is need.body)
+        floor = axis - need.extent(False, motion, unit) + BAR * unit + lowest if need.below else None
+        ceiling = axis + need.extent(True, motion, unit) - BAR * unit + lowest if need.above else None
+        lanes[need.body] = Lane(state, lowest + axis, need.half, shifts[need.body], floor, ceiling)
+    shown = chosen if beams else None
+    return Layout(size, lanes, unit, motion, shown, upper, DIAGRAMS * full + extra, start, scale)
+
+
+def _choose(
+    view: Snapshot, order: list[Body], room: float, full: float, scale: float, wanted: float | None
+) -> tuple[float, float]:
+    """Return the unit and the magnification: bodies are drawn smaller only where the motion would not be seen."""
+    fallback: tuple[float, float] | None = None
+    for unit in full * 0.85 ** np.arange(14):
+        needs = _needs(view, order, float(unit))
+        chosen = _magnify(needs, view, room, float(unit), scale, wanted)
+        if chosen is None:
+            continue
+        fallback = fallback or (float(unit), chosen)
+        size = max(max(need.down, need.up) for need in needs)
+        if wanted is not None or size == 0.0 or size * chosen * scale >= 0.35 * MOTION * full:
+            return float(unit), chosen
+        if unit < 0.5 * full:
+            break
+    # None: more bodies than a picture of this size can show clearly.
+    return fallback or (float(full) * 0.1, wanted or 1.0)
+
+
+def _pairs(view: Snapshot) -> list[tuple[Link, Body, Body]]:
+    return [(link, link.a.body, link.b.body) for link in view.links if link.b is not None]
+
+
+def place_of(point: Point) -> float:
+    """Return the x of a point on its body, 0 on a mass."""
+    return float(getattr(point, "x", 0.0))
+
+
+def _stack(view: Snapshot) -> list[Body]:
+    """Return the bodies from the lowest to the highest: a of each contact below its b, else the last one lowest."""
+    left = [state.body for state in view.bodies]
+    above: list[Body] = []
+    pairs = _pairs(view)
+    while left:
+        # A body may come next from the top if it is below no other that is left; where contacts face both ways
+        # none may, and the order of the scene decides.
+        held = {id(a) for _, a, b in pairs if a is not b and b in left and a in left}
+        chosen = next((body for body in left if id(body) not in held), left[0])
+        left.remove(chosen)
+        above.append(chosen)
+    return above[::-1]
+
+
+def _shifts(view: Snapshot) -> dict[Body, float]:
+    """Return by how much each body is moved along, so that the first link between two bodies is upright."""
+    bodies = [state.body for state in view.bodies]
+    roots = [b for b in bodies if isinstance(b, Beam)] + [b for b in bodies if not isinstance(b, Beam)]
+    first = roots[0]
+    shifts: dict[Body, float] = {}
+    for root in roots:
+        if root in shifts:
+            continue
+        # A mass that nothing ties to a beam stands in the middle.
+        middle = first.origin + 0.5 * first.length if isinstance(first, Beam) else 0.0
+        shifts[root] = 0.0 if isinstance(root, Beam) else middle
+        found = [root]
+        for body in found:
+            for link, a, b in _pairs(view):
+                assert link.b is not None
+                for here, there, x, y in ((a, b, link.a, link.b), (b, a, link.b, link.a)):
+                    if here is body and there not in shifts:
+                        shifts[there] = shifts[here] + place_of(x) - place_of(y)
+                        found.append(there)
+    return shifts
+
+
+def _needs(view: Snapshot, order: list[Body], unit: float) -> list[_Needs]:
+    needs = []
+    for index, body in enumerate(order):
+        state = next(s for s in view.bodies if s.body is body)
+        stops = [link for link in view.links if link.b is None and link.a.body is body]
+        sides = {link.side for link in stops}
+        if getattr(body, "stiffness", 0.0):
+            sides.add(side_of_ground(index, len(order)))
+        # A gap far beyond the motion would leave no room for it.
+        far = 3.0 * max(state.high, -state.low)
+        gaps = {
+            side: max((g.gap for g in stops if g.side == side and (g.gap <= far or not far)), default=0.0)
+            for side in ("below", "above")
+        }
+        needs.append(
+            _Needs(
+                body,
+                (BEAM_HALF if isinstance(body, Beam) else MASS_HALF) * unit,
+                "below" in sides,
+                "above" in sides,
+                max(-state.low, gaps["below"]),
+                max(state.high, gaps["above"]),
+            )
+        )
+    return needs
+
+
+def _heights(needs: list[_Needs], view: Snapshot, motion: float, unit: float) -> tuple[list[float], float]:
+    """Return the height of each axis over the lower end of the lowest lane, and the height of all."""
+    axes = [needs[0].extent(False, motion, unit)]
+    for low, high in itertools.pairwise(needs):
+        apart = low.extent(True, motion, unit) + high.extent(False, motion, unit)
+        gaps = [k.gap for k, a, b in _pairs(view) if {a, b} == {low.body, high.body}]
+        if gaps:
+            # The spring between them needs room both at its rest length and at its shortest.
+            spring = max(
+                0.6 * SPRING_ROOM * unit + (low.up + high.down) * motion, SPRING_ROOM * unit + max(gaps) * motion
+            )
+            apart = max(apart, low.half + high.half + spring)
+        axes.append(axes[-1] + apart)
+    return axes, axes[-1] + needs[-1].extent(True, motion, unit)
+
+
+def _magnify(
+    needs: list[_Needs], view: Snapshot, room: float, unit: float, scale: float, wanted: float | None
+) -> float | None:
+    """Return the largest 1, 2 or 5 times a power of ten that fits, or None where it would show nothing."""
+    size = max(max(need.down, need.up) for need in needs)
+    if wanted is not None or size == 0.0:
+        chosen = 1.0 if wanted is None else wanted
+        return chosen if _heights(needs, view, chosen * scale, unit)[1] <= room else None
+    chosen = nice_below(MOTION * unit / (size * scale))
+    while _heights(needs, view, chosen * scale, unit)[1] > room:
+        chosen = nice_below(chosen * 0.99)
+        if chosen * scale * size < 0.2 * MOTION * unit:
+            return None
+    return chosen

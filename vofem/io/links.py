@@ -1,0 +1,191 @@
+"""Contacts and springs of a picture: what touches what, and with which force."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vofem.bodies import Beam
+from vofem.bodies.base import Point
+from vofem.io import shapes
+from vofem.io.drawing import CLOSED, CLOSED_TEXT, OPEN, OPEN_TEXT, SPRING, Drawing, Label
+from vofem.io.layout import MASS_HALF, Layout, place_of, side_of_ground
+from vofem.io.snapshot import Link, Snapshot
+from vofem.io.units import spell
+
+#: Length in pixels of a spring that is drawn as short as can be.
+_SHORTEST = 40.0
+
+_COLORS = {
+    "open": (OPEN, OPEN_TEXT),
+    "closed": (CLOSED, CLOSED_TEXT),
+    "pinned": (CLOSED, CLOSED_TEXT),
+    "spring": (SPRING, SPRING),
+}
+
+
+@dataclass(frozen=True)
+class _Foot:
+    """An end of a link on a body: the place along, the face at rest and the face now, in pixels."""
+
+    x: float
+    rest: float
+    now: float
+
+
+def add_links(drawing: Drawing, view: Snapshot, layout: Layout) -> None:
+    """Add all contacts and springs, and the ground springs of masses."""
+    slots, spacing = _slots(view, layout)
+    half = float(np.clip(0.4 * spacing, 2.0 * layout.unit, 24.0 * layout.unit))
+    wanted: list[tuple[Link, float, float, float]] = []
+    for index, link in enumerate(view.links):
+        lane = layout.lanes[link.a.body]
+        if link.b is not None:
+            x, y = _between(drawing, layout, link, half)
+        elif link.side == "above":
+            assert lane.ceiling is not None
+            x, y = _stop(drawing, layout, link, slots[index], lane.ceiling, 1.0, half)
+        else:
+            assert lane.floor is not None
+            x, y = _stop(drawing, layout, link, slots[index], lane.floor, -1.0, half)
+        wanted.append((link, x, y, half))
+    _ground_springs(drawing, layout, slots, half)
+    _labels(drawing, layout, wanted)
+
+
+def _slots(view: Snapshot, layout: Layout) -> tuple[dict[int, float], float]:
+    """Return where along each stop is drawn, and their smallest spacing; those at one place stand side by side.
+
+    The ground spring of the mass in lane i has the key ``-1 - i``.
+    """
+    groups: dict[tuple[int, str], list[tuple[int, float]]] = {}
+    for i, (body, lane) in enumerate(layout.lanes.items()):
+        side = side_of_ground(i, len(layout.lanes))
+        if getattr(body, "stiffness", 0.0) and side != "aside":
+            groups.setdefault((id(lane), side), []).append((-1 - i, float(layout.along(body, 0.0))))
+    for index, link in enumerate(view.links):
+        if link.b is None:
+            at = float(layout.along(link.a.body, place_of(link.a)))
+            groups.setdefault((id(layout.lanes[link.a.body]), link.side), []).append((index, at))
+    pitch = 60.0 * layout.unit
+    slots: dict[int, float] = {}
+    spacing = np.inf
+    ends = {
+        id(lane): tuple(float(layout.along(body, x)) for x in (lane.state.x[0], lane.state.x[-1]))
+        for body, lane in layout.lanes.items()
+    }
+    for key, members in groups.items():
+        members.sort(key=lambda m: m[1])
+        places = [x for _, x in members]
+        for x in sorted(set(np.round(places, 0))):
+            same = [(index, at) for index, at in members if np.round(at, 0) == x]
+            reach = 0.5 * (len(same) - 1) * pitch
+            left, right = ends[key[0]]
+            # At the end of a beam they stand beside each other under it, not beyond it.
+            middle = float(np.clip(x, left + reach, right - reach)) if right - left > 2.0 * reach else x
+            for k, (index, _) in enumerate(same):
+                slots[index] = middle - reach + k * pitch
+        used = np.sort([slots[index] for index, _ in members])
+        spacing = min(spacing, float(np.min(np.diff(used), initial=np.inf)))
+    return slots, spacing
+
+
+def _foot(layout: Layout, point: Point, x: float, face: float) -> _Foot:
+    """Return where a link meets the upper (face 1) or lower (-1) face of a body."""
+    lane = layout.lanes[point.body]
+    state = lane.state
+    along = layout.along(point.body, state.x)
+    depth = lane.half * float(np.interp(x, along, state.depth))
+    # Beside its place a link follows the curve that is drawn there.
+    eta = float(np.interp(x, along, state.eta)) if isinstance(point.body, Beam) else float(state.eta[0])
+    return _Foot(x, lane.axis + face * depth, lane.axis + face * depth + eta * layout.motion)
+
+
+def _stop(
+    drawing: Drawing, layout: Layout, link: Link, x: float, ground: float, face: float, half: float
+) -> tuple[float, float]:
+    """Draw a stop or a spring to ground; return where its label goes."""
+    foot = _foot(layout, link.a, x, face)
+    free = foot.rest + face * link.gap * layout.motion
+    pad = free if link.status == "open" else foot.now
+    # A gap far beyond the motion does not fit: its pad stays in the picture, near the ground.
+    limit = ground - face * _SHORTEST * layout.unit
+    pad = min(pad, limit) if face > 0 else max(pad, limit)
+    color = _COLORS[link.status][0]
+    width = max(1.5, min(4.6 * layout.unit, 0.25 * half))
+    thick = 0.0 if link.status == "spring" else 7.0 * layout.unit
+    shapes.spring(drawing, (x, pad + face * thick), (x, ground), 0.7 * half, color, width)
+    drawing.taken.append((x - 0.7 * half, min(pad, ground), x + 0.7 * half, max(pad, ground)))
+    if thick:
+        drawing.rectangle((x - half, x + half), (pad, pad + face * thick), color)
+    return x, 0.5 * (pad + ground)
+
+
+def _is_far(layout: Layout, link: Link) -> bool:
+    """Return whether the gap of a stop is too large to be drawn to scale."""
+    lane = layout.lanes[link.a.body]
+    ground = lane.ceiling if link.side == "above" else lane.floor
+    return ground is not None and link.gap * layout.motion > abs(ground - lane.axis) - _SHORTEST * layout.unit
+
+
+def _between(drawing: Drawing, layout: Layout, link: Link, half: float) -> tuple[float, float]:
+    """Draw a link between two bodies: it hangs under the upper one, with a pad that meets the lower one."""
+    assert link.b is not None
+    ends = []
+    for point in (link.a, link.b):
+        ends.append((point, float(layout.along(point.body, place_of(point)))))
+    a_below = layout.lanes[link.a.body].axis < layout.lanes[link.b.body].axis
+    if not a_below:
+        ends.reverse()
+    low = _foot(layout, ends[0][0], ends[0][1], 1.0)
+    high = _foot(layout, ends[1][0], ends[1][1], -1.0)
+    color = _COLORS[link.status][0]
+    width = max(1.5, min(4.6 * layout.unit, 0.25 * half))
+    thick = 0.0 if link.status == "spring" else 7.0 * layout.unit
+    at = low.now
+    if link.status == "open" and a_below:
+        # The spring keeps its length: the pad moves with the upper body.
+        at = max(low.rest + link.gap * layout.motion + high.now - high.rest, low.now)
+    shapes.spring(drawing, (low.x, at + thick), (high.x, high.now), 0.7 * half, color, width)
+    drawing.taken.append((low.x - 0.7 * half, min(at, high.now), low.x + 0.7 * half, max(at, high.now)))
+    if thick:
+        drawing.rectangle((low.x - half, low.x + half), (at, at + thick), color)
+    return 0.5 * (low.x + high.x), 0.5 * (at + high.now)
+
+
+def _ground_springs(drawing: Drawing, layout: Layout, slots: dict[int, float], half: float) -> None:
+    for i, lane in enumerate(layout.lanes.values()):
+        if -1 - i not in slots:
+            continue
+        x, y = slots[-1 - i], lane.axis + float(lane.state.eta[0]) * layout.motion
+        hangs = side_of_ground(i, len(layout.lanes)) == "above"
+        ground = lane.ceiling if hangs else lane.floor
+        assert ground is not None
+        face = MASS_HALF * layout.unit if hangs else -MASS_HALF * layout.unit
+        shapes.spring(drawing, (x, y + face), (x, ground), 0.7 * half, SPRING, 4.0 * layout.unit)
+
+
+def _labels(drawing: Drawing, layout: Layout, wanted: list[tuple[Link, float, float, float]]) -> None:
+    """Label the links beside them, the largest force first; where it is crowded some go without, and are counted."""
+    unit, omitted = layout.unit, 0
+    for link, x, y, half in sorted(wanted, key=lambda w: -abs(w[0].force)):
+        if link.status == "spring":
+            continue
+        color = _COLORS[link.status][1]
+        text = "open" if link.status == "open" else spell(link.force, "N")
+        if link.status == "open" and link.b is None and _is_far(layout, link):
+            text = f"open, gap {spell(link.gap, 'm')}"
+        if link.status == "pinned":
+            text = f"pinned, {text}"
+        right = Label(x + 0.7 * half + 16.0 * unit, y, text, color, 21.0 * layout.text, "left", bold=True)
+        left = Label(x - 0.7 * half - 16.0 * unit, y, text, color, 21.0 * layout.text, "right", bold=True)
+        omitted += not drawing.place(right, [left])
+    contacts = [link for link, _, _, _ in wanted if link.status != "spring"]
+    if omitted:
+        active = [link.force for link in contacts if link.status != "open"]
+        text = f"{len(active)} of {len(contacts)} contacts closed"
+        full = min(drawing.size[0] / 1600.0, drawing.size[1] / 700.0)
+        drawing.labels.append(
+            Label(drawing.size[0] - 30.0 * full, 30.0 * full, text, CLOSED_TEXT, 21.0 * full, "right", bold=True)
+        )

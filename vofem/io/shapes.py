@@ -1,0 +1,77 @@
+"""Springs, supports and ground as shapes."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.io.drawing import BLOCK, GROUND, Drawing, Patch
+
+Array = NDArray[np.float64]
+
+_COILS = 5
+
+
+def spring(
+    drawing: Drawing,
+    start: tuple[float, float],
+    end: tuple[float, float],
+    half: float,
+    color: str,
+    width: float,
+) -> None:
+    """Add a zigzag of half width `half` from start to end, with a straight piece at either end."""
+    along = np.concatenate([[0.0, 0.12], 0.12 + 0.76 * (np.arange(2 * _COILS) + 0.5) / (2 * _COILS), [0.88, 1.0]])
+    aside = np.concatenate([[0.0, 0.0], half * (-1.0) ** np.arange(2 * _COILS), [0.0, 0.0]])
+    first, last = np.array(start), np.array(end)
+    direction = last - first
+    normal = np.array([-direction[1], direction[0]]) / max(float(np.hypot(*direction)), 1e-9)
+    points = first + along[:, None] * direction + aside[:, None] * normal
+    drawing.line(points[:, 0], points[:, 1], color, width, behind=True)
+
+
+def clamp(drawing: Drawing, x: float, y: float, half: float, unit: float, facing: int) -> None:
+    """Add a clamped support: a block left of x (facing 1), right of it (-1), or on both faces of the beam (0)."""
+    if facing:
+        outer = x - facing * 38.0 * unit
+        reach = half + 52.0 * unit
+        drawing.rectangle((x, outer), (y - reach, y + reach), BLOCK)
+        return
+    for side in (-1.0, 1.0):
+        face = y + side * half
+        drawing.rectangle((x - 20.0 * unit, x + 20.0 * unit), (face, face + side * 30.0 * unit), BLOCK)
+
+
+def pin(drawing: Drawing, x: float, y: float, half: float, unit: float) -> None:
+    """Add a pinned support: a triangle under the beam on a piece of ground."""
+    tip, foot = y - half, y - half - 32.0 * unit
+    corners = [[x, tip], [x - 22.0 * unit, foot], [x + 22.0 * unit, foot]]
+    drawing.patches.append(Patch(np.array(corners), BLOCK))
+    drawing.rectangle((x - 34.0 * unit, x + 34.0 * unit), (foot - 7.0 * unit, foot), GROUND)
+
+
+def guide(
+    drawing: Drawing, x: float, y: float, half: float, reach: tuple[float, float], unit: float, side: int
+) -> None:
+    """Add a guided support: rollers between the beam, at height y, and a wall over the range of its motion.
+
+    Parameters
+    ----------
+    reach : tuple of float
+        Lowest and highest height of the axis.
+    side : int
+        -1: the wall is left of x; 1: right; 0: on both sides of an inner node.
+    """
+    radius = 8.0 * unit
+    for direction in (side,) if side else (-1, 1):
+        near = x + direction * 2.0 * radius
+        more = half + 14.0 * unit
+        drawing.rectangle((near, near + direction * 16.0 * unit), (reach[0] - more, reach[1] + more), BLOCK)
+        for level in (-0.55, 0.55):
+            disc(drawing, x + direction * radius, y + level * half, radius, GROUND)
+
+
+def disc(drawing: Drawing, x: float, y: float, radius: float, color: str) -> None:
+    """Add a filled circle."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 33)[:-1]
+    drawing.patches.append(Patch(np.stack([x + radius * np.cos(angle), y + radius * np.sin(angle)], axis=1), color))

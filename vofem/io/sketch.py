@@ -1,0 +1,218 @@
+"""The side view of a scene at one time, composed of plain shapes."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem._validate import number
+from vofem.bodies import Beam
+from vofem.errors import ArgumentError
+from vofem.io import shapes
+from vofem.io.drawing import (
+    BLOCK,
+    GROUND,
+    INK,
+    MASS,
+    OPEN_TEXT,
+    OUTLINE,
+    SPRING,
+    Drawing,
+    Label,
+    Strip,
+)
+from vofem.io.layout import BAR, Lane, Layout, arrange, side_of_ground
+from vofem.io.links import add_links
+from vofem.io.snapshot import Snapshot
+from vofem.io.units import length, nice_above, nice_below, prefixed, spell, three_digits
+
+Array = NDArray[np.float64]
+
+_SMALLEST, _LARGEST = 200, 8000
+
+
+def sketch(view: Snapshot, size: tuple[int, int], magnification: float | None) -> Drawing:
+    """Return the picture of a scene, of a size in pixels and with a magnification or one that is chosen."""
+    size = _checked(size)
+    if magnification is not None:
+        magnification = number("a picture's magnification", magnification, positive=True)
+    layout = arrange(view, size, magnification)
+    drawing = Drawing(size)
+    _title(drawing, view, layout)
+    beams = [lane for lane in layout.lanes.values() if isinstance(lane.state.body, Beam)]
+    if beams:
+        factor = _color_bar(drawing, view)
+        _diagrams(drawing, layout, beams[::-1], factor)
+    for index, lane in enumerate(layout.lanes.values()):
+        _ground(drawing, layout, lane)
+        if isinstance(lane.state.body, Beam):
+            _beam(drawing, layout, lane, lane.state.body, factor)
+        else:
+            _mass(drawing, layout, lane, side_of_ground(index, len(layout.lanes)))
+    add_links(drawing, view, layout)
+    if not beams:
+        _scale_of_motion(drawing, layout)
+    return drawing
+
+
+def _checked(size: tuple[int, int]) -> tuple[int, int]:
+    try:
+        width, height = (int(side) for side in size)
+    except (TypeError, ValueError):
+        raise ArgumentError(f"a picture's size is {size!r}, expected (width, height) in pixels") from None
+    if not (_SMALLEST <= width <= _LARGEST and _SMALLEST <= height <= _LARGEST):
+        raise ArgumentError(f"a picture's size is {size!r}, expected {_SMALLEST} to {_LARGEST} pixels each way")
+    return width, height
+
+
+def _full(size: tuple[int, int]) -> float:
+    return min(size[0] / 1600.0, size[1] / 700.0)
+
+
+def _title(drawing: Drawing, view: Snapshot, layout: Layout) -> None:
+    full = _full(drawing.size)
+    parts = ["equilibrium" if view.time is None else f"t = {_spelled(view.time)}"]
+    for state in sorted(view.bodies, key=lambda s: -float(np.max(np.abs(s.eta))))[:3]:
+        place, value = _most_telling(state.body, state.x, state.eta)
+        name = state.body.name if len(view.bodies) > 1 else ""
+        factor, unit = length(value)
+        number = f"{three_digits(value / factor)} {unit}"
+        words = (name, place, number) if place == "tip" else (name, number, place)
+        parts.append(" ".join(word for word in words if word))
+    text = "    ".join(parts)
+    if layout.magnification is not None:
+        text += f"    (motion shown x{layout.magnification:g})"
+    fitting = min(27.0 * full, 0.96 * drawing.size[0] / (0.56 * len(text)))
+    drawing.labels.append(Label(0.5 * drawing.size[0], drawing.size[1] - 34.0 * full, text, INK, fitting, "center"))
+
+
+def _spelled(time: float) -> str:
+    """Return a time to a millisecond, or finer where it is short."""
+    return f"{time:.3f} s" if time >= 0.1 or time == 0.0 else spell(time, "s")
+
+
+def _most_telling(body: object, x: Array, eta: Array) -> tuple[str, float]:
+    """Return a place and its displacement: a free tip, or where the beam is deflected most."""
+    if not isinstance(body, Beam):
+        return "", float(eta[0])
+    ends = [(node, k) for node, k in ((len(body.nodes) - 1, -1), (0, 0)) if node not in body.supports]
+    if len(ends) == 1:
+        return "tip", float(eta[ends[0][1]])
+    k = int(np.argmax(np.abs(eta)))
+    return f"at x = {x[k]:.3g} m", float(eta[k])
+
+
+def _color_bar(drawing: Drawing, view: Snapshot) -> float:
+    """Add the scale of bending moments; return the factor of its unit."""
+    full = _full(drawing.size)
+    largest = max(max(state.moment_high, -state.moment_low) for state in view.bodies)
+    limit = nice_above(largest)
+    factor, unit = prefixed(limit, "N·m")
+    drawing.limit = limit / factor
+    x = np.linspace(0.29, 0.71, 129) * drawing.size[0]
+    values = np.linspace(-drawing.limit, drawing.limit, x.size)
+    low, high = np.full(x.size, 20.0 * full), np.full(x.size, 40.0 * full)
+    drawing.strips.append(Strip(x, low, high, values))
+    for k in (0, 32, 64, 96, 128):
+        drawing.labels.append(Label(float(x[k]), 54.0 * full, f"{values[k]:g}", INK, 19.0 * full, "center"))
+    title = f"bending moment M [{unit}]"
+    drawing.labels.append(Label(0.5 * drawing.size[0], 79.0 * full, title, INK, 21.0 * full, "center"))
+    return factor
+
+
+def _diagrams(drawing: Drawing, layout: Layout, beams: list[Lane], factor: float) -> None:
+    """Add the moment diagrams, on the side of the beam that is in tension, all in one scale."""
+    full = _full(drawing.size)
+    room = (layout.diagrams - 12.0 * full) / len(beams)
+    inner = room * (1.0 if len(beams) == 1 else 0.86)
+    ranges = [lane.state.moment_high - lane.state.moment_low for lane in beams]
+    scale = 0.94 * inner / max(*ranges, 1e-300)
+    for row, lane in enumerate(beams):
+        state = lane.state
+        x = layout.along(state.body, state.x)
+        used = (state.moment_high - state.moment_low) * scale
+        # A moment that is positive stretches the lower side.
+        base = layout.top - row * room - 0.5 * (inner - used) + state.moment_low * scale
+        curve = base - state.moment * scale
+        drawing.strips.append(Strip(x, np.full(x.size, base), curve, state.moment / factor))
+        drawing.line(x[[0, -1]], base, OUTLINE, 1.2)
+        drawing.line(x, curve, INK, 1.6)
+        if len(beams) > 1:
+            _name(drawing, f"M {state.body.name}", float(x[0]) - 20.0 * full, base, 17.0 * full)
+
+
+def _name(drawing: Drawing, name: str, x: float, y: float, size: float) -> None:
+    most = max(4, int((x - 4.0) / (0.58 * size)))
+    text = name if len(name) <= most else name[: most - 1] + "…"
+    drawing.labels.append(Label(x, y, text, OPEN_TEXT, size, "right"))
+
+
+def _ground(drawing: Drawing, layout: Layout, lane: Lane) -> None:
+    bar, body = BAR * layout.unit, lane.state.body
+    first, last = (body.origin, body.origin + body.length) if isinstance(body, Beam) else (0.0, 0.0)
+    margin = (38.0 if isinstance(body, Beam) else 120.0) * layout.unit
+    ends = float(layout.along(body, first)) - margin, float(layout.along(body, last)) + margin
+    if lane.floor is not None:
+        drawing.rectangle(ends, (lane.floor - bar, lane.floor), GROUND)
+    if lane.ceiling is not None:
+        drawing.rectangle(ends, (lane.ceiling, lane.ceiling + bar), GROUND)
+
+
+def _beam(drawing: Drawing, layout: Layout, lane: Lane, beam: Beam, factor: float) -> None:
+    state, unit = lane.state, layout.unit
+    x, half = layout.along(beam, state.x), lane.half * state.depth
+    y = lane.axis + state.eta * layout.motion
+    for side in (-1.0, 1.0):
+        drawing.line(x, lane.axis + side * half, OUTLINE, 1.6, behind=True)
+        drawing.line(x, y + side * half, INK, 2.2)
+    for end in (0, -1):
+        drawing.line(x[[end, end]], [y[end] - half[end], y[end] + half[end]], INK, 2.2)
+    drawing.strips.append(Strip(x, y - half, y + half, state.moment / factor))
+    nodes = layout.along(beam, beam.nodes)
+    if (nodes[-1] - nodes[0]) / beam.element_lengths.size >= 9.0 * unit:
+        drawing.dot(nodes, np.interp(nodes, x, y), INK, 7.0 * unit)
+    last = len(beam.nodes) - 1
+    reach = (lane.axis + state.low * layout.motion, lane.axis + state.high * layout.motion)
+    for node, kind in beam.supports.items():
+        place, depth = float(nodes[node]), float(np.interp(nodes[node], x, half))
+        facing = 1 if node == 0 else -1 if node == last else 0
+        if kind == "clamped":
+            shapes.clamp(drawing, place, lane.axis, depth, unit, facing)
+        elif kind == "pinned":
+            shapes.pin(drawing, place, lane.axis, depth, unit)
+        else:
+            shapes.guide(drawing, place, float(np.interp(place, x, y)), depth, reach, unit, -facing)
+    if len(layout.lanes) > 1:
+        _name(drawing, beam.name, float(x[0]) - 52.0 * unit, lane.axis, 20.0 * layout.text)
+
+
+def _mass(drawing: Drawing, layout: Layout, lane: Lane, side: str) -> None:
+    unit, half = layout.unit, lane.half
+    x = float(layout.along(lane.state.body, 0.0))
+    y = lane.axis + float(lane.state.eta[0]) * layout.motion
+    corners_x = x + 1.3 * half * np.array([-1, 1, 1, -1, -1])
+    drawing.line(corners_x, lane.axis + half * np.array([-1, -1, 1, 1, -1]), OUTLINE, 1.6, behind=True)
+    drawing.rectangle((x - 1.3 * half, x + 1.3 * half), (y - half, y + half), MASS)
+    drawing.line(corners_x, y + half * np.array([-1, -1, 1, 1, -1]), INK, 2.2)
+    name = getattr(lane.state.body, "name", "")
+    drawing.labels.append(Label(x - 1.3 * half - 14.0 * unit, y, name, INK, 21.0 * layout.text, "right", bold=True))
+    if not getattr(lane.state.body, "stiffness", 0.0) or side != "aside":
+        return
+    # Between two others there is no ground to stand on: an arm leads to a ledge beside them.
+    arm, ledge = x + 1.3 * half + 150.0 * unit, lane.axis + lane.state.low * layout.motion - 62.0 * unit
+    drawing.line([x + 1.3 * half, arm], y, BLOCK, 4.0 * unit, behind=True)
+    shapes.spring(drawing, (arm, y), (arm, ledge), 14.0 * unit, SPRING, 3.4 * unit)
+    drawing.rectangle((arm - 40.0 * unit, arm + 40.0 * unit), (ledge - 0.5 * BAR * unit, ledge), GROUND)
+
+
+def _scale_of_motion(drawing: Drawing, layout: Layout) -> None:
+    """Add a measure of displacement: a scene of masses has no length to compare it with."""
+    size = nice_below(120.0 * layout.unit / layout.motion)
+    x, low = 60.0 * layout.unit, 60.0 * layout.unit
+    high = low + size * layout.motion
+    drawing.line([x, x], [low, high], INK, 2.2)
+    for y in (low, high):
+        drawing.line([x - 8.0 * layout.unit, x + 8.0 * layout.unit], [y, y], INK, 2.2)
+    factor, unit = length(size)
+    text = f"{size / factor:g} {unit}"
+    drawing.labels.append(Label(x + 18.0 * layout.unit, 0.5 * (low + high), text, INK, 21.0 * layout.text))

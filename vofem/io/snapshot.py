@@ -1,0 +1,204 @@
+"""What a picture needs of a run or of an equilibrium, at one time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem._validate import number
+from vofem.bodies import Beam
+from vofem.bodies.base import Body, Point
+from vofem.effects import Spring
+from vofem.errors import ArgumentError
+from vofem.result import Result
+from vofem.scene import Scene
+from vofem.statics import Equilibrium
+from vofem.system import CLOSED, OPEN, PINNED
+
+Array = NDArray[np.float64]
+
+#: A beam is drawn through about this many points, and the range of a run is taken from as many times.
+_POINTS, _TIMES = 240, 240
+
+
+@dataclass(frozen=True)
+class BodyState:
+    """A body at the time of the picture.
+
+    Attributes
+    ----------
+    body : Beam or Mass
+    x : ndarray, shape (k,)
+        Places along the axis in m; 0 for a mass.
+    eta : ndarray, shape (k,)
+        Displacement in m.
+    moment : ndarray, shape (k,)
+        Bending moment in N m; 0 for a mass.
+    depth : ndarray, shape (k,)
+        Depth of the section, 1 where it is largest.
+    low, high : float
+        Range of the displacement over the whole run, in m, with 0 in it.
+    moment_low, moment_high : float
+        Range of the bending moment over the whole run, in N m, with 0 in it.
+    """
+
+    body: Body
+    x: Array
+    eta: Array
+    moment: Array
+    depth: Array
+    low: float
+    high: float
+    moment_low: float
+    moment_high: float
+
+
+@dataclass(frozen=True)
+class Link:
+    """A contact or a spring at the time of the picture.
+
+    Attributes
+    ----------
+    name : str
+    a, b : points
+        b is None for one to ground.
+    side : str
+        "below" or "above": where ground is.
+    gap : float
+        In m.
+    status : str
+        "open", "closed", "pinned", or "spring".
+    force : float
+        In N, positive pushes the bodies apart.
+    """
+
+    name: str
+    a: Point
+    b: Point | None
+    side: str
+    gap: float
+    status: str
+    force: float
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """A scene at one time; `time` is None for an equilibrium."""
+
+    time: float | None
+    bodies: tuple[BodyState, ...]
+    links: tuple[Link, ...]
+
+
+def snapshot(outcome: Result | Equilibrium, t: float | None, scene: Scene | None = None) -> Snapshot:
+    """Return what a picture needs.
+
+    Ranges are those of the whole run, so that pictures of one run at several
+    times have one magnification and one scale of colours.
+
+    Parameters
+    ----------
+    outcome : Result or Equilibrium
+    t : float
+        In s, within the run; not used for an equilibrium.
+    scene : Scene, optional
+        Needed with an equilibrium, which does not know its scene.
+    """
+    if isinstance(outcome, Equilibrium):
+        if scene is None:
+            raise ArgumentError("a picture of an equilibrium needs scene=, the Scene that it is the equilibrium of")
+        states = {name: (c.status, c.force) for name, c in outcome.contacts.items()}
+        bodies = tuple(_at_rest(outcome, body) for body in scene.bodies)
+        return Snapshot(None, bodies, _links(scene, states))
+    if not isinstance(outcome, Result):
+        raise ArgumentError(f"expected the outcome of simulate or equilibrium, found {outcome!r}")
+    time = number("the time of a picture", t)
+    bodies = tuple(_in_motion(outcome, body, time) for body in outcome.scene.bodies)
+    return Snapshot(time, bodies, _links(outcome.scene, _contact_states(outcome, time)))
+
+
+def _contact_states(result: Result, t: float) -> dict[str, tuple[str, float]]:
+    laws = result.model.system.contacts
+    if laws is None:
+        return {}
+    samples = result.solution.contacts(np.array([t]))
+    names = {OPEN: "open", CLOSED: "closed", PINNED: "pinned"}
+    return {name: (names[int(samples.status[j, 0])], float(samples.force[j, 0])) for j, name in enumerate(laws.names)}
+
+
+def _links(scene: Scene, states: dict[str, tuple[str, float]]) -> tuple[Link, ...]:
+    contacts = [Link(c.name, c.a, c.b, c.side or "below", c.gap, *states[c.name]) for c in scene.contacts]
+    springs = [Link("", s.a, s.b, "below", 0.0, "spring", 0.0) for s in scene.effects if isinstance(s, Spring)]
+    return (*contacts, *springs)
+
+
+def _at_rest(outcome: Equilibrium, body: Body) -> BodyState:
+    if not isinstance(body, Beam):
+        return _mass(body, np.array([outcome.displacement(body)]))
+    x, eta, moment = _sampled(
+        body, lambda x: outcome.deflection(x, body)[:, None], lambda x: outcome.bending_moment(x, body)[:, None]
+    )
+    return _beam(body, x, eta, moment)
+
+
+def _in_motion(result: Result, body: Body, t: float) -> BodyState:
+    # The picture's own time comes first, then the run.
+    times = np.concatenate([[t], np.linspace(0.0, min(float(result.times[-1]), result.solution.t_end), _TIMES)])
+    if not isinstance(body, Beam):
+        return _mass(body, result.displacement(body, times))
+    x, eta, moment = _sampled(
+        body, lambda x: result.deflection(x, times, body), lambda x: result.bending_moment(x, times, body)
+    )
+    return _beam(body, x, eta, moment)
+
+
+def _sampled(
+    beam: Beam, deflection: Callable[[Array], Array], bending_moment: Callable[[Array], Array]
+) -> tuple[Array, Array, Array]:
+    """Return x (k,), eta (k, n_times) and M (k, n_times) along a beam.
+
+    The moment of cubic elements jumps from one to the next by the error of
+    discretisation; at a node the mean of both sides is drawn. Where a support
+    takes up a moment the jump is real: x occurs twice there.
+    """
+    count = beam.element_lengths.size
+    if count > 2 * _POINTS:
+        x = np.linspace(beam.nodes[0], beam.nodes[-1], _POINTS + 1)
+        return x, deflection(x), bending_moment(x)
+    each = max(4, -(-_POINTS // count))
+    inside = np.arange(each) / each
+    x = np.append((beam.nodes[:-1, None] + inside * beam.element_lengths[:, None]).ravel(), beam.nodes[-1])
+    moment = bending_moment(x)
+    inner = np.arange(1, count)
+    before = bending_moment(x[inner * each] - 1e-6 * beam.element_lengths[:-1])
+    jumps = np.array([beam.supports.get(node, "pinned") != "pinned" for node in inner.tolist()], dtype=bool)
+    smooth = inner[~jumps] * each
+    moment[smooth] = 0.5 * (moment[smooth] + before[~jumps])
+    moment = np.insert(moment, inner[jumps] * each, before[jumps], axis=0)
+    x = np.insert(x, inner[jumps] * each, x[inner[jumps] * each])
+    return x, deflection(x), moment
+
+
+def _beam(beam: Beam, x: Array, eta: Array, moment: Array) -> BodyState:
+    # A section of constant width has EI in proportion to the cube of its depth.
+    depth = np.cbrt(beam.bending_stiffness(x)[0])
+    depth = np.clip(depth / depth.max(), 0.3, 1.0)
+    return BodyState(
+        beam,
+        x,
+        eta[:, 0],
+        moment[:, 0],
+        depth,
+        float(np.min(eta, initial=0.0)),
+        float(np.max(eta, initial=0.0)),
+        float(np.min(moment, initial=0.0)),
+        float(np.max(moment, initial=0.0)),
+    )
+
+
+def _mass(body: Body, u: Array) -> BodyState:
+    low, high = float(np.min(u, initial=0.0)), float(np.max(u, initial=0.0))
+    return BodyState(body, np.zeros(1), u[:1], np.zeros(1), np.ones(1), low, high, 0.0, 0.0)
