@@ -15,6 +15,7 @@ ROOT = Path(__file__).parent.parent / "vofem"
 LAYERS = [
     "errors",
     "_validate",
+    "polynomial",
     "fractional",
     "linalg",
     "system",

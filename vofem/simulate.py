@@ -23,6 +23,11 @@ METHODS = ("event_driven", "central_difference")
 _OPTIONS: dict[str, tuple[str, ...]] = {"event_driven": ("max_events",), "central_difference": ()}
 
 
+def option_names() -> tuple[str, ...]:
+    """Return the names of all options that some method takes."""
+    return tuple(sorted({name for names in _OPTIONS.values() for name in names}))
+
+
 def simulate(
     scene: Scene,
     t_end: float,

@@ -88,6 +88,8 @@ class Beam:
         self.length = number(f"{label}: length", length, positive=True)
         self.mesh = elements if isinstance(elements, LineMesh) else None
         self._set_nodes(label, elements)
+        #: As given: the number of equal elements, the x of all nodes, or a mesh.
+        self.elements: Any = self.mesh if self.mesh is not None else np.array(elements)[()]
         self.EI = self._coefficient(f"{label}: EI", EI)
         self.rhoA = self._coefficient(f"{label}: rhoA", rhoA)
         self.tension = number(f"{label}: tension", tension)
