@@ -13,6 +13,7 @@ ROOT = Path(__file__).parent.parent / "vofem"
 
 # From the bottom up. A module imports only from layers before its own, or from its own package.
 LAYERS = [
+    "_version",
     "errors",
     "_validate",
     "polynomial",

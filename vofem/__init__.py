@@ -8,6 +8,7 @@ K0 as a gap function changes sign. See the README for a first scene.
 from typing import TYPE_CHECKING, Any
 
 from vofem import fractional
+from vofem._version import __version__
 from vofem.bodies import Beam, Mass
 from vofem.effects import (
     Constant,
@@ -53,8 +54,6 @@ from vofem.statics import Equilibrium, equilibrium
 if TYPE_CHECKING:
     from vofem.io.scene_file import dump_scene, load_scene
 
-__version__ = "0.1.0"
-
 __all__ = [
     "ArgumentError",
     "Beam",
@@ -93,6 +92,7 @@ __all__ = [
     "Tabulated",
     "TimeFunction",
     "VofemError",
+    "__version__",
     "dump_scene",
     "equilibrium",
     "explain",

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vofem._version import __version__
 from vofem.errors import OutputError, VofemError
 
 if TYPE_CHECKING:
@@ -39,8 +40,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    from vofem import __version__
-
     parser = argparse.ArgumentParser(prog="vofem", description="Beams and masses that hit, rattle and yield.")
     parser.add_argument("--version", action="version", version=f"vofem {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)

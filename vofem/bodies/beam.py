@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -69,6 +70,9 @@ class Beam:
     Beams compare and hash by identity and are not meant to be changed. `mesh`
     holds the named points and subdomains of a mesh file, or is None.
     """
+
+    #: The mesh file, absolute, of a beam that was made from one.
+    mesh_file: Path | None = None
 
     _arc: Array
     element_lengths: Array
@@ -147,7 +151,9 @@ class Beam:
         from vofem.bodies.mesh_file import read_mesh
 
         mesh = read_mesh(path)
-        return cls(mesh.length, EI, rhoA, mesh, supports, tension, name)
+        beam = cls(mesh.length, EI, rhoA, mesh, supports, tension, name)
+        beam.mesh_file = Path(os.path.abspath(path))
+        return beam
 
     # -- geometry ---------------------------------------------------------------------------------
 

@@ -7,6 +7,7 @@ import sys
 from dataclasses import dataclass
 from importlib import metadata
 
+from vofem._version import __version__
 from vofem.io.probe import Probe, cure, probe
 
 #: Distributions that vofem uses.
@@ -33,8 +34,6 @@ class Diagnosis:
         return tuple(name for name, version in self.versions.items() if version is None)
 
     def __str__(self) -> str:
-        from vofem import __version__
-
         lines = [
             f"vofem {__version__}",
             f"Python {platform.python_version()} at {sys.executable}",

@@ -34,9 +34,13 @@ def history_points(file: SceneFile) -> tuple[Any, ...]:
 
 
 def picture_times(file: SceneFile, result: Result) -> tuple[float, ...]:
-    """Return the times that the file names, or the middle of the first contact, or when most is displaced."""
-    if file.output.pictures:
-        return file.output.pictures
+    """Return the times that the file names, or the middle of the first contact, or when most is displaced.
+
+    Of the file's times those are left out that a shorter run does not reach.
+    """
+    named = tuple(t for t in file.output.pictures if t <= result.times[-1])
+    if named or file.output.pictures:
+        return named
     intervals = [
         (float(history.closings[0]), float(history.openings[0]) if history.openings.size else float(result.times[-1]))
         for history in result.contacts.values()

@@ -78,7 +78,9 @@ def values_of_beam(beam: Beam) -> dict[str, Any]:
     if beam.mesh is None:
         values |= {"length": beam.length, "elements": beam.elements}
     else:
-        values["mesh"] = beam.mesh.source
+        if beam.mesh_file is None:
+            raise Unwritable(f"{beam!r} is on a mesh that came from no file; use Beam.from_mesh")
+        values["mesh"] = beam.mesh_file
     values["EI"] = _by_subdomain(beam.EI, beam.mesh)
     values["rhoA"] = _by_subdomain(beam.rhoA, beam.mesh)
     values["supports"] = {_place(beam, node): kind for node, kind in beam.supports.items()}

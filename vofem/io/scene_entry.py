@@ -48,6 +48,8 @@ class Entry:
         Takes an object and returns its values by key; its attributes where not given.
     needed : tuple of str
         Keys that must be given although `build` has a default.
+    essential : tuple of str
+        Keys without which the rest of a table cannot be checked.
     optional : tuple of str
         Keys that `build` takes as ``**options``.
     bare : str
@@ -60,6 +62,7 @@ class Entry:
     build: Callable[..., Any] = None  # type: ignore[assignment]
     values: Callable[[Any], dict[str, Any]] = None  # type: ignore[assignment]
     needed: tuple[str, ...] = ()
+    essential: tuple[str, ...] = ()
     optional: tuple[str, ...] = ()
     bare: str = ""
     _defaults: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
@@ -116,7 +119,7 @@ class Entry:
         for name in bad & set(self.keys):
             if self.keys[name].stand_ins:
                 attempt[name] = self.keys[name].stand_ins[0]
-            elif name in self.required:
+            elif name in self.required or name in self.essential:
                 return INVALID
         for _ in range(len(self.keys) + 1):
             made, name, message = self._try(attempt)
@@ -152,7 +155,7 @@ class Entry:
 
     def _without(self, values: dict[str, Any], name: str) -> dict[str, Any] | None:
         """Return values in which a key is no longer at fault."""
-        if name not in self.keys:
+        if name not in self.keys or name in self.essential:
             return None
         rest = {key: value for key, value in values.items() if key != name}
         trials = [{**rest, name: value} for value in self.keys[name].stand_ins]

@@ -163,13 +163,15 @@ def _is_folder(file: Path) -> bool:
 
 def _syntax_error(file: Path, text: str, message: str) -> SceneFileError:
     """Return the error of a file that is no TOML, with line, column and the line itself."""
+    lines = text.split("\n")
     place = re.search(r" \(at line (\d+), column (\d+)\)", message)
-    if place is None:
-        at_end = " (at end of document)" in message
-        where = f"line {text.count(chr(10)) + 1}, the end of the file: " if at_end else ""
-        return SceneFileError(str(file), [("", f"{where}{message.replace(' (at end of document)', '')}")])
-    line, column = int(place[1]), int(place[2])
-    lines = text.splitlines()
-    shown = lines[line - 1].strip() if line <= len(lines) else ""
-    message = message.replace(place[0], "")
-    return SceneFileError(str(file), [("", f"line {line}, column {column}: {message}, in {shown[:80]!r}")])
+    end = " (at end of document)"
+    if place is not None:
+        line, column = int(place[1]), int(place[2])
+        shown = f"{message.replace(place[0], '')}, in {lines[line - 1].strip()[:80]!r}"
+    elif end in message:
+        line, column = len(lines), len(lines[-1]) + 1
+        shown = f"{message.replace(end, '')}, at the end of the file"
+    else:
+        return SceneFileError(str(file), [("", f"this is not TOML: {message}")])
+    return SceneFileError(str(file), [("", f"line {line}, column {column}: {shown}")])

@@ -45,6 +45,10 @@ def read_tables(
         entry.read(content[entry.name], root.key(entry.name)) if isinstance(content.get(entry.name), dict) else None
         for entry in (RUN, OUTPUT)
     )
+    if isinstance(run, RunSettings) and isinstance(output, OutputSettings):
+        for t in output.pictures:
+            if t > run.t_end:
+                root.key("output").key("pictures").report(f"expected times up to t_end = {run.t_end:g} s, found {t!r}")
     if not book.problems:
         try:
             return Scene(bodies, effects, initial or None), run, output or OutputSettings()
@@ -84,7 +88,7 @@ def _check_names(order: list[Item], book: Book) -> None:
     for entry, table, place in order:
         name = table.get("name") if isinstance(table, dict) else None
         body = entry.name in BODIES
-        if not isinstance(name, str) or not (body or "name" in entry.keys):
+        if not isinstance(name, str) or not name or not (body or "name" in entry.keys):
             continue
         if (body, name) in first:
             place.key("name").report(f"{name!r} is already the name of {first[body, name]}; give each its own")

@@ -82,6 +82,7 @@ BODIES = _table(
         },
         build=build_beam,
         values=values_of_beam,
+        essential=("mesh",),
     ),
     Entry(
         "mass",
