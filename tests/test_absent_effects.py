@@ -49,8 +49,8 @@ def test_counters_of_a_bare_beam(method):
 @pytest.mark.parametrize("method", METHODS)
 def test_builders_of_absent_effects_are_never_called(method, monkeypatch):
     for name in (
-        "add_stiffness", "add_body_stiffness", "add_damping", "add_mass", "add_rayleigh", "add_modal_damping",
-        "add_point_load", "add_body_load", "add_acceleration", "add_contact",
+        "add_stiffness", "add_strains", "add_damping", "add_mass", "add_rayleigh", "add_modal_damping",
+        "add_point_load", "add_body_load", "add_acceleration", "add_contact", "add_nonlinear",
     ):  # fmt: skip
         monkeypatch.setattr(SystemBuilder, name, refuse)
     monkeypatch.setitem(event_driven.run.__globals__, "next_event", refuse)

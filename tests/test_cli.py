@@ -240,20 +240,6 @@ def test_the_two_masses():
     assert result.energy.balance_error < 1e-12
 
 
-def test_the_scripts_of_the_examples(tmp_path):
-    script = EXAMPLES / "cantilever_on_stop.py"
-    words = [sys.executable, str(script), "--output", str(tmp_path)]
-    done = subprocess.run(words, capture_output=True, text=True, check=False, cwd=ROOT, env={**_environment()})
-    assert (done.returncode, done.stderr) == (0, "")
-    assert "3.813122498" in done.stdout
-
-
-def _environment():
-    import os
-
-    return {**os.environ, "PYTHONPATH": str(ROOT)}
-
-
 # -- tables -----------------------------------------------------------------------------------------
 
 
@@ -283,6 +269,16 @@ def test_contact_table_of_other_runs():
     lines = tables.contact_table(ball(0.7), "stop").splitlines()
     assert "0.700000000+" in lines[2]
     assert "still closed at the end" in lines[-1]
+
+
+def test_tables_of_many_contacts():
+    beam = vf.Beam(1.0, 1.0, 1.0, 12, name="b")
+    scene = vf.Scene([beam], [vf.Foundation(beam, stiffness=10.0, one_sided=True, name="soil"), vf.Gravity(1.0)])
+    text = tables.contact_tables(vf.simulate(scene, 1.0), most=2)
+    assert text.count("closes [s]") == 2
+    assert "and 11 more contacts that close" in text
+    assert tables.contact_tables(vf.simulate(vf.Scene([vf.Mass(1.0)]), 1.0)) == "There are no contacts"
+    assert tables.contact_tables(ball(1.0, gap=2.0)) == "1 of 1 contacts do not close"
 
 
 def test_energy_table():

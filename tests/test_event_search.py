@@ -133,7 +133,7 @@ def random_scene(data, contacts_at_most):
 @given(data=st.data())
 def test_random_scenes(data):
     """No hang, no missed crossing, forces of one sign, energy in balance."""
-    masses, contacts, scene = random_scene(data, 3)
+    _, contacts, scene = random_scene(data, 3)
     times = np.linspace(0.0, 3.0, 4001)
     result = vf.simulate(scene, 3.0, times=times, max_events=20_000)
     assert result.energy.balance_error < 1e-10

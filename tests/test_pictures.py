@@ -215,6 +215,11 @@ def test_stepping_method(tmp_path):
     result = vf.simulate(scene, 0.5, method="central_difference")
     assert time_history(result, beam.at(0.5), tmp_path / "a.svg").stat().st_size > 1000
     assert orange(pixels(draw_scene(result, 0.2, tmp_path / "a.png"))) > 200
+    sparse = vf.simulate(scene, 0.5, method="central_difference", times=[0.0, 0.1, 0.2, 0.5])
+    assert orange(pixels(draw_scene(sparse, 0.2, tmp_path / "b.png"))) > 200
+    with pytest.raises(vf.ArgumentError, match="between the stored times"):
+        draw_scene(sparse, 0.3, tmp_path / "c.png")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.png", "a.svg", "b.png"]
 
 
 def test_unwritable_path(paper, tmp_path):

@@ -11,12 +11,15 @@ from vofem import fractional
 from vofem._version import __version__
 from vofem.bodies import Beam, Mass
 from vofem.effects import (
+    BaseMotion,
     Constant,
     Contact,
     Dashpot,
     DistributedLoad,
+    Foundation,
     Gravity,
     ModalDamping,
+    NonlinearSpring,
     PointLoad,
     PointMass,
     PointMoment,
@@ -56,6 +59,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ArgumentError",
+    "BaseMotion",
     "Beam",
     "Constant",
     "Contact",
@@ -64,6 +68,7 @@ __all__ = [
     "DistributedLoad",
     "Equilibrium",
     "EventStormError",
+    "Foundation",
     "Gravity",
     "InstabilityError",
     "LoadError",
@@ -72,6 +77,7 @@ __all__ = [
     "MethodError",
     "ModalDamping",
     "Modes",
+    "NonlinearSpring",
     "OutputError",
     "PointLoad",
     "PointMass",

@@ -13,7 +13,7 @@ import numpy as np
 
 from vofem.bodies.base import Array, Body, BodyMatrices, IntArray, Point, Row
 from vofem.errors import ArgumentError
-from vofem.system import ContactLaws, Load, LoadFunction, System
+from vofem.system import ContactLaws, Load, LoadFunction, NonlinearLaw, NonlinearLaws, System
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -64,6 +64,7 @@ class Model:
     load_vectors : tuple of ndarray, shape (N,)
         One per load of the system.
     contact_rows : csr_matrix, shape (n_contacts, N), optional
+    nonlinear_rows : csr_matrix, shape (n_laws, N), optional
     """
 
     system: System
@@ -74,6 +75,7 @@ class Model:
     damping: csr_matrix | None
     load_vectors: tuple[Array, ...]
     contact_rows: csr_matrix | None
+    nonlinear_rows: csr_matrix | None
 
     @property
     def size(self) -> int:
@@ -148,7 +150,8 @@ class SystemBuilder:
         self._mass, self._stiffness, self._damping = _Triplets(), _Triplets(), _Triplets()
         self._attached = _Triplets()
         self._springs: list[tuple[Row, float]] = []
-        self._plain_stiffness = False
+        self._strains: list[tuple[int, csr_matrix]] = []
+        self._nonlinear: list[tuple[Row, NonlinearLaw]] = []
         self._rayleigh: tuple[float, float] | None = None
         self._modal: float | None = None
         self._loads: list[Load] = []
@@ -168,7 +171,7 @@ class SystemBuilder:
             self.size += body.size
         self._supported = np.concatenate(supported)
         self._scale = np.concatenate(scales)
-        self._accelerations: list[tuple[float, LoadFunction, str]] = []
+        self._accelerations: list[tuple[float, LoadFunction, str, Body | None]] = []
 
     @staticmethod
     def _check(body: Body, matrices: BodyMatrices) -> BodyMatrices:
@@ -201,10 +204,10 @@ class SystemBuilder:
         self._attached.add_rank_one(row, stiffness)
         self._springs.append((row, stiffness))
 
-    def add_body_stiffness(self, body: Body, matrix: Any) -> None:
-        """Add a matrix over one body's degrees of freedom to K."""
-        self._attached.add_matrix(matrix, self.offsets[body])
-        self._plain_stiffness = True
+    def add_strains(self, body: Body, strains: csr_matrix) -> None:
+        """Add ``D'D`` to K, D being strain rows over one body's degrees of freedom, shape (k, body.size)."""
+        self._attached.add_matrix(strains.T @ strains, self.offsets[body])
+        self._strains.append((self.offsets[body], strains))
 
     def add_damping(self, row: Row, damping: float) -> None:
         """Add ``damping * b b'`` to C."""
@@ -236,9 +239,13 @@ class SystemBuilder:
         vector[start : start + body.size] = values
         self._loads.append(Load(vector, function, name))
 
-    def add_acceleration(self, value: float, function: LoadFunction, name: str) -> None:
-        """Add the load ``value M r function(t)``, r being a unit translation: a force in proportion to mass."""
-        self._accelerations.append((value, function, name))
+    def add_acceleration(self, value: float, function: LoadFunction, name: str, body: Body | None = None) -> None:
+        """Add the load ``value M r function(t)``, r being a unit translation of one body, or of all."""
+        self._accelerations.append((value, function, name, body))
+
+    def add_nonlinear(self, row: Row, law: NonlinearLaw) -> None:
+        """Add a smooth scalar law on a row."""
+        self._nonlinear.append((row, law))
 
     def add_contact(self, entry: ContactEntry) -> None:
         """Add a contact."""
@@ -253,6 +260,7 @@ class SystemBuilder:
         assert stiffness is not None
         damping = self._damping.build(self.size)
         attached = self._attached.build(self.size)
+        strains = self._attached_strains()
         if attached is not None:
             stiffness = stiffness + attached
         held = np.zeros(self.size, dtype=bool)
@@ -264,10 +272,11 @@ class SystemBuilder:
         def restrict(matrix: csr_matrix) -> Any:
             return matrix[free][:, free].tocsc() if free.size < self.size else matrix.tocsc()
 
-        for value, function, name in self._accelerations:
-            translation = np.concatenate([body.translation() for body in self.offsets])
+        for value, function, name, only in self._accelerations:
+            translation = np.concatenate([body.translation() * (only is None or body is only) for body in self.offsets])
             self._loads.append(Load(value * (mass @ translation), function, name))
         contact_rows, contacts = self._build_contacts(free)
+        nonlinear_rows = self._rows([row for row, _ in self._nonlinear]) if self._nonlinear else None
         system = System(
             mass=restrict(mass),
             stiffness=restrict(stiffness),
@@ -276,27 +285,50 @@ class SystemBuilder:
             modal_damping=self._modal,
             loads=tuple(Load(load.vector[free], load.function, load.name) for load in self._loads),
             contacts=contacts,
+            nonlinear=self._nonlinear_laws(nonlinear_rows, free),
             scale=self._scale[free],
-            strain=self._strain_rows(free),
-            rigid=self._rigid_motions(attached)[free],
+            strain=self._strain_rows(strains, free),
+            rigid=self._rigid_motions(strains)[free],
         )
         vectors = tuple(load.vector for load in self._loads)
-        return Model(system, self.offsets, free, mass, stiffness, damping, vectors, contact_rows)
+        return Model(system, self.offsets, free, mass, stiffness, damping, vectors, contact_rows, nonlinear_rows)
 
-    def _strain_rows(self, free: IntArray) -> csr_matrix | None:
+    def _rows(self, rows: Sequence[Row]) -> csr_matrix:
+        """Return rows as one matrix over all degrees of freedom, shape (len(rows), N)."""
+        from scipy.sparse import csr_matrix
+
+        indices = np.concatenate([row.indices for row in rows])
+        weights = np.concatenate([row.weights for row in rows])
+        ends = np.cumsum([0, *(row.indices.size for row in rows)])
+        return csr_matrix((weights, indices, ends), shape=(len(rows), self.size))
+
+    def _nonlinear_laws(self, rows: csr_matrix | None, free: IntArray) -> NonlinearLaws | None:
+        if rows is None:
+            return None
+        return NonlinearLaws(rows[:, free].tocsr(), tuple(law for _, law in self._nonlinear))
+
+    def _attached_strains(self) -> csr_matrix | None:
+        """Return the strain rows of springs and foundations over all degrees of freedom, or None."""
+        from scipy.sparse import csr_matrix, vstack
+
+        parts = []
+        if self._springs:
+            parts.append(self._rows([Row(row.indices, np.sqrt(k) * row.weights) for row, k in self._springs]))
+        for start, strains in self._strains:
+            shifted = (strains.data, strains.indices + start, strains.indptr)
+            parts.append(csr_matrix(shifted, shape=(strains.shape[0], self.size)))
+        return vstack(parts, format="csr") if parts else None
+
+    def _strain_rows(self, attached: csr_matrix | None, free: IntArray) -> csr_matrix | None:
         """Return D with ``K = D'D`` over the free degrees of freedom, or None."""
-        from scipy.sparse import block_diag, csr_matrix, vstack
+        from scipy.sparse import block_diag, vstack
 
         rows = [row for body in self.offsets if (row := body.strain_rows()) is not None]
-        if len(rows) < len(self.offsets) or self._plain_stiffness:
+        if len(rows) < len(self.offsets):
             return None
         whole = rows[0] if len(rows) == 1 else block_diag(rows, format="csr")
-        if self._springs:
-            count = len(self._springs)
-            indices = np.concatenate([row.indices for row, _ in self._springs])
-            weights = np.concatenate([np.sqrt(k) * row.weights for row, k in self._springs])
-            ends = np.cumsum([0, *(row.indices.size for row, _ in self._springs)])
-            whole = vstack([whole, csr_matrix((weights, indices, ends), shape=(count, self.size))], format="csr")
+        if attached is not None:
+            whole = vstack([whole, attached], format="csr")
         return whole[:, free] if free.size < self.size else whole
 
     def _rigid_motions(self, attached: csr_matrix | None) -> Array:
@@ -316,22 +348,17 @@ class SystemBuilder:
             basis[start : start + motion.shape[0], k] = motion[:, 0]
         if attached is None or not blocks:
             return basis
-        used = np.unique(attached.nonzero()[0])
-        root = attached[used][:, used].toarray()
-        values, vectors = np.linalg.eigh(root)
-        strain = (np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T) @ basis[used]
-        return basis @ _null_space(strain)
+        return basis @ _null_space(np.asarray(attached @ basis))
 
     def _build_contacts(self, free: IntArray) -> tuple[Any, ContactLaws | None]:
-        from scipy.sparse import csr_matrix
-
         entries = self._contacts
         if not entries:
             return None, None
-        indices = np.concatenate([e.row.indices for e in entries])
-        weights = np.concatenate([e.row.weights for e in entries])
-        ends = np.cumsum([0, *(e.row.indices.size for e in entries)])
-        rows = csr_matrix((weights, indices, ends), shape=(len(entries), self.size))
+        names = [e.name for e in entries]
+        if len(set(names)) < len(names):
+            twice = next(name for name in names if names.count(name) > 1)
+            raise ArgumentError(f"contacts named {twice!r} occur more than once; give each its own name")
+        rows = self._rows([e.row for e in entries])
         laws = ContactLaws(
             names=tuple(e.name for e in entries),
             rows=rows[:, free].tocsr(),

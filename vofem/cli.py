@@ -87,8 +87,7 @@ def _run(arguments: argparse.Namespace) -> int:
     print(explain(file.scene), end="\n\n")
     result = file.simulate(**_changes(arguments, file))
     print(tables.counter_line(result), end="\n\n")
-    for name in result.contacts:
-        print(tables.contact_table(result, name), end="\n\n")
+    print(tables.contact_tables(result), end="\n\n")
     print(tables.energy_table(result))
     for note in result.notes:
         print(f"note: {note}")

@@ -14,6 +14,7 @@ from vofem.bodies.base import Body
 from vofem.bodies.beam import Beam
 from vofem.errors import ArgumentError
 from vofem.scene import Scene, as_scene
+from vofem.system import System
 
 Array = NDArray[np.float64]
 
@@ -99,7 +100,11 @@ def modes(scene: Scene, count: int = 6, closed: Sequence[Any] = ()) -> Modes:
         raise ArgumentError(f"modes: count is {count!r}, expected a positive whole number")
     system = as_scene("modes", scene).model.system
     stiffness, rigid, strain = system.stiffness, system.rigid, system.strain
-    chosen = _indices(scene, closed)
+    if system.nonlinear is not None:
+        raise ArgumentError(
+            f"modes: NonlinearSpring {system.nonlinear.laws[0].name!r} has no modes; put a Spring of its tangent there"
+        )
+    chosen = _indices(system, closed)
     if chosen:
         from scipy.sparse import diags, vstack
 
@@ -121,8 +126,8 @@ def modes(scene: Scene, count: int = 6, closed: Sequence[Any] = ()) -> Modes:
     return Modes(scene.model, np.sqrt(squares[:count]), shapes[:, :count])
 
 
-def _indices(scene: Scene, closed: Sequence[Any]) -> list[int]:
-    names = [contact.name for contact in scene.contacts]
+def _indices(system: System, closed: Sequence[Any]) -> list[int]:
+    names = [] if system.contacts is None else list(system.contacts.names)
     wanted = [closed] if isinstance(closed, str) else list(closed)
     indices = []
     for item in wanted:

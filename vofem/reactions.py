@@ -56,6 +56,12 @@ def _residual(model: Model, dof: int, times: Array, samples: Samples, contact_fo
     for vector, load in zip(model.load_vectors, system.loads, strict=True):
         if vector[dof]:
             value = value - vector[dof] * load.function(times)
+    if model.nonlinear_rows is not None:
+        column = np.asarray(model.nonlinear_rows[:, [dof]].todense())[:, 0]
+        assert system.nonlinear is not None
+        u = system.nonlinear.rows @ samples.q
+        for k in np.flatnonzero(column):
+            value = value + column[k] * np.array([system.nonlinear.laws[k].reaction(x) for x in u[k]])
     if model.contact_rows is not None and contact_force is not None:
         column = np.asarray(model.contact_rows[:, [dof]].todense())[:, 0]
         if np.any(column):

@@ -10,6 +10,7 @@ import numpy as np
 
 from vofem.assembly import Effect, Model, SystemBuilder
 from vofem.bodies.base import Body
+from vofem.effects.base_motion import BaseMotion
 from vofem.effects.contact import Contact
 from vofem.errors import ArgumentError
 from vofem.system import State
@@ -72,6 +73,7 @@ class Scene:
                 raise ArgumentError(f"Scene: effects holds {effect!r}, expected a Contact, a load, a spring, ...")
         self._check_names("bodies", [body.name for body in self.bodies])
         self._check_names("contacts", [contact.name for contact in self.contacts])
+        self._check_bases()
         for effect in self.effects:
             for point in effect.points():
                 if point.body not in self.bodies:
@@ -79,6 +81,19 @@ class Scene:
                     raise ArgumentError(
                         f"{effect.describe()}: its body is not in the scene, which holds {known}; add it to bodies"
                     )
+
+    def _check_bases(self) -> None:
+        """Raise where something joins bodies whose bases move differently: their gap would depend on time."""
+        bases = {
+            id(body): [e for e in self.effects if isinstance(e, BaseMotion) and e.body is body] for body in self.bodies
+        }
+        for effect in self.effects:
+            on = [[motion.acceleration for motion in bases.get(id(point.body), [])] for point in effect.points()]
+            if len(on) == 2 and on[0] != on[1]:
+                raise ArgumentError(
+                    f"{effect.describe()}: it joins bodies of which only one has this BaseMotion; displacements are "
+                    "counted from the base, so give both bodies the same acceleration"
+                )
 
     @staticmethod
     def _check_names(what: str, names: list[str]) -> None:

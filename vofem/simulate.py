@@ -168,6 +168,7 @@ _KINDS: tuple[tuple[str, Callable[[System], bool]], ...] = (
         lambda system: system.contacts is not None and bool(np.any(system.contacts.damping > 0)),
     ),
     ("damping", lambda system: system.damped),
+    ("nonlinear springs", lambda system: system.nonlinear is not None),
     ("loads", lambda system: bool(system.loads)),
 )
 

@@ -151,6 +151,11 @@ def equilibrium(scene: Scene, t: float = 0.0) -> Equilibrium:
     t = number("equilibrium: t", t)
     model = as_scene("equilibrium", scene).model
     system = model.system
+    if system.nonlinear is not None:
+        raise ArgumentError(
+            f"equilibrium: NonlinearSpring {system.nonlinear.laws[0].name!r} may have several equilibria or none; "
+            "let a damped simulation settle instead"
+        )
     force = system.force(t)
     laws = system.contacts
     if laws is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
@@ -90,6 +91,55 @@ class ContactLaws:
 
 
 @dataclass(frozen=True)
+class NonlinearLaw:
+    """A smooth scalar law ``R = dV/du`` on a row; the force on the structure is ``-b R``.
+
+    Attributes
+    ----------
+    name : str
+    potential, force : callable
+        V in J and R in N of the elongation u in m.
+    """
+
+    name: str
+    potential: Callable[[float], float]
+    force: Callable[[float], float]
+
+    def reaction(self, u: float) -> float:
+        """Return R(u) in N; infinite where Python's floats overflow."""
+        try:
+            return float(self.force(u))
+        except OverflowError:
+            return float("inf")
+
+    def energy(self, u: float) -> float:
+        """Return V(u) in J; infinite where Python's floats overflow."""
+        try:
+            return float(self.potential(u))
+        except OverflowError:
+            return float("inf")
+
+    def tangent(self, u: float, step: float = 1e-6) -> float:
+        """Return dR/du in N/m by a central difference."""
+        width = step * max(1.0, abs(u))
+        return (self.reaction(u + width) - self.reaction(u - width)) / (2.0 * width)
+
+
+@dataclass(frozen=True)
+class NonlinearLaws:
+    """Smooth scalar laws, one per row.
+
+    Attributes
+    ----------
+    rows : csr_matrix, shape (n_laws, n)
+    laws : tuple of NonlinearLaw
+    """
+
+    rows: csr_matrix
+    laws: tuple[NonlinearLaw, ...]
+
+
+@dataclass(frozen=True)
 class System:
     """``M q'' + C q' + K q = sum_l F_l f_l(t) - sum_j b_j R_j(b_j.q, b_j.q')`` over the free degrees of freedom.
 
@@ -114,6 +164,7 @@ class System:
         A basis of the motions without strain energy, known from kinematics; r is mostly 0.
     loads : tuple of Load
     contacts : ContactLaws, optional
+    nonlinear : NonlinearLaws, optional
     scale : ndarray, shape (n,)
         Length that makes a degree of freedom a displacement; balances eigenproblems.
     """
@@ -125,6 +176,7 @@ class System:
     modal_damping: float | None
     loads: tuple[Load, ...]
     contacts: ContactLaws | None
+    nonlinear: NonlinearLaws | None
     scale: Array
     strain: csr_matrix | None
     rigid: Array
@@ -189,6 +241,8 @@ class Counters:
         Products with a damping matrix, or damped eigensystems.
     contact_solves : int
         Solutions of equations in the contact coordinates.
+    law_evaluations : int
+        Evaluations of nonlinear springs.
     """
 
     steps: int = 0
@@ -201,6 +255,7 @@ class Counters:
     load_evaluations: int = 0
     damping_evaluations: int = 0
     contact_solves: int = 0
+    law_evaluations: int = 0
 
 
 @dataclass(frozen=True)

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from vofem._validate import HUGE, nearest, number
+from vofem._validate import HUGE
 from vofem.bodies.base import Array, IntArray
 from vofem.errors import ArgumentError, MeshError
 
@@ -52,38 +51,6 @@ class LineMesh:
         """Distance of the ends in m."""
         return float(self.arc[-1])
 
-    def coefficient(self, what: str, values: Mapping[Any, Any]) -> Array:
-        """Return one value per element, shape (n_elements,), from one per named subdomain.
-
-        Raises
-        ------
-        ArgumentError
-            If a name is unknown, or an element has no value or more than one.
-        """
-        known = tuple(self.subdomains)
-        result = np.zeros(self.lengths.size)
-        owner: dict[int, str] = {}
-        for name, value in values.items():
-            if name not in self.subdomains:
-                raise ArgumentError(
-                    f"{what} names the subdomain {name!r}, expected {_names('subdomain', known)}{nearest(name, known)}"
-                )
-            one = number(f"{what} of subdomain {name!r}", value, positive=True)
-            for element in self.subdomains[name].tolist():
-                if element in owner:
-                    raise ArgumentError(
-                        f"{what}: the subdomains {owner[element]!r} and {name!r} overlap in "
-                        f"{self._element(element)}; give values for subdomains that share no element"
-                    )
-                owner[element] = name
-            result[self.subdomains[name]] = one
-        if len(owner) < result.size:
-            element = next(k for k in range(result.size) if k not in owner)
-            holders = [name for name in known if element in self.subdomains[name]]
-            cure = f"give a value for {holders[0]!r}" if holders else "no named subdomain of the mesh holds it"
-            raise ArgumentError(f"{what} has no value for {self._element(element)}: {cure}")
-        return result
-
     def nodes_named(self, what: str, name: str) -> IntArray:
         """Return the nodes, one or more, of a named point set of the mesh."""
         nodes = self.points[name]
@@ -91,13 +58,10 @@ class LineMesh:
             raise ArgumentError(f"{what} is {name!r}, which in {self.source} names no node of the beam")
         return nodes
 
-    def _element(self, k: int) -> str:
+    def describe_element(self, k: int) -> str:
+        """Return number and place of an element, for messages."""
         start = self.origin + self.arc[k]
         return f"element {k}, from {start:g} to {start + self.lengths[k]:g} m"
-
-
-def _names(kind: str, names: tuple[str, ...]) -> str:
-    return "one of " + ", ".join(map(repr, names)) if names else f"none: the mesh has no named {kind}"
 
 
 def chain(

@@ -116,8 +116,14 @@ def run(system: System, start: State, t_end: float, times: Array | None, dt: flo
         If energy grows beyond what the loads can have done.
     """
     counters, notes = Counters(), []
-    limit = critical_step(system)
+    tangents = _tangents(system, start)
+    limit = critical_step(system, tangents)
     counters.eigensolves += 1
+    if tangents is not None:
+        notes.append(
+            f"step: the critical step of {limit:.6g} s counts nonlinear springs with their tangent at the start; "
+            "where they stiffen it is smaller, and a run beyond it stops with an error"
+        )
     if dt is None:
         dt = min(_DEFAULT_FRACTION * limit, t_end / 1000.0)
         notes.append(f"step: dt = {dt:.6g} s was chosen; the critical step is {limit:.6g} s")
@@ -128,8 +134,16 @@ def run(system: System, start: State, t_end: float, times: Array | None, dt: flo
             "method='event_driven', which has no step"
         )
     steps = max(1, int(np.ceil(t_end / dt - 1e-9)))
-    stored = storage_times(times, dt, steps, system.size, notes)
+    stored = storage_times(times, t_end, dt, steps, system.size, notes)
     return _Run(system, dt, counters, notes).advance(start, t_end, steps, stored)
+
+
+def _tangents(system: System, start: State) -> Array | None:
+    """Return the tangent stiffness of nonlinear springs at the start, or None where there are none."""
+    if system.nonlinear is None:
+        return None
+    u = system.nonlinear.rows @ start.q
+    return np.array([law.tangent(float(x)) for law, x in zip(system.nonlinear.laws, u, strict=True)])
 
 
 class _Run:
@@ -152,6 +166,12 @@ class _Run:
         self.matrices = _Matrices(mass, stiffness, c, factor(a, "the mass matrix"))
         self.contacts = self._compress(system.contacts)
         self.loads = np.array([load.vector[self.order] for load in system.loads]).reshape(-1, system.size)
+        self.working = len(system.loads)
+        self.nonlinear = None
+        if system.nonlinear is not None:
+            # Explicit steps need a law's force at the beginning of a step only: one more load, which does no work.
+            self.nonlinear = system.nonlinear.rows.toarray()[:, self.order]
+            self.loads = np.vstack([self.loads, -self.nonlinear])
 
     def _compress(self, laws: ContactLaws | None) -> _Contacts:
         n = self.system.size
@@ -193,15 +213,18 @@ class _Run:
         log: list[tuple[float, int, int]] = []
         cursor, done = 0, 0
         while done <= steps:
-            count = min(_CHUNK, steps + 1 - done)
+            count = min(_CHUNK if self.nonlinear is None else 1, steps + 1 - done)
             values = self._load_values(np.arange(done, done + count, dtype=float) * self.dt)
+            if self.nonlinear is not None:
+                values = np.vstack([values, self._reactions(state.q)[:, None]])
             cursor, events, happened = _advance(
-                self.matrices, self.contacts, self.loads, values, self.dt, done, count,
+                self.matrices, self.contacts, self.loads, self.working, values, self.dt, done, count,
                 state, status, output, cursor,
             )  # fmt: skip
             log.extend((float(t), int(j), int(s)) for t, j, s in events[:happened])
             done += count
-            self._check(state, energy, (done - 1) * self.dt)
+            if self.nonlinear is None or done % 64 == 0 or done > steps:
+                self._check(state, energy, (done - 1) * self.dt)
         self.counters.steps = steps
         self.counters.gap_evaluations = (0 if laws is None else len(laws)) * (steps + 1)
         self.counters.events = len(log)
@@ -221,6 +244,8 @@ class _Run:
             for j in np.flatnonzero(np.isfinite(laws.resolution)):
                 share[j] = contact_stiffness(1.0, float(u[j] - laws.gap[j]), float(laws.resolution[j]))
             force -= laws.rows.T @ (share * (laws.stiffness * (u - laws.offset) + laws.damping * rate))
+        if system.nonlinear is not None:
+            force -= system.nonlinear.rows.T @ self._reactions(start.q[self.order])
         banded = force[self.order]
         solve(factor(self.matrices.mass, "the mass matrix"), banded)
         acceleration = np.empty_like(banded)
@@ -231,11 +256,30 @@ class _Run:
         self.counters.load_evaluations += t.size * len(self.system.loads)
         return np.array([load.function(t) for load in self.system.loads]).reshape(-1, t.size)
 
+    def _reactions(self, q: Array) -> Array:
+        """Return the forces of the nonlinear springs at q (in band order), shape (n_laws,)."""
+        assert self.system.nonlinear is not None
+        assert self.nonlinear is not None
+        laws = self.system.nonlinear.laws
+        self.counters.law_evaluations += len(laws)
+        forces = np.array([law.reaction(float(u)) for law, u in zip(laws, self.nonlinear @ q, strict=True)])
+        if not np.all(np.isfinite(forces)):
+            k = int(np.argmax(~np.isfinite(forces)))
+            raise InstabilityError(
+                f"NonlinearSpring {laws[k].name!r} returned {forces[k]} N at u = {float(self.nonlinear[k] @ q):g} m, "
+                f"expected a finite number; reduce dt = {self.dt:g} s, or look at its law"
+            )
+        return forces
+
     def _energy(self, q: Array, v: Array) -> float:
         strain, motion = np.zeros(q.size), np.zeros(q.size)
         subtract_product(self.matrices.stiffness, q, strain)
         subtract_product(self.matrices.mass, v, motion)
-        return -0.5 * float(q @ strain + v @ motion)
+        stored = 0.0
+        if self.nonlinear is not None and self.system.nonlinear is not None:
+            laws = self.system.nonlinear.laws
+            stored = sum(law.energy(float(u)) for law, u in zip(laws, self.nonlinear @ q, strict=True))
+        return stored - 0.5 * float(q @ strain + v @ motion)
 
     def _check(self, state: _State, first: float, t: float) -> None:
         now = self._energy(state.q_before, state.v_before)
@@ -256,7 +300,13 @@ class _Run:
         samples = Samples(output.q[back], output.v[back], output.a[back])
         kinetic = 0.5 * np.sum(samples.v * (system.mass @ samples.v), axis=0)
         kinetic -= 0.125 * self.dt**2 * np.sum(samples.a * (system.mass @ samples.a), axis=0)
-        strain = 0.5 * np.sum(samples.q * (system.stiffness @ samples.q), axis=0)
+        if system.strain is not None:
+            strain = 0.5 * np.sum(np.asarray(system.strain @ samples.q) ** 2, axis=0)
+        else:
+            strain = 0.5 * np.sum(samples.q * (system.stiffness @ samples.q), axis=0)
+        if system.nonlinear is not None:
+            for law, u in zip(system.nonlinear.laws, system.nonlinear.rows @ samples.q, strict=True):
+                strain += np.array([law.energy(float(x)) for x in u])
         contact = np.zeros(output.times.size)
         if laws is not None:
             contact = _contact_energy(laws, laws.rows @ samples.q)
@@ -312,10 +362,14 @@ def _subtract_row(contacts: _Contacts, j: int, factor: float, y: Array) -> None:
 
 @jit
 def _advance(
-    matrices: _Matrices, contacts: _Contacts, loads: Array, values: Array, dt: float, first: int, count: int,
+    matrices: _Matrices, contacts: _Contacts, loads: Array, working: int, values: Array, dt: float, first: int,
+    count: int,
     state: _State, status: IntArray, output: _Output, cursor: int,
 ) -> tuple[int, Array, int]:  # fmt: skip
-    """Advance `count` steps from step `first`; return the output cursor and events (time, contact, status)."""
+    """Advance `count` steps from step `first`; return the output cursor and events (time, contact, status).
+
+    The first `working` rows of `loads` are loads, whose work is counted; the others are forces of springs.
+    """
     n, m = state.q.size, contacts.gap.size
     q, half = state.q, state.half
     damped = matrices.damping.shape[0] > 0
@@ -326,12 +380,16 @@ def _advance(
     happened = 0
     for step in range(first, first + count):
         t = step * dt
-        for k in range(loads.shape[0]):
+        for k in range(working):
             f = values[k, step - first]
             for i in range(n):
                 load[i] = loads[k, i] * f if k == 0 else load[i] + loads[k, i] * f
         for i in range(n):
             a[i] = load[i]
+        for k in range(working, loads.shape[0]):
+            f = values[k, step - first]
+            for i in range(n):
+                a[i] += loads[k, i] * f
         subtract_product(matrices.stiffness, q, a)
         any_damper = False
         for j in range(m):
@@ -379,7 +437,7 @@ def _advance(
                     _subtract_row(contacts, j, c_eq[j] * _dot(contacts, j, v), loss)
         # Work and dissipation by the trapezoidal rule: this time ends one step and begins the next.
         if step > 0:
-            if loads.shape[0] > 0:
+            if working > 0:
                 state.work[0] += 0.5 * dt * np.dot(half, load)
             if lossy:
                 state.dissipated[0] -= 0.5 * dt * np.dot(half, loss)
@@ -392,7 +450,7 @@ def _advance(
         for i in range(n):
             half[i] += dt * a[i]
             q[i] += dt * half[i]
-        if loads.shape[0] > 0:
+        if working > 0:
             state.work[0] += 0.5 * dt * np.dot(half, load)
         if lossy:
             state.dissipated[0] -= 0.5 * dt * np.dot(half, loss)

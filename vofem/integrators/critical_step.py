@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vofem.integrators.switch import steepest
 from vofem.system import System
+
+Array = NDArray[np.float64]
 
 #: Up to this size the spectrum is computed with dense matrices.
 _DENSE = 600
 
 
-def highest_frequency(system: System) -> float:
-    """Return an upper estimate of the highest natural frequency in rad/s, all contacts closed."""
+def highest_frequency(system: System, tangents: Array | None = None) -> float:
+    """Return an upper estimate of the highest natural frequency in rad/s, all contacts closed.
+
+    `tangents` are stiffnesses of the nonlinear springs in N/m, shape (n_laws,).
+    """
     stiffness = system.stiffness
     laws = system.contacts
     if laws is not None:
@@ -20,6 +26,11 @@ def highest_frequency(system: System) -> float:
 
         slope = [steepest(g, bool(j), s0) for g, j, s0 in zip(laws.gap, laws.jump, laws.resolution, strict=True)]
         stiffness = stiffness + laws.rows.T @ diags(laws.stiffness * np.array(slope)) @ laws.rows
+    if system.nonlinear is not None and tangents is not None:
+        from scipy.sparse import diags
+
+        rows = system.nonlinear.rows
+        stiffness = stiffness + rows.T @ diags(np.maximum(tangents, 0.0)) @ rows
     n = system.size
     if n <= _DENSE:
         from scipy.linalg import eigh
@@ -35,7 +46,7 @@ def highest_frequency(system: System) -> float:
     return float(np.sqrt(max(top, 0.0)) * (1.0 + 1e-5))
 
 
-def critical_step(system: System) -> float:
+def critical_step(system: System, tangents: Array | None = None) -> float:
     """Return the critical time step of central differences, ``2/omega_max``, in s."""
-    omega = highest_frequency(system)
+    omega = highest_frequency(system, tangents)
     return 2.0 / omega if omega > 0 else np.inf

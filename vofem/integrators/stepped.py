@@ -143,14 +143,15 @@ def _interpolate_all(
                 )
 
 
-def storage_times(times: Array | None, dt: float, steps: int, size: int, notes: list[str]) -> Array:
+def storage_times(times: Array | None, t_end: float, dt: float, steps: int, size: int, notes: list[str]) -> Array:
     """Return the times to store: those asked for, or every step, thinned where memory would run out.
 
     Parameters
     ----------
     times : ndarray, optional
-    dt : float
+    t_end, dt : float
     steps : int
+        The last one ends at or after t_end.
     size : int
         Degrees of freedom.
     notes : list of str
@@ -168,4 +169,4 @@ def storage_times(times: Array | None, dt: float, steps: int, size: int, notes: 
     kept = np.arange(0, steps + 1, stride)
     if kept[-1] != steps:
         kept = np.append(kept, steps)
-    return np.asarray(kept * dt, dtype=float)
+    return np.minimum(np.asarray(kept * dt, dtype=float), t_end)

@@ -87,6 +87,22 @@ class Count:
 
 
 @dataclass(frozen=True)
+class YesOrNo:
+    """A boolean."""
+
+    expected: str = "true or false"
+    stand_ins: ClassVar[tuple[Any, ...]] = (True, False)
+
+    def read(self, value: Any, place: Place) -> bool | Invalid:
+        """Return a bool."""
+        return value if isinstance(value, bool) else place.expected(self.expected, value)
+
+    def write(self, value: Any, book: Book) -> bool:
+        """Return a plain bool."""
+        return bool(value)
+
+
+@dataclass(frozen=True)
 class Numbers:
     """An array of finite numbers, not empty."""
 

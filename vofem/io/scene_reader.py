@@ -84,15 +84,16 @@ def _order(content: dict[str, Any], text: str, root: Place) -> list[Item]:
 
 def _check_names(order: list[Item], book: Book) -> None:
     """Note names that are used twice; every body counts as broken until it is built."""
-    first: dict[tuple[bool, str], str] = {}
+    first: dict[tuple[str, str], str] = {}
     for entry, table, place in order:
         name = table.get("name") if isinstance(table, dict) else None
         body = entry.name in BODIES
         if not isinstance(name, str) or not name or not (body or "name" in entry.keys):
             continue
-        if (body, name) in first:
-            place.key("name").report(f"{name!r} is already the name of {first[body, name]}; give each its own")
-        first.setdefault((body, name), place.path)
+        group = "body" if body else entry.name
+        if (group, name) in first:
+            place.key("name").report(f"{name!r} is already the name of {first[group, name]}; give each its own")
+        first.setdefault((group, name), place.path)
         if body:
             book.broken.add(name)
 

@@ -18,6 +18,7 @@ from vofem.io.scene_kinds import (
     MeshPath,
     Numbers,
     Supports,
+    YesOrNo,
 )
 from vofem.io.scene_parts import (
     BodyByName,
@@ -118,6 +119,18 @@ EFFECTS = _table(
     Entry("point_load", effects.PointLoad, {"point": _POINT, "f": TIME_FUNCTION}),
     Entry("point_moment", effects.PointMoment, {"point": _POINT, "f": TIME_FUNCTION}),
     Entry("distributed_load", effects.DistributedLoad, {"beam": _BEAM, "p": FIELD, "f": TIME_FUNCTION}),
+    Entry(
+        "foundation",
+        effects.Foundation,
+        {
+            "name": NAME,
+            "beam": _BEAM,
+            "stiffness": OrNumber(_POLYNOMIAL, NOT_NEGATIVE),
+            "one_sided": YesOrNo(),
+            "gap": NUMBER,
+        },
+    ),
+    Entry("base_motion", effects.BaseMotion, {"body": BodyByName(), "acceleration": TIME_FUNCTION}),
     Entry("gravity", effects.Gravity, {"g": NUMBER}),
     Entry("rayleigh_damping", effects.RayleighDamping, {"alpha": NOT_NEGATIVE, "beta": NOT_NEGATIVE}),
     Entry("modal_damping", effects.ModalDamping, {"ratio": NOT_NEGATIVE}),

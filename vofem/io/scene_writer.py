@@ -59,7 +59,9 @@ def _tables(things: tuple[Any, ...], entries: Mapping[str, Entry], root: Place) 
         entry = next((entry for entry in entries.values() if type(thing) is entry.made), None)
         if entry is None:
             kind = "bodies" if entries is BODIES else "effects"
-            root.key(kind).index(k).report(f"{type(thing).__name__} has no form in a scene file; leave it to Python")
+            root.key(kind).index(k).report(
+                f"{type(thing).__name__} has no form in a scene file; build this scene in Python"
+            )
             continue
         place = root.key(entry.name).index(counts.get(entry.name, 0))
         counts[entry.name] = counts.get(entry.name, 0) + 1

@@ -146,13 +146,22 @@ def _at_rest(outcome: Equilibrium, body: Body) -> BodyState:
 
 def _in_motion(result: Result, body: Body, t: float) -> BodyState:
     # The picture's own time comes first, then the run.
-    times = np.concatenate([[t], np.linspace(0.0, min(float(result.times[-1]), result.solution.t_end), _TIMES)])
+    times = np.concatenate([[t], _times_of_range(result)])
     if not isinstance(body, Beam):
         return _mass(body, result.displacement(body, times))
     x, eta, moment = _sampled(
         body, lambda x: result.deflection(x, times, body), lambda x: result.bending_moment(x, times, body)
     )
     return _beam(body, x, eta, moment)
+
+
+def _times_of_range(result: Result) -> Array:
+    """Return times spread over the run: a stepping method knows those that it has stored, and not between."""
+    # Its last step may reach beyond the end of the run, where nothing is known.
+    stored = result.times[result.times <= result.solution.t_end]
+    if result.method == "event_driven":
+        return np.linspace(0.0, float(stored[-1]), _TIMES)
+    return stored[np.unique(np.linspace(0, stored.size - 1, _TIMES).round().astype(int))]
 
 
 def _sampled(

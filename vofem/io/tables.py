@@ -11,6 +11,18 @@ from vofem.result import ContactHistory, Result
 _SAMPLES = 2001
 
 
+def contact_tables(result: Result, most: int = 8) -> str:
+    """Return the tables of the first contacts that close; the rest, those of a foundation say, are counted."""
+    touched = [name for name, history in result.contacts.items() if history.closings.size]
+    parts = [contact_table(result, name) for name in touched[:most]]
+    if len(touched) > most:
+        parts.append(f"and {len(touched) - most} more contacts that close")
+    idle = len(result.contacts) - len(touched)
+    if idle:
+        parts.append(f"{idle} of {len(result.contacts)} contacts do not close")
+    return "\n\n".join(parts) or "There are no contacts"
+
+
 def contact_table(result: Result, name: str, most: int = 20) -> str:
     """Return a line per closed interval of a contact: when it closes and opens, peak force and impulse.
 
@@ -70,5 +82,7 @@ def energy_table(result: Result, rows: int = 6) -> str:
 def counter_line(result: Result) -> str:
     """Return what the run took, on one line; zeros are left out."""
     counters = vars(result.counters)
-    shown = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in counters.items() if value)
-    return f"Work by {result.method}: {shown}"
+    shown = ", ".join(
+        f"{name.replace('_', ' ')} {value}" for name, value in counters.items() if value and name != "events"
+    )
+    return f"{result.counters.events} contact events; work by {result.method}: {shown}"

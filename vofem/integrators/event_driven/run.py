@@ -43,6 +43,11 @@ def refusal(system: System) -> str | None:
                 "Pulse, Tabulated and their sums; tabulate it, vf.Tabulated(t, f(t)); or "
                 "choose method='central_difference'"
             )
+    if system.nonlinear is not None:
+        return (
+            f"NonlinearSpring {system.nonlinear.laws[0].name!r} is not piecewise linear, which event_driven needs. "
+            "Choose method='central_difference'"
+        )
     if system.contacts is not None and not system.contacts.ideal:
         k = int(np.argmax(np.isfinite(system.contacts.resolution)))
         return (

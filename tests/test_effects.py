@@ -1,0 +1,214 @@
+"""Foundations, base motion, nonlinear springs; published cases that need them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import published, quantity
+
+import vofem as vf
+
+
+def test_beam_on_a_winkler_foundation_as_published():
+    case = published("vpcs_ssll16_winkler")
+    p = case["parameters"]
+    length = np.pi * np.sqrt(10.0) / 2.0
+    beam = vf.Beam(length, p["E"] * p["I"], 1.0, 40, {"left": "pinned", "right": "pinned"})
+    effects = [
+        vf.Foundation(beam, stiffness=p["K_foundation"]),
+        vf.PointLoad(beam.at(length / 2), -1e4),
+        vf.DistributedLoad(beam, -5000.0),
+        vf.PointMoment(beam.at("left"), -15000.0),
+        vf.PointMoment(beam.at("right"), 15000.0),
+    ]
+    scene = vf.Scene([beam], effects)
+    outcome = vf.equilibrium(scene)
+    middle = length / 2
+    shear = vf.simulate(vf.Scene([beam], effects, initial=outcome), 1e-3).reaction(beam, "left").force[0]
+    for name, got in (
+        ("rotation_A", outcome.slope([0.0])[0]),
+        ("deflection", outcome.deflection([middle])[0]),
+        ("support_shear_A", shear),
+        ("bending_moment", outcome.bending_moment([middle])[0]),
+    ):
+        q = quantity(case, name)
+        assert got == pytest.approx(q["value"], abs=max(q["tolerance"], 2e-4 * abs(q["value"])))
+        assert got == pytest.approx(q["our_value"], rel=5e-4)
+
+
+def test_foundation_frequencies():
+    """On a uniform foundation omega^2 = (n pi)^4 + k for a simply supported beam."""
+    beam = vf.Beam(1.0, 1.0, 1.0, 30, {"left": "pinned", "right": "pinned"})
+    wave = np.pi * np.arange(1, 4)
+    for stiffness in (500.0, lambda x: np.full_like(x, 500.0)):
+        scene = vf.Scene([beam], [vf.Foundation(beam, stiffness=stiffness)])
+        assert vf.modes(scene, 3).omega == pytest.approx(np.sqrt(wave**4 + 500.0), rel=1e-5)
+    free = vf.Beam(1.0, 1.0, 2.0, 8)
+    omega = vf.modes(vf.Scene([free], [vf.Foundation(free, stiffness=50.0)]), 2).omega
+    assert omega == pytest.approx([5.0, 5.0], rel=1e-10)
+
+
+def lift_off(elements, length=12.0, k=4.0, load=1.0):
+    """A long beam without weight on a one-sided foundation, loaded in the middle."""
+    beam = vf.Beam(length, 1.0, 1.0, elements)
+    foundation = vf.Foundation(beam, stiffness=k, one_sided=True, name="bed")
+    scene = vf.Scene([beam], [foundation, vf.PointLoad(beam.at(length / 2), -load)])
+    return beam, vf.equilibrium(scene)
+
+
+def test_one_sided_foundation_with_lift_off():
+    """Contact over pi/(2 lambda) on each side, w0 = (P lambda/2k) coth(pi/2), lambda^4 = k/4EI."""
+    exact = 1.0 / (2.0 * 4.0) / np.tanh(np.pi / 2)
+    errors = []
+    for elements in (60, 120, 240):
+        beam, outcome = lift_off(elements)
+        errors.append(abs(-outcome.displacement(beam.at(6.0)) / exact - 1.0))
+        closed = beam.nodes[[int(n[4:-1]) for n, c in outcome.contacts.items() if c.closed]]
+        assert 0.5 * (closed.max() - closed.min()) == pytest.approx(np.pi / 2, abs=12.0 / elements)
+        assert outcome.iterations <= 10
+    assert errors[-1] < 2e-4
+    assert errors[0] > 3.0 * errors[1] > 9.0 * errors[2] * 0.8
+
+
+def test_one_sided_foundation_in_motion():
+    """A beam dropped on it: contacts at every node, energy in balance, lift-off seen."""
+    beam = vf.Beam(1.0, 0.05, 1.0, 8)
+    bed = vf.Foundation(beam, stiffness=200.0, one_sided=True, gap=0.01, name="bed")
+    result = vf.simulate(vf.Scene([beam], [bed, vf.Gravity(1.0)], {beam: (0.0, lambda x: -0.3 * x)}), 1.0)
+    assert len(result.contacts) == 9
+    assert result.counters.events > 9
+    assert result.energy.balance_error < 1e-11
+    assert any(c.openings.size for c in result.contacts.values())
+    assert vf.explain(vf.Scene([beam], [bed])).effects[0].startswith("Foundation 'bed' under Beam")
+
+
+def test_foundations_refuse_what_they_cannot_be():
+    beam = vf.Beam(1.0, 1.0, 1.0, 4)
+    with pytest.raises(vf.ArgumentError, match="a two-sided foundation has none; set one_sided"):
+        vf.Foundation(beam, stiffness=1.0, gap=0.1)
+    with pytest.raises(vf.ArgumentError, match="expected a Beam"):
+        vf.Foundation(vf.Mass(1.0), stiffness=1.0)
+    with pytest.raises(vf.ArgumentError, match=r"stiffness is -1\.0"):
+        vf.Foundation(beam, stiffness=-1.0)
+    with pytest.raises(vf.ArgumentError, match=r"stiffness is -.* at x = "):
+        vf.equilibrium(vf.Scene([beam], [vf.Foundation(beam, stiffness=lambda x: x - 2.0)]))
+    with pytest.raises(vf.ArgumentError, match="expected True or False"):
+        vf.Foundation(beam, stiffness=1.0, one_sided="yes")
+
+
+@pytest.mark.parametrize("method", ["event_driven", "central_difference"])
+def test_base_motion_of_an_oscillator(method):
+    """Relative motion under a constant base acceleration, and under a sine."""
+    mass = vf.Mass(2.0, stiffness=8.0)
+    step = {"dt": 1e-4} if method == "central_difference" else {}
+    t = np.linspace(0.0, 5.0, 51)
+    constant = vf.simulate(vf.Scene([mass], [vf.BaseMotion(mass, 3.0)]), 5.0, method=method, times=t, **step)
+    assert constant.displacement(mass) == pytest.approx(-3.0 / 4.0 * (1 - np.cos(2 * t)), abs=1e-7)
+    wave = vf.simulate(vf.Scene([mass], [vf.BaseMotion(mass, vf.Sine(1.0, 3.0))]), 5.0, method=method, times=t, **step)
+    exact = -(np.sin(3 * t) - 1.5 * np.sin(2 * t)) / (4.0 - 9.0)
+    assert wave.displacement(mass) == pytest.approx(exact, abs=1e-7)
+
+
+def test_base_motion_of_a_beam_and_its_support():
+    """In the rigid limit the support carries the inertia of the whole beam."""
+    beam = vf.Beam(1.0, 1e6, 2.0, 4, {"left": "clamped"})
+    scene = vf.Scene(
+        [beam], [vf.BaseMotion(beam, vf.Ramp(0.1)), vf.PointMass(beam.at(1.0), mass=0.5), vf.ModalDamping(0.5)]
+    )
+    reaction = vf.simulate(scene, 10.0, times=[10.0]).reaction(beam, "left")
+    assert reaction.force[0] == pytest.approx(2.5 * 1.0, rel=1e-4)
+    assert reaction.moment[0] == pytest.approx(2.0 * 0.5 + 0.5, rel=1e-4)
+
+
+def test_bodies_on_different_bases_cannot_touch():
+    a, b = vf.Mass(1.0, stiffness=1.0), vf.Mass(1.0, stiffness=1.0)
+    contact = vf.Contact(a, b, gap=1.0, stiffness=1.0, acts_on="penetration")
+    shake = vf.Sine(1.0, 1.0)
+    with pytest.raises(vf.ArgumentError, match="only one has this BaseMotion"):
+        vf.Scene([a, b], [contact, vf.BaseMotion(a, shake)])
+    together = vf.Scene([a, b], [contact, vf.BaseMotion(a, shake), vf.BaseMotion(b, shake)])
+    result = vf.simulate(together, 3.0)
+    assert np.array_equal(result.displacement(a), result.displacement(b))
+    with pytest.raises(vf.ArgumentError, match="expected a Beam or a Mass"):
+        vf.BaseMotion(3.0, shake)
+
+
+def test_softening_spring_as_published():
+    """The manufactured solution of code_aster SDND103."""
+    case = published("ca_sdnd103_softening_mms")
+    p = case["parameters"]
+    m, k, x0, a, w = p["m"], p["k0"], p["x0"], p["a"], np.pi / 4
+    mass = vf.Mass(m)
+    spring = vf.NonlinearSpring(
+        mass,
+        potential=lambda u: k * (u**2 / 2 - abs(u) ** 3 / (3 * x0)),
+        force=lambda u: k * u * (1 - abs(u) / x0),
+    )
+
+    def load(t):
+        x = a * np.sin(w * t)
+        return m * (-(w**2) * x + k / m * x * (1 - abs(x) / x0))
+
+    scene = vf.Scene([mass], [spring, vf.PointLoad(mass, load)], {mass: (0.0, w * a)})
+    assert vf.explain(scene).method == "central_difference"
+    result = vf.simulate(scene, 6.0, dt=5e-4, times=[0.0, 2.0, 6.0])
+    for i, at in ((1, "t=2"), (2, "t=6")):
+        q = quantity(case, "x", at)
+        assert result.displacement(mass)[i] == pytest.approx(q["value"], abs=q["tolerance"])
+
+
+def test_bistable_spring_conserves_energy():
+    """A double well: V = (u^2 - 1)^2/4, two equilibria, snap-through above the barrier."""
+    mass = vf.Mass(1.0)
+    law = {"potential": lambda u: 0.25 * (u**2 - 1) ** 2, "force": lambda u: u**3 - u}
+    stop = vf.Contact(mass, gap=1.2, stiffness=50.0, side="above", acts_on="penetration", name="stop")
+    well = vf.NonlinearSpring(mass, **law, name="well")
+    balances = []
+    for dt in (2e-3, 1e-3):
+        scene = vf.Scene([mass], [well], {mass: (-1.0, 0.9)})
+        result = vf.simulate(scene, 20.0, method="central_difference", dt=dt)
+        assert result.displacement(mass).max() > 1.0 > -1.0 > result.displacement(mass).min()
+        balances.append(result.energy.balance_error)
+        assert result.counters.law_evaluations >= 20.0 / dt
+    assert balances[0] < 1e-5
+    assert 3.5 < balances[0] / balances[1] < 4.5
+    result = vf.simulate(vf.Scene([mass], [well, stop], {mass: (-1.0, 0.9)}), 20.0, dt=1e-3)
+    assert result.contacts["stop"].closings.size >= 2
+    assert result.energy.balance_error < 1e-4
+
+
+def test_nonlinear_springs_are_refused_where_they_do_not_fit():
+    mass = vf.Mass(1.0)
+    cubic = {"potential": lambda u: u**4 / 4, "force": lambda u: u**3}
+    scene = vf.Scene([mass], [vf.NonlinearSpring(mass, **cubic, name="hardening")])
+    with pytest.raises(vf.MethodError, match=r"'hardening' is not piecewise linear.*central_difference"):
+        vf.simulate(scene, 1.0, method="event_driven")
+    with pytest.raises(vf.ArgumentError, match="'hardening' may have several equilibria"):
+        vf.equilibrium(scene)
+    with pytest.raises(vf.ArgumentError, match="'hardening' has no modes"):
+        vf.modes(scene)
+    with pytest.raises(vf.ArgumentError, match=r"expected force = dV/du"):
+        vf.NonlinearSpring(mass, potential=lambda u: u**2, force=lambda u: -2 * u)
+    with pytest.raises(vf.ArgumentError, match="expected a callable"):
+        vf.NonlinearSpring(mass, potential=1.0, force=lambda u: u)
+
+
+def test_a_stiffening_spring_that_blows_up_is_an_error():
+    mass = vf.Mass(1.0)
+    spring = vf.NonlinearSpring(mass, potential=lambda u: 1e6 * u**4 / 4, force=lambda u: 1e6 * u**3, name="hard")
+    with pytest.raises(vf.InstabilityError, match=r"reduce dt"), np.errstate(all="ignore"):
+        vf.simulate(vf.Scene([mass], [spring], {mass: (0.0, 100.0)}), 10.0, method="central_difference", dt=0.05)
+
+
+def test_chain_of_masses_is_one_system():
+    """N masses with N - 1 gaps: one N x N system, and far fewer statuses than 2^(N-1)."""
+    count = 8
+    masses = [vf.Mass(1.0, stiffness=0.1) for _ in range(count)]
+    contacts = [
+        vf.Contact(masses[i], masses[i + 1], gap=0.05, stiffness=100.0, acts_on="penetration") for i in range(count - 1)
+    ]
+    scene = vf.Scene(masses, [*contacts, vf.PointLoad(masses[0], vf.Sine(1.0, 2.0))])
+    result = vf.simulate(scene, 20.0)
+    assert scene.model.system.size == count
+    assert 5 < result.counters.statuses < 2 ** (count - 1)
+    assert result.energy.balance_error < 1e-12

@@ -1,0 +1,45 @@
+"""Motion of the base that a body stands on."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from vofem.assembly import SystemBuilder
+from vofem.bodies.base import Body, Point
+from vofem.bodies.beam import Beam
+from vofem.effects.time_functions import as_time_function
+from vofem.errors import ArgumentError
+
+
+class BaseMotion:
+    """A body whose base accelerates: its supports, its springs to ground and the stops beside it.
+
+    Displacements of the body are then counted from the base, and the motion
+    acts as a load ``-M r a(t)`` with the unit translation r. Whatever joins
+    bodies must join bodies on the same base: a contact or spring between
+    bodies of which only one moves with this base is refused.
+
+    Parameters
+    ----------
+    body : Beam or Mass
+    acceleration : float, TimeFunction or callable of t
+        Of the base, in m/s^2, positive upward.
+    """
+
+    def __init__(self, body: Any, acceleration: Any) -> None:
+        if not isinstance(body, Body):
+            raise ArgumentError(f"BaseMotion: body is {body!r}, expected a Beam or a Mass")
+        self.body = body
+        self.acceleration = as_time_function(acceleration)
+
+    def points(self) -> tuple[Point, ...]:
+        """Return a point of the body, so that the scene can check it."""
+        return (self.body.at("left") if isinstance(self.body, Beam) else self.body,)  # type: ignore[return-value]
+
+    def compile(self, builder: SystemBuilder) -> None:
+        """Add the load."""
+        builder.add_acceleration(-1.0, self.acceleration, self.describe(), self.body)
+
+    def describe(self) -> str:
+        """Return body and acceleration."""
+        return f"BaseMotion of {self.body.label}: {self.acceleration!r} m/s^2"

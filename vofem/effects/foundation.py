@@ -1,0 +1,132 @@
+"""Elastic foundations: Winkler's, two-sided or with lift-off."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem._validate import number
+from vofem.assembly import ContactEntry, SystemBuilder
+from vofem.bodies.base import Point, Row, automatic_name
+from vofem.bodies.beam import Beam
+from vofem.bodies.cubics import hermite
+from vofem.errors import ArgumentError
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
+Array = NDArray[np.float64]
+
+#: Gauss points per element: exact for a stiffness of degree 7 times two cubics.
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(7)
+
+
+class Foundation:
+    """A Winkler foundation along a whole beam: a force ``-k(x) eta`` per length.
+
+    One-sided, it is a contact below every node (``acts_on="penetration"``)
+    with the stiffness of the node's share of the length: the beam may lift
+    off. This is the paper's remark on contact everywhere along the length.
+
+    Parameters
+    ----------
+    beam : Beam
+    stiffness : float or callable of an array x
+        k in N/m per m, not negative.
+    one_sided : bool
+        Whether the foundation can only push.
+    gap : float
+        Of the one-sided foundation, in m; negative where it is preloaded.
+    name : str, optional
+        Contacts of a one-sided foundation are called ``name[0]``, ``name[1]``, ... from the left.
+
+    Raises
+    ------
+    ArgumentError
+        For a gap of a two-sided foundation, or values out of range.
+    """
+
+    def __init__(
+        self,
+        beam: Beam,
+        *,
+        stiffness: float | Callable[[Array], Any],
+        one_sided: bool = False,
+        gap: float = 0.0,
+        name: str | None = None,
+    ) -> None:
+        self.name = automatic_name(name, "Foundation")
+        label = f"Foundation {self.name!r}"
+        if not isinstance(beam, Beam):
+            raise ArgumentError(f"{label}: beam is {beam!r}, expected a Beam")
+        if not isinstance(one_sided, (bool, np.bool_)):
+            raise ArgumentError(f"{label}: one_sided is {one_sided!r}, expected True or False")
+        self.beam = beam
+        self.stiffness = stiffness if callable(stiffness) else number(f"{label}: stiffness", stiffness, minimum=0)
+        self.one_sided = bool(one_sided)
+        self.gap = number(f"{label}: gap", gap)
+        if self.gap and not self.one_sided:
+            raise ArgumentError(f"{label}: gap is {self.gap:g} m, but a two-sided foundation has none; set one_sided")
+
+    def points(self) -> tuple[Point, ...]:
+        """Return a point of the beam, so that the scene can check it."""
+        return (self.beam.at("left"),)
+
+    def _at(self, x: Array) -> Array:
+        """Return k at points x, checked."""
+        if not callable(self.stiffness):
+            return np.full(x.shape, self.stiffness)
+        try:
+            values = np.broadcast_to(np.asarray(self.stiffness(x), dtype=float), x.shape)
+        except (TypeError, ValueError) as error:
+            raise ArgumentError(
+                f"Foundation {self.name!r}: stiffness must be a callable that takes an array of x; it raised: {error}"
+            ) from error
+        bad = ~(np.isfinite(values) & (values >= 0))
+        if np.any(bad):
+            k = np.unravel_index(int(np.argmax(bad)), x.shape)
+            raise ArgumentError(
+                f"Foundation {self.name!r}: stiffness is {values[k]:g} at x = {x[k]:g} m, "
+                "expected a number that is not negative"
+            )
+        return values
+
+    def compile(self, builder: SystemBuilder) -> None:
+        """Add strains to the stiffness, or a contact at every node."""
+        if not self.one_sided:
+            builder.add_strains(self.beam, self._strains())
+            return
+        h = self.beam.element_lengths
+        share = 0.5 * (np.append(h, 0.0) + np.insert(h, 0, 0.0))
+        offset = builder.offsets[self.beam]
+        held = {node for node, kind in self.beam.supports.items() if kind != "guided"}
+        for node, stiffness in enumerate(self._at(self.beam.nodes) * share):
+            # A node on a support never moves, one without stiffness never pushes.
+            if node in held or stiffness == 0.0:
+                continue
+            row = Row(np.array([offset + 2 * node]), np.array([-1.0]))
+            builder.add_contact(
+                ContactEntry(f"{self.name}[{node}]", row, self.gap, float(stiffness), 0.0, False, np.inf)
+            )
+
+    def _strains(self) -> csr_matrix:
+        """Return rows D with the foundation's stiffness ``D'D``, at the Gauss points of every element."""
+        from scipy.sparse import csr_matrix
+
+        h = self.beam.element_lengths
+        xi = 0.5 * (1.0 + _NODES)
+        x = self.beam.nodes[:-1, None] + xi * h[:, None]
+        root = np.sqrt(self._at(x) * 0.5 * _WEIGHTS * h[:, None])
+        entries = np.stack([root * hermite(i, xi, h[:, None]) for i in range(4)], axis=-1)
+        rows = h.size * xi.size
+        columns = np.repeat(2 * np.arange(h.size), xi.size)[:, None] + np.arange(4)
+        return csr_matrix((entries.ravel(), columns.ravel(), 4 * np.arange(rows + 1)), shape=(rows, self.beam.size))
+
+    def describe(self) -> str:
+        """Return beam, stiffness and kind."""
+        k = "k(x)" if callable(self.stiffness) else f"{self.stiffness:g}"
+        kind = f"one-sided, gap {self.gap:g} m" if self.one_sided else "two-sided"
+        return f"Foundation {self.name!r} under {self.beam.label}: {k} N/m per m, {kind}"

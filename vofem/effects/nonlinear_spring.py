@@ -1,0 +1,88 @@
+"""Springs with any smooth law: cubic, bistable, softening."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from vofem.assembly import SystemBuilder
+from vofem.bodies.base import Point, as_point, automatic_name
+from vofem.errors import ArgumentError
+from vofem.system import NonlinearLaw
+
+#: Elongations in m at which force and potential are compared.
+_SAMPLES = (-1.0, -0.1, -1e-2, -1e-3, 1e-3, 1e-2, 0.1, 1.0)
+
+
+class NonlinearSpring:
+    """A spring between two points, or from a point to ground, with a potential.
+
+    Only methods that step in time take it.
+
+    Parameters
+    ----------
+    a, b : points
+    potential : callable
+        V(u) in J of the elongation ``u = u_a - u_b`` in m.
+    force : callable
+        ``F(u) = dV/du`` in N; it acts on a as -F and on b as +F, so a linear
+        spring has ``F = k u``.
+    name : str, optional
+
+    Raises
+    ------
+    ArgumentError
+        If the force is not the derivative of the potential.
+    """
+
+    def __init__(
+        self,
+        a: Any,
+        b: Any = None,
+        *,
+        potential: Callable[[float], float],
+        force: Callable[[float], float],
+        name: str | None = None,
+    ) -> None:
+        self.name = automatic_name(name, "NonlinearSpring")
+        label = f"NonlinearSpring {self.name!r}"
+        self.a: Point = as_point(f"{label}: a", a)
+        self.b: Point | None = None if b is None else as_point(f"{label}: b", b)
+        for what, function in (("potential", potential), ("force", force)):
+            if not callable(function):
+                raise ArgumentError(f"{label}: {what} is {function!r}, expected a callable of the elongation in m")
+        self.law = NonlinearLaw(self.name, potential, force)
+        self._check(label)
+
+    def _check(self, label: str) -> None:
+        """Compare the force with a difference quotient of the potential: a wrong sign is the usual slip."""
+        with np.errstate(all="ignore"):
+            for u in _SAMPLES:
+                step = 1e-4 * abs(u)
+                right, middle, left = (self.law.energy(u + i * step) for i in (1, 0, -1))
+                force = self.law.reaction(u)
+                if not np.all(np.isfinite([right, middle, left, force])):
+                    continue
+                slope = (right - left) / (2.0 * step)
+                # What the quotient itself can be off by: bending of the curve, and rounding.
+                slack = abs(right - 2.0 * middle + left) / step + 1e-12 * (abs(right) + abs(left)) / step
+                if abs(slope - force) > 1e-3 * (abs(slope) + abs(force)) + slack:
+                    raise ArgumentError(
+                        f"{label}: force({u:g}) is {force:g} N, but the potential grows by {slope:g} N there; "
+                        "expected force = dV/du (positive in tension, like k*u)"
+                    )
+
+    def points(self) -> tuple[Point, ...]:
+        """Return a, and b where there is one."""
+        return (self.a,) if self.b is None else (self.a, self.b)
+
+    def compile(self, builder: SystemBuilder) -> None:
+        """Add row and law."""
+        builder.add_nonlinear(builder.difference(self.a, self.b), self.law)
+
+    def describe(self) -> str:
+        """Return name and points."""
+        end = "ground" if self.b is None else self.b.describe()
+        return f"NonlinearSpring {self.name!r} from {self.a.describe()} to {end}"
