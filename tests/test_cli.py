@@ -82,7 +82,7 @@ def test_the_command_line_goes_before_the_file(scene, tmp_path, capsys):
     scene.write_text(SHORT.replace("t_end = 6.0", "t_end = 6.0\ntimes = [0.0, 6.0]"))
     words = ["--method", "central_difference", "--t-end", "2", "--dt", "0.125", "--output", str(tmp_path)]
     assert cli.main(["run", str(scene), "--no-pictures", *words]) == 0
-    assert "central_difference" in capsys.readouterr().out
+    assert "This run: central_difference, as the command line says\n" in capsys.readouterr().out
     assert np.array_equal(columns(tmp_path / "histories.csv")["t [s]"], np.arange(17) / 8)
 
 
@@ -138,6 +138,12 @@ def test_wrong_usage_has_exit_code_2(words, capsys):
 def test_explain(scene, capsys):
     assert cli.main(["explain", str(scene)]) == 0
     assert capsys.readouterr().out == f"{vf.explain(vf.load_scene(scene).scene)}\n"
+
+
+def test_explain_says_which_method_the_file_wants(scene, capsys):
+    scene.write_text(SHORT.replace("t_end = 6.0", "t_end = 6.0\nmethod = 'central_difference'"))
+    assert cli.main(["explain", str(scene)]) == 0
+    assert capsys.readouterr().out.endswith("This run: central_difference, as the scene file says\n")
 
 
 def test_pictures_where_the_file_says(scene, tmp_path, monkeypatch, capsys):

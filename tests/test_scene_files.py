@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import pickle
 import tomllib
@@ -373,6 +374,8 @@ ONE = [
     ("t_end = 2.0", "t_end = 2\nmethd = 'auto'", "run.methd", "unknown key; did you mean 'method'?"),
     ("t_end = 2.0", "t_end = 2\nmethod = 'evnt_driven'", "run.method", "did you mean 'event_driven'?"),
     ("t_end = 2.0", "t_end = 2\ndt = 0", "run.dt", "expected a positive number, found 0"),
+    ("t_end = 2.0", "t_end = 2\nmethod='event_driven'\ndt = 1", "run.dt", "has no meaning for event_driven"),
+    ("t_end = 2.0", "t_end = 2\nmethod='central_difference'\nmax_events = 9", "run.max_events", "is no option of"),
     ("t_end = 2.0", "t_end = 2\nmax_events = 'x'", "run.max_events", "expected a number, found 'x'"),
     ("t_end = 2.0", "t_end = 2\ntimes = [0, 1, 0.5]", "run.times", "found 1.0 followed by 0.5"),
     ("t_end = 2.0", "t_end = 2\ntimes = [0, 3]", "run.times", "times reaches to 3 s, beyond t_end = 2 s"),
@@ -497,6 +500,48 @@ def test_all_problems_together(tmp_path):
     }
 
 
+toml_values = st.recursive(
+    st.one_of(
+        st.booleans(),
+        st.integers(),
+        st.floats(),
+        st.sampled_from(["", "deck", "ball", "deck@1.0", "@", "deck@", "@1", "deck@@left", "ideal", "left", "x\0y"]),
+    ),
+    lambda inner: st.one_of(
+        st.lists(inner, max_size=3),
+        st.dictionaries(st.sampled_from(["sine", "sum", "polynomial", "body", "at", "x", "1.0"]), inner, max_size=3),
+    ),
+    max_leaves=5,
+)
+
+
+def places(table):
+    """Return (container, key) of every value in nested tables and arrays."""
+    found = []
+    for key, value in list(table.items()) if isinstance(table, dict) else list(enumerate(table)):
+        found.append((table, key))
+        if isinstance(value, (dict, list)):
+            found += places(value)
+    return found
+
+
+@given(st.data())
+@settings(max_examples=150)
+def test_whatever_is_in_a_file_it_loads_or_has_a_typed_error(tmp_path_factory, data):
+    whole = tomllib.loads(scene_to_toml(every_effect()))
+    whole |= {"run": {"t_end": 1.0, "times": {"start": 0.0, "stop": 1.0, "count": 3}}, "output": {"history": "deck@1"}}
+    for _ in range(data.draw(st.integers(1, 3))):
+        container, key = data.draw(st.sampled_from(places(whole)))
+        if data.draw(st.booleans()) or isinstance(container, list):
+            container[key] = data.draw(toml_values)
+        else:
+            container[data.draw(st.sampled_from(["nmae", "mesh", "name", "f"]))] = container.pop(key)
+    path = tmp_path_factory.getbasetemp() / "mutant.toml"
+    path.write_text(toml_text.table("", whole), encoding="utf-8")
+    with contextlib.suppress(vf.SceneFileError):
+        vf.load_scene(path)
+
+
 def test_a_broken_body_is_reported_once(tmp_path):
     """What refers to it is not another problem."""
     assert [path for path, _ in problems(GOOD.replace("EI = 1.0", "EI = -1.0"), tmp_path)] == ["beam[0].EI"]
@@ -529,6 +574,14 @@ def test_files_that_are_no_toml(content, message, tmp_path):
     found = problems(content, tmp_path)
     assert len(found) == 1
     assert message in found[0][1]
+
+
+def test_the_readme_shows_a_scene_file(tmp_path):
+    text = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
+    (tmp_path / "s.toml").write_text(text.split("```toml\n")[1].split("```")[0])
+    file = vf.load_scene(tmp_path / "s.toml")
+    assert file.simulate(t_end=1.0).counters.steps
+    assert_round_trip(file.scene, tmp_path)
 
 
 def test_files_that_are_not_there(tmp_path):

@@ -66,8 +66,17 @@ def _explain(arguments: argparse.Namespace) -> int:
     from vofem.io.scene_file import load_scene
     from vofem.simulate import explain
 
-    print(explain(load_scene(arguments.scene).scene))
+    file = load_scene(arguments.scene)
+    print(explain(file.scene))
+    _print_method(file, None)
     return FINE
+
+
+def _print_method(file: SceneFile, wanted: str | None) -> None:
+    """Say which method is used, where it is not the one that vofem would choose."""
+    method = wanted or (file.run.method if file.run is not None else "auto")
+    if method != "auto":
+        print(f"This run: {method}, as the {'command line' if wanted else 'scene file'} says")
 
 
 def _doctor(arguments: argparse.Namespace) -> int:
@@ -84,17 +93,28 @@ def _run(arguments: argparse.Namespace) -> int:
     from vofem.simulate import explain
 
     file = load_scene(arguments.scene)
-    print(explain(file.scene), end="\n\n")
+    print(explain(file.scene))
+    _print_method(file, arguments.method)
+    print(flush=True)
+    # Made first: a run that is long shall not end in a folder that cannot be.
+    folder = _made(arguments.output or Path("output") / arguments.scene.stem)
     result = file.simulate(**_changes(arguments, file))
     print(tables.counter_line(result), end="\n\n")
     print(tables.contact_tables(result), end="\n\n")
     print(tables.energy_table(result))
     for note in result.notes:
         print(f"note: {note}")
-    folder = arguments.output or Path("output") / arguments.scene.stem
     written = _write(file, result, folder, pictures=not arguments.no_pictures)
     print("\nwrote " + "\n      ".join(str(path) for path in written))
     return FINE
+
+
+def _made(folder: Path) -> Path:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"the folder {folder} cannot be made: {error.strerror or error}") from error
+    return folder
 
 
 def _changes(arguments: argparse.Namespace, file: SceneFile) -> dict[str, Any]:
@@ -111,10 +131,6 @@ def _write(file: SceneFile, result: Result, folder: Path, *, pictures: bool) -> 
     from vofem.io.csv_file import point_name, write_csv
     from vofem.io.run_pictures import history_points, picture_times
 
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"the folder {folder} cannot be made: {error.strerror or error}") from error
     points = history_points(file)
     written = [write_csv(result, points, folder / "histories.csv")]
     if not pictures:

@@ -23,9 +23,9 @@ METHODS = ("event_driven", "central_difference")
 _OPTIONS: dict[str, tuple[str, ...]] = {"event_driven": ("max_events",), "central_difference": ()}
 
 
-def option_names() -> tuple[str, ...]:
-    """Return the names of all options that some method takes."""
-    return tuple(sorted({name for names in _OPTIONS.values() for name in names}))
+def option_names(method: str = "auto") -> tuple[str, ...]:
+    """Return the names of the options that a method takes, or some method for "auto"."""
+    return _OPTIONS[method] if method in _OPTIONS else tuple(sorted({n for names in _OPTIONS.values() for n in names}))
 
 
 def simulate(

@@ -147,6 +147,11 @@ def _run(t_end: float, method: str = "auto", dt: Any = None, times: Any = None, 
     last = times.stop if isinstance(times, UniformTimes) else times[-1] if times else 0.0
     if last > t_end * (1.0 + 1e-12):
         raise ArgumentError(f"times reaches to {last:g} s, beyond t_end = {t_end:g} s")
+    for name in options:
+        if name not in option_names(method):
+            raise ArgumentError(f"{name} is no option of the method {method!r}; remove it, or change method")
+    if dt is not None and method == "event_driven":
+        raise ArgumentError("dt has no meaning for event_driven, which has no step; remove it, or change method")
     return RunSettings(t_end, method, dt, times, options)
 
 
