@@ -112,6 +112,15 @@ class ContactHistory:
         return self._times(False)
 
     @property
+    def pinned(self) -> Array:
+        """Intervals in which the contact is pinned at its gap, s, shape (k, 2)."""
+        events = self._result.solution.events
+        mine = events.contact == self._index
+        times = np.append(events.time[mine], self._result.solution.t_end)
+        held = np.flatnonzero(events.status[mine] == PINNED)
+        return np.stack([times[held], times[held + 1]], axis=1)
+
+    @property
     def _samples(self) -> ContactSamples:
         return self._result.contact_samples
 

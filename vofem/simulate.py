@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 METHODS = ("event_driven", "central_difference")
 
 #: Options that a method takes beside those of `simulate`.
-_OPTIONS: dict[str, tuple[str, ...]] = {"event_driven": ("max_events",), "central_difference": ()}
+_OPTIONS: dict[str, tuple[str, ...]] = {"event_driven": ("max_events", "pin_fraction"), "central_difference": ()}
 
 
 def option_names(method: str = "auto") -> tuple[str, ...]:
@@ -53,7 +53,8 @@ def simulate(
         Where results are wanted, increasing, within [0, t_end]. Without it:
         1001 uniform times for event_driven, every step for a stepping method.
     **options
-        ``max_events`` of event_driven.
+        Of event_driven: ``max_events`` (a million), and ``pin_fraction``, the
+        fraction of the gap below which chatter counts as rest (1e-7).
 
     Returns
     -------

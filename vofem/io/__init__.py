@@ -1,1 +1,1 @@
-"""Files in and out: scene files, tables, histories, pictures."""
+"""Files in and out: scene files, tables, histories, pictures, series for ParaView."""

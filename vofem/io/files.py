@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import secrets
 from collections.abc import Iterator
@@ -56,10 +57,11 @@ def replacing(path: Path) -> Iterator[Path]:
 def _reason(path: Path, error: OSError) -> str:
     """Return cause and cure."""
     folder = path.parent
-    if path.is_dir():
+    # Not the methods of Path: these raise in a folder that may not be entered.
+    if os.path.isdir(path):
         return "it is a folder; give the name of a file"
-    if folder.exists() and not folder.is_dir():
+    if os.path.exists(folder) and not os.path.isdir(folder):
         return f"{folder} is a file, not a folder; choose another place"
-    if not folder.exists():
+    if error.errno == errno.ENOENT and not os.path.exists(folder):
         return f"the folder {folder} does not exist; create it first"
     return f"{error.strerror or error}; check the permissions of {folder} and the space left, or choose another place"

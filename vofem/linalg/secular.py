@@ -23,8 +23,11 @@ _EPS = float(np.finfo(float).eps)
 
 
 @jit
-def _root(d: Array, w: Array, k: int) -> tuple[int, float]:
-    """Return (pole, offset) of the k-th root of ``1 + sum w_j/(d_j - x)``, all w_j > 0, d ascending."""
+def _root(d: Array, w: Array, k: int, one: float) -> tuple[int, float]:
+    """Return (pole, offset) of the k-th root of ``one + sum w_j/(d_j - x)``, all w_j > 0, d ascending.
+
+    `one` is 1 for a spring, 0 for a constraint, its limit; the constraint has one root less.
+    """
     m = d.size
     last = k == m - 1
     if last:
@@ -33,7 +36,7 @@ def _root(d: Array, w: Array, k: int) -> tuple[int, float]:
         x = 0.5 * high
     else:
         half = 0.5 * (d[k + 1] - d[k])
-        f = 1.0
+        f = one
         for j in range(m):
             f += w[j] / ((d[j] - d[k]) - half)
         if f >= 0.0:
@@ -52,8 +55,8 @@ def _root(d: Array, w: Array, k: int) -> tuple[int, float]:
             else:
                 phi += t
                 dphi += t / gap
-        f = 1.0 + psi + phi
-        if abs(f) <= _EPS * (1.0 + abs(psi) + abs(phi)):
+        f = one + psi + phi
+        if abs(f) <= _EPS * (one + abs(psi) + abs(phi)):
             return pole, x
         if f < 0.0:
             low = x
@@ -65,11 +68,11 @@ def _root(d: Array, w: Array, k: int) -> tuple[int, float]:
         r, s = psi - dpsi * here, dpsi * here * here
         new = np.nan
         if last:
-            if 1.0 + r > 0.0:
-                new = (d[k] - d[pole]) + s / (1.0 + r)
+            if one + r > 0.0:
+                new = (d[k] - d[pole]) + s / (one + r)
         else:
             there = (d[k + 1] - d[pole]) - x
-            a = 1.0 + r + phi - dphi * there
+            a = one + r + phi - dphi * there
             big = dphi * there * there
             b = a * (here + there) + s + big
             c = here * there * f
@@ -96,6 +99,46 @@ def _root(d: Array, w: Array, k: int) -> tuple[int, float]:
 
 
 @jit
+def _deflate(d: Array, c: Array, vectors: Array) -> NDArray[np.int64]:
+    """Rotate coinciding poles so that one of them takes all of the coupling; return the poles that are coupled."""
+    n = d.size
+    norm = np.sqrt(np.sum(c * c))
+    active = np.zeros(n, dtype=np.bool_)
+    for i in range(n):
+        active[i] = abs(c[i]) > 1e-18 * norm
+    previous = -1
+    for i in range(n):
+        if not active[i]:
+            continue
+        if previous >= 0 and d[i] - d[previous] <= 4.0 * _EPS * d[i]:
+            r = np.hypot(c[previous], c[i])
+            cs, sn = c[i] / r, c[previous] / r
+            for row in range(n):
+                a, b = vectors[row, previous], vectors[row, i]
+                vectors[row, previous] = cs * a - sn * b
+                vectors[row, i] = sn * a + cs * b
+            c[previous], c[i] = 0.0, r
+            active[previous] = False
+        previous = i
+    return np.flatnonzero(active)
+
+
+@jit
+def _exact_coupling(poles: Array, c: Array, origin: NDArray[np.int64], offset: Array, spring: bool) -> Array:
+    """Return the coupling for which the computed roots are exact (Loewner), with the signs of c."""
+    m = poles.size
+    exact = np.empty(m)
+    for j in range(m):
+        product = (poles[origin[m - 1]] - poles[j]) + offset[m - 1] if spring else 1.0
+        for k in range(m - 1):
+            root = (poles[origin[k]] - poles[j]) + offset[k]
+            other = poles[k] - poles[j] if k < j else poles[k + 1] - poles[j]
+            product *= root / other
+        exact[j] = np.sqrt(abs(product)) * (1.0 if c[j] >= 0.0 else -1.0)
+    return exact
+
+
+@jit
 def rank_one(d: Array, c: Array, rho: float) -> tuple[Array, Array]:
     """Return eigenvalues and orthogonal eigenvectors of ``diag(d) + rho c c'``, rho > 0.
 
@@ -113,30 +156,10 @@ def rank_one(d: Array, c: Array, rho: float) -> tuple[Array, Array]:
     vectors : ndarray, shape (n, n)
         Columns.
     """
-    n = d.size
-    vectors = np.eye(n)
+    vectors = np.eye(d.size)
     c = c.copy()
-    norm = np.sqrt(np.sum(c * c))
     values = d.copy()
-    active = np.zeros(n, dtype=np.bool_)
-    for i in range(n):
-        active[i] = abs(c[i]) > 1e-18 * norm
-    # Where poles coincide, one rotation leaves all of the coupling in one of them.
-    previous = -1
-    for i in range(n):
-        if not active[i]:
-            continue
-        if previous >= 0 and d[i] - d[previous] <= 4.0 * _EPS * d[i]:
-            r = np.hypot(c[previous], c[i])
-            cs, sn = c[i] / r, c[previous] / r
-            for row in range(n):
-                a, b = vectors[row, previous], vectors[row, i]
-                vectors[row, previous] = cs * a - sn * b
-                vectors[row, i] = sn * a + cs * b
-            c[previous], c[i] = 0.0, r
-            active[previous] = False
-        previous = i
-    index = np.flatnonzero(active)
+    index = _deflate(d, c, vectors)
     m = index.size
     if m == 0:
         return values, vectors
@@ -145,17 +168,9 @@ def rank_one(d: Array, c: Array, rho: float) -> tuple[Array, Array]:
     origin = np.empty(m, dtype=np.int64)
     offset = np.empty(m)
     for k in range(m):
-        origin[k], offset[k] = _root(poles, w, k)
+        origin[k], offset[k] = _root(poles, w, k, 1.0)
         values[index[k]] = poles[origin[k]] + offset[k]
-    # Loewner: the coupling for which the computed roots are exact.
-    exact = np.empty(m)
-    for j in range(m):
-        product = (poles[origin[m - 1]] - poles[j]) + offset[m - 1]
-        for k in range(m - 1):
-            root = (poles[origin[k]] - poles[j]) + offset[k]
-            other = poles[k] - poles[j] if k < j else poles[k + 1] - poles[j]
-            product *= root / other
-        exact[j] = np.sqrt(abs(product)) * (1.0 if c[index[j]] >= 0.0 else -1.0)
+    exact = _exact_coupling(poles, c[index], origin, offset, True)
     local = np.empty((m, m))
     for k in range(m):
         total = 0.0
@@ -169,3 +184,59 @@ def rank_one(d: Array, c: Array, rho: float) -> tuple[Array, Array]:
     vectors[:, index] = np.ascontiguousarray(vectors[:, index]) @ local
     order = np.argsort(values)
     return values[order], vectors[:, order]
+
+
+@jit
+def constrain(d: Array, c: Array) -> tuple[Array, Array, Array]:
+    """Return the eigenvalues and eigenvectors of ``diag(d)`` restricted to ``c.x = 0``, the limit of a rigid spring.
+
+    Parameters
+    ----------
+    d : ndarray, shape (n,)
+        Ascending, not negative; repeated values are welcome.
+    c : ndarray, shape (n,)
+        Not zero.
+
+    Returns
+    -------
+    values : ndarray, shape (n - 1,)
+        Ascending.
+    vectors : ndarray, shape (n, n - 1)
+        Orthonormal columns V, all orthogonal to c.
+    force : ndarray, shape (n - 1,)
+        nu with ``diag(d) V = V diag(values) + c nu'``: what the constraint exerts in each mode.
+    """
+    n = d.size
+    vectors = np.eye(n)
+    c = c.copy()
+    index = _deflate(d, c, vectors)
+    m = index.size
+    poles = d[index]
+    w = c[index] * c[index]
+    origin = np.empty(m - 1, dtype=np.int64)
+    offset = np.empty(m - 1)
+    values = d.copy()
+    force = np.zeros(n)
+    for k in range(m - 1):
+        origin[k], offset[k] = _root(poles, w, k, 0.0)
+        values[index[k]] = poles[origin[k]] + offset[k]
+    exact = _exact_coupling(poles, c[index], origin, offset, False)
+    # The scale of the exact coupling is that of c; its shape fits the roots.
+    ratio = np.sqrt(np.sum(w) / np.sum(exact * exact))
+    local = np.empty((m, m - 1))
+    for k in range(m - 1):
+        total = 0.0
+        for j in range(m):
+            local[j, k] = exact[j] / ((poles[j] - poles[origin[k]]) - offset[k])
+            total += local[j, k] * local[j, k]
+        total = np.sqrt(total) * (1.0 if local[k, k] > 0.0 else -1.0)
+        for j in range(m):
+            local[j, k] /= total
+        force[index[k]] = 1.0 / (total * ratio)
+    changed = np.ascontiguousarray(vectors[:, index]) @ local
+    kept = np.ones(n, dtype=np.bool_)
+    kept[index[m - 1]] = False
+    vectors[:, index[: m - 1]] = changed
+    values, force, vectors = values[kept], force[kept], vectors[:, kept]
+    order = np.argsort(values)
+    return values[order], vectors[:, order], force[order]

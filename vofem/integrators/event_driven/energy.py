@@ -109,11 +109,11 @@ class _Segment:
     def _velocity_rows(self, rows: Array) -> tuple[Array, Array]:
         """Return (W, U) with ``rows @ modal velocity = W z + U v``."""
         spectrum = self.motion.spectrum
-        n = spectrum.p.size
-        if spectrum.out is None:
-            return np.zeros_like(rows), rows if spectrum.modes is None else rows @ spectrum.modes
-        both = rows @ spectrum.out[n:]
-        return both[:, :n], both[:, n:]
+        local = rows if spectrum.real.modes is None else rows @ spectrum.real.modes
+        if spectrum.blocks is None:
+            return np.zeros_like(local), local
+        both = local @ spectrum.blocks.out[spectrum.p.size :]
+        return both[:, : spectrum.p.size], both[:, spectrum.p.size :]
 
     def work(self, rows: Array, pieces: list[Piece], tau: Array) -> Array:
         """Return the work of all loads from the segment's start to tau."""

@@ -20,10 +20,12 @@ from vofem.integrators.base import (
     spring_force,
     status_at,
 )
+from vofem.integrators.event_driven.modal_space import ModalSpace, modal_space
 from vofem.integrators.event_driven.motion import Forcing, Motion, start_motion
+from vofem.integrators.event_driven.pinned import PIN_FRACTION, Reactions, reactions, should_pin
 from vofem.integrators.event_driven.search import EventFunctions, next_event
-from vofem.integrators.event_driven.spectrum import ModalSpace, Spectra, modal_space
-from vofem.system import CLOSED, OPEN, ContactLaws, Counters, Events, State, System
+from vofem.integrators.event_driven.spectrum import Spectra
+from vofem.system import CLOSED, OPEN, PINNED, Counters, Events, State, System
 
 Array = NDArray[np.float64]
 Status = NDArray[np.int64]
@@ -62,7 +64,14 @@ def refusal(system: System) -> str | None:
     return None
 
 
-def run(system: System, start: State, t_end: float, times: Array, max_events: int = MOST_EVENTS) -> EventSolution:
+def run(
+    system: System,
+    start: State,
+    t_end: float,
+    times: Array,
+    max_events: int = MOST_EVENTS,
+    pin_fraction: float = PIN_FRACTION,
+) -> EventSolution:
     """Simulate from the start state at t = 0 to t_end.
 
     Parameters
@@ -75,6 +84,9 @@ def run(system: System, start: State, t_end: float, times: Array, max_events: in
         Where results will be asked for; the run itself does not depend on it.
     max_events : int
         After so many contact events the run gives up.
+    pin_fraction : float
+        Fraction of the gap below which the chatter of a contact that acts on
+        the displacement counts as rest at the gap; see `pinned`.
 
     Raises
     ------
@@ -100,27 +112,22 @@ def run(system: System, start: State, t_end: float, times: Array, max_events: in
             stop += 1
         motion = solution.add_segment(t, status, displacement, velocity)
         tau, duration = stops[stop] - t, stops[stop] - t
-        hits = None
+        entered = None
         if system.contacts is not None:
-            functions = _event_functions(space, system.contacts, status)
+            functions, owner, entering = solution.event_functions(motion)
             tau, hits, evaluations = next_event(functions, motion, duration)
             counters.gap_evaluations += evaluations * len(system.contacts)
+            if np.any(hits):
+                entered = dict(zip(owner[hits].tolist(), entering[hits].tolist(), strict=True))
         z, v = motion.modes(np.array([tau]))
         displacement, velocity = z[:, 0], v[:, 0]
         t = stops[stop] if tau >= duration else t + tau
-        if hits is not None and np.any(hits):
-            status = status.copy()
-            status[hits] = np.where(status[hits] == CLOSED, OPEN, CLOSED)
-            solution.add_events(t, np.flatnonzero(hits), status[hits])
+        if entered is not None:
+            status = solution.enter(t, status, entered, displacement, velocity, pin_fraction)
             if counters.events > max_events:
                 raise EventStormError(_storm(system, solution, t, max_events))
+    solution.conclude()
     return solution
-
-
-def _event_functions(space: ModalSpace, laws: ContactLaws, status: Status) -> EventFunctions:
-    """Return the functions to watch: s of open contacts, -s of closed ones."""
-    sign = np.where(status == CLOSED, -1.0, 1.0)
-    return EventFunctions(sign[:, None] * space.contacts, sign * laws.gap)
 
 
 def _storm(system: System, solution: EventSolution, t: float, limit: int) -> str:
@@ -128,8 +135,8 @@ def _storm(system: System, solution: EventSolution, t: float, limit: int) -> str
     busy = int(np.bincount(solution.events.contact).argmax())
     return (
         f"more than {limit} contact events by t = {t:.6g} s, most of them of contact "
-        f"{system.contacts.names[busy]!r}: it chatters. Under acts_on='displacement' a state can rest at the gap "
-        "where neither status holds; use acts_on='penetration', or raise max_events"
+        f"{system.contacts.names[busy]!r}: it chatters. Raise max_events, end the run earlier, or (with "
+        "acts_on='displacement') raise pin_fraction, below which chatter counts as rest at the gap"
     )
 
 
@@ -143,13 +150,7 @@ class EventSolution:
         self.notes: list[str] = []
         self.system = system
         self.space = space
-        laws = system.contacts
-        self._spectra = Spectra(
-            space,
-            np.empty(0) if laws is None else laws.stiffness,
-            np.empty(0) if laws is None else laws.damping,
-            counters,
-        )
+        self._spectra = Spectra(space, system.contacts, counters)
         self._starts: list[float] = []
         self._states: list[tuple[Status, Array, Array]] = []
         self._event_log: list[tuple[float, int, int]] = []
@@ -176,10 +177,81 @@ class EventSolution:
         self.counters.steps += 1
         return self.motion(len(self._starts) - 1)
 
-    def add_events(self, t: float, contacts: NDArray[np.int64], entered: Status) -> None:
-        """Record contact events at time t."""
-        self._event_log.extend((t, int(j), int(s)) for j, s in zip(contacts, entered, strict=True))
-        self.counters.events += contacts.size
+    def event_functions(self, motion: Motion) -> tuple[EventFunctions, NDArray[np.int64], Status]:
+        """Return the functions to watch in the last segment, the contact of each and the status it leads to.
+
+        Open contacts are watched for ``s > 0``, closed ones for ``s < 0``,
+        pinned ones for a reaction that leaves [0, K0 gap].
+        """
+        laws, status = self.system.contacts, self._states[-1][0]
+        assert laws is not None
+        spectrum, count = motion.spectrum, motion.omega.size
+        plain = np.flatnonzero(status != PINNED)
+        sign = np.where(status[plain] == CLOSED, -1.0, 1.0)
+        rows = sign[:, None] * self.space.contacts[plain]
+        level = sign * laws.gap[plain]
+        if spectrum.real.shift is not None:
+            level = level - rows @ spectrum.real.shift
+        w, u = spectrum.rows(rows)
+        none = np.zeros(plain.size)
+        functions = EventFunctions(w, u, level, none, np.zeros((plain.size, count), dtype=complex))
+        leads = np.where(status[plain] == CLOSED, OPEN, CLOSED)
+        held = np.flatnonzero(status == PINNED)
+        if not held.size:
+            return functions, plain, leads
+        force = self._reactions(len(self._starts) - 1)
+        w_r, u_r = spectrum.functions(force.displacement, force.velocity)
+        width = max(u.shape[1], u_r.shape[1])
+        u = u if u.shape[1] == width else np.zeros((plain.size, width))
+        jump = laws.stiffness[held] * laws.gap[held]
+        functions = EventFunctions(
+            np.vstack([w, -w_r, w_r]),
+            np.vstack([u, -u_r, u_r]),
+            np.concatenate([level, force.constant, jump - force.constant]),
+            np.concatenate([none, -force.slope, force.slope]),
+            np.vstack([functions.harmonic, -force.harmonic, force.harmonic]),
+        )
+        leads = np.concatenate([leads, np.full(held.size, OPEN), np.full(held.size, CLOSED)])
+        return functions, np.concatenate([plain, held, held]), leads
+
+    def enter(
+        self, t: float, status: Status, entered: dict[int, int], displacement: Array, velocity: Array, fraction: float
+    ) -> Status:
+        """Return the status after an event, chattering contacts pinned, and record it."""
+        laws = self.system.contacts
+        assert laws is not None
+        after = status.copy()
+        for contact, new in entered.items():
+            after[contact] = new
+        load = self._load(t)
+        for contact in entered:
+            released = status[contact] == PINNED
+            if not released and should_pin(self.space, laws, after, contact, (displacement, velocity), load, fraction):
+                after[contact] = PINNED
+        for contact in entered:
+            if after[contact] != status[contact]:
+                self._event_log.append((t, contact, int(after[contact])))
+        self.counters.events += len(entered)
+        return after
+
+    def _load(self, t: float) -> Array:
+        """Return the modal load at time t, shape (n,)."""
+        total = np.zeros(self.space.size)
+        for vector, load in zip(self.space.loads, self.system.loads, strict=True):
+            total += vector * float(load.function(t))
+        return total
+
+    def conclude(self) -> None:
+        """Write the notes."""
+        events, laws = self.events, self.system.contacts
+        for j in np.unique(events.contact[events.status == PINNED]):
+            assert laws is not None
+            mine = events.contact == j
+            self.notes.append(
+                f"chatter: contact {laws.names[j]!r} was pinned at its gap "
+                f"{int(np.sum(events.status[mine] == PINNED))} times, after {int(np.sum(mine))} events so far; there "
+                "its reaction lies between 0 and K0*gap"
+            )
 
     @property
     def events(self) -> Events:
@@ -228,6 +300,9 @@ class EventSolution:
         if laws is not None:
             closed = status == CLOSED
             constant += (laws.stiffness * laws.offset * closed) @ space.contacts
+        spectrum = self._spectra[status]
+        if spectrum.real.shift_force is not None:
+            constant += spectrum.real.shift_force
         omega = np.array(list(harmonics))
         waves = np.stack(list(harmonics.values()), axis=1) if harmonics else np.zeros((space.size, 0), dtype=complex)
         return Forcing(omega, waves, constant, slope)
@@ -269,10 +344,25 @@ class EventSolution:
             a -= space.contacts.T @ self._contact_force(times, z, v)
         return a
 
+    def _reactions(self, index: int) -> Reactions:
+        """Return the reactions of the pinned contacts of a segment."""
+        laws, status = self.system.contacts, self._states[index][0]
+        assert laws is not None
+        forcing = self._forcing(self._starts[index], status)
+        return reactions(self.space, laws, status, self._spectra[status], forcing)
+
     def _contact_force(self, times: Array, z: Array, v: Array) -> Array:
         assert self.system.contacts is not None
         rows = self.space.contacts
-        return spring_force(self.system.contacts, rows @ z, rows @ v, status_at(self.events, times))
+        force = spring_force(self.system.contacts, rows @ z, rows @ v, status_at(self.events, times))
+        for index, mine, tau in self.visit(times):
+            held = np.flatnonzero(self._states[index][0] == PINNED)
+            if held.size:
+                # The interval's ends are roots, found to rounding.
+                laws = self.system.contacts
+                jump = (laws.stiffness[held] * laws.gap[held])[:, None]
+                force[np.ix_(held, mine)] = np.clip(self._reactions(index).at(self.motion(index), tau), 0.0, jump)
+        return force
 
     def contacts(self, times: Array) -> ContactSamples:
         """Return status, K_eq and force of the contacts at any times."""
@@ -280,8 +370,10 @@ class EventSolution:
         assert laws is not None
         z, v = self.modal(times)
         status = status_at(self.events, times)
+        force = self._contact_force(times, z, v)
         stiffness = np.where(status == CLOSED, laws.stiffness[:, None], 0.0)
-        return ContactSamples(status, stiffness, self._contact_force(times, z, v))
+        gap = np.where(laws.gap > 0, laws.gap, 1.0)[:, None]
+        return ContactSamples(status, np.where(status == PINNED, force / gap, stiffness), force)
 
     def energies(self, times: Array) -> Energies:
         """Return energies, dissipation and work at any times, in closed form."""

@@ -30,16 +30,22 @@ _ROUNDING = 64.0 * float(np.finfo(float).eps)
 
 @dataclass(frozen=True)
 class EventFunctions:
-    """Rows of the functions that are watched, ``phi = modal_rows . displacement - constant``.
+    """What is watched: ``phi = w z + u v - constant + slope tau + sum Re(harmonic exp(i w tau))`` over block states.
 
     Attributes
     ----------
-    modal_rows : ndarray, shape (m, n)
-    constant : ndarray, shape (m,)
+    w : ndarray, shape (k, m)
+    u : ndarray, shape (k, m) or (k, 0)
+    constant, slope : ndarray, shape (k,)
+    harmonic : ndarray of complex, shape (k, n_h)
+        With the frequencies of the motion.
     """
 
-    modal_rows: Array
+    w: Array
+    u: Array
     constant: Array
+    slope: Array
+    harmonic: Complex
 
 
 class _Watch(NamedTuple):
@@ -100,13 +106,14 @@ def next_event(functions: EventFunctions, motion: Motion, duration: float) -> tu
         How often the functions were evaluated.
     """
     spectrum = motion.spectrum
-    w, u = spectrum.rows(functions.modal_rows)
+    w, u = functions.w, functions.u
     poly = w @ motion.poly_z
-    steady = w @ motion.steady_z
+    steady = w @ motion.steady_z + functions.harmonic
     if u.shape[1]:
         poly = poly + u @ motion.poly_v
         steady = steady + u @ motion.steady_v
     poly[:, 0] -= functions.constant
+    poly[:, 1] += functions.slope
     watch = _Watch(w, u, poly, steady, np.abs(functions.constant))
     flow = _Flow(
         spectrum.delta, spectrum.p, spectrum.frequency, motion.z, motion.v, motion.omega,

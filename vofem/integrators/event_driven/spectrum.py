@@ -1,14 +1,13 @@
-"""Eigensystems of the linear pieces: one per contact status, as a set of oscillators.
+"""Eigensystems of the linear pieces: one per contact status, as a set of independent blocks.
 
-Everything happens in the modal space of the contact-free system, where M is
-the identity, K and classical C are diagonal and a contact is a row c. A
-status is turned into independent blocks
+A status becomes blocks
 
     z' = v + g1,    v' = -2 delta v - p z + g2,
 
-one per pair of roots. Undamped statuses, and damped ones whose C stays
-diagonal, keep real orthogonal modes, gained from the diagonal by rank-one
-updates; the others need complex modes, written as real blocks all the same.
+one per pair of roots. First come real orthogonal modes of the structure with
+its closed and pinned contacts, gained from the diagonal by one rank-one
+update or constraint per contact; where damping couples them, they are split
+further by complex modes.
 """
 
 from __future__ import annotations
@@ -20,80 +19,60 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.errors import SingularSystemError
-from vofem.linalg.eigen import modal_basis
-from vofem.linalg.secular import rank_one
-from vofem.system import CLOSED, Counters, System
+from vofem.integrators.event_driven.complex_modes import Blocks, damped_blocks
+from vofem.integrators.event_driven.modal_space import ModalSpace
+from vofem.linalg.secular import constrain, rank_one
+from vofem.system import CLOSED, PINNED, ContactLaws, Counters
 
 Array = NDArray[np.float64]
-
-#: Damping counts as classical while its off-diagonal part stays below this fraction.
-_CLASSICAL = 1e-13
+Status = NDArray[np.int64]
 
 #: Ratio of frequencies between two levels of a spectrum.
 _LEVEL_RATIO = 6.0
 
-#: Condition number of complex eigenvectors beyond which a solution would lose too many digits.
-_WORST_CONDITION = 1e9
+#: Memory that kept eigensystems may take, bytes.
+_MOST_MEMORY = 512 * 2**20
 
 
 @dataclass(frozen=True)
-class ModalSpace:
-    """The contact-free system in its own modes.
+class RealModes:
+    """Undamped modes of a status in the modal space of the contact-free system.
+
+    ``diag(omega^2) V + sum_closed K0 c c' V = V diag(p) + Q' N``: pinned rows Q hold the modes by forces N.
 
     Attributes
     ----------
-    shapes : ndarray, shape (n, n)
-        Phi, M-orthonormal columns.
-    stiffness : ndarray, shape (n,)
-        omega^2, ascending; 0 for rigid motions.
-    damping : ndarray, shape (n,)
-        Diagonal part of ``Phi' C Phi`` from Rayleigh and modal damping.
-    coupling : ndarray, shape (n, n), optional
-        ``Phi' C Phi`` of the dashpots where there are any.
-    contacts : ndarray, shape (n_contacts, n)
-        Rows c.
-    loads : ndarray, shape (n_loads, n)
-        Modal load vectors.
+    p : ndarray, shape (m,)
+        Squared frequencies, ascending; m is n less the number of pinned contacts.
+    modes : ndarray, shape (n, m), optional
+        Orthonormal columns V; None stands for the identity.
+    pinned : ndarray, shape (k, n)
+        Rows Q of the pinned contacts.
+    force : ndarray, shape (k, m)
+        N.
+    shift : ndarray, shape (n,), optional
+        Modal displacement that puts pinned contacts at their gaps; None where none is pinned.
+    shift_force : ndarray, shape (n,), optional
+        What resists the shift beyond the reactions (of rigid motions only).
+    shift_reaction : ndarray, shape (k,), optional
+        Reactions to the shift.
     """
 
-    shapes: Array
-    stiffness: Array
-    damping: Array
-    coupling: Array | None
-    contacts: Array
-    loads: Array
+    p: Array
+    modes: Array | None
+    pinned: Array
+    force: Array
+    shift: Array | None = None
+    shift_force: Array | None = None
+    shift_reaction: Array | None = None
 
-    @property
-    def size(self) -> int:
-        """Number of modes."""
-        return int(self.stiffness.size)
+    def down(self, vector: Any) -> Any:
+        """Return ``V' vector``."""
+        return vector if self.modes is None else self.modes.T @ vector
 
-
-def modal_space(system: System, counters: Counters) -> ModalSpace:
-    """Solve the contact-free eigenproblem and express all rows in its modes."""
-    squares, shapes = modal_basis(system.mass, system.stiffness, system.scale, system.rigid, system.strain)
-    counters.eigensolves += 1
-    n = squares.size
-    damping, coupling = np.zeros(n), None
-    if system.damped:
-        counters.damping_evaluations += 1
-        omega = np.sqrt(squares)
-        if system.rayleigh is not None:
-            damping += system.rayleigh[0] + system.rayleigh[1] * squares
-        if system.modal_damping is not None:
-            damping += 2.0 * system.modal_damping * omega
-        if system.damping is not None:
-            coupling = shapes.T @ (system.damping @ shapes)
-            diagonal = np.diag(coupling)
-            bound = _CLASSICAL * np.sqrt(np.abs(np.outer(diagonal, diagonal)))
-            if np.all(np.abs(coupling - np.diag(diagonal)) <= bound):
-                damping, coupling = damping + diagonal, None
-    contacts = np.empty((0, n)) if system.contacts is None else np.asarray(system.contacts.rows @ shapes)
-    loads = np.empty((0, n))
-    if system.loads:
-        loads = np.stack([load.vector for load in system.loads]) @ shapes
-    return ModalSpace(shapes, squares, damping, coupling, contacts, loads)
+    def up(self, coordinates: Any) -> Any:
+        """Return ``V coordinates``."""
+        return coordinates if self.modes is None else self.modes @ coordinates
 
 
 @dataclass(frozen=True)
@@ -102,24 +81,21 @@ class Spectrum:
 
     Attributes
     ----------
-    delta, p : ndarray, shape (n,)
+    delta, p : ndarray, shape (m,)
         Decay rate in 1/s and squared frequency in 1/s^2 of each block.
-    modes : ndarray, shape (n, n), optional
-        Classical statuses: orthogonal V with modal displacement ``V z``. None
-        stands for the identity.
-    out, into : ndarray, shape (2n, 2n), optional
-        Other statuses: modal ``(displacement, velocity) = out @ (z, v)`` and its inverse.
+    real : RealModes
+    blocks : Blocks, optional
+        Where damping couples the real modes.
     """
 
     delta: Array
     p: Array
-    modes: Array | None = None
-    out: Array | None = None
-    into: Array | None = None
+    real: RealModes
+    blocks: Blocks | None = None
 
     @cached_property
     def frequency(self) -> Array:
-        """Undamped frequency of each block in rad/s, ascending, shape (n,)."""
+        """Undamped frequency of each block in rad/s, ascending, shape (m,)."""
         return np.sqrt(self.p)
 
     @cached_property
@@ -135,205 +111,165 @@ class Spectrum:
     @property
     def classical(self) -> bool:
         """Whether blocks are real modes."""
-        return self.out is None
+        return self.blocks is None
 
     def to_blocks(self, displacement: Array, velocity: Array) -> tuple[Array, Array]:
-        """Return block states (z, v) of a modal state, each of shape (n,)."""
-        if self.into is not None:
-            both = self.into @ np.concatenate([displacement, velocity])
-            return both[: self.p.size], both[self.p.size :]
-        if self.modes is None:
-            return displacement, velocity
-        return self.modes.T @ displacement, self.modes.T @ velocity
+        """Return block states (z, v), shape (m,), of a modal state, shape (n,)."""
+        if self.real.shift is not None:
+            displacement = displacement - self.real.shift
+        x, rate = self.real.down(displacement), self.real.down(velocity)
+        if self.blocks is None:
+            return x, rate
+        both = self.blocks.into @ np.concatenate([x, rate])
+        return both[: self.p.size], both[self.p.size :]
+
+    def to_real(self, z: Array, v: Array) -> tuple[Array, Array]:
+        """Return coordinates and rates of the real modes, shape (m, ...), of block states (m, ...)."""
+        if self.blocks is None:
+            return z, v
+        both = self.blocks.out @ np.concatenate([z, v])
+        return both[: self.p.size], both[self.p.size :]
 
     def to_modes(self, z: Array, v: Array) -> tuple[Array, Array]:
-        """Return modal displacement and velocity of block states, shape (n,) or (n, n_times)."""
-        if self.out is not None:
-            both = self.out @ np.concatenate([z, v])
-            return both[: self.p.size], both[self.p.size :]
-        if self.modes is None:
-            return z, v
-        return self.modes @ z, self.modes @ v
+        """Return modal displacement and velocity, (n,) or (n, n_times), of block states (m, ...)."""
+        x, rate = self.to_real(z, v)
+        displacement, velocity = self.real.up(x), self.real.up(rate)
+        if self.real.shift is not None:
+            shift = self.real.shift if displacement.ndim == 1 else self.real.shift[:, None]
+            displacement = displacement + shift
+        return displacement, velocity
 
     def inputs(self, force: Any) -> tuple[Any, Any]:
-        """Return block inputs (g1, g2) of a modal force, shape (n,), real or complex."""
-        if self.into is not None:
-            both = self.into[:, self.p.size :] @ force
-            return both[: self.p.size], both[self.p.size :]
-        g2 = force if self.modes is None else self.modes.T @ force
-        return np.zeros_like(g2), g2
+        """Return block inputs (g1, g2), shape (m,), of a modal force, shape (n,), real or complex."""
+        g2 = self.real.down(force)
+        if self.blocks is None:
+            return np.zeros_like(g2), g2
+        both = self.blocks.into[:, self.p.size :] @ g2
+        return both[: self.p.size], both[self.p.size :]
+
+    def functions(self, displacement: Array, velocity: Array | None = None) -> tuple[Array, Array]:
+        """Return (W, U) with ``A x + B x' = W z + U v`` for rows A, B over the real modes x, each (k, m).
+
+        U has no columns where it would be zero.
+        """
+        m = self.p.size
+        if self.blocks is None:
+            u = np.zeros((displacement.shape[0], 0)) if velocity is None else np.ascontiguousarray(velocity)
+            return np.ascontiguousarray(displacement), u
+        both = displacement @ self.blocks.out[:m]
+        if velocity is not None:
+            both = both + velocity @ self.blocks.out[m:]
+        return np.ascontiguousarray(both[:, :m]), np.ascontiguousarray(both[:, m:])
 
     def rows(self, rows: Array) -> tuple[Array, Array]:
-        """Return (W, U) with ``rows @ displacement = W z + U v``, each (n_rows, n)."""
-        if self.out is not None:
-            both = rows @ self.out[: self.p.size]
-            return np.ascontiguousarray(both[:, : self.p.size]), np.ascontiguousarray(both[:, self.p.size :])
-        w = rows if self.modes is None else rows @ self.modes
-        return np.ascontiguousarray(w), np.zeros((rows.shape[0], 0))
+        """Return (W, U) with ``rows @ displacement = W z + U v`` for modal rows (k, n), the shift aside."""
+        return self.functions(rows if self.real.modes is None else rows @ self.real.modes)
 
 
 class Spectra:
-    """Eigensystems of the statuses that a run visits, computed when first visited.
+    """Eigensystems of the statuses that a run visits, computed when first visited, within a bound on memory.
 
     Parameters
     ----------
     space : ModalSpace
-    stiffness, damping : ndarray, shape (n_contacts,)
-        Of the contacts while closed.
+    laws : ContactLaws, optional
     counters : Counters
     """
 
-    def __init__(self, space: ModalSpace, stiffness: Array, damping: Array, counters: Counters) -> None:
+    def __init__(self, space: ModalSpace, laws: ContactLaws | None, counters: Counters) -> None:
         self._space = space
-        self._stiffness = stiffness
-        self._damping = damping
+        self._laws = laws
         self._counters = counters
         self._known: dict[bytes, Spectrum] = {}
-        self._undamped: dict[bytes, tuple[Array, Array | None]] = {}
+        self._closed: dict[bytes, RealModes] = {}
+        self._visited: set[bytes] = set()
+        self._limit = max(8, _MOST_MEMORY // (8 * 4 * max(space.size, 1) ** 2))
 
-    def __getitem__(self, status: NDArray[np.int64]) -> Spectrum:
+    def __getitem__(self, status: Status) -> Spectrum:
         """Return the eigensystem of a status, shape (n_contacts,)."""
-        closed = status == CLOSED
-        key = closed.tobytes()
+        key = status.tobytes()
         if key not in self._known:
-            self._counters.statuses += 1
-            self._known[key] = self._compute(closed)
+            if key not in self._visited:
+                self._visited.add(key)
+                self._counters.statuses += 1
+            _make_room(self._known, self._limit)
+            self._known[key] = self._compute(status)
         return self._known[key]
 
-    def _compute(self, closed: NDArray[np.bool_]) -> Spectrum:
-        space = self._space
+    def _compute(self, status: Status) -> Spectrum:
+        space, laws = self._space, self._laws
+        real = self._closed_modes(status == CLOSED)
+        for j in np.flatnonzero(status == PINNED):
+            real = _pin(real, space.contacts[j])
+            self._counters.rank_one_updates += 1
+        if laws is not None and np.any(status == PINNED):
+            real = _shifted(self._closed_modes(status == CLOSED), real, laws.gap[status == PINNED])
+        dampers = np.zeros(0) if laws is None else laws.damping * (status == CLOSED)
         uniform = space.damping.size == 0 or bool(np.all(space.damping == space.damping[0]))
-        contact_damped = bool(np.any(self._damping[closed] > 0))
-        classical = space.coupling is None and not contact_damped and (uniform or not np.any(closed))
-        if not classical:
-            return self._complex(closed)
-        p, modes = self._real(closed)
-        return Spectrum(delta=0.5 * space.damping, p=p, modes=modes)
-
-    def _real(self, closed: NDArray[np.bool_]) -> tuple[Array, Array | None]:
-        """Return eigenvalues and modes of ``Omega^2 + sum K0 c c'``, by one rank-one update per contact."""
-        key = closed.tobytes()
-        if key not in self._undamped:
-            if not np.any(closed):
-                self._undamped[key] = (self._space.stiffness, None)
-            else:
-                last = int(np.flatnonzero(closed)[-1])
-                parent = closed.copy()
-                parent[last] = False
-                p, modes = self._real(parent)
-                row = self._space.contacts[last]
-                row = row if modes is None else row @ modes
-                values, vectors = rank_one(p, row, float(self._stiffness[last]))
-                self._counters.rank_one_updates += 1
-                self._undamped[key] = (values, vectors if modes is None else modes @ vectors)
-        return self._undamped[key]
-
-    def _complex(self, closed: NDArray[np.bool_]) -> Spectrum:
-        """Return the blocks of a status with non-classical damping, from its complex modes."""
-        space = self._space
+        mixed = real.modes is not None and not uniform
+        if space.coupling is None and not np.any(dampers > 0) and not mixed:
+            return Spectrum(delta=0.5 * space.damping[: real.p.size], p=real.p, real=real)
         self._counters.eigensolves += 1
         self._counters.damping_evaluations += 1
-        rows = space.contacts[closed]
-        damping = np.diag(space.damping) + (rows.T * self._damping[closed]) @ rows
-        if space.coupling is not None:
-            damping = damping + space.coupling
-        spring = (rows.T * self._stiffness[closed]) @ rows
-        loose = _undamped_rigid(space.stiffness, damping, spring)
-        return _block_spectrum(space.stiffness, damping, spring, loose)
+        full = np.diag(space.damping) if space.coupling is None else np.diag(space.damping) + space.coupling
+        damping = np.asarray(real.down(real.down(full).T))
+        rows = space.contacts if real.modes is None else space.contacts @ real.modes
+        damping = damping + (rows.T * dampers) @ rows
+        blocks = damped_blocks(real.p, 0.5 * (damping + damping.T))
+        return Spectrum(blocks.delta, blocks.p, real, blocks)
+
+    def _closed_modes(self, closed: NDArray[np.bool_]) -> RealModes:
+        """Return the modes with some contacts closed, from the nearest known status with fewer of them closed."""
+        key = closed.tobytes()
+        if key in self._closed:
+            return self._closed[key]
+        space, laws = self._space, self._laws
+        none = np.zeros((0, space.size))
+        modes = RealModes(space.stiffness, None, none, none)
+        missing = np.flatnonzero(closed)
+        for other, candidate in self._closed.items():
+            known = np.frombuffer(other, dtype=bool)
+            if not np.any(known & ~closed) and np.sum(closed & ~known) < missing.size:
+                modes, missing = candidate, np.flatnonzero(closed & ~known)
+        for j in missing:
+            assert laws is not None
+            row = space.contacts[j] if modes.modes is None else space.contacts[j] @ modes.modes
+            values, vectors = rank_one(modes.p, np.ascontiguousarray(row), float(laws.stiffness[j]))
+            modes = RealModes(values, vectors if modes.modes is None else modes.modes @ vectors, none, none)
+            self._counters.rank_one_updates += 1
+        _make_room(self._closed, self._limit)
+        self._closed[key] = modes
+        return modes
 
 
-def _undamped_rigid(stiffness: Array, damping: Array, spring: Array) -> Array:
-    """Return an orthonormal basis, shape (n, r), of rigid motions that neither C nor the contacts resist."""
-    rigid = np.flatnonzero(stiffness == 0.0)
-    basis = np.zeros((stiffness.size, 0))
-    if rigid.size:
-        small = (damping + spring)[np.ix_(rigid, rigid)]
-        values, vectors = np.linalg.eigh(small)
-        scale = max(float(np.abs(small).max()), np.finfo(float).tiny)
-        loose = vectors[:, values <= 1e-12 * scale]
-        basis = np.zeros((stiffness.size, loose.shape[1]))
-        basis[rigid] = loose
-    return basis
+def _make_room(known: dict[bytes, Any], limit: int) -> None:
+    """Drop the oldest entries of a dictionary until it may take one more."""
+    while len(known) >= limit:
+        del known[next(iter(known))]
 
 
-def _block_spectrum(stiffness: Array, damping: Array, spring: Array, loose: Array) -> Spectrum:
-    """Split ``z'' + C z' + (Omega^2 + S) z = f`` into real blocks by way of its complex modes.
+def _pin(real: RealModes, row: Array) -> RealModes:
+    """Return the modes with one more contact held at its gap."""
+    local = np.ascontiguousarray(row if real.modes is None else row @ real.modes)
+    values, vectors, force = constrain(real.p, local)
+    modes = vectors if real.modes is None else real.modes @ vectors
+    held = real.force @ vectors
+    if real.pinned.shape[0]:
+        # The part of the new row along the rows held before is their business.
+        along = np.linalg.lstsq(real.pinned.T, row, rcond=None)[0]
+        held = held - np.outer(along, force)
+    return RealModes(values, modes, np.vstack([real.pinned, row]), np.vstack([held, force]))
 
-    Rigid motions that nothing resists have a defective double root 0; they are
-    taken out first and make blocks of their own.
+
+def _shifted(closed: RealModes, real: RealModes, gap: Array) -> RealModes:
+    """Return the modes with the displacement that puts the pinned contacts at their gaps.
+
+    Where the structure is held it is the static one, which the reactions alone resist.
     """
-    n, r = loose.shape
-    # An orthonormal frame whose first columns are the loose motions. Where there
-    # are none it is the identity, which keeps the graded diagonal of Omega^2.
-    frame = np.eye(n) if r == 0 else np.linalg.qr(np.hstack([loose, np.eye(n)]))[0]
-    if r:
-        frame[:, :r] = loose
-    rest = frame[:, r:]
-    k = (rest.T * stiffness) @ rest + rest.T @ spring @ rest
-    c = rest.T @ damping @ rest
-    m = n - r
-    # Velocities divided by a frequency: both halves of the state are of one size.
-    omega = np.sqrt(np.maximum(np.diag(k), np.finfo(float).tiny))
-    omega = np.where(omega > 1e-8 * omega.max(), omega, omega.max()) if m else omega
-    state = np.zeros((2 * m, 2 * m))
-    state[:m, m:] = np.diag(omega)
-    state[m:, :m] = -k / omega
-    state[m:, m:] = -c
-    roots, right = np.linalg.eig(state)
-    condition = np.linalg.cond(right)
-    if not condition < _WORST_CONDITION:
-        raise SingularSystemError(
-            f"the damped modes of a contact status are not independent (condition number {condition:.1e}): two of "
-            "them are critically damped together. Change a damping coefficient slightly, or use "
-            "method='central_difference'"
-        )
-    left = np.linalg.inv(right)
-    unscale = np.concatenate([1.0 / omega, np.ones(m)])
-    right, left = right * unscale[:, None], left / unscale[None, :]
-
-    delta, p = np.zeros(n), np.zeros(n)
-    out_m, into_m = np.zeros((2 * m, 2 * m)), np.zeros((2 * m, 2 * m))
-    pairs = _pair(roots)
-    for i, (a, b) in enumerate(pairs):
-        s = roots[a]
-        if b is None:
-            d, w = -s.real, s.imag
-            delta[r + i], p[r + i] = d, abs(s) ** 2
-            out_m[:, i] = right[:, a].real + right[:, a].imag * (d / w)
-            out_m[:, m + i] = right[:, a].imag / w
-            into_m[i] = 2.0 * left[a].real
-            into_m[m + i] = 2.0 * (s * left[a]).real
-        else:
-            s1, s2 = roots[a].real, roots[b].real
-            delta[r + i], p[r + i] = -0.5 * (s1 + s2), s1 * s2
-            out_m[:, i] = ((s1 * right[:, b] - s2 * right[:, a]) / (s1 - s2)).real
-            out_m[:, m + i] = ((right[:, a] - right[:, b]) / (s1 - s2)).real
-            into_m[i] = (left[a] + left[b]).real
-            into_m[m + i] = (s1 * left[a] + s2 * left[b]).real
-    out, into = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, 2 * n))
-    blocks = np.concatenate([np.arange(r, n), np.arange(n + r, 2 * n)])
-    double = np.zeros((2 * n, 2 * m))
-    double[:n, :m] = rest
-    double[n:, m:] = rest
-    out[:, blocks] = double @ out_m
-    into[blocks] = into_m @ double.T
-    out[:n, :r] = loose
-    out[n:, n : n + r] = loose
-    into[:r, :n] = loose.T
-    into[n : n + r, n:] = loose.T
-    order = np.argsort(p, kind="stable")
-    both = np.concatenate([order, n + order])
-    return Spectrum(delta=delta[order], p=np.maximum(p[order], 0.0), out=out[:, both], into=into[both])
-
-
-def _pair(roots: NDArray[np.complex128]) -> list[tuple[int, int | None]]:
-    """Return conjugate pairs as (index, None) and pairs of real roots as (index, index).
-
-    Real roots are paired far from each other, so that equal ones never meet in a block.
-    """
-    pairs: list[tuple[int, int | None]] = [(int(i), None) for i in np.flatnonzero(roots.imag > 0)]
-    real = np.flatnonzero(roots.imag == 0)
-    real = real[np.argsort(roots[real].real)]
-    half = real.size // 2
-    pairs.extend((int(real[i + half]), int(real[i])) for i in range(half))
-    return pairs
+    rows = real.pinned if closed.modes is None else real.pinned @ closed.modes
+    typical = float(np.median(closed.p[closed.p > 0])) if np.any(closed.p > 0) else 1.0
+    weight = 1.0 / np.where(closed.p > 0, closed.p, typical)
+    reaction = np.asarray(np.linalg.solve((rows * weight) @ rows.T, gap), dtype=float)
+    shift = closed.up(weight * (rows.T @ reaction))
+    loose = closed.up(np.where(closed.p > 0, 0.0, rows.T @ reaction))
+    return RealModes(real.p, real.modes, real.pinned, real.force, shift, loose, reaction)

@@ -1,0 +1,114 @@
+"""The pinned state of the jump law: held at the gap, with a reaction anywhere in [0, K0 gap].
+
+Where the contact accelerations of both statuses point at the surface, neither
+holds, and events accumulate (a Filippov sliding state). A contact is pinned
+when an event finds ``a_open > 0 > a_closed`` and the predicted excursion
+``v^2 / (2 min(a_open, -a_closed))`` below a fraction of its gap; what is left
+of the normal velocity is removed along ``M^-1 b``. It is released when the
+reaction leaves its interval.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.integrators.event_driven.modal_space import ModalSpace
+from vofem.integrators.event_driven.motion import Forcing, Motion
+from vofem.integrators.event_driven.spectrum import Spectrum
+from vofem.system import CLOSED, PINNED, ContactLaws
+
+Array = NDArray[np.float64]
+Status = NDArray[np.int64]
+
+#: Predicted excursion, as a fraction of the gap, below which a chattering contact is pinned.
+PIN_FRACTION = 1e-7
+
+
+@dataclass(frozen=True)
+class Reactions:
+    """Reactions of the pinned contacts, ``A x + B x' + constant + slope tau + sum Re(harmonic exp(i w tau))``.
+
+    Attributes
+    ----------
+    displacement, velocity : ndarray, shape (k, m)
+        A and B over the real modes x of the status.
+    constant, slope : ndarray, shape (k,)
+    harmonic : ndarray of complex, shape (k, n_h)
+    """
+
+    displacement: Array
+    velocity: Array
+    constant: Array
+    slope: Array
+    harmonic: NDArray[np.complex128]
+
+    def at(self, motion: Motion, tau: Array) -> Array:
+        """Return the reactions at some times of a motion, shape (k, n_times)."""
+        x, rate = motion.spectrum.to_real(*motion.blocks(tau))
+        values = self.displacement @ x + self.velocity @ rate + self.constant[:, None] + self.slope[:, None] * tau
+        return values + (self.harmonic @ np.exp(1j * motion.omega[:, None] * tau)).real
+
+
+def reactions(space: ModalSpace, laws: ContactLaws, status: Status, spectrum: Spectrum, forcing: Forcing) -> Reactions:
+    """Return the reactions that keep the pinned contacts of a status at their gaps."""
+    real = spectrum.real
+    rows = real.pinned
+    assert real.shift_reaction is not None
+    share = np.asarray(np.linalg.solve(rows @ rows.T, rows), dtype=float)
+    damped = space.damping_force(share.T)
+    closed = (status == CLOSED) & (laws.damping > 0)
+    touching = space.contacts[closed]
+    damped = damped + touching.T @ (laws.damping[closed, None] * (touching @ share.T))
+    return Reactions(
+        displacement=-real.force,
+        velocity=-real.down(damped).T,
+        constant=share @ forcing.constant - real.shift_reaction,
+        slope=share @ forcing.slope,
+        harmonic=share @ forcing.harmonic,
+    )
+
+
+def should_pin(
+    space: ModalSpace, laws: ContactLaws, status: Status, contact: int, state: tuple[Array, Array], load: Array,
+    fraction: float,
+) -> bool:  # fmt: skip
+    """Return whether a contact at an event belongs in the pinned state.
+
+    Parameters
+    ----------
+    status : ndarray of int, shape (n_contacts,)
+        Of all contacts; that of the contact itself does not matter.
+    contact : int
+    state : (displacement, velocity)
+        Modal, at the event.
+    load : ndarray, shape (n,)
+        Modal load at the event.
+    fraction : float
+        Of the gap.
+    """
+    jump = laws.stiffness[contact] * laws.gap[contact]
+    if not laws.jump[contact] or jump <= 0.0:
+        return False
+    displacement, velocity = state
+    row = space.contacts[contact]
+    speed = row @ velocity
+    others = np.arange(len(laws)) != contact
+    closed = (status == CLOSED) & others
+    rows = space.contacts[closed]
+    force = laws.stiffness[closed] * (rows @ displacement - laws.offset[closed]) + laws.damping[closed] * (
+        rows @ velocity
+    )
+    push = load - space.stiffness * displacement - space.damping_force(velocity) - force @ rows
+    held = space.contacts[(status == PINNED) & others]
+    direction = row
+    if held.shape[0]:
+        gram = held @ held.T
+        push = push - held.T @ np.linalg.solve(gram, held @ push)
+        direction = row - held.T @ np.linalg.solve(gram, held @ row)
+    opened = row @ push
+    closing = opened - (row @ direction) * (jump + laws.damping[contact] * speed)
+    weaker = min(opened, -closing)
+    return bool(weaker > 0.0 and speed**2 < 2.0 * weaker * fraction * laws.gap[contact])

@@ -1,0 +1,153 @@
+"""Where bodies, masses and contacts stand in space, for a series of VTU files.
+
+x runs along the beams, y points up as the displacement does. Every body has
+its own plane: its z is its number in the scene times a spacing, so that bodies
+stay apart in space and coincide in the side view. A body that an effect joins
+to one already placed stands so that the two points have the same x, and higher
+by the gap for b over a: in the side view they touch when the gap closes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.bodies import Beam
+from vofem.bodies.base import Body, Point, Row
+from vofem.errors import ArgumentError
+from vofem.scene import Scene
+
+Array = NDArray[np.float64]
+
+#: Of the size of the scene: distance of the planes, half the width of a stop.
+_SPACING, _STOP = 0.1, 0.02
+
+
+@dataclass(frozen=True)
+class Foot:
+    """An end of a contact on a body.
+
+    Attributes
+    ----------
+    body : Body
+    place : ndarray, shape (3,)
+        At rest, in m.
+    row : Row
+        Of the displacement, over the body's degrees of freedom.
+    """
+
+    body: Body
+    place: Array
+    row: Row
+
+
+@dataclass(frozen=True)
+class Touch:
+    """A contact in space.
+
+    Attributes
+    ----------
+    index : int
+        Among the contacts of the system.
+    a : Foot
+    b : Foot or None
+        None for a stop.
+    stop : ndarray, shape (3,)
+        Where a stop is; unused between two bodies.
+    """
+
+    index: int
+    a: Foot
+    b: Foot | None
+    stop: Array
+
+
+@dataclass(frozen=True)
+class Placement:
+    """The places of all bodies and contacts.
+
+    Attributes
+    ----------
+    origins : dict of Body to ndarray, shape (3,)
+        Where x = 0 of a body is at rest, in m.
+    touches : tuple of Touch
+    half_stop : float
+        Half the width of a stop, m.
+    """
+
+    origins: dict[Body, Array]
+    touches: tuple[Touch, ...]
+    half_stop: float
+
+
+def place(scene: Scene, magnification: float) -> Placement:
+    """Return the places of all bodies and contacts, with gaps drawn `magnification` times as large."""
+    size = _size(scene, magnification)
+    origins = {body: np.array([0.0, 0.0, k * _SPACING * size]) for k, body in enumerate(scene.bodies)}
+    joints = [e for e in scene.effects if len(e.points()) == 2]
+    placed: set[Body] = set()
+    for root in scene.bodies:
+        if root in placed:
+            continue
+        placed.add(root)
+        found = [root]
+        for body in found:
+            for effect in joints:
+                a, b = effect.points()
+                gap = magnification * getattr(effect, "gap", 0.0)
+                for here, there, up in ((a, b, gap), (b, a, -gap)):
+                    if here.body is body and there.body not in placed:
+                        along = origins[body][0] + _along(here) - _along(there)
+                        origins[there.body][:2] = along, origins[body][1] + up
+                        placed.add(there.body)
+                        found.append(there.body)
+    return Placement(origins, tuple(_touches(scene, origins, magnification)), _STOP * size)
+
+
+def _size(scene: Scene, magnification: float) -> float:
+    """Return the longest beam, or the largest gap where there are only masses, m."""
+    lengths = [body.length for body in scene.bodies if isinstance(body, Beam)]
+    gaps = [abs(magnification * contact.gap) for contact in scene.contacts]
+    return max(lengths, default=0.0) or max(gaps, default=0.0) or 1.0
+
+
+def _along(point: Point) -> float:
+    return float(getattr(point, "x", 0.0))
+
+
+def _touches(scene: Scene, origins: dict[Body, Array], magnification: float) -> list[Touch]:
+    laws = scene.model.system.contacts
+    if laws is None:
+        return []
+
+    def foot(point: Point) -> Foot:
+        return Foot(point.body, origins[point.body] + np.array([_along(point), 0.0, 0.0]), point.row())
+
+    known = {contact.name: contact for contact in scene.contacts}
+    touches = []
+    for index, name in enumerate(laws.names):
+        if name in known:
+            contact = known[name]
+            a, b, side = foot(contact.a), None if contact.b is None else foot(contact.b), contact.side
+        else:  # one of a one-sided foundation
+            point, side = _node_of(scene, index)
+            a, b = foot(point), None
+        up = 1.0 if side == "above" else -1.0
+        stop = a.place + np.array([0.0, up * magnification * laws.gap[index], 0.0])
+        touches.append(Touch(index, a, b, stop))
+    return touches
+
+
+def _node_of(scene: Scene, index: int) -> tuple[Point, str]:
+    """Return the point and the side of a contact that is known by its row only."""
+    model = scene.model
+    assert model.contact_rows is not None
+    row = model.contact_rows[[index]].tocoo()
+    for body, start in model.offsets.items():
+        if row.nnz == 1 and start <= row.col[0] < start + body.size and isinstance(body, Beam):
+            node, slope = divmod(int(row.col[0]) - start, 2)
+            if not slope:
+                return body.at(float(body.nodes[node])), "above" if row.data[0] > 0 else "below"
+    raise ArgumentError(f"contact {index} of the scene lies on no point that could be shown")
