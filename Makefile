@@ -8,7 +8,8 @@ JOBS ?= 2
 .PHONY: demo test lint types unit setup lock clean
 
 demo: setup
-	$(BIN)/python examples/cantilever_on_stop.py --output output
+	$(BIN)/vofem run examples/cantilever.toml --output output/cantilever
+	$(BIN)/vofem run examples/cantilever_from_mesh.toml --output output/cantilever_from_mesh
 
 test: lint types unit
 

@@ -13,8 +13,10 @@ ROOT = Path(__file__).parent.parent / "vofem"
 
 # From the bottom up. A module imports only from layers before its own, or from its own package.
 LAYERS = [
+    "_version",
     "errors",
     "_validate",
+    "polynomial",
     "fractional",
     "linalg",
     "system",

@@ -5,7 +5,10 @@ Riemann-Liouville operator, applied to the constant K0, switches between 0 and
 K0 as a gap function changes sign. See the README for a first scene.
 """
 
+from typing import TYPE_CHECKING, Any
+
 from vofem import fractional
+from vofem._version import __version__
 from vofem.bodies import Beam, Mass
 from vofem.effects import (
     BaseMotion,
@@ -39,17 +42,20 @@ from vofem.errors import (
     MeshError,
     MethodError,
     OutputError,
+    SceneFileError,
     SingularSystemError,
     StepSizeError,
     VofemError,
 )
 from vofem.modes import Modes, modes
+from vofem.polynomial import Polynomial
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.simulate import explain, simulate
 from vofem.statics import Equilibrium, equilibrium
 
-__version__ = "0.1.0"
+if TYPE_CHECKING:
+    from vofem.io.scene_file import dump_scene, load_scene
 
 __all__ = [
     "ArgumentError",
@@ -76,6 +82,7 @@ __all__ = [
     "PointLoad",
     "PointMass",
     "PointMoment",
+    "Polynomial",
     "Pulse",
     "Ramp",
     "RayleighDamping",
@@ -83,6 +90,7 @@ __all__ = [
     "Result",
     "RotationalSpring",
     "Scene",
+    "SceneFileError",
     "Sine",
     "SingularSystemError",
     "Spring",
@@ -90,9 +98,27 @@ __all__ = [
     "Tabulated",
     "TimeFunction",
     "VofemError",
+    "__version__",
+    "dump_scene",
     "equilibrium",
     "explain",
     "fractional",
+    "load_scene",
     "modes",
     "simulate",
 ]
+
+#: What is imported when first asked for.
+_LATER = {"dump_scene": "vofem.io.scene_file", "load_scene": "vofem.io.scene_file"}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LATER:
+        raise AttributeError(f"module 'vofem' has no attribute {name!r}")
+    from importlib import import_module
+
+    return getattr(import_module(_LATER[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_LATER})

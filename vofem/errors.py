@@ -6,6 +6,9 @@ where it helps the likely cause and the cure.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from typing import Any
+
 
 class VofemError(Exception):
     """Base class of every error that vofem raises."""
@@ -49,3 +52,29 @@ class EventStormError(VofemError):
 
 class OutputError(VofemError, OSError):
     """A file could not be written; the message says which, why, and what to do."""
+
+
+class SceneFileError(VofemError, ValueError):
+    """A scene file, or a scene to be written to one, has problems; all of them are listed, one a line.
+
+    Attributes
+    ----------
+    source : str
+        The file, or what was to be written.
+    problems : tuple of (str, str)
+        The path of the key, such as ``"contact[2].stiffness"``, and what is
+        wrong. The path is empty where the file as a whole is meant.
+    """
+
+    def __init__(self, source: str, problems: Iterable[tuple[str, str]]) -> None:
+        self.source = source
+        self.problems = tuple(problems)
+        lines = [f"{path}: {message}" if path else message for path, message in self.problems]
+        if len(lines) == 1 and not self.problems[0][0]:
+            super().__init__(f"{source}: {lines[0]}")
+        else:
+            count = f"{len(lines)} problems" if len(lines) > 1 else "1 problem"
+            super().__init__("\n  ".join([f"{source}: {count}", *lines]))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.source, self.problems)

@@ -23,6 +23,11 @@ METHODS = ("event_driven", "central_difference")
 _OPTIONS: dict[str, tuple[str, ...]] = {"event_driven": ("max_events", "pin_fraction"), "central_difference": ()}
 
 
+def option_names(method: str = "auto") -> tuple[str, ...]:
+    """Return the names of the options that a method takes, or some method for "auto"."""
+    return _OPTIONS[method] if method in _OPTIONS else tuple(sorted({n for names in _OPTIONS.values() for n in names}))
+
+
 def simulate(
     scene: Scene,
     t_end: float,

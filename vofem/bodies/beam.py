@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -66,6 +67,9 @@ class Beam:
     Beams compare and hash by identity and are not meant to be changed.
     """
 
+    #: The mesh file, absolute, of a beam that was made from one.
+    mesh_file: Path | None = None
+
     def __init__(
         self,
         length: float,
@@ -79,6 +83,8 @@ class Beam:
         self.name = automatic_name(name, "Beam")
         self.length = number(f"{self.label}: length", length, positive=True)
         self._axis = axis_of(self.label, self.length, elements)
+        #: As given: the number of equal elements, the x of all nodes, or a mesh.
+        self.elements: Any = elements if isinstance(elements, LineMesh) else np.array(elements)[()]
         self._EI = positive_coefficient(f"{self.label}: EI", EI, self._axis)
         self._rhoA = positive_coefficient(f"{self.label}: rhoA", rhoA, self._axis)
         self.tension = number(f"{self.label}: tension", tension)
@@ -134,7 +140,9 @@ class Beam:
         from vofem.bodies.mesh_file import read_mesh
 
         mesh = read_mesh(path)
-        return cls(mesh.length, EI, rhoA, mesh, supports, tension, name)
+        beam = cls(mesh.length, EI, rhoA, mesh, supports, tension, name)
+        beam.mesh_file = Path(os.path.abspath(path))
+        return beam
 
     # -- description ------------------------------------------------------------------------------
 

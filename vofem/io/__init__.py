@@ -1,1 +1,1 @@
-"""Files in and out: pictures, series for ParaView. Nothing here is imported by the rest of vofem."""
+"""Files in and out: scene files, tables, histories, pictures, series for ParaView."""

@@ -1,0 +1,308 @@
+"""The command line: what it prints, what it writes, and its exit codes."""
+
+from __future__ import annotations
+
+import csv
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scenes import reference
+
+import vofem as vf
+from vofem import cli
+from vofem.io import doctor, probe, tables
+from vofem.io.csv_file import point_name, write_csv
+
+ROOT = Path(__file__).parent.parent
+EXAMPLES = ROOT / "examples"
+
+SHORT = """
+[run]
+t_end = 6.0
+[[mass]]
+name = "ball"
+mass = 1.0
+stiffness = 1.0
+[[contact]]
+name = "stop"
+a = "ball"
+gap = 0.5
+stiffness = 10.0
+side = "above"
+acts_on = "penetration"
+[initial]
+ball = { velocity = 1.0 }
+"""
+
+
+@pytest.fixture
+def scene(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "ball.toml"
+    path.write_text(SHORT)
+    return path
+
+
+def columns(path):
+    with open(path, newline="", encoding="utf-8") as file:
+        header, *rows = csv.reader(file)
+    return dict(zip(header, np.array(rows, dtype=float).T, strict=True))
+
+
+def test_run_writes_what_it_names(scene, capsys):
+    assert cli.main(["run", str(scene)]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("Bodies\n  Mass 'ball'")
+    assert "Contact 'stop'\n" in out
+    assert "energy balance holds to" in out
+    named = [Path(line.removeprefix("wrote").strip()) for line in out.split("\nwrote ")[1].splitlines()]
+    assert named == [Path("output/ball") / name for name in ("histories.csv", "history.png", "scene.png")]
+    assert all(path.stat().st_size > 1000 for path in named)
+    assert sorted(path.name for path in Path("output/ball").iterdir()) == sorted(path.name for path in named)
+
+
+def test_histories_are_those_of_the_run(scene, tmp_path):
+    assert cli.main(["run", str(scene), "--output", str(tmp_path / "a" / "b"), "--no-pictures"]) == 0
+    table = columns(tmp_path / "a" / "b" / "histories.csv")
+    file = vf.load_scene(scene)
+    result = file.simulate()
+    (ball,) = file.scene.bodies
+    assert np.array_equal(table["t [s]"], result.times)
+    assert np.array_equal(table["ball displacement [m]"], result.displacement(ball))
+    assert np.array_equal(table["ball velocity [m/s]"], result.velocity(ball))
+    assert np.array_equal(table["stop force [N]"], result.contacts["stop"].force)
+    assert np.array_equal(table["stop stiffness [N/m]"], result.contacts["stop"].stiffness)
+    assert not list((tmp_path / "a" / "b").glob("*.png"))
+
+
+def test_the_command_line_goes_before_the_file(scene, tmp_path, capsys):
+    scene.write_text(SHORT.replace("t_end = 6.0", "t_end = 6.0\ntimes = [0.0, 6.0]"))
+    words = ["--method", "central_difference", "--t-end", "2", "--dt", "0.125", "--output", str(tmp_path)]
+    assert cli.main(["run", str(scene), "--no-pictures", *words]) == 0
+    assert "This run: central_difference, as the command line says\n" in capsys.readouterr().out
+    assert np.array_equal(columns(tmp_path / "histories.csv")["t [s]"], np.arange(17) / 8)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--t-end", "-1"], "t_end is -1.0, expected a positive number"),
+        (["--t-end", "nan"], "t_end is NaN"),
+        (["--method", "evnt_driven"], "did you mean 'event_driven'?"),
+        (["--method", "central_difference", "--dt", "9"], "critical"),
+    ],
+)
+def test_faults_have_exit_code_1_and_no_traceback(scene, words, message, capsys):
+    assert cli.main(["run", str(scene), *words]) == 1
+    err = capsys.readouterr().err
+    assert err.startswith("vofem: ")
+    assert message in err
+    assert "Traceback" not in err
+
+
+def test_all_problems_of_a_file_are_shown(scene, capsys):
+    scene.write_text(SHORT.replace("mass = 1.0", "mass = -1.0").replace("gap = 0.5", "gab = 0.5"))
+    for command in ("run", "explain"):
+        assert cli.main([command, str(scene)]) == 1
+        err = capsys.readouterr().err
+        assert "3 problems" in err
+        assert "mass[0].mass: expected a positive number, found -1.0" in err
+        assert "contact[0].gab: unknown key; did you mean 'gap'?" in err
+        assert "contact[0].gap: missing, expected a number" in err
+
+
+def test_a_file_without_run_needs_t_end(scene, capsys, tmp_path):
+    scene.write_text(SHORT.replace("[run]\nt_end = 6.0", ""))
+    assert cli.main(["run", str(scene), "--no-pictures"]) == 1
+    assert "does not say how long to run; add t_end to a table [run]" in capsys.readouterr().err
+    assert cli.main(["run", str(scene), "--no-pictures", "--t-end", "1"]) == 0
+
+
+def test_output_that_cannot_be_written(scene, capsys, tmp_path):
+    (tmp_path / "taken").write_text("")
+    assert cli.main(["run", str(scene), "--output", str(tmp_path / "taken")]) == 1
+    assert "the folder" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("words", [[], ["fly"], ["run"], ["run", "a.toml", "--t-end", "x"], ["explain", "a", "b"]])
+def test_wrong_usage_has_exit_code_2(words, capsys):
+    with pytest.raises(SystemExit) as caught:
+        cli.main(words)
+    assert caught.value.code == 2
+    assert "usage: vofem" in capsys.readouterr().err
+
+
+def test_explain(scene, capsys):
+    assert cli.main(["explain", str(scene)]) == 0
+    assert capsys.readouterr().out == f"{vf.explain(vf.load_scene(scene).scene)}\n"
+
+
+def test_explain_says_which_method_the_file_wants(scene, capsys):
+    scene.write_text(SHORT.replace("t_end = 6.0", "t_end = 6.0\nmethod = 'central_difference'"))
+    assert cli.main(["explain", str(scene)]) == 0
+    assert capsys.readouterr().out.endswith("This run: central_difference, as the scene file says\n")
+
+
+def test_pictures_where_the_file_says(scene, tmp_path, monkeypatch, capsys):
+    found = probe.Probe(False, "no driver")
+    monkeypatch.setattr("vofem.io.render.probe", lambda: found)
+    output = "\n[output]\npictures = [0.5, 1.5, 5.5]\n"
+    scene.write_text(SHORT + output)
+    assert cli.main(["run", str(scene), "--t-end", "2"]) == 0
+    assert sorted(path.name for path in Path("output/ball").glob("scene*")) == ["scene-1.png", "scene-2.png"]
+    assert "drawn with matplotlib, because VTK does not work here: no driver" in capsys.readouterr().out
+    scene.write_text(SHORT + output.replace("5.5", "6.5"))
+    assert cli.main(["explain", str(scene)]) == 1
+    assert "output.pictures: expected times up to t_end = 6 s, found 6.5" in capsys.readouterr().err
+
+
+def test_a_scene_without_contacts_has_pictures(tmp_path, capsys):
+    (tmp_path / "s.toml").write_text(
+        "[run]\nt_end = 3\n[[beam]]\nname = 'b'\nlength = 1\nelements = 2\nEI = 1\nrhoA = 1\n"
+        "supports = { left = 'clamped' }\n[[gravity]]\n"
+    )
+    assert cli.main(["run", str(tmp_path / "s.toml"), "--output", str(tmp_path / "o")]) == 0
+    assert "b@1.0 displacement [m]" in columns(tmp_path / "o" / "histories.csv")
+
+
+# -- doctor -----------------------------------------------------------------------------------------
+
+
+def test_doctor(capsys):
+    code = cli.main(["doctor"])
+    out = capsys.readouterr().out
+    assert code == 0
+    assert f"vofem {vf.__version__}" in out
+    assert f"numpy        {np.__version__}" in out
+    assert "Off-screen rendering" in out
+
+
+def test_doctor_names_the_packages(monkeypatch, capsys):
+    monkeypatch.setattr(doctor, "probe", lambda: probe.Probe(False, "VTK crashed"))
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setattr(doctor, "REQUIRED", ("numpy", "no-such-package"))
+    assert cli.main(["doctor"]) == 1
+    out = capsys.readouterr().out
+    assert "Off-screen rendering does not work: VTK crashed" in out
+    assert "apt-get install libegl1 libgl1-mesa-dri" in out
+    assert "-m pip install no-such-package" in out
+
+
+# -- as a process -----------------------------------------------------------------------------------
+
+
+def process(*words, **options):
+    command = [sys.executable, "-m", "vofem", *words]
+    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT, **options)
+
+
+def test_processes():
+    good = process("explain", str(EXAMPLES / "two_masses.toml"))
+    assert (good.returncode, good.stderr) == (0, "")
+    assert "Method: event_driven" in good.stdout
+    bad = process("run", "no.toml")
+    assert (bad.returncode, bad.stdout) == (1, "")
+    assert bad.stderr.startswith("vofem: no.toml: the file does not exist")
+    assert process("run").returncode == 2
+    assert process("--version").stdout == f"vofem {vf.__version__}\n"
+
+
+def test_a_reader_that_leaves_early():
+    script = f"{sys.executable} -m vofem explain examples/two_masses.toml | true; exit ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=False, cwd=ROOT)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_interruption(scene, monkeypatch, capsys):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("vofem.io.scene_file.load_scene", interrupt)
+    assert cli.main(["explain", str(scene)]) == 130
+    assert "interrupted" in capsys.readouterr().err
+
+
+# -- examples ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["cantilever", "cantilever_from_mesh"])
+def test_the_papers_cantilever(name):
+    file = vf.load_scene(EXAMPLES / f"{name}.toml")
+    result = file.simulate()
+    (tip,) = file.output.history
+    data = reference("beam_tip_displacement")
+    times = [key for key in data if "close" in key or "closing" in key]
+    assert result.contacts["stop"].closings[0] == pytest.approx(3.813122498, abs=2e-9)
+    assert result.contacts["stop"].closings.size == 6
+    assert times or result.displacement(tip).shape == (2001,)
+
+
+def test_the_two_masses():
+    result = vf.load_scene(EXAMPLES / "two_masses.toml").simulate()
+    assert result.contacts["contact"].closings.size == 7
+    assert result.energy.balance_error < 1e-12
+
+
+# -- tables -----------------------------------------------------------------------------------------
+
+
+def ball(t_end, **more):
+    mass = vf.Mass(1.0, stiffness=1.0, name="ball")
+    options = {"gap": 0.5, "stiffness": 10.0, "side": "above", "acts_on": "penetration", "name": "stop", **more}
+    return vf.simulate(vf.Scene([mass], [vf.Contact(mass, **options)], initial={mass: (0.0, 1.0)}), t_end)
+
+
+def test_contact_table():
+    """A mass on a spring meets a stop with penetration: within contact it is a harmonic of frequency sqrt(11)."""
+    result = ball(40.0)
+    lines = tables.contact_table(result, "stop", most=2).splitlines()
+    assert lines[0] == "Contact 'stop'"
+    number, closing, opening, lasts, peak, impulse = lines[2].split()
+    assert (number, float(closing)) == ("1", pytest.approx(np.pi / 6, abs=1e-9))
+    assert float(lasts) == pytest.approx(float(opening) - float(closing), abs=1e-6)
+    # In contact u = 5/11 + A cos(sqrt(11) t + phi), with u = 0.5 and u' = sqrt(3)/2 at closing.
+    top = 5 / 11 + np.hypot(0.5 - 5 / 11, np.sqrt(0.75 / 11))
+    assert float(peak) == pytest.approx(10.0 * (top - 0.5), rel=1e-5)
+    assert float(impulse) == pytest.approx(2 * np.sqrt(0.75) - float(lasts) * 0.5, rel=0.2)
+    assert lines[-1].strip().startswith("...   and ")
+
+
+def test_contact_table_of_other_runs():
+    assert tables.contact_table(ball(1.0, gap=2.0), "stop") == "Contact 'stop' does not close"
+    lines = tables.contact_table(ball(0.7), "stop").splitlines()
+    assert "0.700000000+" in lines[2]
+    assert "still closed at the end" in lines[-1]
+
+
+def test_tables_of_many_contacts():
+    beam = vf.Beam(1.0, 1.0, 1.0, 12, name="b")
+    scene = vf.Scene([beam], [vf.Foundation(beam, stiffness=10.0, one_sided=True, name="soil"), vf.Gravity(1.0)])
+    text = tables.contact_tables(vf.simulate(scene, 1.0), most=2)
+    assert text.count("closes [s]") == 2
+    assert "and 11 more contacts that close" in text
+    assert tables.contact_tables(vf.simulate(vf.Scene([vf.Mass(1.0)]), 1.0)) == "There are no contacts"
+    assert tables.contact_tables(ball(1.0, gap=2.0)) == "1 of 1 contacts do not close"
+
+
+def test_energy_table():
+    result = ball(10.0)
+    lines = tables.energy_table(result).splitlines()
+    assert len(lines) == 1 + 6 + 1
+    assert [float(line.split()[0]) for line in lines[1:7]] == [0.0, 2.0, 4.0, 6.0, 8.0, 10.0]
+    for line in lines[1:7]:
+        assert sum(map(float, line.split()[1:4])) == pytest.approx(0.5, rel=1e-3)
+
+
+def test_csv_names(tmp_path):
+    beam = vf.Beam(1.0, 1.0, 1.0, 2, {"left": "clamped"}, name="b")
+    assert point_name(beam.at(0.3)) == "b@0.3"
+    result = vf.simulate(vf.Scene([beam], [vf.PointLoad(beam.at(1.0), 1.0)]), 1.0)
+    path = write_csv(result, {"tip": beam.at(1.0)}, tmp_path / "x.csv")
+    assert np.array_equal(columns(path)["tip displacement [m]"], result.displacement(beam.at(1.0)))
+    with pytest.raises(vf.ArgumentError, match="ends in"):
+        write_csv(result, [], tmp_path / "x.txt")
+    with pytest.raises(vf.OutputError):
+        write_csv(result, [beam.at(1.0)], tmp_path / "no" / "x.csv")

@@ -1,0 +1,154 @@
+"""The command line: ``vofem run``, ``explain`` and ``doctor``. Only this module prints and ends the process."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vofem._version import __version__
+from vofem.errors import OutputError, VofemError
+
+if TYPE_CHECKING:
+    from vofem.io.scene_file import SceneFile
+    from vofem.result import Result
+
+#: Exit codes: all went well; vofem found a fault and said which. argparse itself takes 2 for wrong usage.
+FINE, FAULT, INTERRUPTED = 0, 1, 130
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command and return its exit code."""
+    arguments = _parser().parse_args(argv)
+    try:
+        code: int = arguments.command(arguments)
+        sys.stdout.flush()
+        return code
+    except VofemError as error:
+        print(f"vofem: {error}", file=sys.stderr)
+        return FAULT
+    except KeyboardInterrupt:
+        print("vofem: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:
+        # The reader of the output has gone, as with `vofem explain ... | head`: nothing is left to be said.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FINE
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="vofem", description="Beams and masses that hit, rattle and yield.")
+    parser.add_argument("--version", action="version", version=f"vofem {__version__}")
+    commands = parser.add_subparsers(metavar="COMMAND", required=True)
+
+    run = commands.add_parser("run", help="simulate a scene file; write histories and pictures")
+    run.add_argument("scene", type=Path, help="scene file, TOML")
+    run.add_argument("--output", type=Path, help="folder for what is written (output/NAME of the scene file)")
+    run.add_argument("--method", help="instead of the file's")
+    run.add_argument("--t-end", type=float, help="in s, instead of the file's")
+    run.add_argument("--dt", type=float, help="in s, instead of the file's")
+    run.add_argument("--no-pictures", action="store_true", help="write numbers only")
+    run.set_defaults(command=_run)
+
+    explain = commands.add_parser("explain", help="say what would be simulated, how, and what not")
+    explain.add_argument("scene", type=Path, help="scene file, TOML")
+    explain.set_defaults(command=_explain)
+
+    doctor = commands.add_parser("doctor", help="show versions; say whether off-screen rendering works")
+    doctor.set_defaults(command=_doctor)
+    return parser
+
+
+def _explain(arguments: argparse.Namespace) -> int:
+    from vofem.io.scene_file import load_scene
+    from vofem.simulate import explain
+
+    file = load_scene(arguments.scene)
+    print(explain(file.scene))
+    _print_method(file, None)
+    return FINE
+
+
+def _print_method(file: SceneFile, wanted: str | None) -> None:
+    """Say which method is used, where it is not the one that vofem would choose."""
+    method = wanted or (file.run.method if file.run is not None else "auto")
+    if method != "auto":
+        print(f"This run: {method}, as the {'command line' if wanted else 'scene file'} says")
+
+
+def _doctor(arguments: argparse.Namespace) -> int:
+    from vofem.io.doctor import diagnose
+
+    found = diagnose()
+    print(found)
+    return FAULT if found.missing else FINE
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from vofem.io import tables
+    from vofem.io.scene_file import load_scene
+    from vofem.simulate import explain
+
+    file = load_scene(arguments.scene)
+    print(explain(file.scene))
+    _print_method(file, arguments.method)
+    print(flush=True)
+    # Made first: a run that is long shall not end in a folder that cannot be.
+    folder = _made(arguments.output or Path("output") / arguments.scene.stem)
+    result = file.simulate(**_changes(arguments, file))
+    print(tables.counter_line(result), end="\n\n")
+    print(tables.contact_tables(result), end="\n\n")
+    print(tables.energy_table(result))
+    for note in result.notes:
+        print(f"note: {note}")
+    written = _write(file, result, folder, pictures=not arguments.no_pictures)
+    print("\nwrote " + "\n      ".join(str(path) for path in written))
+    return FINE
+
+
+def _made(folder: Path) -> Path:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"the folder {folder} cannot be made: {error.strerror or error}") from error
+    return folder
+
+
+def _changes(arguments: argparse.Namespace, file: SceneFile) -> dict[str, Any]:
+    """Return what the command line says instead of the file."""
+    given = {"method": arguments.method, "t_end": arguments.t_end, "dt": arguments.dt}
+    changes = {name: value for name, value in given.items() if value is not None}
+    if "t_end" in changes and file.run is not None:
+        # The times of the file belong to the duration of the file.
+        changes["times"] = None
+    return changes
+
+
+def _write(file: SceneFile, result: Result, folder: Path, *, pictures: bool) -> list[Path]:
+    from vofem.io.csv_file import point_name, write_csv
+    from vofem.io.run_pictures import history_points, picture_times
+
+    points = history_points(file)
+    written = [write_csv(result, points, folder / "histories.csv")]
+    if not pictures:
+        return written
+    from vofem.io.plot import time_history
+    from vofem.io.render import render
+
+    for k, point in enumerate(points):
+        name = "history.png" if len(points) == 1 else f"history-{k + 1}.png"
+        written.append(time_history(result, point, folder / name))
+        if len(points) > 1:
+            print(f"{name}: {point_name(point)}")
+    message = ""
+    times = picture_times(file, result)
+    for k, t in enumerate(times):
+        outcome = render(result, t, folder / ("scene.png" if len(times) == 1 else f"scene-{k + 1}.png"))
+        message = outcome.message or message
+        written.append(outcome.path)
+    if message:
+        print(message)
+    return written

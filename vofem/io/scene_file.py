@@ -1,0 +1,177 @@
+"""Scene files: TOML that says the same things as Python, with the same names."""
+
+from __future__ import annotations
+
+import os
+import re
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from vofem._validate import nearest
+from vofem.errors import ArgumentError, SceneFileError
+from vofem.io.files import replacing
+from vofem.io.scene_place import Book
+from vofem.io.scene_reader import read_tables
+from vofem.io.scene_settings import OutputSettings, RunSettings, UniformTimes
+from vofem.io.scene_writer import scene_to_toml
+from vofem.result import Result
+from vofem.scene import Scene
+from vofem.simulate import simulate
+
+__all__ = [
+    "OutputSettings",
+    "RunSettings",
+    "SceneFile",
+    "UniformTimes",
+    "dump_scene",
+    "load_scene",
+    "scene_to_toml",
+]
+
+
+@dataclass(frozen=True)
+class SceneFile:
+    """What a scene file holds.
+
+    Attributes
+    ----------
+    scene : Scene
+    run : RunSettings, optional
+        None where the file has no ``[run]``.
+    output : OutputSettings
+    path : Path
+    """
+
+    scene: Scene
+    run: RunSettings | None
+    output: OutputSettings
+    path: Path
+
+    def simulate(self, **changes: Any) -> Result:
+        """Run the scene as the file says, other arguments of `vofem.simulate` given here aside."""
+        arguments = (self.run.arguments() if self.run is not None else {}) | changes
+        if "t_end" not in arguments:
+            raise ArgumentError(f"{self.path} does not say how long to run; add t_end to a table [run], or give t_end")
+        return simulate(self.scene, **arguments)
+
+
+def load_scene(path: str | os.PathLike[str]) -> SceneFile:
+    """Read a scene file.
+
+    Parameters
+    ----------
+    path : path
+        TOML in UTF-8. Paths of meshes in it start at its folder.
+
+    Returns
+    -------
+    SceneFile
+
+    Raises
+    ------
+    SceneFileError
+        With all problems of the file: key path, what was expected, what was
+        found, and the nearest valid name.
+    """
+    file = _path(path)
+    text = _text(file)
+    try:
+        content = tomllib.loads(text)
+    except RecursionError:
+        raise SceneFileError(str(file), [("", "arrays or tables are nested too deeply")]) from None
+    except ValueError as error:
+        raise _syntax_error(file, text, str(error)) from None
+    book = Book(file.parent)
+    scene, run, output = read_tables(content, text, book)
+    if book.problems or scene is None:
+        raise SceneFileError(str(file), book.problems)
+    return SceneFile(scene, run, output, file)
+
+
+def dump_scene(
+    scene: Scene,
+    path: str | os.PathLike[str],
+    run: RunSettings | None = None,
+    output: OutputSettings | None = None,
+) -> Path:
+    """Write a scene to a scene file, whole or not at all.
+
+    Reading it gives the same scene, bit for bit.
+
+    Parameters
+    ----------
+    scene : Scene
+    path : path
+    run : RunSettings, optional
+    output : OutputSettings, optional
+
+    Returns
+    -------
+    Path
+        `path`.
+
+    Raises
+    ------
+    SceneFileError
+        If something has no form in TOML, such as a callable.
+    OutputError
+        If the file cannot be written.
+    """
+    file = _path(path)
+    text = scene_to_toml(scene, run, output, file.parent)
+    with replacing(file) as temporary:
+        temporary.write_text(text, encoding="utf-8", newline="\n")
+    return file
+
+
+def _path(path: Any) -> Path:
+    try:
+        return Path(path)
+    except TypeError:
+        raise ArgumentError(f"path is {path!r}, expected the path of a scene file") from None
+
+
+def _text(file: Path) -> str:
+    try:
+        raw = file.read_bytes()
+    except FileNotFoundError:
+        folder = file.parent
+        others = tuple(p.name for p in folder.glob("*.toml")) if folder.is_dir() else ()
+        message = f"the file does not exist{nearest(file.name, others)}; relative paths start at '{Path.cwd()}'"
+        raise SceneFileError(str(file), [("", message)]) from None
+    except IsADirectoryError:
+        raise SceneFileError(str(file), [("", "this is a directory, expected a scene file")]) from None
+    except (OSError, ValueError) as error:
+        what = "this is a directory, expected a scene file" if _is_folder(file) else f"the file cannot be read: {error}"
+        raise SceneFileError(str(file), [("", what)]) from error
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = raw.count(b"\n", 0, error.start) + 1
+        message = f"line {line} is not UTF-8 (byte 0x{raw[error.start]:02x}); save the file as UTF-8"
+        raise SceneFileError(str(file), [("", message)]) from None
+
+
+def _is_folder(file: Path) -> bool:
+    try:
+        return file.is_dir()
+    except ValueError:
+        return False
+
+
+def _syntax_error(file: Path, text: str, message: str) -> SceneFileError:
+    """Return the error of a file that is no TOML, with line, column and the line itself."""
+    lines = text.split("\n")
+    place = re.search(r" \(at line (\d+), column (\d+)\)", message)
+    end = " (at end of document)"
+    if place is not None:
+        line, column = int(place[1]), int(place[2])
+        shown = f"{message.replace(place[0], '')}, in {lines[line - 1].strip()[:80]!r}"
+    elif end in message:
+        line, column = len(lines), len(lines[-1]) + 1
+        shown = f"{message.replace(end, '')}, at the end of the file"
+    else:
+        return SceneFileError(str(file), [("", f"this is not TOML: {message}")])
+    return SceneFileError(str(file), [("", f"line {line}, column {column}: {shown}")])

@@ -1,0 +1,152 @@
+"""From the tables of a scene file to a scene; everything that is wrong is noted on the way."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from vofem.bodies import Body, Mass
+from vofem.errors import VofemError
+from vofem.io.scene_entry import Entry
+from vofem.io.scene_kinds import NUMBER, Kind
+from vofem.io.scene_parts import BodyByName
+from vofem.io.scene_place import Book, Invalid, Place
+from vofem.io.scene_schema import BODIES, EFFECTS, FIELD
+from vofem.io.scene_settings import OUTPUT, RUN, OutputSettings, RunSettings
+from vofem.scene import Scene
+
+_SINGLE = ("run", "output", "initial")
+_KNOWN = BODIES | EFFECTS
+_TABLES = (*_SINGLE, *_KNOWN)
+#: Keys of the initial state of a body; zero where silent.
+INITIAL = ("displacement", "velocity")
+_HEADER = re.compile(r"^[ \t]*\[{1,2}[ \t]*([A-Za-z0-9_-]+)[ \t]*\]", re.MULTILINE)
+
+Item = tuple[Entry, Any, Place]
+
+
+def read_tables(
+    content: dict[str, Any], text: str, book: Book
+) -> tuple[Scene | None, RunSettings | None, OutputSettings]:
+    """Return scene, run and output of a parsed file; problems are added to `book`."""
+    root = Place(book)
+    root.unknown_keys(content, _TABLES)
+    for name in _SINGLE:
+        if name in content and not isinstance(content[name], dict):
+            root.key(name).expected(f"one table, headed [{name}]", content[name])
+    order = _order(content, text, root)
+    _check_names(order, book)
+    bodies = [_body(entry, table, place) for entry, table, place in order if entry.name in BODIES]
+    if not bodies:
+        root.report("there are no bodies; expected at least one [[beam]] or [[mass]]")
+    effects = _effects([item for item in order if item[0].name in EFFECTS])
+    initial = _initial(content.get("initial", {}), root.key("initial"))
+    run, output = (
+        entry.read(content[entry.name], root.key(entry.name)) if isinstance(content.get(entry.name), dict) else None
+        for entry in (RUN, OUTPUT)
+    )
+    if isinstance(run, RunSettings) and isinstance(output, OutputSettings):
+        for t in output.pictures:
+            if t > run.t_end:
+                root.key("output").key("pictures").report(f"expected times up to t_end = {run.t_end:g} s, found {t!r}")
+    if not book.problems:
+        try:
+            return Scene(bodies, effects, initial or None), run, output or OutputSettings()
+        except VofemError as error:
+            root.report(str(error))
+    return None, None, OutputSettings()
+
+
+# -- bodies and effects -----------------------------------------------------------------------------
+
+
+def _order(content: dict[str, Any], text: str, root: Place) -> list[Item]:
+    """Return the tables of bodies and effects in the order in which they stand in the file.
+
+    The parser groups arrays of tables by name. Their headers tell the order;
+    where they do not account for every table (inline arrays), groups stay together.
+    """
+    groups: dict[str, list[Item]] = {}
+    for name, tables in content.items():
+        if name not in _KNOWN:
+            continue
+        here = root.key(name)
+        if isinstance(tables, list):
+            groups[name] = [(_KNOWN[name], table, here.index(k)) for k, table in enumerate(tables)]
+        else:
+            groups[name] = [(_KNOWN[name], tables, here)]
+    headers = [name for name in _HEADER.findall(text) if name in groups]
+    if any(headers.count(name) != len(group) for name, group in groups.items()):
+        return [item for group in groups.values() for item in group]
+    queues = {name: iter(group) for name, group in groups.items()}
+    return [next(queues[name]) for name in headers]
+
+
+def _check_names(order: list[Item], book: Book) -> None:
+    """Note names that are used twice; every body counts as broken until it is built."""
+    first: dict[tuple[str, str], str] = {}
+    for entry, table, place in order:
+        name = table.get("name") if isinstance(table, dict) else None
+        body = entry.name in BODIES
+        if not isinstance(name, str) or not name or not (body or "name" in entry.keys):
+            continue
+        group = "body" if body else entry.name
+        if (group, name) in first:
+            place.key("name").report(f"{name!r} is already the name of {first[group, name]}; give each its own")
+        first.setdefault((group, name), place.path)
+        if body:
+            book.broken.add(name)
+
+
+def _body(entry: Entry, table: Any, place: Place) -> Any:
+    body = entry.read(table, place)
+    if not isinstance(body, Invalid) and body.name not in place.book.bodies:
+        place.book.bodies[body.name] = body
+        place.book.broken.discard(body.name)
+    return body
+
+
+def _effects(items: list[Item]) -> list[Any]:
+    """Build effects; contacts without a name are numbered from 1, so that every reading gives the same names."""
+    taken = {table["name"] for _, table, _ in items if isinstance(table, dict) and isinstance(table.get("name"), str)}
+    counts: dict[str, int] = {}
+    effects = []
+    for entry, table, place in items:
+        extra = {}
+        if "name" in entry.keys and isinstance(table, dict) and "name" not in table:
+            k = counts.get(entry.name, 0) + 1
+            while f"{entry.name}-{k}" in taken:
+                k += 1
+            counts[entry.name] = k
+            extra["name"] = f"{entry.name}-{k}"
+        effects.append(entry.read(table, place, **extra))
+    return effects
+
+
+# -- the initial state ------------------------------------------------------------------------------
+
+
+def _initial(table: Any, place: Place) -> dict[Body, tuple[Any, Any]]:
+    """Return the initial state by body."""
+    if not isinstance(table, dict):
+        return {}
+    result = {}
+    for name, state in table.items():
+        here = place.key(name)
+        body = BodyByName().read(name, here)
+        if not isinstance(state, dict):
+            here.expected("a table with displacement and velocity", state)
+            continue
+        here.unknown_keys(state, INITIAL)
+        kind: Kind = NUMBER if isinstance(body, Mass) else FIELD
+        values = [kind.read(state[key], here.key(key)) if key in state else 0.0 for key in INITIAL]
+        if isinstance(body, Invalid):
+            continue
+        for key, value in zip(INITIAL, values, strict=True):
+            if not isinstance(value, Invalid):
+                try:
+                    body.interpolate(value, f"initial {key}")
+                except VofemError as error:
+                    here.key(key).report(str(error))
+        result[body] = (values[0], values[1])
+    return result

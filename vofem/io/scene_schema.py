@@ -1,0 +1,137 @@
+"""What stands in a scene file: one entry per class, one kind per key. To add an effect, add an entry here."""
+
+from __future__ import annotations
+
+from vofem import effects
+from vofem.bodies import Beam, Mass
+from vofem.bodies.beam import SUPPORTS
+from vofem.effects import time_functions as functions
+from vofem.io.scene_beam import Elements, build_beam, values_of_beam
+from vofem.io.scene_entry import Entry
+from vofem.io.scene_kinds import (
+    NAME,
+    NOT_NEGATIVE,
+    NUMBER,
+    POSITIVE,
+    POSITIVE_BASIS,
+    Choice,
+    MeshPath,
+    Numbers,
+    Supports,
+    YesOrNo,
+)
+from vofem.io.scene_parts import (
+    BodyByName,
+    Coefficient,
+    FunctionOfTime,
+    OneOf,
+    OrNumber,
+    PointByName,
+    TimeFunctions,
+)
+from vofem.io.scene_switch import Switch
+from vofem.polynomial import Polynomial
+
+
+def _table(*entries: Entry) -> dict[str, Entry]:
+    return {entry.name: entry for entry in entries}
+
+
+# -- values that are tables -------------------------------------------------------------------------
+
+_FUNCTIONS: dict[str, Entry] = {}
+TIME_FUNCTION = FunctionOfTime(
+    OneOf("a function of time such as { sine = { amplitude = 1.0, omega = 2.0 } }", _FUNCTIONS), functions.Constant
+)
+_FUNCTIONS |= _table(
+    Entry("sine", functions.Sine, {"amplitude": NUMBER, "omega": NUMBER, "phase": NUMBER}),
+    Entry("constant", functions.Constant, {"value": NUMBER}, bare="value"),
+    Entry("ramp", functions.Ramp, {"slope": NUMBER, "start": NUMBER, "stop": NUMBER}),
+    Entry("pulse", functions.Pulse, {"amplitude": NUMBER, "start": NUMBER, "duration": POSITIVE}),
+    Entry("tabulated", functions.Tabulated, {"t": Numbers(), "values": Numbers()}),
+    Entry("sum", functions.Sum, {"terms": TimeFunctions(TIME_FUNCTION)}, bare="terms"),
+    Entry("scaled", functions.Scaled, {"function": TIME_FUNCTION, "factor": NUMBER}),
+)
+
+_POLYNOMIAL = OneOf(
+    "{ polynomial = [a0, a1, ...] }",
+    _table(Entry("polynomial", Polynomial, {"coefficients": Numbers()}, bare="coefficients")),
+)
+#: A number or a polynomial in x.
+FIELD = OrNumber(_POLYNOMIAL)
+_COEFFICIENT = Coefficient(OrNumber(_POLYNOMIAL, POSITIVE))
+
+_POINT = PointByName()
+_BEAM = BodyByName(beam=True)
+_SWITCH = Switch(Entry("resolved", effects.Resolved, {"s0": POSITIVE}))
+
+# -- bodies -----------------------------------------------------------------------------------------
+
+BODIES = _table(
+    Entry(
+        "beam",
+        Beam,
+        {
+            "name": NAME,
+            "length": POSITIVE_BASIS,
+            "elements": Elements(),
+            "mesh": MeshPath(),
+            "EI": _COEFFICIENT,
+            "rhoA": _COEFFICIENT,
+            "supports": Supports(tuple(SUPPORTS)),
+            "tension": NUMBER,
+        },
+        build=build_beam,
+        values=values_of_beam,
+        essential=("mesh",),
+    ),
+    Entry(
+        "mass",
+        Mass,
+        {"name": NAME, "mass": POSITIVE, "stiffness": NOT_NEGATIVE, "damping": NOT_NEGATIVE},
+        needed=("name",),
+    ),
+)
+
+# -- effects ----------------------------------------------------------------------------------------
+
+EFFECTS = _table(
+    Entry(
+        "contact",
+        effects.Contact,
+        {
+            "name": NAME,
+            "a": _POINT,
+            "b": _POINT,
+            "gap": NUMBER,
+            "stiffness": POSITIVE,
+            "damping": NOT_NEGATIVE,
+            "side": Choice(("below", "above")),
+            "acts_on": Choice(("displacement", "penetration")),
+            "switch": _SWITCH,
+        },
+        needed=("acts_on",),
+    ),
+    Entry("spring", effects.Spring, {"a": _POINT, "b": _POINT, "stiffness": NOT_NEGATIVE}),
+    Entry("dashpot", effects.Dashpot, {"a": _POINT, "b": _POINT, "damping": NOT_NEGATIVE}),
+    Entry("rotational_spring", effects.RotationalSpring, {"point": _POINT, "stiffness": NOT_NEGATIVE}),
+    Entry("point_mass", effects.PointMass, {"point": _POINT, "mass": NOT_NEGATIVE, "inertia": NOT_NEGATIVE}),
+    Entry("point_load", effects.PointLoad, {"point": _POINT, "f": TIME_FUNCTION}),
+    Entry("point_moment", effects.PointMoment, {"point": _POINT, "f": TIME_FUNCTION}),
+    Entry("distributed_load", effects.DistributedLoad, {"beam": _BEAM, "p": FIELD, "f": TIME_FUNCTION}),
+    Entry(
+        "foundation",
+        effects.Foundation,
+        {
+            "name": NAME,
+            "beam": _BEAM,
+            "stiffness": OrNumber(_POLYNOMIAL, NOT_NEGATIVE),
+            "one_sided": YesOrNo(),
+            "gap": NUMBER,
+        },
+    ),
+    Entry("base_motion", effects.BaseMotion, {"body": BodyByName(), "acceleration": TIME_FUNCTION}),
+    Entry("gravity", effects.Gravity, {"g": NUMBER}),
+    Entry("rayleigh_damping", effects.RayleighDamping, {"alpha": NOT_NEGATIVE, "beta": NOT_NEGATIVE}),
+    Entry("modal_damping", effects.ModalDamping, {"ratio": NOT_NEGATIVE}),
+)

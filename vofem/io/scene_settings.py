@@ -1,0 +1,177 @@
+"""What a scene file says beside its scene: how to run it, and what to write."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vofem.errors import ArgumentError
+from vofem.io.scene_entry import Entry
+from vofem.io.scene_kinds import NOT_NEGATIVE, NUMBER, POSITIVE, Choice, Count, Numbers
+from vofem.io.scene_parts import PointByName
+from vofem.io.scene_place import INVALID, Book, Invalid, Place
+from vofem.simulate import METHODS, option_names
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class UniformTimes:
+    """`count` times from start to stop, both included, in s."""
+
+    start: float
+    stop: float
+    count: int
+
+    def __post_init__(self) -> None:
+        if self.stop < self.start:
+            raise ArgumentError(f"stop is {self.stop:g} s, expected a time not before start = {self.start:g} s")
+
+    def array(self) -> Array:
+        """Return the times, shape (count,)."""
+        return np.linspace(self.start, self.stop, self.count)
+
+
+@dataclass(frozen=True, eq=False)
+class RunSettings:
+    """The arguments of `vofem.simulate` beside the scene.
+
+    Attributes
+    ----------
+    t_end : float
+        In s.
+    method : str
+    dt : float, optional
+        In s.
+    times : UniformTimes or array_like, optional
+        In s.
+    options : dict
+        Those of the method.
+    """
+
+    t_end: float
+    method: str = "auto"
+    dt: float | None = None
+    times: UniformTimes | ArrayLike | None = None
+    options: dict[str, Any] = field(default_factory=dict)
+
+    def arguments(self) -> dict[str, Any]:
+        """Return keyword arguments for `vofem.simulate`."""
+        times = self.times.array() if isinstance(self.times, UniformTimes) else self.times
+        return {"t_end": self.t_end, "method": self.method, "dt": self.dt, "times": times, **self.options}
+
+
+@dataclass(frozen=True)
+class OutputSettings:
+    """What `vofem run` writes.
+
+    Attributes
+    ----------
+    history : tuple of points
+        Whose motion is written and drawn; chosen where empty.
+    pictures : tuple of float
+        Times of side views in s; chosen where empty.
+    """
+
+    history: tuple[Any, ...] = ()
+    pictures: tuple[float, ...] = ()
+
+
+class Times:
+    """Times as { start, stop, count } or an array."""
+
+    expected = "a table { start = ..., stop = ..., count = ... } or an array of times"
+    stand_ins = ()
+
+    def read(self, value: Any, place: Place) -> Any:
+        """Return `UniformTimes` or an array that does not decrease."""
+        if isinstance(value, dict):
+            return _UNIFORM.read(value, place)
+        times = Numbers(self.expected, NOT_NEGATIVE).read(value, place)
+        if not isinstance(times, Invalid) and np.any(np.diff(times) < 0):
+            k = int(np.argmax(np.diff(times) < 0))
+            return place.report(f"expected times that do not decrease, found {times[k]!r} followed by {times[k + 1]!r}")
+        return times
+
+    def write(self, value: Any, book: Book) -> Any:
+        """Return the table or the array."""
+        return _UNIFORM.write_inside(value, book) if isinstance(value, UniformTimes) else Numbers().write(value, book)
+
+
+@dataclass(frozen=True)
+class OneOrMore:
+    """One value of a kind, or an array of them; gives a tuple."""
+
+    each: Any
+    stand_ins: ClassVar[tuple[Any, ...]] = ((),)
+
+    @property
+    def expected(self) -> str:
+        """What one is."""
+        return f"{self.each.expected}, or an array of these"
+
+    def read(self, value: Any, place: Place) -> Any:
+        """Return a tuple."""
+        if not isinstance(value, list):
+            part = self.each.read(value, place)
+            return part if isinstance(part, Invalid) else (part,)
+        parts = tuple(self.each.read(part, place.index(k)) for k, part in enumerate(value))
+        return INVALID if any(isinstance(part, Invalid) for part in parts) else parts
+
+    def write(self, value: Any, book: Book) -> Any:
+        """Return an array, or the value where it is one."""
+        parts = [self.each.write(part, book) for part in value]
+        return parts[0] if len(parts) == 1 else parts
+
+
+class Option:
+    """An option of a method: a number, whole where it is written so."""
+
+    expected = "a number"
+    stand_ins = (1,)
+
+    def read(self, value: Any, place: Place) -> Any:
+        """Return an int or a float; the method checks the rest."""
+        number = NUMBER.read(value, place)
+        return value if isinstance(value, int) and not isinstance(number, Invalid) else number
+
+    def write(self, value: Any, book: Book) -> Any:
+        """Return an int or a float."""
+        return value.item() if isinstance(value, np.generic) else value
+
+
+def _run(t_end: float, method: str = "auto", dt: Any = None, times: Any = None, **options: Any) -> RunSettings:
+    last = times.stop if isinstance(times, UniformTimes) else times[-1] if times else 0.0
+    if last > t_end * (1.0 + 1e-12):
+        raise ArgumentError(f"times reaches to {last:g} s, beyond t_end = {t_end:g} s")
+    for name in options:
+        if name not in option_names(method):
+            raise ArgumentError(f"{name} is no option of the method {method!r}; remove it, or change method")
+    if dt is not None and method == "event_driven":
+        raise ArgumentError("dt has no meaning for event_driven, which has no step; remove it, or change method")
+    return RunSettings(t_end, method, dt, times, options)
+
+
+def _run_values(run: RunSettings) -> dict[str, Any]:
+    return {"t_end": run.t_end, "method": run.method, "dt": run.dt, "times": run.times, **run.options}
+
+
+_UNIFORM = Entry("times", UniformTimes, {"start": NOT_NEGATIVE, "stop": POSITIVE, "count": Count()})
+RUN = Entry(
+    "run",
+    RunSettings,
+    {
+        "t_end": POSITIVE,
+        "method": Choice(("auto", *METHODS)),
+        "dt": POSITIVE,
+        "times": Times(),
+        **{name: Option() for name in option_names()},
+    },
+    build=_run,
+    values=_run_values,
+    optional=option_names(),
+)
+OUTPUT = Entry("output", OutputSettings, {"history": OneOrMore(PointByName()), "pictures": OneOrMore(NOT_NEGATIVE)})

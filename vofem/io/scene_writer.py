@@ -1,0 +1,88 @@
+"""From a scene to the text of a scene file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from vofem.errors import SceneFileError
+from vofem.io import toml_text
+from vofem.io.scene_entry import Entry
+from vofem.io.scene_kinds import Unwritable
+from vofem.io.scene_place import Book, Place
+from vofem.io.scene_reader import INITIAL
+from vofem.io.scene_schema import BODIES, EFFECTS, FIELD
+from vofem.io.scene_settings import OUTPUT, RUN, OutputSettings, RunSettings
+from vofem.scene import Scene, as_scene
+
+
+def scene_to_toml(
+    scene: Scene, run: RunSettings | None = None, output: OutputSettings | None = None, folder: Path | None = None
+) -> str:
+    """Return the text of a scene file.
+
+    Parameters
+    ----------
+    scene : Scene
+    run : RunSettings, optional
+    output : OutputSettings, optional
+    folder : path, optional
+        Where the file will be: paths of meshes are made relative to it. The
+        current folder where not given.
+
+    Raises
+    ------
+    SceneFileError
+        If something has no form in TOML: callables, and initial states that are
+        outcomes. All of it is listed.
+    """
+    as_scene("scene_to_toml", scene)
+    book = Book(Path.cwd() if folder is None else folder, {body.name: body for body in scene.bodies})
+    root = Place(book)
+    blocks = []
+    if run is not None:
+        blocks.append(toml_text.table("[run]", RUN.write(run, root.key("run"))))
+    if output is not None and output != OutputSettings():
+        blocks.append(toml_text.table("[output]", OUTPUT.write(output, root.key("output"))))
+    blocks += _tables(scene.bodies, BODIES, root) + _tables(scene.effects, EFFECTS, root)
+    blocks += _initial(scene.initial, root.key("initial"))
+    if book.problems:
+        raise SceneFileError("this scene cannot be written to a scene file", book.problems)
+    return "\n".join(blocks)
+
+
+def _tables(things: tuple[Any, ...], entries: Mapping[str, Entry], root: Place) -> list[str]:
+    counts: dict[str, int] = {}
+    blocks = []
+    for k, thing in enumerate(things):
+        entry = next((entry for entry in entries.values() if type(thing) is entry.made), None)
+        if entry is None:
+            kind = "bodies" if entries is BODIES else "effects"
+            root.key(kind).index(k).report(
+                f"{type(thing).__name__} has no form in a scene file; build this scene in Python"
+            )
+            continue
+        place = root.key(entry.name).index(counts.get(entry.name, 0))
+        counts[entry.name] = counts.get(entry.name, 0) + 1
+        blocks.append(toml_text.table(f"[[{entry.name}]]", entry.write(thing, place)))
+    return blocks
+
+
+def _initial(initial: Any, place: Place) -> list[str]:
+    if initial is None:
+        return []
+    if not isinstance(initial, Mapping):
+        place.report(f"{type(initial).__name__} has no form in a scene file; give displacements and velocities")
+        return []
+    blocks = []
+    for body, state in initial.items():
+        here = place.key(body.name)
+        table = {}
+        for name, value in zip(INITIAL, state, strict=True):
+            try:
+                table[name] = FIELD.write(value, place.book)
+            except Unwritable as error:
+                here.key(name).report(f"{error}; vofem.Polynomial has one" if callable(value) else str(error))
+        blocks.append(toml_text.table(f"[initial.{toml_text.key(body.name)}]", table))
+    return blocks
