@@ -54,7 +54,7 @@ def test_builders_of_absent_effects_are_never_called(method, monkeypatch):
     ):  # fmt: skip
         monkeypatch.setattr(SystemBuilder, name, refuse)
     monkeypatch.setitem(event_driven.run.__globals__, "next_event", refuse)
-    monkeypatch.setitem(event_driven.run.__globals__, "spring_force", refuse)
+    monkeypatch.setitem(event_driven.EventSolution._contact_force.__globals__, "spring_force", refuse)
     monkeypatch.setattr(central_difference, "initial_status", refuse)
     beam = vf.Beam(1.0, 1.0, 1.0, 5, {"left": "clamped"})
     result = run(vf.Scene([beam], initial={beam: (lambda x: 0.01 * x**2, 0.0)}), method)

@@ -8,20 +8,17 @@ critically damped) are integrated by Gauss-Legendre panels that resolve them.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.effects.time_functions import Piece
-from vofem.integrators.base import Energies, spring_potential, status_at
+from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.integrators.event_driven.motion import Motion, Special
-from vofem.system import CLOSED
-
-if TYPE_CHECKING:
-    from vofem.integrators.event_driven.run import EventSolution
+from vofem.integrators.event_driven.segment import Segment
+from vofem.system import CLOSED, ContactLaws
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -32,57 +29,51 @@ _DOUBLE = 1e-3
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 
 
-def energies(solution: EventSolution, times: Array) -> Energies:
-    """Return energies, dissipation and work at any times."""
-    system, space = solution.system, solution.space
-    z, v = solution.modal(times)
-    contact = np.zeros(times.size)
-    if system.contacts is not None:
-        contact = spring_potential(system.contacts, space.contacts @ z, status_at(solution.events, times))
-    dissipated, work = np.zeros(times.size), np.zeros(times.size)
-    damped = system.damped or (system.contacts is not None and bool(np.any(system.contacts.damping > 0)))
-    if (damped or system.loads) and times.size:
-        _accumulate(solution, times, damped, dissipated, work)
-    return Energies(
-        kinetic=0.5 * np.sum(v**2, axis=0),
-        strain=0.5 * np.sum(space.stiffness[:, None] * z**2, axis=0),
-        contact=contact,
-        dissipated=dissipated,
-        work=work,
-    )
+def work_and_dissipation(
+    space: ModalSpace,
+    laws: ContactLaws | None,
+    segments: Iterable[Segment],
+    damped: bool,
+    work: Array,
+    dissipated: Array,
+) -> None:
+    """Fill the work of all loads and the energy taken by all dampers, from t = 0 to the times wanted.
 
-
-def _accumulate(solution: EventSolution, times: Array, damped: bool, dissipated: Array, work: Array) -> None:
-    starts = np.append(solution.segment_starts, solution.t_end)
-    wanted = {index: (mine, tau) for index, mine, tau in solution.visit(times)}
-    lost, done = 0.0, 0.0
-    for index in range(max(wanted) + 1):
-        mine, tau = wanted.get(index, (np.empty(0, dtype=np.int64), np.empty(0)))
-        tau = np.append(tau, starts[index + 1] - starts[index])
-        segment = _Segment(solution, index)
-        if solution.system.loads:
-            pieces = solution.load_pieces(starts[index])
-            gained = segment.work(solution.space.loads, pieces, tau)
-            work[mine] = done + gained[:-1]
+    Parameters
+    ----------
+    segments : iterable of Segment
+        From t = 0 on, without a gap.
+    damped : bool
+        Whether there are dampers at all.
+    work, dissipated : ndarray, shape (n_times,)
+        Filled.
+    """
+    done, lost = 0.0, 0.0
+    for segment in segments:
+        tau = np.append(segment.tau, segment.duration)
+        velocities = _Velocities(space, laws, segment)
+        if segment.pieces:
+            gained = velocities.work(space.loads, segment.pieces, tau)
+            work[segment.wanted] = done + gained[:-1]
             done += gained[-1]
         if damped:
-            eaten = segment.dissipation(tau)
-            dissipated[mine] = lost + eaten[:-1]
+            eaten = velocities.dissipation(tau)
+            dissipated[segment.wanted] = lost + eaten[:-1]
             lost += eaten[-1]
 
 
-class _Segment:
+class _Velocities:
     """Velocities of one segment as sums of exponentials, block by block.
 
     Block k has the exponents ``mu[k]``, shape (n, e): its two roots, plus and
     minus every load frequency, and zero; `z` and `v` hold the coefficients.
     """
 
-    def __init__(self, solution: EventSolution, index: int) -> None:
-        self.motion = solution.motion(index)
-        self.space = solution.space
-        self.laws = solution.system.contacts
-        self.status = solution.segment_status(index)
+    def __init__(self, space: ModalSpace, laws: ContactLaws | None, segment: Segment) -> None:
+        self.motion = segment.motion
+        self.space = space
+        self.laws = laws
+        self.status = segment.status
         motion, spectrum = self.motion, self.motion.spectrum
         n, h = spectrum.p.size, motion.omega.size
         root = np.sqrt(np.asarray(spectrum.delta**2 - spectrum.p, dtype=complex))

@@ -1,0 +1,298 @@
+"""The outcome of an event-driven run: linear segments, each known in closed form at any time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.effects.time_functions import Piece, TimeFunction
+from vofem.integrators.base import (
+    ContactSamples,
+    Energies,
+    Samples,
+    initial_status,
+    spring_force,
+    spring_potential,
+    status_at,
+)
+from vofem.integrators.event_driven.modal_space import ModalSpace
+from vofem.integrators.event_driven.motion import Forcing, Motion, start_motion
+from vofem.integrators.event_driven.pinned import Reactions, reactions, should_pin
+from vofem.integrators.event_driven.search import EventFunctions
+from vofem.integrators.event_driven.segment import Segment
+from vofem.integrators.event_driven.spectrum import Spectra
+from vofem.system import CLOSED, OPEN, PINNED, Counters, Events, State, System
+
+Array = NDArray[np.float64]
+Status = NDArray[np.int64]
+
+
+class EventSolution:
+    """The run as a sequence of linear segments, each known in closed form."""
+
+    def __init__(self, system: System, space: ModalSpace, t_end: float, times: Array, counters: Counters) -> None:
+        self.t_end = t_end
+        self.times = times
+        self.counters = counters
+        self.notes: list[str] = []
+        self.system = system
+        self.space = space
+        self._spectra = Spectra(space, system.contacts, counters)
+        self._starts: list[float] = []
+        self._states: list[tuple[Status, Array, Array]] = []
+        self._event_log: list[tuple[float, int, int]] = []
+        self._initial = np.empty(0, dtype=np.int64)
+        # Counters tell of the run; what sampling costs later is not counted.
+        self._last: tuple[int, Motion] | None = None
+
+    # -- recording --------------------------------------------------------------------------------
+
+    def begin(self, start: State) -> Status:
+        """Return and keep the contact status at t = 0."""
+        laws = self.system.contacts
+        if laws is not None:
+            self._initial = initial_status(
+                laws, laws.rows @ start.q, laws.rows @ start.v, abs(laws.rows) @ np.abs(start.q)
+            )
+            self.counters.gap_evaluations += len(laws)
+        return self._initial
+
+    def add_segment(self, t: float, status: Status, displacement: Array, velocity: Array) -> Motion:
+        """Begin a segment at time t in a modal state."""
+        self._starts.append(t)
+        self._states.append((status, displacement, velocity))
+        self.counters.steps += 1
+        return self.motion(len(self._starts) - 1)
+
+    def event_functions(self, motion: Motion) -> tuple[EventFunctions, NDArray[np.int64], Status]:
+        """Return the functions to watch in the last segment, the contact of each and the status it leads to.
+
+        Open contacts are watched for ``s > 0``, closed ones for ``s < 0``,
+        pinned ones for a reaction that leaves [0, K0 gap].
+        """
+        laws, status = self.system.contacts, self._states[-1][0]
+        assert laws is not None
+        spectrum, count = motion.spectrum, motion.omega.size
+        plain = np.flatnonzero(status != PINNED)
+        sign = np.where(status[plain] == CLOSED, -1.0, 1.0)
+        rows = sign[:, None] * self.space.contacts[plain]
+        level = sign * laws.gap[plain]
+        if spectrum.real.shift is not None:
+            level = level - rows @ spectrum.real.shift
+        w, u = spectrum.rows(rows)
+        none = np.zeros(plain.size)
+        functions = EventFunctions(w, u, level, none, np.zeros((plain.size, count), dtype=complex))
+        leads = np.where(status[plain] == CLOSED, OPEN, CLOSED)
+        held = np.flatnonzero(status == PINNED)
+        if not held.size:
+            return functions, plain, leads
+        force = self._reactions(len(self._starts) - 1)
+        w_r, u_r = spectrum.functions(force.displacement, force.velocity)
+        width = max(u.shape[1], u_r.shape[1])
+        u = u if u.shape[1] == width else np.zeros((plain.size, width))
+        jump = laws.stiffness[held] * laws.gap[held]
+        functions = EventFunctions(
+            np.vstack([w, -w_r, w_r]),
+            np.vstack([u, -u_r, u_r]),
+            np.concatenate([level, force.constant, jump - force.constant]),
+            np.concatenate([none, -force.slope, force.slope]),
+            np.vstack([functions.harmonic, -force.harmonic, force.harmonic]),
+        )
+        leads = np.concatenate([leads, np.full(held.size, OPEN), np.full(held.size, CLOSED)])
+        return functions, np.concatenate([plain, held, held]), leads
+
+    def enter(
+        self, t: float, status: Status, entered: dict[int, int], displacement: Array, velocity: Array, fraction: float
+    ) -> Status:
+        """Return the status after an event, chattering contacts pinned, and record it."""
+        laws = self.system.contacts
+        assert laws is not None
+        after = status.copy()
+        for contact, new in entered.items():
+            after[contact] = new
+        jumping = [j for j in entered if laws.jump[j] and status[j] != PINNED]
+        if jumping:
+            state, load = (displacement, velocity), self._load(t)
+            for contact in jumping:
+                if should_pin(self.space, laws, after, contact, state, load, fraction):
+                    after[contact] = PINNED
+        for contact in entered:
+            if after[contact] != status[contact]:
+                self._event_log.append((t, contact, int(after[contact])))
+        self.counters.events += len(entered)
+        return after
+
+    def _load(self, t: float) -> Array:
+        """Return the modal load at time t, shape (n,)."""
+        total = np.zeros(self.space.size)
+        for vector, load in zip(self.space.loads, self.system.loads, strict=True):
+            total += vector * float(load.function(t))
+        return total
+
+    def conclude(self) -> None:
+        """Write the notes."""
+        events, laws = self.events, self.system.contacts
+        for j in np.unique(events.contact[events.status == PINNED]):
+            assert laws is not None
+            mine = events.contact == j
+            self.notes.append(
+                f"chatter: contact {laws.names[j]!r} was pinned at its gap "
+                f"{int(np.sum(events.status[mine] == PINNED))} times, after {int(np.sum(mine))} events so far; there "
+                "its reaction lies between 0 and K0*gap"
+            )
+
+    @property
+    def events(self) -> Events:
+        """The contact events in order of time."""
+        if not self._event_log:
+            return Events(initial=self._initial)
+        time, contact, status = zip(*self._event_log, strict=True)
+        return Events(np.array(time), np.array(contact), np.array(status), self._initial)
+
+    # -- segments ---------------------------------------------------------------------------------
+
+    @property
+    def segment_starts(self) -> Array:
+        """Times at which the segments begin, shape (n_segments,)."""
+        return np.array(self._starts)
+
+    def segment_status(self, index: int) -> Status:
+        """Return the contact status of a segment."""
+        return self._states[index][0]
+
+    def load_pieces(self, t: float) -> list[Piece]:
+        """Return the closed form of every load near time t."""
+        functions = [load.function for load in self.system.loads]
+        return [function.piece(t) for function in functions if isinstance(function, TimeFunction)]
+
+    def motion(self, index: int) -> Motion:
+        """Return the closed form of a segment; the last one asked for is kept."""
+        if self._last is None or self._last[0] != index:
+            status, displacement, velocity = self._states[index]
+            forcing = self._forcing(self._starts[index], status)
+            spectrum = self._spectra[status]
+            self._last = index, start_motion(spectrum, displacement, velocity, forcing, self.t_end)
+        return self._last[1]
+
+    def _forcing(self, t: float, status: Status) -> Forcing:
+        """Return the modal force of loads and of the offsets of closed contacts."""
+        space = self.space
+        constant, slope = np.zeros(space.size), np.zeros(space.size)
+        harmonics: dict[float, NDArray[np.complex128]] = {}
+        for vector, piece in zip(space.loads, self.load_pieces(t), strict=True):
+            constant += piece.constant * vector
+            slope += piece.slope * vector
+            for w, amplitude in piece.harmonics:
+                harmonics[w] = harmonics.get(w, np.zeros(space.size, dtype=complex)) + amplitude * vector
+        laws = self.system.contacts
+        if laws is not None:
+            closed = status == CLOSED
+            constant += (laws.stiffness * laws.offset * closed) @ space.contacts
+        spectrum = self._spectra[status]
+        if spectrum.real.shift_force is not None:
+            constant += spectrum.real.shift_force
+        omega = np.array(list(harmonics))
+        waves = np.stack(list(harmonics.values()), axis=1) if harmonics else np.zeros((space.size, 0), dtype=complex)
+        return Forcing(omega, waves, constant, slope)
+
+    def visit(self, times: Array) -> list[tuple[int, NDArray[np.int64], Array]]:
+        """Return (segment, indices into times, local times) for all segments that hold some of the times."""
+        order = np.argsort(times, kind="stable")
+        segment = np.searchsorted(self.segment_starts, times[order], side="right") - 1
+        visited = []
+        for index in np.unique(segment):
+            mine = order[segment == index]
+            visited.append((int(index), mine, times[mine] - self._starts[index]))
+        return visited
+
+    # -- sampling ---------------------------------------------------------------------------------
+
+    def modal(self, times: Array) -> tuple[Array, Array]:
+        """Return modal displacements and velocities at any times, each of shape (n, n_times)."""
+        z, v = np.empty((self.space.size, times.size)), np.empty((self.space.size, times.size))
+        for index, mine, tau in self.visit(times):
+            z[:, mine], v[:, mine] = self.motion(index).modes(tau)
+        return z, v
+
+    def sample(self, times: Array) -> Samples:
+        """Return the motion at any times; the acceleration is that of the equation of motion."""
+        z, v = self.modal(times)
+        return Samples(
+            self.space.shapes @ z, self.space.shapes @ v, self.space.shapes @ self._acceleration(times, z, v)
+        )
+
+    def _acceleration(self, times: Array, z: Array, v: Array) -> Array:
+        space = self.space
+        a = -space.stiffness[:, None] * z - space.damping[:, None] * v
+        if space.coupling is not None:
+            a -= space.coupling @ v
+        for vector, load in zip(space.loads, self.system.loads, strict=True):
+            a += np.outer(vector, load.function(times))
+        if self.system.contacts is not None:
+            a -= space.contacts.T @ self._contact_force(times, z, v)
+        return a
+
+    def _reactions(self, index: int) -> Reactions:
+        """Return the reactions of the pinned contacts of a segment."""
+        laws, status = self.system.contacts, self._states[index][0]
+        assert laws is not None
+        forcing = self._forcing(self._starts[index], status)
+        return reactions(self.space, laws, status, self._spectra[status], forcing)
+
+    def _contact_force(self, times: Array, z: Array, v: Array) -> Array:
+        assert self.system.contacts is not None
+        rows = self.space.contacts
+        force = spring_force(self.system.contacts, rows @ z, rows @ v, status_at(self.events, times))
+        for index, mine, tau in self.visit(times):
+            held = np.flatnonzero(self._states[index][0] == PINNED)
+            if held.size:
+                # The interval's ends are roots, found to rounding.
+                laws = self.system.contacts
+                jump = (laws.stiffness[held] * laws.gap[held])[:, None]
+                force[np.ix_(held, mine)] = np.clip(self._reactions(index).at(self.motion(index), tau), 0.0, jump)
+        return force
+
+    def contacts(self, times: Array) -> ContactSamples:
+        """Return status, K_eq and force of the contacts at any times."""
+        laws = self.system.contacts
+        assert laws is not None
+        z, v = self.modal(times)
+        status = status_at(self.events, times)
+        force = self._contact_force(times, z, v)
+        stiffness = np.where(status == CLOSED, laws.stiffness[:, None], 0.0)
+        gap = np.where(laws.gap > 0, laws.gap, 1.0)[:, None]
+        return ContactSamples(status, np.where(status == PINNED, force / gap, stiffness), force)
+
+    def _segments(self, times: Array) -> Iterator[Segment]:
+        """Yield the segments up to the last of some times, in order."""
+        ends = np.append(self.segment_starts[1:], self.t_end)
+        wanted = {index: (mine, tau) for index, mine, tau in self.visit(times)}
+        nothing = np.empty(0, dtype=np.int64), np.empty(0)
+        for index in range(max(wanted) + 1):
+            start = self._starts[index]
+            yield Segment(
+                float(ends[index] - start),
+                self._states[index][0],
+                self.motion(index),
+                self.load_pieces(start),
+                *wanted.get(index, nothing),
+            )
+
+    def energies(self, times: Array) -> Energies:
+        """Return energies, dissipation and work at any times, in closed form."""
+        from vofem.integrators.event_driven.energy import work_and_dissipation
+
+        system, space = self.system, self.space
+        z, v = self.modal(times)
+        contact, work, dissipated = np.zeros((3, times.size))
+        damped = system.damped
+        if system.contacts is not None:
+            contact = spring_potential(system.contacts, space.contacts @ z, status_at(self.events, times))
+            damped = damped or bool(np.any(system.contacts.damping > 0))
+        if (damped or system.loads) and times.size:
+            work_and_dissipation(space, system.contacts, self._segments(times), damped, work, dissipated)
+        kinetic = 0.5 * np.sum(v**2, axis=0)
+        strain = 0.5 * np.sum(space.stiffness[:, None] * z**2, axis=0)
+        return Energies(kinetic, strain, contact, dissipated, work)
