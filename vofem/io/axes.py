@@ -56,9 +56,7 @@ def legend(axes: Any, sources: Iterable[Any] | None = None) -> None:
             handles[: len(COLORS)],
             [*names[: len(COLORS) - 1], f"{names[len(COLORS) - 1]}, and {more} more"],
         )
-    axes.legend(
-        handles, map(plain, names), loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=9
-    )
+    axes.legend(handles, map(plain, names), loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=9)
 
 
 def save(figure: Any, goal: Path) -> Path:

@@ -54,11 +54,13 @@ def time_history(
 
     Raises
     ------
+    ArgumentError
+        For what is not a point, or no contact of the run.
     OutputError
         If the file cannot be written.
     """
     goal = goal_of(path)
-    points = [point] if hasattr(point, "row") or not isinstance(point, Iterable) else list(point)
+    points = _points(point)
     runs = result if isinstance(result, Mapping) else {points[0].describe() if len(points) == 1 else "": result}
     shown = {title: _contacts(run, points, contact) for title, run in runs.items()}
     below = any(shown.values())
@@ -112,9 +114,7 @@ def _draw_stiffness(run: Result, contacts: list[Contact], points: int, axes: Any
     factor, unit = prefixed(float(np.max(laws.stiffness[rows])), "N/m")
     for index, (contact, row) in enumerate(zip(contacts, rows, strict=True)):
         color = _color(index, points)
-        axes.plot(
-            times, samples[row] / factor, drawstyle="steps-post", color=color, linewidth=1.4, label=contact.name
-        )
+        axes.plot(times, samples[row] / factor, drawstyle="steps-post", color=color, linewidth=1.4, label=contact.name)
     if axes.get_subplotspec().is_first_col():
         axes.set_ylabel(rf"$K_\mathrm{{eq}}$ [{unit}]")
     axes.set_ylim(0.0, 1.1 * float(np.max(laws.stiffness[rows])) / factor)
@@ -130,15 +130,23 @@ def _contacts(result: Result, points: list[Point], wanted: Any) -> list[Contact]
         names = [wanted] if isinstance(wanted, (str, Contact)) else list(wanted)
         held = {result.contacts[name].name for name in names}
         return [contact for contact in result.scene.contacts if contact.name in held]
-    for point in points:
-        if not hasattr(point, "body"):
-            raise ArgumentError(f"expected a point, beam.at(x) or a Mass, found {point!r}")
     bodies = {point.body.name for point in points}
     of_bodies = [c for c in result.scene.contacts if any(p.body.name in bodies for p in c.points())]
     here = [c for c in of_bodies if any(_at(c, point) for point in points)]
     # More than there are colours cannot be told apart.
     nearest = sorted(of_bodies, key=lambda c: min(_distance(p, q) for p in c.points() for q in points))
     return here or [c for c in of_bodies if c in nearest[: len(COLORS)]]
+
+
+def _points(wanted: Any) -> list[Point]:
+    several = isinstance(wanted, Iterable) and not isinstance(wanted, str)
+    points = list(wanted) if several else [wanted]
+    for point in points:
+        if not (hasattr(point, "row") and hasattr(point, "body")):
+            raise ArgumentError(f"expected a point, beam.at(x) or a Mass, found {point!r}")
+    if not points:
+        raise ArgumentError("expected a point, beam.at(x) or a Mass, found none")
+    return points
 
 
 def _distance(one: Point, other: Point) -> float:

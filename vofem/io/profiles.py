@@ -64,7 +64,8 @@ def shapes(
     Raises
     ------
     ArgumentError
-        For an equilibrium without its scene, or a scene with several beams and no `body`.
+        For an equilibrium without its scene, a scene with several beams and no
+        `body`, times outside the run, or shapes that do not fit.
     OutputError
         If the file cannot be written.
     """
@@ -102,11 +103,11 @@ class _Shapes:
             self.closed = np.array([[outcome.contacts[p.name].status != "open"] for p in self.places], dtype=bool)
             self.eta, self.at_held = (outcome.deflection(x, self.beam)[:, None] for x in (self.x, self.held))
         else:
-            laws = outcome.model.system.contacts
+            laws, at = outcome.model.system.contacts, np.array(times, dtype=float)
+            self.eta, self.at_held = (outcome.deflection(x, at, self.beam) for x in (self.x, self.held))
             if laws is not None:
-                status = outcome.solution.contacts(np.array(times, dtype=float)).status
-                self.closed = status[[laws.names.index(p.name) for p in self.places]] != OPEN
-            self.eta, self.at_held = (outcome.deflection(x, times, self.beam) for x in (self.x, self.held))
+                rows = [laws.names.index(p.name) for p in self.places]
+                self.closed = outcome.solution.contacts(at).status[rows] != OPEN
 
     def draw(self, axes: Any, factor: float, beside: Any) -> None:
         """Draw lines, closed contacts, stops and another result's markers; lengths are divided by `factor`."""
@@ -120,7 +121,10 @@ class _Shapes:
                 axes.plot(self.held[on], self.at_held[on, k] / factor, **dots, label="closed contact")
         if beside is not None:
             name, x, eta = beside
-            x, eta = np.asarray(x, dtype=float), np.asarray(eta, dtype=float).reshape(np.size(x), -1) / factor
+            x, eta = np.asarray(x, dtype=float), np.asarray(eta, dtype=float) / factor
+            eta = eta[:, None] if eta.ndim == 1 else eta
+            if eta.shape != (x.size, len(self.times)):
+                raise ArgumentError(f"beside: eta has shape {eta.shape}, expected {(x.size, len(self.times))}")
             some = np.unique(np.linspace(0, x.size - 1, _MARKS).round().astype(int))
             marks = {"linestyle": "", "marker": "o", "markersize": 5.0, "markerfacecolor": "none", "zorder": 4}
             for k in range(eta.shape[1]):
@@ -135,4 +139,4 @@ def _draw_stops(axes: Any, places: list[Place], size: float, factor: float) -> N
         near = 0.02 * size
         for group in np.split(at, np.flatnonzero(np.diff(at) > 5.0 * near) + 1):
             ends = (group[0] - near, group[-1] + near)
-            axes.plot(ends, [surface / factor] * 2, color="#8d929b", linewidth=2.5, label="stop, untouched")
+            axes.plot(ends, [surface / factor] * 2, color="#8d929b", linewidth=2.5, label="untouched surface")

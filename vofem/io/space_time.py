@@ -24,7 +24,9 @@ def space_time(result: Result, path: str | os.PathLike[str], *, body: Beam | str
     """Draw displacements as colours over time and place, and closed contacts as lines.
 
     The place is x along a beam. In a scene of masses only it is their number,
-    and a contact lies between the two that it joins.
+    and a contact lies between the two that it joins. Colours end at three times
+    the root mean square displacement where a few places move much further; the
+    colour bar then has arrows.
 
     Parameters
     ----------
@@ -62,12 +64,13 @@ def space_time(result: Result, path: str | os.PathLike[str], *, body: Beam | str
         eta = result.deflection(x, times, beam)
         places = along_beam(result.scene, beam)
     peak = float(np.max(np.abs(eta)))
-    factor, unit = length(peak)
+    bound = min(peak, 3.0 * float(np.sqrt(np.mean(eta**2))))
+    factor, unit = length(bound)
     figure, grid = panels((10.0, 5.2))
     axes = grid[0, 0]
     axes.grid(False)
-    bound = (peak / factor) or 1.0
-    style: dict[str, Any] = {"cmap": "RdBu_r", "vmin": -bound, "vmax": bound, "rasterized": True}
+    limit = bound / factor or 1.0
+    style: dict[str, Any] = {"cmap": "RdBu_r", "vmin": -limit, "vmax": limit, "rasterized": True}
     # Masses are bands with an edge where their contact lies; a beam has no edges.
     colors = axes.pcolormesh(times, x, eta / factor, shading="nearest" if masses else "gouraud", **style)
     spans = [(p.x, start, stop) for p in places for start, stop in closed_intervals(result, p.name)]
@@ -81,5 +84,6 @@ def space_time(result: Result, path: str | os.PathLike[str], *, body: Beam | str
     axes.set_ylabel("mass number" if masses else "x [m]")
     axes.set_xlim(times[0], times[-1])
     axes.set_ylim((0.5, x[-1] + 0.5) if masses else (x[0], x[-1]))
-    figure.colorbar(colors, ax=axes, label=f"displacement [{unit}]", pad=0.02)
+    extend = "both" if bound < peak else "neither"
+    figure.colorbar(colors, ax=axes, label=f"displacement [{unit}]", pad=0.02, extend=extend)
     return save(figure, goal)
