@@ -1,6 +1,7 @@
 """The paper's cantilever against its stop (section 4.2): 25 elements, 20 s, exact between events.
 
-Run it with ``python examples/cantilever_on_stop.py --output output``.
+The first figure is the paper's history of the tip with K_eq; ``beam_shapes.py`` has the shapes. Run it with
+``python examples/cantilever_on_stop.py --output output``.
 """
 
 from __future__ import annotations

@@ -6,7 +6,10 @@ import importlib.util
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scenes import LAWS, reference
+from scipy.optimize import brentq
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 
@@ -19,7 +22,7 @@ def load(name):
     return module
 
 
-def check_cantilever(result, printed):
+def check_cantilever(example, result, printed):
     stop = result.contacts["stop"]
     assert stop.closings[0] == pytest.approx(3.8131224981, abs=1e-9)
     assert result.counters.events == 12
@@ -27,20 +30,128 @@ def check_cantilever(result, printed):
     assert "12 contact events" in printed
 
 
-CHECKS = {"cantilever_on_stop": check_cantilever}
+def check_two_masses(example, results, printed):
+    """Displacements of both masses at all times, and the events, as in multi-precision arithmetic."""
+    for (acts_on, case), result in results.items():
+        data = reference(f"two_masses_{case}_{acts_on}")
+        for body, key in zip(result.scene.bodies, ("w_xi1", "w_xi2"), strict=True):
+            assert result.displacement(body, data["t"]) == pytest.approx(data[key], abs=1e-9)
+        contact = result.contacts["contact"]
+        assert contact.closings == pytest.approx(data["event_time"][data["event_is_closing"]], abs=1e-9)
+        assert f"{data['w_xi1'][-1]:.9f}" in printed
+    assert len(results) == 6
 
 
-def test_every_example_has_a_check():
-    assert {path.stem for path in EXAMPLES.glob("*.py")} == set(CHECKS)
+def check_beam_shapes(example, runs, printed):
+    """Deflections of all nodes as in multi-precision arithmetic, and the integer-order model with both."""
+    for acts_on in LAWS:
+        data = reference(f"beam_shape_{acts_on}")
+        reference_nodes = data["snap_X"][:50:2]
+        exact, same, plain = runs[acts_on]
+        nodes = np.linspace(0.0, 1.0, 26)[1:]
+        assert exact.deflection(nodes, data["snap_t"]) == pytest.approx(reference_nodes, abs=1e-9)
+        # Eq. 21 is of first order under the jump law.
+        assert plain[1:] == pytest.approx(reference_nodes, abs=5e-6 if acts_on == "displacement" else 1e-7)
+        assert same == pytest.approx(plain, abs=5e-9)
+        assert f"{reference_nodes[-1, 1]:.9f}" in printed
+
+
+def check_several_stops(example, result, printed):
+    """The same beam and stops by Eq. 21 with the paper's matrices."""
+    mass, stiffness = load("beam_shapes").cantilever(example.ELEMENTS)
+    inverse, dt = np.linalg.inv(mass), 2e-5
+    at = np.array([2 * round(example.ELEMENTS * x) - 2 for x, _, _ in example.STOPS.values()])
+    gap = np.array([gap for _, gap, _ in example.STOPS.values()])
+    sign = np.array([-1.0 if side == "below" else 1.0 for _, _, side in example.STOPS.values()])
+    eta, rate, closings = np.zeros(len(mass)), np.zeros(len(mass)), {}
+    for n in range(round(0.5 / dt)):
+        s = sign * eta[at] - gap
+        # The blow ends within a step, at its middle.
+        blow = 1.0 if n < round(0.05 / dt) else 0.5 if n == round(0.05 / dt) else 0.0
+        force = -(stiffness @ eta)
+        force[-2] -= 4.0 * blow
+        force[at] -= sign * example.STIFFNESS * np.maximum(s, 0.0)
+        for k in np.flatnonzero(s > 0.0):
+            closings.setdefault(k, n * dt)
+        rate += (dt if n else 0.5 * dt) * (inverse @ force)
+        eta += dt * rate
+    (beam,) = result.scene.bodies
+    assert result.displacement(beam.at(1.0), [0.5])[0] == pytest.approx(eta[-2], abs=1e-5)
+    for k, name in enumerate(example.STOPS):
+        assert result.contacts[name].closings[0] == pytest.approx(closings[k], abs=2 * dt)
+    assert "closed: near, middle, far" in printed
+    assert result.energy.balance_error < 1e-12
+
+
+def check_one_sided_foundation(example, outcome, printed):
+    """Contact over pi/(2 lambda) on each side, w0 = (P lambda/2k) coth(pi/2)."""
+    rows, result = outcome
+    exact = 0.125 / np.tanh(np.pi / 2)
+    assert f"{exact:.9f}" in printed
+    for elements, half, w0 in rows:
+        h = 12.0 / elements
+        assert half == pytest.approx(np.pi / 2, abs=h)
+        assert w0 == pytest.approx(exact, rel=4e-3 * h**2)
+    assert result.energy.balance_error < 1e-10
+    assert result.counters.events > 100
+    # Symmetric about the middle, as scene and start are.
+    x = np.linspace(0.0, 6.0, 13)
+    assert result.deflection(x, [5.0]) == pytest.approx(result.deflection(12.0 - x, [5.0]), abs=1e-9)
+
+
+def check_chain_of_masses(example, results, printed):
+    """The first closing in closed form; statuses and displacements of eight masses by central differences."""
+    own, forced = np.sqrt(0.1), 2.0
+
+    def first(t):
+        return (np.sin(forced * t) - forced / own * np.sin(own * t)) / (own**2 - forced**2) - 0.05
+
+    closing = brentq(first, 0.1, 1.0, xtol=1e-14)
+    for count, result in results.items():
+        assert result.contacts["gap 1"].closings[0] == pytest.approx(closing, abs=1e-11)
+        assert f"{result.counters.statuses:d}   {2 ** (count - 1):10d}" in printed
+        assert result.counters.statuses <= 2 ** (count - 1)
+    x, v, seen, dt = np.zeros(8), np.zeros(8), set(), 2e-4
+    for n in range(round(20.0 / dt)):
+        s = np.maximum(x[:-1] - x[1:] - 0.05, 0.0)
+        seen.add((s > 0.0).tobytes())
+        force = -0.1 * x
+        force[:-1] -= 100.0 * s
+        force[1:] += 100.0 * s
+        force[0] += np.sin(2.0 * n * dt)
+        v += (dt if n else 0.5 * dt) * force
+        x += dt * v
+    assert results[8].counters.statuses == len(seen)
+    bodies = results[8].scene.bodies
+    assert [results[8].displacement(body)[-1] for body in bodies] == pytest.approx(x, abs=1e-4)
+
+
+CHECKS = {
+    "beam_shapes": check_beam_shapes,
+    "cantilever_on_stop": check_cantilever,
+    "chain_of_masses": check_chain_of_masses,
+    "one_sided_foundation": check_one_sided_foundation,
+    "several_stops": check_several_stops,
+    "two_masses": check_two_masses,
+}
+
+
+def test_every_example_has_a_check_and_a_line():
+    names = {path.stem for path in EXAMPLES.glob("*.py")}
+    assert names == set(CHECKS)
+    listed = (EXAMPLES / "README.md").read_text()
+    for name in names:
+        assert f"python examples/{name}.py" in listed
 
 
 @pytest.mark.parametrize("name", sorted(CHECKS))
 def test_example(name, tmp_path, capsys):
-    result = load(name).main(tmp_path)
+    example = load(name)
+    result = example.main(tmp_path)
     printed = capsys.readouterr().out
-    CHECKS[name](result, printed)
     pictures = sorted(tmp_path.glob("*.png"))
     assert pictures
     for picture in pictures:
         assert str(picture) in printed
         assert picture.stat().st_size > 5000
+    CHECKS[name](example, result, printed)

@@ -13,7 +13,8 @@ from vofem.io import backend_matplotlib
 from vofem.io import render as render_module
 from vofem.io.files import replacing
 from vofem.io.layout import arrange
-from vofem.io.plot import draw_scene, time_history
+from vofem.io.places import along_beam, between_masses
+from vofem.io.plot import draw_scene, shapes, space_time, time_history
 from vofem.io.probe import Probe, probe, verdict
 from vofem.io.render import render
 from vofem.io.sketch import sketch
@@ -209,6 +210,74 @@ def test_time_history(paper, tmp_path):
         assert (orange(image) > 200) is (name != "none")
 
 
+def test_time_history_of_several_points_and_runs(tmp_path):
+    scene = two_masses()
+    result = vf.simulate(scene, 3.0)
+    one = pixels(time_history(result, scene.bodies, tmp_path / "one.png"))
+    assert orange(one) > 200
+    other = vf.simulate(two_masses(), 2.0)
+    both = pixels(time_history({"first": result, "cost $": other}, list(scene.bodies), tmp_path / "both.png"))
+    assert both.shape[1] > one.shape[1]
+    with pytest.raises(vf.ArgumentError, match="expected a point"):
+        time_history(result, 3.0, tmp_path / "a.png")
+    with pytest.raises(vf.ArgumentError, match="found none"):
+        time_history(result, [], tmp_path / "a.png")
+
+
+def test_shapes(paper, tmp_path):
+    _, result = paper
+    times = [1.0, 0.5 * (result.contacts["stop"].closings[0] + result.contacts["stop"].openings[0])]
+    assert orange(pixels(shapes(result, times[:1], tmp_path / "open.png"))) == 0
+    closed = pixels(shapes(result, times, tmp_path / "closed.png"))
+    assert orange(closed) > 20
+    x = np.linspace(0.0, 1.0, 30)
+    beside = ("elsewhere", x, result.deflection(x, times))
+    marked = pixels(shapes({"a": result, "b": result}, times, tmp_path / "marked.png", beside={"b": beside}))
+    assert marked.shape[1] > closed.shape[1]
+    with pytest.raises(vf.ArgumentError, match=r"shape \(30, 2\), expected \(30, 1\)"):
+        shapes(result, times[:1], tmp_path / "a.png", beside=beside)
+    with pytest.raises(vf.ArgumentError, match="expected 0 to 6 s"):
+        shapes(result, [7.0], tmp_path / "a.png")
+
+
+def test_shapes_of_an_equilibrium_on_a_foundation(tmp_path):
+    beam = vf.Beam(12.0, 1.0, 1.0, 40)
+    bed = vf.Foundation(beam, stiffness=4.0, one_sided=True, name="bed")
+    scene = vf.Scene([beam], [bed, vf.PointLoad(beam.at(6.0), -1.0)])
+    outcome = vf.equilibrium(scene)
+    places = along_beam(scene, beam)
+    assert [p.x for p in places] == pytest.approx(beam.nodes)
+    assert {p.surface for p in places} == {0.0}
+    assert orange(pixels(shapes(outcome, None, tmp_path / "a.png", scene=scene))) > 100
+    with pytest.raises(vf.ArgumentError, match="scene="):
+        shapes(outcome, None, tmp_path / "b.png")
+    free = vf.simulate(vf.Scene([beam], [vf.PointLoad(beam.at(6.0), -1.0)]), 1.0)
+    assert orange(pixels(shapes(free, [0.0, 1.0], tmp_path / "c.png"))) == 0
+
+
+def test_space_time(paper, tmp_path):
+    _, result = paper
+    assert pixels(space_time(result, tmp_path / "beam.png")).std() > 0.05
+    chain = two_masses()
+    assert [p.x for p in between_masses(chain)] == [1.5]
+    assert pixels(space_time(vf.simulate(chain, 3.0), tmp_path / "masses.png")).std() > 0.05
+    still = vf.simulate(vf.Scene(two_masses().bodies, []), 1.0, method="central_difference")
+    assert space_time(still, tmp_path / "still.png").exists()
+
+
+def test_which_beam_is_drawn(tmp_path):
+    scene = two_beams()
+    result = vf.simulate(scene, 0.1)
+    for draw in (space_time, lambda r, path, **body: shapes(r, [0.1], path, **body)):
+        with pytest.raises(vf.ArgumentError, match="say which one with body="):
+            draw(result, tmp_path / "a.png")
+        assert draw(result, tmp_path / "a.png", body="upper").exists()
+    mass = vf.Mass(1.0)
+    mixed = vf.simulate(vf.Scene([*scene.bodies[:1], mass], []), 0.1)
+    with pytest.raises(vf.ArgumentError, match="beams and masses; say which beam"):
+        space_time(mixed, tmp_path / "b.png")
+
+
 def test_stepping_method(tmp_path):
     scene = two_sided(-30.0)
     (beam,) = scene.bodies
@@ -231,6 +300,8 @@ def test_unwritable_path(paper, tmp_path):
             lambda path=path: render(result, 1.0, path),
             lambda path=path: draw_scene(result, 1.0, path),
             lambda path=path: time_history(result, beam.at(1.0), path),
+            lambda path=path: shapes(result, [1.0], path),
+            lambda path=path: space_time(result, path),
         ):
             with pytest.raises(vf.OutputError, match=r"cannot be written: .*(create|choose|give)") as caught:
                 draw()

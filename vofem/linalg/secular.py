@@ -99,14 +99,18 @@ def _root(d: Array, w: Array, k: int, one: float) -> tuple[int, float]:
 
 
 @jit
-def _deflate(d: Array, c: Array, vectors: Array) -> NDArray[np.int64]:
-    """Rotate coinciding poles so that one of them takes all of the coupling; return the poles that are coupled."""
+def _deflate(d: Array, c: Array, vectors: Array) -> tuple[NDArray[np.int64], bool]:
+    """Rotate coinciding poles so that one of them takes all of the coupling.
+
+    Returns the poles that are coupled, and whether `vectors` is the identity still.
+    """
     n = d.size
     norm = np.sqrt(np.sum(c * c))
     active = np.zeros(n, dtype=np.bool_)
     for i in range(n):
         active[i] = abs(c[i]) > 1e-18 * norm
     previous = -1
+    plain = True
     for i in range(n):
         if not active[i]:
             continue
@@ -119,8 +123,21 @@ def _deflate(d: Array, c: Array, vectors: Array) -> NDArray[np.int64]:
                 vectors[row, i] = sn * a + cs * b
             c[previous], c[i] = 0.0, r
             active[previous] = False
+            plain = False
         previous = i
-    return np.flatnonzero(active)
+    return np.flatnonzero(active), plain
+
+
+@jit
+def _place(vectors: Array, index: NDArray[np.int64], local: Array, plain: bool) -> None:
+    """Replace the first columns of `index` by their combinations; without rotations these are `local` itself."""
+    columns = index[: local.shape[1]]
+    if plain:
+        for k in range(columns.size):
+            for j in range(index.size):
+                vectors[index[j], columns[k]] = local[j, k]
+    else:
+        vectors[:, columns] = np.ascontiguousarray(vectors[:, index]) @ local
 
 
 @jit
@@ -159,7 +176,7 @@ def rank_one(d: Array, c: Array, rho: float) -> tuple[Array, Array]:
     vectors = np.eye(d.size)
     c = c.copy()
     values = d.copy()
-    index = _deflate(d, c, vectors)
+    index, plain = _deflate(d, c, vectors)
     m = index.size
     if m == 0:
         return values, vectors
@@ -181,7 +198,7 @@ def rank_one(d: Array, c: Array, rho: float) -> tuple[Array, Array]:
         total = np.sqrt(total) * (1.0 if local[k, k] > 0.0 else -1.0)
         for j in range(m):
             local[j, k] /= total
-    vectors[:, index] = np.ascontiguousarray(vectors[:, index]) @ local
+    _place(vectors, index, local, plain)
     order = np.argsort(values)
     return values[order], vectors[:, order]
 
@@ -209,7 +226,7 @@ def constrain(d: Array, c: Array) -> tuple[Array, Array, Array]:
     n = d.size
     vectors = np.eye(n)
     c = c.copy()
-    index = _deflate(d, c, vectors)
+    index, plain = _deflate(d, c, vectors)
     m = index.size
     poles = d[index]
     w = c[index] * c[index]
@@ -233,10 +250,9 @@ def constrain(d: Array, c: Array) -> tuple[Array, Array, Array]:
         for j in range(m):
             local[j, k] /= total
         force[index[k]] = 1.0 / (total * ratio)
-    changed = np.ascontiguousarray(vectors[:, index]) @ local
+    _place(vectors, index, local, plain)
     kept = np.ones(n, dtype=np.bool_)
     kept[index[m - 1]] = False
-    vectors[:, index[: m - 1]] = changed
     values, force, vectors = values[kept], force[kept], vectors[:, kept]
     order = np.argsort(values)
     return values[order], vectors[:, order], force[order]

@@ -1,0 +1,62 @@
+"""Where contacts lie along a beam or between masses."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from vofem.bodies import Beam
+from vofem.bodies.base import Body
+from vofem.effects import Contact, Foundation
+from vofem.errors import ArgumentError
+from vofem.io.layout import place_of
+from vofem.scene import Scene
+
+
+class Place(NamedTuple):
+    """A contact of a body.
+
+    Attributes
+    ----------
+    name : str
+    x : float
+        On the axis of a beam in m; for masses, numbered from 1, between their numbers.
+    surface : float or None
+        The displacement in m at which the body touches a stop; None between two bodies.
+    """
+
+    name: str
+    x: float
+    surface: float | None
+
+
+def along_beam(scene: Scene, beam: Beam) -> list[Place]:
+    """Return the contacts of a beam, those of a one-sided foundation at every node among them."""
+    places = []
+    held = set(scene.model.system.contacts.names) if scene.model.system.contacts is not None else set()
+    for effect in scene.effects:
+        if isinstance(effect, Contact):
+            surface = None if effect.b is not None else -effect.gap if effect.side == "below" else effect.gap
+            places += [Place(effect.name, place_of(p), surface) for p in effect.points() if p.body is beam]
+        elif isinstance(effect, Foundation) and effect.beam is beam:
+            nodes = [(f"{effect.name}[{node}]", float(x)) for node, x in enumerate(beam.nodes)]
+            places += [Place(name, x, -effect.gap) for name, x in nodes if name in held]
+    return places
+
+
+def between_masses(scene: Scene) -> list[Place]:
+    """Return the contacts of masses, which are numbered from 1 in the order of the scene."""
+    number: dict[Body, int] = {body: k for k, body in enumerate(scene.bodies, start=1)}
+    places = []
+    for contact in scene.contacts:
+        numbers = [number[point.body] for point in contact.points()]
+        places.append(Place(contact.name, sum(numbers) / len(numbers), None))
+    return places
+
+
+def one_beam(scene: Scene, body: Beam | str | None) -> Beam:
+    """Return the beam of a scene that is meant: that of this name, or the only one."""
+    beams = [b for b in scene.bodies if isinstance(b, Beam)]
+    wanted = [b for b in beams if body is None or b.name == getattr(body, "name", body)]
+    if len(wanted) != 1:
+        raise ArgumentError(f"the scene has the beams {[b.name for b in beams]}; say which one with body=")
+    return wanted[0]

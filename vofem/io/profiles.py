@@ -1,0 +1,142 @@
+"""Shapes of a beam at given times, with its stops, beside other results."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vofem.bodies import Beam
+from vofem.errors import ArgumentError
+from vofem.io.axes import COLORS, INK, goal_of, legend, panels, plain, save
+from vofem.io.places import Place, along_beam, one_beam
+from vofem.io.units import length
+from vofem.result import Result
+from vofem.scene import Scene
+from vofem.statics import Equilibrium
+from vofem.system import OPEN
+
+Array = NDArray[np.float64]
+Outcome = Result | Equilibrium
+Others = tuple[str, ArrayLike, ArrayLike]
+
+#: Points along a beam at which its shape is drawn, and marks of another result along it.
+_POINTS, _MARKS = 401, 26
+_LINES = (INK, COLORS[1], COLORS[2], COLORS[3], COLORS[4], COLORS[5])
+
+
+def shapes(
+    outcome: Outcome | Mapping[str, Outcome],
+    times: ArrayLike | None,
+    path: str | os.PathLike[str],
+    *,
+    scene: Scene | None = None,
+    body: Beam | str | None = None,
+    beside: Others | Mapping[str, Others] | None = None,
+) -> Path:
+    """Draw the deflection along a beam at given times, and where its contacts are closed.
+
+    Parameters
+    ----------
+    outcome : Result or Equilibrium, or mapping of titles to them
+        Several are drawn side by side, with the same axes.
+    times : array_like or None
+        In s, one line each; None for an equilibrium.
+    path : path of a .png, .pdf or .svg
+    scene : Scene, optional
+        That of an equilibrium.
+    body : Beam or name, optional
+        Needed where the scene has several beams.
+    beside : (name, x, eta), optional
+        Another result, drawn with markers: x in m, shape (n,), and eta in m,
+        shape (n, n_times) or (n,); a mapping by the titles of `outcome` where
+        that is one.
+
+    Returns
+    -------
+    Path
+        `path`.
+
+    Raises
+    ------
+    ArgumentError
+        For an equilibrium without its scene, a scene with several beams and no
+        `body`, times outside the run, or shapes that do not fit.
+    OutputError
+        If the file cannot be written.
+    """
+    goal = goal_of(path)
+    runs: Mapping[str, Outcome] = outcome if isinstance(outcome, Mapping) else {"": outcome}
+    others: Mapping[str, Any] = beside if isinstance(beside, Mapping) else dict.fromkeys(runs, beside)
+    at = [None] if times is None else [float(t) for t in np.atleast_1d(np.asarray(times, dtype=float))]
+    drawn = {title: _Shapes(run, at, scene, body) for title, run in runs.items()}
+    factor, unit = length(max(float(np.max(np.abs(shape.eta))) for shape in drawn.values()))
+    width = 9.0 if len(runs) == 1 else 2.0 + 4.6 * len(runs)
+    figure, grid = panels((width, 4.6), 1, len(runs), sharey=True)
+    for axes, (title, shape) in zip(grid[0], drawn.items(), strict=True):
+        shape.draw(axes, factor, others.get(title))
+        axes.set_title(plain(title), fontsize=11)
+        axes.set_xlabel("x [m]")
+    grid[0, 0].set_ylabel(f"deflection [{unit}]")
+    legend(grid[0, -1], grid[0])
+    return save(figure, goal)
+
+
+class _Shapes:
+    """One beam at several times: x (n,), eta (n, n_times) and which contacts hold it."""
+
+    def __init__(self, outcome: Outcome, times: Sequence[float | None], scene: Scene | None, body: Any) -> None:
+        if isinstance(outcome, Equilibrium) and scene is None:
+            raise ArgumentError("a picture of an equilibrium needs scene=, the Scene that it is the equilibrium of")
+        within = scene if isinstance(outcome, Equilibrium) else outcome.scene
+        assert within is not None
+        self.times = times
+        self.beam = one_beam(within, body)
+        self.places = along_beam(within, self.beam)
+        self.x = np.union1d(np.linspace(self.beam.nodes[0], self.beam.nodes[-1], _POINTS), self.beam.nodes)
+        self.held = np.array([p.x for p in self.places])
+        if isinstance(outcome, Equilibrium):
+            self.closed = np.array([[outcome.contacts[p.name].status != "open"] for p in self.places], dtype=bool)
+            self.eta, self.at_held = (outcome.deflection(x, self.beam)[:, None] for x in (self.x, self.held))
+        else:
+            laws, at = outcome.model.system.contacts, np.array(times, dtype=float)
+            self.eta, self.at_held = (outcome.deflection(x, at, self.beam) for x in (self.x, self.held))
+            if laws is not None:
+                rows = [laws.names.index(p.name) for p in self.places]
+                self.closed = outcome.solution.contacts(at).status[rows] != OPEN
+
+    def draw(self, axes: Any, factor: float, beside: Any) -> None:
+        """Draw lines, closed contacts, stops and another result's markers; lengths are divided by `factor`."""
+        _draw_stops(axes, self.places, self.beam.length, factor)
+        for k, t in enumerate(self.times):
+            label = "deflection" if t is None else f"t = {t:g} s"
+            axes.plot(self.x, self.eta[:, k] / factor, color=_LINES[k % len(_LINES)], linewidth=1.6, label=label)
+            if self.places and np.any(self.closed[:, k]):
+                on = self.closed[:, k]
+                dots = {"color": COLORS[0], "linestyle": "", "marker": "o", "markersize": 6.0, "zorder": 3}
+                axes.plot(self.held[on], self.at_held[on, k] / factor, **dots, label="closed contact")
+        if beside is not None:
+            name, x, eta = beside
+            x, eta = np.asarray(x, dtype=float), np.asarray(eta, dtype=float) / factor
+            eta = eta[:, None] if eta.ndim == 1 else eta
+            if eta.shape != (x.size, len(self.times)):
+                raise ArgumentError(f"beside: eta has shape {eta.shape}, expected {(x.size, len(self.times))}")
+            some = np.unique(np.linspace(0, x.size - 1, _MARKS).round().astype(int))
+            marks = {"linestyle": "", "marker": "o", "markersize": 5.0, "markerfacecolor": "none", "zorder": 4}
+            for k in range(eta.shape[1]):
+                axes.plot(x[some], eta[some, k], **marks, color=_LINES[k % len(_LINES)], label=name)
+
+
+def _draw_stops(axes: Any, places: list[Place], size: float, factor: float) -> None:
+    """Draw the surfaces of stops where they are while they are not touched; those in a row as one line."""
+    surfaces = sorted({p.surface for p in places if p.surface is not None})
+    for surface in surfaces:
+        at = np.array(sorted(p.x for p in places if p.surface == surface))
+        near = 0.02 * size
+        for group in np.split(at, np.flatnonzero(np.diff(at) > 5.0 * near) + 1):
+            ends = (group[0] - near, group[-1] + near)
+            axes.plot(ends, [surface / factor] * 2, color="#8d929b", linewidth=2.5, label="untouched surface")

@@ -1,0 +1,89 @@
+"""Maps of a motion over time and place, with the times at which contacts are closed."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vofem.bodies import Beam
+from vofem.errors import ArgumentError
+from vofem.io.axes import INK, goal_of, panels, save
+from vofem.io.histories import closed_intervals
+from vofem.io.places import along_beam, between_masses, one_beam
+from vofem.io.units import length
+from vofem.result import Result
+
+#: Times, and points along a beam, at which the motion is drawn.
+_TIMES, _POINTS = 1201, 201
+
+
+def space_time(result: Result, path: str | os.PathLike[str], *, body: Beam | str | None = None) -> Path:
+    """Draw displacements as colours over time and place, and closed contacts as lines.
+
+    The place is x along a beam. In a scene of masses only it is their number,
+    and a contact lies between the two that it joins. Colours end at three times
+    the root mean square displacement where a few places move much further; the
+    colour bar then has arrows.
+
+    Parameters
+    ----------
+    result : Result
+    path : path of a .png, .pdf or .svg
+    body : Beam or name, optional
+        Needed where the scene has several beams, or beams and masses.
+
+    Returns
+    -------
+    Path
+        `path`.
+
+    Raises
+    ------
+    ArgumentError
+        Where it is not clear what to draw.
+    OutputError
+        If the file cannot be written.
+    """
+    goal = goal_of(path)
+    end = min(float(result.times[-1]), result.solution.t_end)
+    stored = result.times[result.times <= end]
+    times = np.linspace(0.0, end, _TIMES) if result.method == "event_driven" else stored
+    masses = body is None and not any(isinstance(b, Beam) for b in result.scene.bodies)
+    if body is None and not masses and any(not isinstance(b, Beam) for b in result.scene.bodies):
+        raise ArgumentError("the scene has beams and masses; say which beam with body=")
+    if masses:
+        eta = np.array([result.displacement(b, times) for b in result.scene.bodies])
+        x = np.arange(1.0, 1.0 + len(eta))
+        places = between_masses(result.scene)
+    else:
+        beam = one_beam(result.scene, body)
+        x = np.linspace(beam.nodes[0], beam.nodes[-1], _POINTS)
+        eta = result.deflection(x, times, beam)
+        places = along_beam(result.scene, beam)
+    peak = float(np.max(np.abs(eta)))
+    bound = min(peak, 3.0 * float(np.sqrt(np.mean(eta**2))))
+    factor, unit = length(bound)
+    figure, grid = panels((10.0, 5.2))
+    axes = grid[0, 0]
+    axes.grid(False)
+    limit = bound / factor or 1.0
+    style: dict[str, Any] = {"cmap": "RdBu_r", "vmin": -limit, "vmax": limit, "rasterized": True}
+    # Masses are bands with an edge where their contact lies; a beam has no edges.
+    colors = axes.pcolormesh(times, x, eta / factor, shading="nearest" if masses else "gouraud", **style)
+    spans = [(p.x, start, stop) for p in places for start, stop in closed_intervals(result, p.name)]
+    if spans:
+        at, start, stop = np.array(spans).T
+        axes.hlines(at, start, stop, color=INK, linewidth=2.4 if masses else 1.4, label="closed contact")
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=9)
+    if masses:
+        axes.yaxis.get_major_locator().set_params(integer=True)
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel("mass number" if masses else "x [m]")
+    axes.set_xlim(times[0], times[-1])
+    axes.set_ylim((0.5, x[-1] + 0.5) if masses else (x[0], x[-1]))
+    extend = "both" if bound < peak else "neither"
+    figure.colorbar(colors, ax=axes, label=f"displacement [{unit}]", pad=0.02, extend=extend)
+    return save(figure, goal)
