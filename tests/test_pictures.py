@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 
 import vofem as vf
-from vofem.io import backend_matplotlib
 from vofem.io import render as render_module
 from vofem.io.files import replacing
-from vofem.io.layout import arrange
-from vofem.io.places import along_beam, between_masses
+from vofem.io.pictures import backend_matplotlib
+from vofem.io.pictures.layout import arrange
+from vofem.io.pictures.places import along_beam, between_masses
+from vofem.io.pictures.sketch import sketch
+from vofem.io.pictures.snapshot import snapshot
+from vofem.io.pictures.units import nice_above, nice_below, spell
 from vofem.io.plot import draw_scene, shapes, space_time, time_history
 from vofem.io.probe import Probe, probe, verdict
 from vofem.io.render import render
-from vofem.io.sketch import sketch
-from vofem.io.snapshot import snapshot
-from vofem.io.units import nice_above, nice_below, spell
 
 ORANGE = np.array([0xE0, 0x7B, 0x21]) / 255.0
 

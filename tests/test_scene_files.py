@@ -16,10 +16,10 @@ from scenes import FORCES, paper_beam, two_masses
 
 import vofem as vf
 from vofem.effects.time_functions import Scaled, Sum
-from vofem.io import toml_text
 from vofem.io.scene_file import OutputSettings, RunSettings, UniformTimes, scene_to_toml
-from vofem.io.scene_place import Book, Place
-from vofem.io.scene_schema import BODIES, EFFECTS, TIME_FUNCTION
+from vofem.io.scenes import toml_text
+from vofem.io.scenes.place import Book, Place
+from vofem.io.scenes.schema import BODIES, EFFECTS, TIME_FUNCTION
 
 MESHES = Path(__file__).parent.parent / "meshes"
 

@@ -15,7 +15,8 @@ from test_architecture import loaded_after
 
 import vofem as vf
 from vofem.integrators.base import ContactSamples
-from vofem.io import vtk, vtu
+from vofem.io import vtk
+from vofem.io.series import vtu
 from vofem.io.vtk import write_series
 
 BEAM, MASS, CONTACT, STOP = range(4)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from vofem.io.axes import goal_of
 from vofem.io.files import replacing
-from vofem.io.histories import time_history
-from vofem.io.profiles import shapes
-from vofem.io.space_time import space_time
+from vofem.io.pictures.axes import goal_of
+from vofem.io.pictures.histories import time_history
+from vofem.io.pictures.profiles import shapes
+from vofem.io.pictures.space_time import space_time
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.statics import Equilibrium
@@ -51,9 +51,9 @@ def draw_scene(
     OutputError
         If the file cannot be written.
     """
-    from vofem.io.backend_matplotlib import draw
-    from vofem.io.sketch import sketch
-    from vofem.io.snapshot import snapshot
+    from vofem.io.pictures.backend_matplotlib import draw
+    from vofem.io.pictures.sketch import sketch
+    from vofem.io.pictures.snapshot import snapshot
 
     goal = goal_of(path)
     drawing = sketch(snapshot(outcome, t, scene), size, magnification)

@@ -75,8 +75,8 @@ def render(
     OutputError
         If the file cannot be written.
     """
-    from vofem.io.sketch import sketch
-    from vofem.io.snapshot import snapshot
+    from vofem.io.pictures.sketch import sketch
+    from vofem.io.pictures.snapshot import snapshot
 
     goal = target(path, (".png",))
     drawing = sketch(snapshot(result, t, scene), size, magnification)
@@ -84,11 +84,11 @@ def render(
     with replacing(goal) as temporary:
         if found.works:
             prepare_environment()
-            from vofem.io import backend_vtk
+            from vofem.io.pictures import backend_vtk
 
             temporary.write_bytes(backend_vtk.draw(drawing))
         else:
-            from vofem.io import backend_matplotlib
+            from vofem.io.pictures import backend_matplotlib
 
             backend_matplotlib.draw(drawing, temporary)
     if found.works:

@@ -12,10 +12,10 @@ from typing import Any
 from vofem._validate import nearest
 from vofem.errors import ArgumentError, SceneFileError
 from vofem.io.files import replacing
-from vofem.io.scene_place import Book
-from vofem.io.scene_reader import read_tables
-from vofem.io.scene_settings import OutputSettings, RunSettings, UniformTimes
-from vofem.io.scene_writer import scene_to_toml
+from vofem.io.scenes.place import Book
+from vofem.io.scenes.reader import read_tables
+from vofem.io.scenes.settings import OutputSettings, RunSettings, UniformTimes
+from vofem.io.scenes.writer import scene_to_toml
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.simulate import simulate

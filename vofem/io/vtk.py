@@ -24,9 +24,9 @@ from numpy.typing import ArrayLike, NDArray
 from vofem._validate import array, number
 from vofem.errors import ArgumentError, OutputError
 from vofem.io.files import replacing
-from vofem.io.placement import place
-from vofem.io.vtk_grid import Grid
-from vofem.io.vtu import VtuTemplate
+from vofem.io.series.grid import Grid
+from vofem.io.series.placement import place
+from vofem.io.series.vtu import VtuTemplate
 from vofem.result import Result
 
 Array = NDArray[np.float64]
@@ -70,7 +70,7 @@ def write_series(
 
     Geometry is at rest; in ParaView, Warp By Vector with ``deflection`` and
     the scale factor `magnification` moves it. x runs along the beams, y up,
-    and every body has its own plane z, see `vofem.io.placement`.
+    and every body has its own plane z, see `vofem.io.series.placement`.
 
     ===========  ==========================================================================
     point data   ``deflection`` (vector) and ``eta`` (its y) in m, ``velocity`` in m/s,

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem.errors import ArgumentError
-from vofem.io.scene_entry import Entry
-from vofem.io.scene_kinds import NOT_NEGATIVE, NUMBER, POSITIVE, Choice, Count, Numbers
-from vofem.io.scene_parts import PointByName
-from vofem.io.scene_place import INVALID, Book, Invalid, Place
+from vofem.io.scenes.entry import Entry
+from vofem.io.scenes.kinds import NOT_NEGATIVE, NUMBER, POSITIVE, Choice, Count, Numbers
+from vofem.io.scenes.parts import PointByName
+from vofem.io.scenes.place import INVALID, Book, Invalid, Place
 from vofem.simulate import METHODS, option_names
 
 Array = NDArray[np.float64]

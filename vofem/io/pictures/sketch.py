@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from vofem._validate import number
 from vofem.bodies import Beam
 from vofem.errors import ArgumentError
-from vofem.io import shapes
-from vofem.io.drawing import (
+from vofem.io.pictures import shapes
+from vofem.io.pictures.drawing import (
     BLOCK,
     GROUND,
     INK,
@@ -21,10 +21,10 @@ from vofem.io.drawing import (
     Label,
     Strip,
 )
-from vofem.io.layout import BAR, Lane, Layout, arrange, side_of_ground
-from vofem.io.links import add_links
-from vofem.io.snapshot import Snapshot
-from vofem.io.units import length, nice_above, nice_below, prefixed, spell, three_digits
+from vofem.io.pictures.layout import BAR, Lane, Layout, arrange, side_of_ground
+from vofem.io.pictures.links import add_links
+from vofem.io.pictures.snapshot import Snapshot
+from vofem.io.pictures.units import length, nice_above, nice_below, prefixed, spell, three_digits
 
 Array = NDArray[np.float64]
 

@@ -8,11 +8,11 @@ import numpy as np
 
 from vofem.bodies import Beam
 from vofem.bodies.base import Point
-from vofem.io import shapes
-from vofem.io.drawing import CLOSED, CLOSED_TEXT, OPEN, OPEN_TEXT, SPRING, Drawing, Label
-from vofem.io.layout import MASS_HALF, Layout, place_of, side_of_ground
-from vofem.io.snapshot import Link, Snapshot
-from vofem.io.units import spell
+from vofem.io.pictures import shapes
+from vofem.io.pictures.drawing import CLOSED, CLOSED_TEXT, OPEN, OPEN_TEXT, SPRING, Drawing, Label
+from vofem.io.pictures.layout import MASS_HALF, Layout, place_of, side_of_ground
+from vofem.io.pictures.snapshot import Link, Snapshot
+from vofem.io.pictures.units import spell
 
 #: Length in pixels of a spring that is drawn as short as can be.
 _SHORTEST = 40.0

@@ -6,9 +6,9 @@ from vofem import effects
 from vofem.bodies import Beam, Mass
 from vofem.bodies.beam import SUPPORTS
 from vofem.effects import time_functions as functions
-from vofem.io.scene_beam import Elements, build_beam, values_of_beam
-from vofem.io.scene_entry import Entry
-from vofem.io.scene_kinds import (
+from vofem.io.scenes.beam import Elements, build_beam, values_of_beam
+from vofem.io.scenes.entry import Entry
+from vofem.io.scenes.kinds import (
     NAME,
     NOT_NEGATIVE,
     NUMBER,
@@ -20,7 +20,7 @@ from vofem.io.scene_kinds import (
     Supports,
     YesOrNo,
 )
-from vofem.io.scene_parts import (
+from vofem.io.scenes.parts import (
     BodyByName,
     Coefficient,
     FunctionOfTime,
@@ -29,7 +29,7 @@ from vofem.io.scene_parts import (
     PointByName,
     TimeFunctions,
 )
-from vofem.io.scene_switch import Switch
+from vofem.io.scenes.switch import Switch
 from vofem.polynomial import Polynomial
 
 

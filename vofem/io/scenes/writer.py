@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from vofem.errors import SceneFileError
-from vofem.io import toml_text
-from vofem.io.scene_entry import Entry
-from vofem.io.scene_kinds import Unwritable
-from vofem.io.scene_place import Book, Place
-from vofem.io.scene_reader import INITIAL
-from vofem.io.scene_schema import BODIES, EFFECTS, FIELD
-from vofem.io.scene_settings import OUTPUT, RUN, OutputSettings, RunSettings
+from vofem.io.scenes import toml_text
+from vofem.io.scenes.entry import Entry
+from vofem.io.scenes.kinds import Unwritable
+from vofem.io.scenes.place import Book, Place
+from vofem.io.scenes.reader import INITIAL
+from vofem.io.scenes.schema import BODIES, EFFECTS, FIELD
+from vofem.io.scenes.settings import OUTPUT, RUN, OutputSettings, RunSettings
 from vofem.scene import Scene, as_scene
 
 

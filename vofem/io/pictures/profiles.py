@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from vofem.bodies import Beam
 from vofem.errors import ArgumentError
-from vofem.io.axes import COLORS, INK, goal_of, legend, panels, plain, save
-from vofem.io.places import Place, along_beam, one_beam
-from vofem.io.units import length
+from vofem.io.pictures.axes import COLORS, INK, goal_of, legend, panels, plain, save
+from vofem.io.pictures.places import Place, along_beam, one_beam
+from vofem.io.pictures.units import length
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.statics import Equilibrium

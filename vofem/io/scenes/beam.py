@@ -11,8 +11,8 @@ import numpy as np
 from vofem.bodies import Beam
 from vofem.bodies.mesh import LineMesh
 from vofem.errors import ArgumentError
-from vofem.io.scene_kinds import Count, Numbers, Unwritable
-from vofem.io.scene_place import Book, Place
+from vofem.io.scenes.kinds import Count, Numbers, Unwritable
+from vofem.io.scenes.place import Book, Place
 
 
 class Elements:

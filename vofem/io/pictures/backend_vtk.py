@@ -9,7 +9,7 @@ import numpy as np
 import pyvista
 from numpy.typing import NDArray
 
-from vofem.io.drawing import COLORMAP, Drawing, Label, Line, Strip
+from vofem.io.pictures.drawing import COLORMAP, Drawing, Label, Line, Strip
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 
 from vofem._validate import HUGE, nearest, one_of
-from vofem.io.scene_place import INVALID, Book, Invalid, Place
+from vofem.io.scenes.place import INVALID, Book, Invalid, Place
 
 
 class Unwritable(Exception):  # noqa: N818 - never leaves this package

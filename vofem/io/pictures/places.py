@@ -8,7 +8,7 @@ from vofem.bodies import Beam
 from vofem.bodies.base import Body
 from vofem.effects import Contact, Foundation
 from vofem.errors import ArgumentError
-from vofem.io.layout import place_of
+from vofem.io.pictures.layout import place_of
 from vofem.scene import Scene
 
 

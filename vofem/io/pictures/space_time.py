@@ -10,10 +10,10 @@ import numpy as np
 
 from vofem.bodies import Beam
 from vofem.errors import ArgumentError
-from vofem.io.axes import INK, goal_of, panels, save
-from vofem.io.histories import closed_intervals
-from vofem.io.places import along_beam, between_masses, one_beam
-from vofem.io.units import length
+from vofem.io.pictures.axes import INK, goal_of, panels, save
+from vofem.io.pictures.histories import closed_intervals
+from vofem.io.pictures.places import along_beam, between_masses, one_beam
+from vofem.io.pictures.units import length
 from vofem.result import Result
 
 #: Times, and points along a beam, at which the motion is drawn.

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from vofem.errors import MeshError, VofemError
-from vofem.io.scene_kinds import Kind, Unwritable
-from vofem.io.scene_place import INVALID, Book, Invalid, Place
+from vofem.io.scenes.kinds import Kind, Unwritable
+from vofem.io.scenes.place import INVALID, Book, Invalid, Place
 
 #: Words of constructors' messages that stand for a key.
 _SYNONYMS = {"support": "supports", "node": "elements", "nodes": "elements", "slope": "point"}

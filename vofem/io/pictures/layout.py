@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from vofem.bodies import Beam
 from vofem.bodies.base import Body, Point
-from vofem.io.snapshot import BodyState, Link, Snapshot
-from vofem.io.units import nice_below
+from vofem.io.pictures.snapshot import BodyState, Link, Snapshot
+from vofem.io.pictures.units import nice_below
 
 Array = NDArray[np.float64]
 

@@ -7,12 +7,12 @@ from typing import Any
 
 from vofem.bodies import Body, Mass
 from vofem.errors import VofemError
-from vofem.io.scene_entry import Entry
-from vofem.io.scene_kinds import NUMBER, Kind
-from vofem.io.scene_parts import BodyByName
-from vofem.io.scene_place import Book, Invalid, Place
-from vofem.io.scene_schema import BODIES, EFFECTS, FIELD
-from vofem.io.scene_settings import OUTPUT, RUN, OutputSettings, RunSettings
+from vofem.io.scenes.entry import Entry
+from vofem.io.scenes.kinds import NUMBER, Kind
+from vofem.io.scenes.parts import BodyByName
+from vofem.io.scenes.place import Book, Invalid, Place
+from vofem.io.scenes.schema import BODIES, EFFECTS, FIELD
+from vofem.io.scenes.settings import OUTPUT, RUN, OutputSettings, RunSettings
 from vofem.scene import Scene
 
 _SINGLE = ("run", "output", "initial")

@@ -10,7 +10,7 @@ from typing import Any
 
 from vofem._validate import nearest
 from vofem.bodies.base import Body
-from vofem.io import toml_text
+from vofem.io.scenes import toml_text
 
 
 class Invalid:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from vofem.bodies import Beam
 from vofem.bodies.base import Body, Row
 from vofem.bodies.cubics import hermite
-from vofem.io.placement import Placement
-from vofem.io.vtu import LINE, VERTEX, Cells
+from vofem.io.series.placement import Placement
+from vofem.io.series.vtu import LINE, VERTEX, Cells
 from vofem.result import Result
 
 Array = NDArray[np.float64]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from vofem.io.scene_entry import Entry
-from vofem.io.scene_place import Book, Place
+from vofem.io.scenes.entry import Entry
+from vofem.io.scenes.place import Book, Place
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.io.drawing import BLOCK, GROUND, Drawing, Patch
+from vofem.io.pictures.drawing import BLOCK, GROUND, Drawing, Patch
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from vofem.io.drawing import COLORMAP, Drawing, Strip
+from vofem.io.pictures.drawing import COLORMAP, Drawing, Strip
 
 _DPI = 100.0
 

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from vofem.bodies.base import Point
 from vofem.effects import Contact
 from vofem.errors import ArgumentError
-from vofem.io.axes import COLORS, INK, goal_of, legend, panels, plain, save
-from vofem.io.layout import place_of
-from vofem.io.units import length, prefixed
+from vofem.io.pictures.axes import COLORS, INK, goal_of, legend, panels, plain, save
+from vofem.io.pictures.layout import place_of
+from vofem.io.pictures.units import length, prefixed
 from vofem.result import Result
 
 Array = NDArray[np.float64]

@@ -13,9 +13,9 @@ from vofem._validate import nearest
 from vofem.bodies import Beam, BeamPoint, Body, Mass
 from vofem.effects.time_functions import Arbitrary, TimeFunction, as_time_function
 from vofem.errors import ArgumentError
-from vofem.io.scene_entry import Entry
-from vofem.io.scene_kinds import NAME, NUMBER, Number, Numbers, Unwritable
-from vofem.io.scene_place import INVALID, Book, Invalid, Place
+from vofem.io.scenes.entry import Entry
+from vofem.io.scenes.kinds import NAME, NUMBER, Number, Numbers, Unwritable
+from vofem.io.scenes.place import INVALID, Book, Invalid, Place
 
 
 def _body(name: str, place: Place, expected: str, only: tuple[str, ...] = ()) -> Body | Invalid:

@@ -1,0 +1,1 @@
+"""Pictures from the inside: what is drawn, independent of the backend, and the backends."""

@@ -1,0 +1,1 @@
+"""Series for ParaView from the inside: grids, fields and VTU files."""
