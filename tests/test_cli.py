@@ -306,3 +306,28 @@ def test_csv_names(tmp_path):
         write_csv(result, [], tmp_path / "x.txt")
     with pytest.raises(vf.OutputError):
         write_csv(result, [beam.at(1.0)], tmp_path / "no" / "x.csv")
+
+
+def test_impulses_are_exact_and_never_guessed(tmp_path):
+    """The impulse over a contact is the momentum that it takes; a run with few stored times shows none."""
+    mass = vf.Mass(2.0, name="ball")
+    stop = vf.Contact(mass, gap=0.1, stiffness=50.0, side="below", acts_on="penetration", name="floor")
+    scene = vf.Scene([mass], [stop], {mass: (0.0, -1.5)})
+    table = tables.contact_table(vf.simulate(scene, 2.0), "floor").splitlines()
+    assert float(table[2].split()[-1]) == pytest.approx(2 * 2.0 * 1.5, rel=1e-5)
+    assert float(table[2].split()[-2]) == pytest.approx(1.5 * np.sqrt(2.0 * 50.0), rel=1e-5)
+    few = vf.simulate(scene, 2.0, method="central_difference", dt=1e-3, times=[0.0, 1.0, 2.0])
+    assert tables.contact_table(few, "floor").splitlines()[2].split()[-2:] == ["-", "-"]
+
+
+def test_run_of_a_stepping_method_with_few_times(tmp_path, capsys):
+    scene = Path(__file__).parent.parent / "examples" / "cantilever.toml"
+    text = scene.read_text().replace("t_end = 20.0", "t_end = 5.0\nmethod = 'central_difference'")
+    lines = [line for line in text.splitlines() if not line.startswith("times")]
+    changed = tmp_path / "few.toml"
+    changed.write_text(
+        "\n".join(lines).replace("t_end = 5.0", "t_end = 5.0\ntimes = {start = 0.0, stop = 5.0, count = 26}")
+    )
+    assert cli.main(["run", str(changed), "--output", str(tmp_path / "out")]) == 0
+    assert "wrote" in capsys.readouterr().out
+    assert len((tmp_path / "out" / "histories.csv").read_text().splitlines()) == 27

@@ -47,6 +47,9 @@ def picture_times(file: SceneFile, result: Result) -> tuple[float, ...]:
         if history.closings.size
     ]
     if intervals:
-        return (0.5 * sum(min(intervals)),)
+        middle = 0.5 * sum(min(intervals))
+        # A stepping method may have stored few times; event_driven knows them all.
+        nearest = float(result.times[int(np.argmin(np.abs(result.times - middle)))])
+        return (middle if result.method == "event_driven" else nearest,)
     motion = np.max(np.abs([result.displacement(point) for point in history_points(file)]), axis=0)
     return (float(result.times[int(np.argmax(motion))]),)
