@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +19,9 @@ from vofem.fractional.orders import exponential_order
 from vofem.integrators.base import ContactSamples, Samples, Solution
 from vofem.scene import Scene
 from vofem.system import CLOSED, PINNED, Counters
+
+if TYPE_CHECKING:
+    from vofem.integrators.event_driven.sensitivity import Sensitivity
 
 Array = NDArray[np.float64]
 
@@ -356,6 +359,20 @@ class Result:
 
     def _contact_force(self) -> Array | None:
         return None if self.model.system.contacts is None else self.contact_samples.force
+
+    @property
+    def sensitivity(self) -> Sensitivity:
+        """How a perturbation grows along the run, of event_driven: `times`, `growth`, `horizon(tolerance)`.
+
+        Raises
+        ------
+        ArgumentError
+            For a run of another method.
+        """
+        found = getattr(self.solution, "sensitivity", None)
+        if found is None:
+            raise ArgumentError(f"a run of {self.method} does not tell its sensitivity; use method='event_driven'")
+        return found
 
     @cached_property
     def energy(self) -> Energy:

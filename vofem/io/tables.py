@@ -69,7 +69,7 @@ def _peak_and_impulse(result: Result, history: ContactHistory, closing: float, o
     # Midpoints: at the ends the force of the jump law has jumped, and the contact may already count as open.
     step = (opening - closing) / _SAMPLES
     try:
-        force = _force(result, history, closing + step * (np.arange(_SAMPLES) + 0.5))
+        force = _force(result, history, closing + step * (np.arange(_SAMPLES, dtype=float) + 0.5))
     except ArgumentError:
         # A stepping method that was asked for few times knows its contacts at those times only.
         return np.nan, np.nan

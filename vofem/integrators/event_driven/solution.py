@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +23,15 @@ from vofem.integrators.event_driven.motion import Forcing, Motion, start_motion
 from vofem.integrators.event_driven.pinned import Reactions, reactions, should_pin
 from vofem.integrators.event_driven.search import EventFunctions
 from vofem.integrators.event_driven.segment import Segment
+from vofem.integrators.event_driven.sensitivity import Perturbation, Sensitivity
 from vofem.integrators.event_driven.spectrum import Spectra
 from vofem.system import CLOSED, OPEN, PINNED, Counters, Events, State, System
 
 Array = NDArray[np.float64]
 Status = NDArray[np.int64]
+
+#: With fewer events growth is not looked at unasked: it would cost more than it tells.
+_MANY_EVENTS = 30
 
 
 class EventSolution:
@@ -142,6 +147,13 @@ class EventSolution:
                 f"{int(np.sum(events.status[mine] == PINNED))} times, after {int(np.sum(mine))} events so far; there "
                 "its reaction lies between 0 and K0*gap"
             )
+        if events.time.size > _MANY_EVENTS:
+            horizon = self.sensitivity.horizon()
+            if horizon < self.t_end:
+                self.notes.append(
+                    f"chaos: a perturbation grows by 10^{self.sensitivity.growth[-1]:.1f} along this run, so rounding "
+                    f"spoils pointwise values beyond t = {horizon:.4g} s; means and rms values may still be taken"
+                )
 
     @property
     def events(self) -> Events:
@@ -279,6 +291,24 @@ class EventSolution:
                 self.load_pieces(start),
                 *wanted.get(index, nothing),
             )
+
+    @cached_property
+    def sensitivity(self) -> Sensitivity:
+        """Growth of a perturbation along the run, in closed form."""
+        laws = self.system.contacts
+        traveller = Perturbation(self.space, laws)
+        ends = np.append(self.segment_starts[1:], self.t_end)
+        growth = [0.0]
+        for index, end in enumerate(ends):
+            status, _, _ = self._states[index]
+            traveller.drift(self._spectra[status], float(end - self._starts[index]))
+            if index + 1 < len(self._states):
+                after, _, velocity = self._states[index + 1]
+                changed = np.flatnonzero(after != status)
+                if changed.size:
+                    traveller.jump([(int(j), int(status[j]), int(after[j])) for j in changed], velocity)
+            growth.append(traveller.growth)
+        return Sensitivity(np.append(self.segment_starts, self.t_end), np.array(growth))
 
     def energies(self, times: Array) -> Energies:
         """Return energies, dissipation and work at any times, in closed form."""

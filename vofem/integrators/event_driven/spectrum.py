@@ -113,13 +113,14 @@ class Spectrum:
         """Whether blocks are real modes."""
         return self.blocks is None
 
-    def to_blocks(self, displacement: Array, velocity: Array) -> tuple[Array, Array]:
-        """Return block states (z, v), shape (m,), of a modal state, shape (n,)."""
-        if self.real.shift is not None:
+    def to_blocks(self, displacement: Array, velocity: Array, *, shifted: bool = True) -> tuple[Array, Array]:
+        """Return block states (z, v), shape (m,), of a modal state, shape (n,), or of a difference of states."""
+        if self.real.shift is not None and shifted:
             displacement = displacement - self.real.shift
         x, rate = self.real.down(displacement), self.real.down(velocity)
         if self.blocks is None:
-            return x, rate
+            # Copies where the modes are the identity: callers may work in place.
+            return (x, rate) if self.real.modes is not None else (x.copy(), rate.copy())
         both = self.blocks.into @ np.concatenate([x, rate])
         return both[: self.p.size], both[self.p.size :]
 
@@ -130,11 +131,11 @@ class Spectrum:
         both = self.blocks.out @ np.concatenate([z, v])
         return both[: self.p.size], both[self.p.size :]
 
-    def to_modes(self, z: Array, v: Array) -> tuple[Array, Array]:
-        """Return modal displacement and velocity, (n,) or (n, n_times), of block states (m, ...)."""
+    def to_modes(self, z: Array, v: Array, *, shifted: bool = True) -> tuple[Array, Array]:
+        """Return modal displacement and velocity, (n,) or (n, n_times), of block states (m, ...), or of differences."""
         x, rate = self.to_real(z, v)
         displacement, velocity = self.real.up(x), self.real.up(rate)
-        if self.real.shift is not None:
+        if self.real.shift is not None and shifted:
             shift = self.real.shift if displacement.ndim == 1 else self.real.shift[:, None]
             displacement = displacement + shift
         return displacement, velocity
