@@ -110,6 +110,55 @@ CASES = [
 ]  # fmt: skip
 
 
+# What a newcomer got wrong.
+CASES += [
+    (lambda: vf.Scene(beam()), r"bodies is Beam 'deck': .* write \[\.\.\.\] around it"),
+    (lambda: vf.Scene([beam()], contact()), "effects is Contact 'stop'"),
+    (lambda: vf.Scene([beam()], [vf.Gravity]), r"write Gravity\(\.\.\.\)"),
+    (lambda: vf.Scene([contact()]), "put it into effects"),
+    (lambda: vf.Scene([beam()], [vf.Mass(1.0)]), "put it into bodies"),
+    (lambda: vf.Scene([beam()], initial=[(0.0, 1.0)]), "expected a dict"),
+    (lambda: vf.Scene([beam()], initial={"deck": (0.0, 0.0)}), "use the Beam or Mass object itself"),
+    (lambda: vf.DistributedLoad(beam(), vf.Sine(1000.0, 60.0)), "a function of time; give it as f="),
+    (lambda: beam(EI=vf.Ramp(1.0)), "a function of time, where a function of x is meant"),
+    (lambda: beam(EI=lambda x: 1.0 if x < 0.5 else 2.0), r"use np\.where"),
+    (lambda: vf.Contact(beam().at(0.5), beam().at(0.5), gap=0.0, stiffness=1.0), "acts_on is missing"),
+    (lambda: vf.Contact(*(2 * [beam().at(0.5)]), gap=0.0, stiffness=1.0, acts_on="penetration"), "are the same point"),
+    (lambda: vf.simulate(scene()[1], 1.0, max_events=-3), "max_events is -3"),
+    (lambda: vf.simulate(scene()[1], 1.0, pin_fraction="a"), "pin_fraction is 'a'"),
+    (lambda: vf.simulate(scene()[1], 1.0, times=[]), r"times has shape \(0,\)"),
+    (lambda: vf.simulate(scene()[1], 1.0, times=1001), "uniform times are np.linspace"),
+    (lambda: vf.simulate(scene()[1], 1.0).deflection(beam().at(0.5)), "expected an array of numbers"),
+    (lambda: vf.equilibrium(scene()[1]).contacts["x"], "no contact is named 'x'"),
+    (lambda: vf.Sine(1.0, 2.0) / 0, "the divisor of a time function is 0"),
+]
+
+
+def test_load_functions_that_raise():
+    for function, message in (
+        (lambda t: 1.0 / t, r"raised ZeroDivisionError: .* at t = 0 s"),
+        (lambda: 1.0, "must take one time in s"),
+        (lambda t, x: 1.0, "must take one time in s"),
+    ):
+        _, s = paper_beam("penetration", elements=2, load=function)
+        with pytest.raises(vf.LoadError, match=message):
+            vf.simulate(s, 0.1)
+
+
+def test_start_from_outcomes_for_some_bodies():
+    """A mass dropped on a beam that already sags: the beam starts in its equilibrium, the mass by numbers."""
+    deck = vf.Beam(4.0, 2e6, 60.0, 8, {"left": "pinned", "right": "pinned"})
+    sag = vf.equilibrium(vf.Scene([deck], [vf.Gravity()]))
+    ball = vf.Mass(50.0)
+    for start in (sag, (lambda x: sag.deflection(x), 0.0)):
+        s = vf.Scene([deck, ball], [vf.Gravity()], initial={deck: start, ball: (0.1, 0.0)})
+        result = vf.simulate(s, 0.05)
+        middle = result.displacement(deck.at(2.0))
+        assert middle == pytest.approx(np.full(middle.shape, sag.displacement(deck.at(2.0))), rel=1e-9)
+    with pytest.raises(vf.ArgumentError, match=r"initial=\{body: outcome\}"):
+        vf.Scene([deck, ball], initial=sag).initial_state()
+
+
 @pytest.mark.parametrize(("call", "message"), CASES)
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_bad_argument(call, message):
@@ -209,7 +258,7 @@ def test_names_in_results():
         result.displacement(beam(name="other").at(1.0))
     with pytest.raises(vf.ArgumentError, match="has no support at 'right'"):
         result.reaction(b, "right")
-    with pytest.raises(vf.ArgumentError, match="expected 0 to 1 s"):
+    with pytest.raises(vf.ArgumentError, match="t is 2 s, expected a time of the run, 0 to 1 s"):
         result.deflection([0.5], [2.0])
     with pytest.raises(vf.ArgumentError, match="from 0 to 1 m"):
         result.deflection([1.5], [0.5])

@@ -236,7 +236,7 @@ def test_shapes(paper, tmp_path):
     assert marked.shape[1] > closed.shape[1]
     with pytest.raises(vf.ArgumentError, match=r"shape \(30, 2\), expected \(30, 1\)"):
         shapes(result, times[:1], tmp_path / "a.png", beside=beside)
-    with pytest.raises(vf.ArgumentError, match="expected 0 to 6 s"):
+    with pytest.raises(vf.ArgumentError, match="a time of the run, 0 to 6 s"):
         shapes(result, [7.0], tmp_path / "a.png")
 
 

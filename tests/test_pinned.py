@@ -41,7 +41,7 @@ def test_chatter_ends_pinned():
     assert stop.stiffness[-1] == pytest.approx(0.4, rel=1e-14)
     assert np.isnan(stop.order[-1])
     assert not stop.closed[-1]
-    assert "chatter: contact 'stop' was pinned at its gap 1 times" in result.notes[0]
+    assert "chatter: contact 'stop' came to rest at its gap (pinned) 1 times" in result.notes[0]
     # What is left of the motion when it is pinned: v^2/2 = a * fraction * gap, a = 0.4, of 0.045 J at the start.
     assert result.energy.balance_error < 0.4 * 1e-5 / 0.045
 
@@ -120,3 +120,15 @@ def test_several_contacts_in_any_mix():
         assert np.all(force[pinned] <= law.stiffness * law.gap * (1 + 1e-9))
         assert np.all(s[contact.closed] > -1e-13)
         assert np.all(s[~contact.closed & ~pinned] < 1e-13)
+
+
+def test_a_pinned_equilibrium_starts_pinned():
+    beam, scene = paper_beam("displacement", elements=5, load=-0.1)
+    rest = vf.equilibrium(scene)
+    assert rest.contacts["stop"].pinned
+    result = vf.simulate(vf.Scene([beam], scene.effects, initial=rest), 3.0)
+    stop = result.contacts["stop"]
+    assert stop.pinned == pytest.approx(np.array([[0.0, 3.0]]))
+    assert stop.force == pytest.approx(np.full(1001, rest.contacts["stop"].force), rel=1e-6)
+    assert result.counters.events == 0
+    assert not result.notes

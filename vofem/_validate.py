@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator, Mapping
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,32 @@ from vofem.errors import ArgumentError
 
 #: Largest magnitude taken for a physical quantity. Cubes and ratios of such numbers stay finite.
 HUGE = 1e60
+
+
+T = TypeVar("T")
+
+
+class Named(Mapping[str, T]):
+    """Contacts by name, or by the `Contact` itself, in the order of the scene; a wrong name raises `ArgumentError`."""
+
+    def __init__(self, things: dict[str, T]) -> None:
+        self._things = things
+
+    def __getitem__(self, name: Any) -> T:
+        key = getattr(name, "name", name)
+        if key not in self._things:
+            known = tuple(self._things)
+            raise ArgumentError(f"no contact is named {key!r}; there are {list(known)}{nearest(key, known)}")
+        return self._things[key]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._things)
+
+    def __len__(self) -> int:
+        return len(self._things)
+
+    def __repr__(self) -> str:
+        return repr(self._things)
 
 
 def number(

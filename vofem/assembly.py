@@ -370,7 +370,5 @@ class SystemBuilder:
         )
         for name, row in zip(laws.names, laws.rows, strict=True):
             if not np.any(row.data):
-                raise ArgumentError(
-                    f"Contact {name!r} can never move: its points lie on supports, or both are the same point"
-                )
+                raise ArgumentError(f"Contact {name!r} can never move: its points lie on supports")
         return rows, laws

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from vofem._version import __version__
 from vofem.errors import OutputError, VofemError
+from vofem.simulate import METHODS
 
 if TYPE_CHECKING:
     from vofem.io.scene_file import SceneFile
@@ -47,7 +48,7 @@ def _parser() -> argparse.ArgumentParser:
     run = commands.add_parser("run", help="simulate a scene file; write histories and pictures")
     run.add_argument("scene", type=Path, help="scene file, TOML")
     run.add_argument("--output", type=Path, help="folder for what is written (output/NAME of the scene file)")
-    run.add_argument("--method", help="instead of the file's")
+    run.add_argument("--method", help=f"{', '.join(('auto', *METHODS))}; instead of the file's")
     run.add_argument("--t-end", type=float, help="in s, instead of the file's")
     run.add_argument("--dt", type=float, help="in s, instead of the file's")
     run.add_argument("--no-pictures", action="store_true", help="write numbers only")

@@ -41,8 +41,9 @@ class Scene:
         bodies of the scene.
     initial : dict or outcome, optional
         ``{body: (displacement, velocity)}``: numbers for a mass, callables of
-        an array x for a beam. Zero where silent. Or the outcome of
-        `vofem.equilibrium` or of an earlier run, of bodies with the same names.
+        an array x (of any shape) for a beam. Zero where silent. The outcome of
+        `vofem.equilibrium` or of an earlier run, of bodies with the same names,
+        serves for all bodies, or for one: ``{beam: outcome}``.
 
     Raises
     ------
@@ -57,8 +58,8 @@ class Scene:
         effects: Iterable[Any] = (),
         initial: Mapping[Any, tuple[Any, Any]] | StateSource | None = None,
     ) -> None:
-        self.bodies: tuple[Body, ...] = tuple(bodies)
-        self.effects: tuple[Effect, ...] = tuple(effects)
+        self.bodies: tuple[Body, ...] = _as_tuple("bodies", bodies)
+        self.effects: tuple[Effect, ...] = _as_tuple("effects", effects)
         self.initial = initial
         self._check()
 
@@ -66,14 +67,20 @@ class Scene:
         if not self.bodies:
             raise ArgumentError("Scene: bodies is empty, expected at least one Beam or Mass")
         for body in self.bodies:
-            if not isinstance(body, Body):
-                raise ArgumentError(f"Scene: bodies holds {body!r}, expected a Beam or a Mass")
+            if not isinstance(body, Body) or isinstance(body, type):
+                cure = "; put it into effects" if hasattr(body, "compile") else ""
+                raise ArgumentError(f"Scene: bodies holds {_shown(body)}, expected a Beam or a Mass{cure}")
         for effect in self.effects:
-            if not hasattr(effect, "compile") or not hasattr(effect, "points"):
-                raise ArgumentError(f"Scene: effects holds {effect!r}, expected a Contact, a load, a spring, ...")
+            if isinstance(effect, type) or not hasattr(effect, "compile") or not hasattr(effect, "points"):
+                cure = "; put it into bodies" if isinstance(effect, Body) else ""
+                cure = f"; write {effect.__name__}(...)" if isinstance(effect, type) else cure
+                raise ArgumentError(
+                    f"Scene: effects holds {_shown(effect)}, expected a Contact, a load, a spring, ...{cure}"
+                )
         self._check_names("bodies", [body.name for body in self.bodies])
         self._check_names("contacts", [contact.name for contact in self.contacts])
         self._check_bases()
+        self._check_initial()
         for effect in self.effects:
             for point in effect.points():
                 if point.body not in self.bodies:
@@ -84,15 +91,33 @@ class Scene:
 
     def _check_bases(self) -> None:
         """Raise where something joins bodies whose bases move differently: their gap would depend on time."""
-        bases = {
-            id(body): [e for e in self.effects if isinstance(e, BaseMotion) and e.body is body] for body in self.bodies
-        }
+        motions = [effect for effect in self.effects if isinstance(effect, BaseMotion)]
+        if not motions:
+            return
         for effect in self.effects:
-            on = [[motion.acceleration for motion in bases.get(id(point.body), [])] for point in effect.points()]
+            on = [[m.acceleration for m in motions if m.body is point.body] for point in effect.points()]
             if len(on) == 2 and on[0] != on[1]:
                 raise ArgumentError(
                     f"{effect.describe()}: it joins bodies of which only one has this BaseMotion; displacements are "
                     "counted from the base, so give both bodies the same acceleration"
+                )
+
+    def _check_initial(self) -> None:
+        if self.initial is None or hasattr(self.initial, "state_of"):
+            return
+        if not isinstance(self.initial, Mapping):
+            raise ArgumentError(
+                f"Scene: initial is {self.initial!r}, expected a dict {{body: (displacement, velocity)}}, "
+                "an Equilibrium or a Result"
+            )
+        for body, value in self.initial.items():
+            if not any(body is known for known in self.bodies):
+                cure = "; use the Beam or Mass object itself, not its name" if isinstance(body, str) else ""
+                raise ArgumentError(f"Scene: initial names {body!r}, which is not among the bodies{cure}")
+            if not hasattr(value, "state_of") and not (isinstance(value, (tuple, list)) and len(value) == 2):
+                raise ArgumentError(
+                    f"Scene: initial of {body.label} is {value!r}, expected a pair (displacement, velocity), "
+                    "an Equilibrium or a Result"
                 )
 
     @staticmethod
@@ -129,27 +154,32 @@ class Scene:
             return ()
         if not isinstance(self.initial, Mapping):
             return self.bodies
-        for body in self.initial:
-            if body not in self.bodies:
-                raise ArgumentError(f"Scene: initial names {body!r}, which is not among the bodies")
         return tuple(body for body in self.bodies if body in self.initial)
 
     def _start_of(self, body: Body) -> tuple[Any, Any]:
-        if not isinstance(self.initial, Mapping):
-            assert self.initial is not None
-            q, v = self.initial.state_of(body.name)
-            if np.shape(q) != (body.size,):
-                raise ArgumentError(
-                    f"Scene: initial has {np.shape(q)[0]} degrees of freedom for {body.label}, "
-                    f"expected {body.size}; start from a scene with the same mesh"
-                )
-            return q, v
-        value = self.initial[body]
-        if not isinstance(value, (tuple, list)) or len(value) != 2:
-            raise ArgumentError(
-                f"Scene: initial of {body.label} is {value!r}, expected a pair (displacement, velocity)"
+        source: Any = self.initial[body] if isinstance(self.initial, Mapping) else self.initial
+        if not hasattr(source, "state_of"):
+            return (
+                body.interpolate(source[0], "initial displacement"),
+                body.interpolate(source[1], "initial velocity"),
             )
-        return (
-            body.interpolate(value[0], "initial displacement"),
-            body.interpolate(value[1], "initial velocity"),
-        )
+        q, v = source.state_of(body.name)
+        if np.shape(q) != (body.size,):
+            raise ArgumentError(
+                f"Scene: initial has {np.shape(q)[0]} degrees of freedom for {body.label}, expected {body.size}; "
+                "start from a scene with the same mesh"
+            )
+        return q, v
+
+
+def _as_tuple(what: str, things: Any) -> tuple[Any, ...]:
+    if isinstance(things, (str, bytes)) or not isinstance(things, Iterable):
+        raise ArgumentError(f"Scene: {what} is {_shown(things)}, expected a list of {what}; write [...] around it")
+    return tuple(things)
+
+
+def _shown(thing: Any) -> str:
+    """Return a thing as a message shows it: as `vofem.explain` does where it can."""
+    if not isinstance(thing, type) and hasattr(thing, "describe"):
+        return str(thing.describe())
+    return repr(thing)

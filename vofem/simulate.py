@@ -100,12 +100,19 @@ def simulate(
 
 def _times(times: ArrayLike, t_end: float) -> Array:
     wanted = np.atleast_1d(array("simulate: times", times))
-    if wanted.ndim != 1 or not wanted.size or np.any(np.diff(wanted) < 0):
-        raise ArgumentError("simulate: times must be a list of times that does not decrease")
+    if wanted.ndim != 1 or not wanted.size:
+        raise ArgumentError(f"simulate: times has shape {wanted.shape}, expected a list of one or more times")
+    if np.any(np.diff(wanted) < 0):
+        k = int(np.argmax(np.diff(wanted) < 0))
+        raise ArgumentError(
+            f"simulate: times must be a list of times that does not decrease, found {wanted[k]:g} s "
+            f"followed by {wanted[k + 1]:g} s"
+        )
     slack = 1e-12 * t_end
     if wanted[0] < 0.0 or wanted[-1] > t_end + slack:
         raise ArgumentError(
             f"simulate: times reaches from {wanted[0]:g} to {wanted[-1]:g} s, expected within 0 to t_end = {t_end:g} s"
+            f"; uniform times are np.linspace(0, {t_end:g}, count)"
         )
     return np.minimum(wanted, t_end)
 

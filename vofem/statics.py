@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem._validate import number
+from vofem._validate import Named, number
 from vofem.assembly import Model
 from vofem.bodies.base import Body
 from vofem.bodies.beam import Beam
@@ -73,7 +73,7 @@ class Equilibrium:
     def __init__(self, model: Model, q: Array, contacts: Mapping[str, StaticContact], iterations: int) -> None:
         self._model = model
         self._q = q
-        self.contacts = dict(contacts)
+        self.contacts = Named(dict(contacts))
         self.iterations = iterations
         self.notes = [
             f"contact {name!r} is pinned at its gap with a reaction of {contact.force:.6g} N: the load lies between "
@@ -87,7 +87,10 @@ class Equilibrium:
         for candidate in self._model.offsets:
             if candidate.name == name:
                 return candidate
-        raise ArgumentError(f"no body is named {name!r}; there are {[b.name for b in self._model.offsets]}")
+        raise ArgumentError(
+            f"the equilibrium has no body named {name!r}, but {[b.name for b in self._model.offsets]}; "
+            "as the start of a scene it must hold all bodies, or be given for those it holds: initial={body: outcome}"
+        )
 
     def state_of(self, body_name: str) -> tuple[Array, Array]:
         """Return a body's degrees of freedom and their rates (zero), each (size,); starts a scene from rest."""
@@ -108,10 +111,12 @@ class Equilibrium:
         beam = self._body(body)
         if not isinstance(beam, Beam):
             raise ArgumentError(f"{beam.label} has no deflection along x; use displacement(point)")
-        return beam, np.asarray(beam.field_matrix(x, derivative) @ self._model.of_body(beam, self._q))
+        # Of the shape of x, so that a field serves as the initial state of another scene.
+        values = beam.field_matrix(np.ravel(np.asarray(x)), derivative) @ self._model.of_body(beam, self._q)
+        return beam, np.reshape(values, np.shape(x) or (1,))
 
     def deflection(self, x: ArrayLike, body: Any = None) -> Array:
-        """Return eta in m, shape (len(x),)."""
+        """Return eta in m, in the shape of x."""
         return self._field(x, body, 0)[1]
 
     def slope(self, x: ArrayLike, body: Any = None) -> Array:
@@ -121,13 +126,13 @@ class Equilibrium:
     def bending_moment(self, x: ArrayLike, body: Any = None) -> Array:
         """Return ``M = EI eta''`` in N m, shape (len(x),)."""
         beam, curvature = self._field(x, body, 2)
-        return beam.bending_stiffness(x)[0] * curvature
+        return np.reshape(beam.bending_stiffness(np.ravel(x))[0], curvature.shape) * curvature
 
     def shear_force(self, x: ArrayLike, body: Any = None) -> Array:
         """Return ``V = (EI eta'')'`` in N, shape (len(x),)."""
         beam, curvature = self._field(x, body, 2)
-        stiffness, change = beam.bending_stiffness(x)
-        return stiffness * self._field(x, beam, 3)[1] + change * curvature
+        stiffness, change = (np.reshape(part, curvature.shape) for part in beam.bending_stiffness(np.ravel(x)))
+        return np.asarray(stiffness * self._field(x, beam, 3)[1] + change * curvature)
 
 
 def equilibrium(scene: Scene, t: float = 0.0) -> Equilibrium:

@@ -90,7 +90,7 @@ class Axis:
 
     def cubics(self, x: ArrayLike, derivative: int) -> tuple[IntArray, Array]:
         """Return degrees of freedom and weights of a derivative of eta at x, each of shape (len(x), 4)."""
-        element, xi = self.locate(f"a point of {self.label}", np.atleast_1d(np.asarray(x, dtype=float)))
+        element, xi = self.locate(f"a point of {self.label}", np.atleast_1d(array(f"a point of {self.label}", x)))
         h = self.element_lengths[element]
         weights = np.stack([hermite(i, xi, h, derivative) for i in range(4)], axis=1)
         return 2 * element[:, None] + np.arange(4), weights

@@ -25,6 +25,47 @@ VARIABLE_ORDER = 12
 _CONSTANT_ORDER = 6
 
 
+def evaluate_along(what: str, function: Any, x: Array, *, positive: bool = False, negative: bool = True) -> Array:
+    """Return what a callable of x gives at points x, in the shape of x, checked.
+
+    Parameters
+    ----------
+    what : str
+        For messages.
+    function : callable of an array x
+    x : ndarray
+        In m.
+    positive, negative : bool
+        Whether values must be positive, and whether they may be negative.
+
+    Raises
+    ------
+    ArgumentError
+        If it is a function of time, fails, or returns what is not allowed.
+    """
+    if hasattr(function, "breakpoints"):
+        raise ArgumentError(
+            f"{what} is {function!r}, a function of time, where a function of x is meant; "
+            "a load's course in time is given as f="
+        )
+    try:
+        values = np.broadcast_to(np.asarray(function(x), dtype=float), x.shape)
+    except Exception as error:
+        raise ArgumentError(
+            f"{what} must be a callable that takes an array of x (any shape) and returns one value for each; it "
+            f"raised: {error}. Where it branches, use np.where(x < 2.0, ..., ...)"
+        ) from error
+    bad = ~np.isfinite(values)
+    expected = "a finite number"
+    if positive or not negative:
+        bad |= (values <= 0) if positive else (values < 0)
+        expected = "a positive number" if positive else "a number that is not negative"
+    if np.any(bad):
+        k = np.unravel_index(int(np.argmax(bad)), x.shape)
+        raise ArgumentError(f"{what} is {values[k]:g} at x = {x[k]:g} m, expected {expected}")
+    return values
+
+
 @dataclass(frozen=True, eq=False)
 class Coefficient:
     """A quantity along an axis, whose values are checked when they are taken.
@@ -52,18 +93,7 @@ class Coefficient:
         ArgumentError
             If it fails, or returns what is not finite or not positive.
         """
-        try:
-            values = np.broadcast_to(np.asarray(self.value(x), dtype=float), x.shape)
-        except (TypeError, ValueError) as error:
-            raise ArgumentError(
-                f"{self.what} must be a callable that takes an array of x; it raised: {error}"
-            ) from error
-        bad = ~np.isfinite(values) | ((values <= 0) if self.positive else False)
-        if np.any(bad):
-            k = np.unravel_index(int(np.argmax(bad)), x.shape)
-            expected = "a positive number" if self.positive else "a finite number"
-            raise ArgumentError(f"{self.what} is {values[k]:g} at x = {x[k]:g} m, expected {expected}")
-        return values
+        return evaluate_along(self.what, self.value, x, positive=self.positive)
 
     def at_quadrature(self, basis: Basis) -> Any:
         """Return the values where scikit-fem wants them: a number, or an array of shape (n_elements, n_points)."""
@@ -76,7 +106,7 @@ class Coefficient:
 
     def with_slope(self, x: ArrayLike) -> tuple[Array, Array]:
         """Return value and derivative by x at the points x, each of shape (k,); at a node, to its right."""
-        x = np.atleast_1d(np.asarray(x, dtype=float))
+        x = np.atleast_1d(array(f"a point of {self.axis.label}", x))
         element, xi = self.axis.locate(f"a point of {self.axis.label}", x)
         if np.ndim(self.value) == 1:
             return self.value[element], np.zeros(x.shape)

@@ -43,7 +43,9 @@ class Contact:
     Parameters
     ----------
     a, b : points
-        ``beam.at(x)`` or a `Mass`. Without b: a stop fixed in space.
+        ``beam.at(x)`` or a `Mass`. With b, a is the lower one: the contact
+        closes where a has risen against b by more than the gap, and never the
+        other way. Without b: a stop fixed in space.
     gap : float
         In m. Negative, a preload, for ``acts_on="penetration"`` only.
     stiffness : float
@@ -84,6 +86,12 @@ class Contact:
         label = f"Contact {self.name!r}"
         self.a: Point = as_point(f"{label}: a", a)
         self.b: Point | None = None if b is None else as_point(f"{label}: b", b)
+        if (
+            self.b is not None
+            and self.a.body is self.b.body
+            and np.isclose(getattr(self.a, "x", 0.0), getattr(self.b, "x", 0.0), rtol=1e-12, atol=0.0)
+        ):
+            raise ArgumentError(f"{label}: a and b are the same point, {self.a.describe()}; a stop has no b")
         if acts_on is None:
             raise ArgumentError(
                 f"{label}: acts_on is missing, expected 'displacement' (the paper's law: the force jumps by "
@@ -133,7 +141,7 @@ class Contact:
         where = (
             f"{self.side} {self.a.describe()}"
             if self.b is None
-            else (f"between {self.a.describe()} and {self.b.describe()}")
+            else (f"of {self.a.describe()} below {self.b.describe()}")
         )
         damper = f", C0 = {self.damping:g} N s/m" if self.damping else ""
         switch = "" if self.switch == "ideal" else f", {self.switch!r}"

@@ -12,6 +12,7 @@ from vofem._validate import number
 from vofem.assembly import ContactEntry, SystemBuilder
 from vofem.bodies.base import Point, Row, automatic_name
 from vofem.bodies.beam import Beam
+from vofem.bodies.coefficient import evaluate_along
 from vofem.bodies.cubics import hermite
 from vofem.errors import ArgumentError
 
@@ -79,20 +80,7 @@ class Foundation:
         """Return k at points x, checked."""
         if not callable(self.stiffness):
             return np.full(x.shape, self.stiffness)
-        try:
-            values = np.broadcast_to(np.asarray(self.stiffness(x), dtype=float), x.shape)
-        except (TypeError, ValueError) as error:
-            raise ArgumentError(
-                f"Foundation {self.name!r}: stiffness must be a callable that takes an array of x; it raised: {error}"
-            ) from error
-        bad = ~(np.isfinite(values) & (values >= 0))
-        if np.any(bad):
-            k = np.unravel_index(int(np.argmax(bad)), x.shape)
-            raise ArgumentError(
-                f"Foundation {self.name!r}: stiffness is {values[k]:g} at x = {x[k]:g} m, "
-                "expected a number that is not negative"
-            )
-        return values
+        return evaluate_along(f"Foundation {self.name!r}: stiffness", self.stiffness, x, negative=False)
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add strains to the stiffness, or a contact at every node."""

@@ -8,7 +8,7 @@ from vofem._validate import number
 from vofem.assembly import SystemBuilder
 from vofem.bodies.base import Point, as_point
 from vofem.bodies.beam import Beam
-from vofem.effects.time_functions import Constant, as_time_function
+from vofem.effects.time_functions import Constant, TimeFunction, as_time_function
 from vofem.errors import ArgumentError
 
 
@@ -83,6 +83,10 @@ class DistributedLoad:
         if not isinstance(beam, Beam):
             raise ArgumentError(f"DistributedLoad: beam is {beam!r}, expected a Beam")
         self.beam = beam
+        if isinstance(p, TimeFunction):
+            raise ArgumentError(
+                f"DistributedLoad: p is {p!r}, a function of time; give it as f=, and p as a number or a function of x"
+            )
         self.p = p if callable(p) else number("DistributedLoad: p", p)
         self.f = as_time_function(f)
 
@@ -101,7 +105,10 @@ class DistributedLoad:
 
 
 class Gravity:
-    """The weight of everything that has mass, point masses included, acting downward.
+    """The weight of everything that has mass, point masses included, acting downward from t = 0 on.
+
+    A scene that starts at rest and unloaded is dropped into it and sags twice
+    as far as in equilibrium; ``initial=vofem.equilibrium(...)`` starts it at rest.
 
     Parameters
     ----------

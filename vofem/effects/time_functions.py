@@ -79,6 +79,12 @@ class TimeFunction(ABC):
 
     __rmul__ = __mul__
 
+    def __truediv__(self, divisor: Any) -> TimeFunction:
+        value = number("the divisor of a time function", divisor)
+        if value == 0.0:
+            raise ArgumentError("the divisor of a time function is 0")
+        return Scaled(self, 1.0 / value)
+
     def __neg__(self) -> TimeFunction:
         return self * -1.0
 
@@ -370,7 +376,13 @@ class Arbitrary(TimeFunction):
         return values.reshape(times.shape)
 
     def _value(self, t: float) -> float:
-        value = self.function(float(t))
+        try:
+            value = self.function(float(t))
+        except Exception as error:
+            raise LoadError(
+                f"load function {self._name} raised {type(error).__name__}: {error} at t = {t:g} s; it must take one "
+                "time in s and return a number"
+            ) from error
         try:
             result = float(value)
         except (TypeError, ValueError):
@@ -406,4 +418,8 @@ def as_time_function(value: Any) -> TimeFunction:
         return value
     if callable(value):
         return Arbitrary(value)
+    if isinstance(value, str) or not np.isscalar(value):
+        raise ArgumentError(
+            f"a load's time function is {value!r}, expected a number, a callable of t, Sine, Ramp, Tabulated, ..."
+        )
     return Constant(number("a load's time function", value))

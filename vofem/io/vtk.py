@@ -113,6 +113,8 @@ def write_series(
     OutputError
         If a file cannot be written. An earlier series of that name stays as it was.
     """
+    if not isinstance(result, Result):
+        raise ArgumentError(f"write_series: result is {result!r}, expected the Result of vofem.simulate")
     chosen = _times(result, times)
     magnification = number("write_series: magnification", magnification, positive=True)
     if not isinstance(points_per_element, (int, np.integer)) or not 2 <= points_per_element <= 1000:

@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.errors import EventStormError, MethodError
+from vofem._validate import number
+from vofem.errors import ArgumentError, EventStormError, MethodError
 from vofem.integrators.event_driven.modal_space import modal_space
 from vofem.integrators.event_driven.pinned import PIN_FRACTION
 from vofem.integrators.event_driven.search import next_event
@@ -84,6 +85,9 @@ def run(
     EventStormError
         If events follow each other without end.
     """
+    if isinstance(max_events, bool) or not isinstance(max_events, (int, np.integer)) or max_events < 1:
+        raise ArgumentError(f"simulate: max_events is {max_events!r}, expected a positive whole number")
+    pin_fraction = number("simulate: pin_fraction", pin_fraction, positive=True)
     reason = refusal(system)
     if reason is not None:
         raise MethodError(reason)
@@ -92,7 +96,7 @@ def run(
     momentum = system.mass @ np.stack([start.q, start.v], axis=1)
     displacement, velocity = (space.shapes.T @ momentum).T
     solution = EventSolution(system, space, t_end, times, counters)
-    status = solution.begin(start)
+    status = solution.begin(start, displacement, velocity, pin_fraction)
     breaks = [b for load in system.loads for b in load.function.breakpoints(t_end)]
     stops = [*np.unique(breaks), t_end]
     t, stop = 0.0, 0
@@ -124,6 +128,6 @@ def _storm(system: System, solution: EventSolution, t: float, limit: int) -> str
     busy = int(np.bincount(solution.events.contact).argmax())
     return (
         f"more than {limit} contact events by t = {t:.6g} s, most of them of contact "
-        f"{system.contacts.names[busy]!r}: it chatters. Raise max_events, end the run earlier, or (with "
-        "acts_on='displacement') raise pin_fraction, below which chatter counts as rest at the gap"
+        f"{system.contacts.names[busy]!r}. Raise max_events or end the run earlier; where the contact chatters with "
+        "acts_on='displacement', raise pin_fraction, below which chatter counts as rest at the gap"
     )

@@ -54,14 +54,21 @@ class EventSolution:
 
     # -- recording --------------------------------------------------------------------------------
 
-    def begin(self, start: State) -> Status:
-        """Return and keep the contact status at t = 0."""
+    def begin(self, start: State, displacement: Array, velocity: Array, fraction: float) -> Status:
+        """Return and keep the contact status at t = 0; a start at rest at the gap may be pinned."""
         laws = self.system.contacts
         if laws is not None:
             self._initial = initial_status(
                 laws, laws.rows @ start.q, laws.rows @ start.v, abs(laws.rows) @ np.abs(start.q)
             )
             self.counters.gap_evaluations += len(laws)
+            size = np.abs(laws.gap) + abs(laws.rows) @ np.abs(start.q)
+            touching = np.abs(laws.rows @ start.q - laws.gap) <= 1e-12 * size
+            for j in np.flatnonzero(touching & laws.jump):
+                if should_pin(
+                    self.space, laws, self._initial, int(j), (displacement, velocity), self._load(0.0), fraction
+                ):
+                    self._initial[j] = PINNED
         return self._initial
 
     def add_segment(self, t: float, status: Status, displacement: Array, velocity: Array) -> Motion:
@@ -143,9 +150,9 @@ class EventSolution:
             assert laws is not None
             mine = events.contact == j
             self.notes.append(
-                f"chatter: contact {laws.names[j]!r} was pinned at its gap "
-                f"{int(np.sum(events.status[mine] == PINNED))} times, after {int(np.sum(mine))} events so far; there "
-                "its reaction lies between 0 and K0*gap"
+                f"chatter: contact {laws.names[j]!r} came to rest at its gap (pinned) "
+                f"{int(np.sum(events.status[mine] == PINNED))} times in {int(np.sum(mine))} events; there its reaction "
+                "lies between 0 and K0*gap"
             )
         if events.time.size > _MANY_EVENTS:
             horizon = self.sensitivity.horizon()
