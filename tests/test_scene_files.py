@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import inspect
 import os
 import pickle
 import tomllib
@@ -662,3 +663,25 @@ def test_polynomial():
     for bad in ([], 3.0, [np.nan], ["x"], [[1.0]]):
         with pytest.raises(vf.ArgumentError, match="Polynomial: coefficients"):
             vf.Polynomial(bad)
+
+
+def test_every_argument_of_every_class_has_a_key():
+    """What a constructor takes and the table does not know would be lost on writing."""
+    for entry in (*BODIES.values(), *EFFECTS.values()):
+        arguments = set(inspect.signature(entry.made).parameters)
+        assert arguments <= set(entry.keys), entry.name
+
+
+def test_the_page_on_scene_files_names_every_table_and_key():
+    page = (Path(__file__).parent.parent / "docs" / "scene-files.md").read_text()
+    for entry in (*BODIES.values(), *EFFECTS.values()):
+        assert f"[[{entry.name}]]" in page
+        for key in entry.keys:
+            assert f"`{key}`" in page, (entry.name, key)
+
+
+def test_starts_from_outcomes_are_refused_by_name():
+    beam = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"}, name="deck")
+    rest = vf.equilibrium(vf.Scene([beam], [vf.Gravity()]))
+    with pytest.raises(vf.SceneFileError, match=r"initial\.deck: Equilibrium has no form in a scene file"):
+        scene_to_toml(vf.Scene([beam], initial={beam: rest}))

@@ -114,7 +114,7 @@ EFFECTS = _table(
     ),
     Entry("spring", effects.Spring, {"a": _POINT, "b": _POINT, "stiffness": NOT_NEGATIVE}),
     Entry("dashpot", effects.Dashpot, {"a": _POINT, "b": _POINT, "damping": NOT_NEGATIVE}),
-    Entry("rotational_spring", effects.RotationalSpring, {"point": _POINT, "stiffness": NOT_NEGATIVE}),
+    Entry("rotational_spring", effects.RotationalSpring, {"point": _POINT, "other": _POINT, "stiffness": NOT_NEGATIVE}),
     Entry("point_mass", effects.PointMass, {"point": _POINT, "mass": NOT_NEGATIVE, "inertia": NOT_NEGATIVE}),
     Entry("point_load", effects.PointLoad, {"point": _POINT, "f": TIME_FUNCTION}),
     Entry("point_moment", effects.PointMoment, {"point": _POINT, "f": TIME_FUNCTION}),

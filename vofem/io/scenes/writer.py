@@ -78,6 +78,9 @@ def _initial(initial: Any, place: Place) -> list[str]:
     blocks = []
     for body, state in initial.items():
         here = place.key(body.name)
+        if hasattr(state, "state_of"):
+            here.report(f"{type(state).__name__} has no form in a scene file; give displacements and velocities")
+            continue
         table = {}
         for name, value in zip(INITIAL, state, strict=True):
             try:
