@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vofem._validate import number
 from vofem.bodies import Beam
 from vofem.bodies.base import Body, Point
-from vofem.effects import Spring
+from vofem.effects import Foundation, Spring
 from vofem.errors import ArgumentError
 from vofem.result import Result
 from vofem.scene import Scene
@@ -132,7 +132,14 @@ def _contact_states(result: Result, t: float) -> dict[str, tuple[str, float]]:
 def _links(scene: Scene, states: dict[str, tuple[str, float]]) -> tuple[Link, ...]:
     contacts = [Link(c.name, c.a, c.b, c.side or "below", c.gap, *states[c.name]) for c in scene.contacts]
     springs = [Link("", s.a, s.b, "below", 0.0, "spring", 0.0) for s in scene.effects if isinstance(s, Spring)]
-    return (*contacts, *springs)
+    beds = [
+        Link(name, f.beam.at(float(x)), None, "below", f.gap, *states[name])
+        for f in scene.effects
+        if isinstance(f, Foundation) and f.one_sided
+        for node, x in enumerate(f.beam.nodes)
+        if (name := f"{f.name}[{node}]") in states
+    ]
+    return (*contacts, *beds, *springs)
 
 
 def _at_rest(outcome: Equilibrium, body: Body) -> BodyState:
