@@ -13,6 +13,7 @@ import numpy as np
 
 from vofem.bodies.base import Array, Body, BodyMatrices, IntArray, Point, Row
 from vofem.errors import ArgumentError
+from vofem.linalg.null_space import null_space
 from vofem.system import ContactLaws, Load, LoadFunction, NonlinearLaw, NonlinearLaws, System
 
 if TYPE_CHECKING:
@@ -124,16 +125,6 @@ class _Triplets:
             return None
         entries = (np.concatenate(self.rows), np.concatenate(self.columns))
         return coo_matrix((np.concatenate(self.values), entries), shape=(size, size)).tocsr()
-
-
-def _null_space(matrix: Array) -> Array:
-    """Return an orthonormal basis of the null space of a matrix with few columns, shape (columns, r)."""
-    columns = matrix.shape[1]
-    if not matrix.shape[0] or not columns:
-        return np.eye(columns)
-    _, values, right = np.linalg.svd(matrix, full_matrices=True)
-    rank = int(np.sum(values > 1e-10 * max(values[0], np.finfo(float).tiny)))
-    return right[rank:].T
 
 
 class SystemBuilder:
@@ -341,14 +332,14 @@ class SystemBuilder:
         for body, start in self.offsets.items():
             motions = body.rigid_motions()
             held = self._supported[(self._supported >= start) & (self._supported < start + body.size)] - start
-            motions = motions @ _null_space(motions[held])
+            motions = motions @ null_space(motions[held], np.ones_like(motions[held]))
             blocks.extend((start, motions[:, [k]]) for k in range(motions.shape[1]))
         basis = np.zeros((self.size, len(blocks)))
         for k, (start, motion) in enumerate(blocks):
             basis[start : start + motion.shape[0], k] = motion[:, 0]
         if attached is None or not blocks:
             return basis
-        return basis @ _null_space(np.asarray(attached @ basis))
+        return basis @ null_space(np.asarray(attached @ basis), np.asarray(abs(attached) @ np.abs(basis)))
 
     def _build_contacts(self, free: IntArray) -> tuple[Any, ContactLaws | None]:
         entries = self._contacts

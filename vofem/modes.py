@@ -95,6 +95,7 @@ def modes(scene: Scene, count: int = 6, closed: Sequence[Any] = ()) -> Modes:
         For an unknown contact.
     """
     from vofem.linalg.eigen import modal_basis
+    from vofem.linalg.null_space import null_space
 
     if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 1:
         raise ArgumentError(f"modes: count is {count!r}, expected a positive whole number")
@@ -115,9 +116,7 @@ def modes(scene: Scene, count: int = 6, closed: Sequence[Any] = ()) -> Modes:
         if strain is not None:
             strain = vstack([strain, diags(np.sqrt(laws.stiffness[chosen])) @ rows], format="csr")
         if rigid.shape[1]:
-            _, values, right = np.linalg.svd(rows @ rigid)
-            rank = int(np.sum(values > 1e-10 * values[0])) if values.size else 0
-            rigid = rigid @ right[rank:].T
+            rigid = rigid @ null_space(np.asarray(rows @ rigid), np.asarray(abs(rows) @ np.abs(rigid)))
     if system.size <= _DENSE:
         squares, shapes = modal_basis(system.mass, stiffness, system.scale, rigid, strain)
     else:

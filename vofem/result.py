@@ -50,6 +50,8 @@ class Energy:
         Taken by all dampers since t = 0.
     work : ndarray
         Done by all loads since t = 0.
+    start : float
+        Total energy at t = 0.
 
     Notes
     -----
@@ -63,6 +65,7 @@ class Energy:
     contact: Array
     dissipated: Array
     work: Array
+    start: float
 
     @property
     def total(self) -> Array:
@@ -71,8 +74,8 @@ class Energy:
 
     @property
     def balance(self) -> Array:
-        """What is missing from the balance, J: ``total - total[0] + dissipated - work``."""
-        return self.total - self.total[0] + self.dissipated - self.work
+        """What is missing from the balance, J: ``total - start + dissipated - work``."""
+        return self.total - self.start + self.dissipated - self.work
 
     @property
     def balance_error(self) -> float:
@@ -184,7 +187,7 @@ class Result:
     method : str
         The integrator that ran.
     times : ndarray, shape (n_times,)
-        In s; t = 0 first.
+        In s; t = 0 first where they were not asked for.
     counters : Counters
         Work done by the run.
     notes : list of str
@@ -379,4 +382,5 @@ class Result:
     def energy(self) -> Energy:
         """Energies at `times`."""
         parts = self.solution.energies(self.times)
-        return Energy(parts.kinetic, parts.strain, parts.contact, parts.dissipated, parts.work)
+        start = self.solution.start_energy
+        return Energy(parts.kinetic, parts.strain, parts.contact, parts.dissipated, parts.work, start)

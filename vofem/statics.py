@@ -21,6 +21,7 @@ from vofem.assembly import Model
 from vofem.bodies.base import Body
 from vofem.bodies.beam import Beam
 from vofem.errors import ArgumentError, ConvergenceError, SingularSystemError
+from vofem.linalg.null_space import null_space
 from vofem.scene import Scene, as_scene
 from vofem.system import CLOSED, OPEN, PINNED, ContactLaws, System
 
@@ -194,12 +195,11 @@ def _check_held(scene: Scene, model: Model, rows: Array | None) -> None:
     rigid = model.system.rigid
     if not rigid.shape[1]:
         return
-    held = np.zeros((1, rigid.shape[1])) if rows is None or not rows.size else rows @ rigid
-    _, values, right = np.linalg.svd(held)
-    rank = int(np.sum(values > 1e-10 * max(float(np.abs(held).max()), np.finfo(float).tiny)))
-    if rank == rigid.shape[1]:
+    contacts = np.zeros((0, rigid.shape[0])) if rows is None else rows
+    free = null_space(contacts @ rigid, np.abs(contacts) @ np.abs(rigid))
+    if not free.shape[1]:
         return
-    loose = rigid @ right[rank]
+    loose = rigid @ free[:, 0]
     full = np.abs(model.expand(loose[:, None])[:, 0])
     weights = {body: full[start : start + body.size].max() for body, start in model.offsets.items()}
     body = max(weights, key=lambda b: float(weights[b]))
@@ -338,7 +338,7 @@ class _ContactSolver:
         try:
             u, reaction = self.exact(status)
         except np.linalg.LinAlgError:
-            return True  # a loose structure: the caller finds out and says so
+            return False
         slack = 1e-10 * (np.abs(laws.gap) + np.abs(u).max(initial=0.0))
         s = u - laws.gap
         jump = laws.stiffness * laws.gap

@@ -73,6 +73,10 @@ class Solution(Protocol):
     notes: list[str]
 
     @property
+    def start_energy(self) -> float:
+        """Kinetic, strain and contact energy at t = 0, J."""
+
+    @property
     def events(self) -> Events:
         """Contact events in order of time."""
 

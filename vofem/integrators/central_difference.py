@@ -1,8 +1,8 @@
 """Central differences: Eq. 21 of the paper in velocity form.
 
 Order 2 in dt for smooth systems and for contacts that act on the penetration;
-order 1, or worse, once a contact that acts on the displacement switches
-within a step, because its force jumps there. Stable for ``dt < 2/omega_max``,
+order 1, or worse, where a force jumps within a step: that of a contact that
+acts on the displacement, of a contact damper at closing, of a pulse. Stable for ``dt < 2/omega_max``,
 damped or not; no numerical dissipation. With ``v`` at half steps,
 
     (M + dt C/2) a_n = f_n - K q_n - C v_{n-1/2} - sum_j b_j R_j,
@@ -207,7 +207,8 @@ class _Run:
         output = _Output(stored, *np.full((3, n, stored.size), np.nan), *np.zeros((2, stored.size)))
         q, v = start.q[self.order].copy(), start.v[self.order].copy()
         # Second-order start: half a step back with the acceleration of the initial conditions.
-        half = v - 0.5 * self.dt * self._start_acceleration(start, initial)[self.order]
+        acceleration = self._start_acceleration(start, initial)
+        half = v - 0.5 * self.dt * acceleration[self.order]
         state = _State(q, half, q.copy(), v, np.zeros(n), np.zeros(2), np.zeros(2))
         energy = self._energy(q, v)
         log: list[tuple[float, int, int]] = []
@@ -230,7 +231,8 @@ class _Run:
         self.counters.events = len(log)
         if system.damped:
             self.counters.damping_evaluations += steps + 1
-        return self._solution(t_end, output, log, initial)
+        first = energy - 0.125 * self.dt**2 * float(acceleration @ (system.mass @ acceleration))
+        return self._solution(t_end, output, log, initial, first)
 
     def _start_acceleration(self, start: State, status: IntArray) -> Array:
         """Return the acceleration that the equation of motion gives at t = 0, shape (n,)."""
@@ -279,6 +281,11 @@ class _Run:
         if self.nonlinear is not None and self.system.nonlinear is not None:
             laws = self.system.nonlinear.laws
             stored = sum(law.energy(float(u)) for law, u in zip(laws, self.nonlinear @ q, strict=True))
+        contacts = self.system.contacts
+        if contacts is not None:
+            natural = np.empty_like(q)
+            natural[self.order] = q
+            stored += float(_contact_energy(contacts, (contacts.rows @ natural)[:, None])[0])
         return stored - 0.5 * float(q @ strain + v @ motion)
 
     def _check(self, state: _State, first: float, t: float) -> None:
@@ -292,7 +299,7 @@ class _Run:
             )
 
     def _solution(
-        self, t_end: float, output: _Output, log: list[tuple[float, int, int]], initial: IntArray
+        self, t_end: float, output: _Output, log: list[tuple[float, int, int]], initial: IntArray, first: float
     ) -> SteppedSolution:
         system, laws = self.system, self.system.contacts
         back = np.empty(system.size, dtype=np.int64)
@@ -316,7 +323,7 @@ class _Run:
             events = Events(np.array(time), np.array(which), np.array(entered), initial)
         return SteppedSolution(
             system, t_end, output.times, samples, Energies(kinetic, strain, contact, output.dissipated, output.work),
-            self.dt, events, self.counters, self.notes,
+            first, self.dt, events, self.counters, self.notes,
         )  # fmt: skip
 
 

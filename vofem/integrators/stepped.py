@@ -28,6 +28,8 @@ class SteppedSolution:
         Of shape (n, n_times).
     stored : Energies
         In the method's own discrete form.
+    start_energy : float
+        At t = 0, in the same form, J.
     dt : float
         Step size, s.
     """
@@ -37,6 +39,7 @@ class SteppedSolution:
     times: Array
     samples: Samples
     stored: Energies
+    start_energy: float
     dt: float
     events: Events
     counters: Counters

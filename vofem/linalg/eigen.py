@@ -64,12 +64,14 @@ def modal_basis(mass: Any, stiffness: Any, scale: Array, rigid: Array, strain: A
             raise _indefinite()
         values[singles] = k / m
         shapes[singles, singles] = 1.0 / np.sqrt(m)
+    # What is left of other parts' rigid motions in a part is rounding, to be judged by the whole.
+    largest = float(np.abs(rigid * scale[:, None]).max(initial=0.0))
     for part in parts:
         if part.size > 1:
             window = np.ix_(part, part)
             dense_m = mass[part][:, part].toarray() if count > 1 else mass.toarray()
             dense_k = stiffness[part][:, part].toarray() if count > 1 else stiffness.toarray()
-            values[part], shapes[window] = _coupled(dense_m, dense_k, scale[part], rigid[part])
+            values[part], shapes[window] = _coupled(dense_m, dense_k, scale[part], rigid[part], largest)
     if strain is not None:
         energy = np.sum((strain @ shapes) ** 2, axis=0)
         values = np.where(values > 0.0, energy / np.sum(shapes * (mass @ shapes), axis=0), 0.0)
@@ -85,7 +87,7 @@ def _indefinite() -> SingularSystemError:
     )
 
 
-def _coupled(mass: Array, stiffness: Array, scale: Array, rigid: Array) -> tuple[Array, Array]:
+def _coupled(mass: Array, stiffness: Array, scale: Array, rigid: Array, reference: float) -> tuple[Array, Array]:
     """Solve one coupled part with dense matrices."""
     from scipy.linalg import LinAlgError, eigh
 
@@ -93,7 +95,7 @@ def _coupled(mass: Array, stiffness: Array, scale: Array, rigid: Array) -> tuple
     m = mass * balance[:, None] * balance
     k = stiffness * balance[:, None] * balance
     n = scale.size
-    null = _orthonormal(rigid * scale[:, None], m)
+    null = _orthonormal(rigid * scale[:, None], m, reference)
     r = null.shape[1]
     try:
         if r:
@@ -117,11 +119,13 @@ def _coupled(mass: Array, stiffness: Array, scale: Array, rigid: Array) -> tuple
     return values, vectors * balance[:, None]
 
 
-def _orthonormal(basis: Array, mass: Array) -> Array:
-    """Return a mass-orthonormal basis of the span of the columns."""
+def _orthonormal(basis: Array, mass: Array, reference: float) -> Array:
+    """Return a mass-orthonormal basis of the span of the columns, as far as they are no rounding of `reference`."""
     if not basis.shape[1] or not np.any(basis):
         return np.empty((basis.shape[0], 0))
     left, values, _ = np.linalg.svd(basis, full_matrices=False)
-    left = left[:, values > 1e-10 * values[0]]
+    left = left[:, values > 1e-10 * reference]
+    if not left.shape[1]:
+        return left
     gram = np.linalg.cholesky(left.T @ mass @ left)
     return np.linalg.solve(gram, left.T).T

@@ -108,7 +108,8 @@ def _deflate(d: Array, c: Array, vectors: Array) -> tuple[NDArray[np.int64], boo
     norm = np.sqrt(np.sum(c * c))
     active = np.zeros(n, dtype=np.bool_)
     for i in range(n):
-        active[i] = abs(c[i]) > 1e-18 * norm
+        # A rigid motion that is coupled by rounding only stays one.
+        active[i] = abs(c[i]) > (1e-14 if d[i] == 0.0 else 1e-18) * norm
     previous = -1
     plain = True
     for i in range(n):

@@ -84,7 +84,7 @@ def _loose_motions(stiffness: Array, damping: Array) -> tuple[Array, int]:
         return frame, 0
     small = damping[np.ix_(rigid, rigid)]
     values, vectors = np.linalg.eigh(small)
-    loose = int(np.sum(values <= 1e-12 * max(float(np.abs(small).max()), np.finfo(float).tiny)))
+    loose = int(np.sum(values <= 1e-12 * max(float(np.abs(damping).max()), np.finfo(float).tiny)))
     frame[np.ix_(rigid, rigid)] = vectors
     others = np.setdiff1d(np.arange(m), rigid[:loose])
     return frame[:, np.concatenate([rigid[:loose], others])], loose
@@ -95,6 +95,9 @@ def _complex_blocks(k: Array, c: Array) -> Blocks:
     n = k.size
     if not n:
         return Blocks(np.empty(0), np.empty(0), np.empty((0, 0)), np.empty((0, 0)))
+    if n == 1:
+        # One oscillator is a block already, critically damped or not.
+        return Blocks(0.5 * c[0], k.copy(), np.eye(2), np.eye(2))
     # Velocities divided by a frequency: both halves of the state are of one size.
     omega = np.sqrt(np.where(k > 1e-16 * k.max(), k, k.max() if k.max() > 0 else 1.0))
     state = np.zeros((2 * n, 2 * n))

@@ -114,6 +114,8 @@ class _Velocities:
             coefficients = w[j][:, None] * self.z + u[j][:, None] * self.v
             used = coefficients != 0
             c, mu = coefficients[used], self.mu[used]
+            if np.any(self.odd):
+                total += self._drift_work(w[j], u[j], piece, tau)
             if piece.constant:
                 total += piece.constant * (_integral(mu, tau) @ c).real
             if piece.slope:
@@ -123,6 +125,15 @@ class _Velocities:
         if np.any(self.odd):
             total += self._odd_work(w, u, pieces, tau)
         return total
+
+    def _drift_work(self, w: Array, u: Array, piece: Piece, tau: Array) -> Array:
+        """Return the work on velocities that grow linearly: over all blocks they cancel, over some they do not."""
+        even = ~self.odd
+        drift = float(w[even] @ self.motion.poly_z[even, 1] + u[even] @ self.motion.poly_v[even, 1])
+        total = piece.constant * tau**2 / 2.0 + piece.slope * tau**3 / 3.0
+        for omega, amplitude in piece.harmonics:
+            total = total + (amplitude * _ramp_integral(np.array([1j * omega]), tau)[:, 0]).real
+        return drift * total
 
     def _odd_work(self, w: Array, u: Array, pieces: list[Piece], tau: Array) -> Array:
         motion = _only(self.motion, self.odd)

@@ -242,7 +242,7 @@ def _march(
         for k in range(n):
             speed[k] = np.sqrt(at.v[k] ** 2 + p[k] * at.z[k] ** 2) + (g2[k] + frequency[k] * g1[k]) * step
             if frequency[k] > 0.0:
-                amplitude[k] = speed[k] / frequency[k]
+                amplitude[k] = min(speed[k] / frequency[k], abs(at.z[k]) + (speed[k] + g1[k]) * step)
             else:
                 amplitude[k] = abs(at.z[k]) + (speed[k] + g1[k]) * step
             push[k] = (2.0 * delta[k] + frequency[k]) * speed[k] + g2[k]

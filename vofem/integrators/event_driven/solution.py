@@ -317,6 +317,12 @@ class EventSolution:
             growth.append(traveller.growth)
         return Sensitivity(np.append(self.segment_starts, self.t_end), np.array(growth))
 
+    @property
+    def start_energy(self) -> float:
+        """Kinetic, strain and contact energy at t = 0."""
+        start = self.energies(np.zeros(1))
+        return float(start.kinetic[0] + start.strain[0] + start.contact[0])
+
     def energies(self, times: Array) -> Energies:
         """Return energies, dissipation and work at any times, in closed form."""
         from vofem.integrators.event_driven.energy import work_and_dissipation
