@@ -1,0 +1,107 @@
+"""Faults that were found by comparison with dense matrix exponentials, each by its smallest scene."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+import vofem as vf
+
+
+def marched(scene, t):
+    """Return displacements of a scene without contacts or loads at time t, by one matrix exponential."""
+    system = scene.model.system
+    M, K = system.mass.toarray(), system.stiffness.toarray()
+    C = np.zeros_like(M) if system.sparse_damping is None else system.sparse_damping.toarray()
+    n = M.shape[0]
+    A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
+    start = scene.initial_state()
+    return (expm(A * t) @ np.concatenate([start.q, start.v]))[:n]
+
+
+def test_rounding_of_one_part_is_no_rigid_motion_of_another():
+    b, a, c = vf.Mass(2.0), vf.Mass(1.0), vf.Mass(1.0, stiffness=4.8)
+    scene = vf.Scene([b, a, c], [vf.Spring(a, c, stiffness=2.7)], initial={a: (1.0, 0.0)})
+    assert vf.modes(scene).omega == pytest.approx([0.0, 1.2196, 2.9517], abs=1e-4)
+    result = vf.simulate(scene, 5.0, times=[1.0, 5.0])
+    assert result.samples.q[:, 1] == pytest.approx(marched(scene, 5.0), abs=1e-13)
+
+
+@pytest.mark.parametrize("speed", [0.3, 1.0])
+def test_free_structures_with_inner_dashpots_run(speed):
+    """A dashpot within a free structure leaves its rigid motion alone."""
+    a, b, c = vf.Mass(1.0), vf.Mass(3.0), vf.Mass(2.0)
+    inner = [vf.Spring(a, b, stiffness=2.0), vf.Dashpot(a, b, damping=0.3), vf.Spring(b, c, stiffness=1.0)]
+    scene = vf.Scene([a, b, c], inner, initial={a: (0.0, speed)})
+    result = vf.simulate(scene, 7.0, times=[0.0, 7.0])
+    assert result.samples.q[:, 1] == pytest.approx(marched(scene, 7.0), abs=1e-12)
+    stop = vf.Contact(a, b, gap=0.02, stiffness=50.0, acts_on="penetration")
+    hit = vf.simulate(vf.Scene([a, b, c], [*inner, stop], initial={a: (0.0, speed)}), 7.0)
+    assert hit.counters.events > 0
+    momentum = sum(m.mass * hit.velocity(m) for m in (a, b, c))
+    assert momentum == pytest.approx(np.full(momentum.shape, speed), abs=1e-12)
+    assert hit.energy.balance_error < 1e-12
+
+
+def test_springs_within_a_beam_leave_its_rigid_motion_alone():
+    beam = vf.Beam(1.0, 1.0, 1.0, 3, {"left": "guided"})
+    springs = [
+        vf.Spring(beam.at(0.3), beam.at(1.0), stiffness=2.0),
+        vf.Spring(beam.at(0.5), beam.at(1.0), stiffness=4.0),
+    ]
+    omega = vf.modes(vf.Scene([beam], springs), 2).omega
+    assert omega[0] == 0.0
+    assert omega[1] > 1.0
+
+
+@pytest.mark.parametrize("zeta", [1.0, 1.0 + 1e-12, 1.0 - 1e-9])
+def test_critically_damped_contact(zeta):
+    """A free mass in a stop of exactly critical damping: x = (x0 + (v0 + w x0) t) exp(-w t)."""
+    mass = vf.Mass(1.0)
+    stop = vf.Contact(mass, gap=0.0, stiffness=100.0, damping=20.0 * zeta, side="above", acts_on="penetration")
+    result = vf.simulate(vf.Scene([mass], [stop], initial={mass: (0.3, 0.2)}), 0.2)
+    t = result.times
+    exact = (0.3 + (0.2 + 3.0) * t) * np.exp(-10.0 * t)
+    assert result.displacement(mass) == pytest.approx(exact, abs=1e-9)
+    assert result.energy.balance_error < 1e-11
+
+
+def test_work_of_a_ramp_beside_rigid_motion_and_dashpots():
+    a, b = vf.Mass(1.0), vf.Mass(1.0)
+    effects = [vf.Spring(a, b, stiffness=1.0), vf.Dashpot(a, damping=0.3), vf.PointLoad(a, vf.Ramp(1.0))]
+    assert vf.simulate(vf.Scene([a, b], effects), 10.0).energy.balance_error < 1e-12
+
+
+def test_loose_chains_have_no_equilibrium_and_keep_their_rigid_mode():
+    """A contact within a free chain holds nothing, also where rounding says otherwise."""
+    rng = np.random.default_rng(7)
+    for _ in range(40):
+        masses = [vf.Mass(1.0) for _ in range(3)]
+        springs = [vf.Spring(masses[i], masses[i + 1], stiffness=rng.uniform(0.1, 5.0)) for i in range(2)]
+        inner = vf.Contact(
+            masses[0], masses[2], gap=-0.2, stiffness=rng.uniform(0.1, 5.0), acts_on="penetration", name="c"
+        )
+        scene = vf.Scene(masses, [*springs, inner, vf.PointLoad(masses[1], 1.0)])
+        with pytest.raises(vf.SingularSystemError, match="can move freely"):
+            vf.equilibrium(scene)
+        omega = vf.modes(scene, 3, closed=["c"]).omega
+        assert omega[0] == 0.0
+        assert omega[1] > 0.1
+
+
+def test_start_inside_a_stop_is_no_blow_up():
+    mass = vf.Mass(1.0)
+    stop = vf.Contact(mass, gap=-1.0, stiffness=100.0, side="above", acts_on="penetration")
+    result = vf.simulate(vf.Scene([mass], [stop]), 1.0, method="central_difference", dt=1e-3)
+    assert result.velocity(mass)[-1] == pytest.approx(-10.0, rel=1e-4)
+    assert result.energy.balance_error < 1e-4
+
+
+@pytest.mark.parametrize("method", ["event_driven", "central_difference"])
+def test_energy_balance_counts_from_the_start_of_the_run(method):
+    mass = vf.Mass(1.0, stiffness=4.0, damping=0.3)
+    scene = vf.Scene([mass], [vf.PointLoad(mass, vf.Sine(1.0, 1.0))], initial={mass: (0.5, 0.0)})
+    step = {"dt": 1e-3} if method == "central_difference" else {}
+    result = vf.simulate(scene, 5.0, method=method, times=[1.0, 2.0, 5.0], **step)
+    assert result.energy.balance_error < 1e-10
