@@ -105,3 +105,27 @@ def test_energy_balance_counts_from_the_start_of_the_run(method):
     step = {"dt": 1e-3} if method == "central_difference" else {}
     result = vf.simulate(scene, 5.0, method=method, times=[1.0, 2.0, 5.0], **step)
     assert result.energy.balance_error < 1e-10
+
+
+@pytest.mark.parametrize("damping", [20.0, 20.0 * (1 + 1e-12), 20.0 * (1 + 1e-8), 19.999])
+def test_critically_damped_contact_of_a_coupled_mass(damping):
+    """Roots that coincide are taken as one plane: no digit is lost where eigenvectors would lose half of them."""
+    a, b = vf.Mass(1.0), vf.Mass(1e3, stiffness=1e-3)
+    stop = vf.Contact(a, gap=0.0, stiffness=100.0, damping=damping, side="above", acts_on="penetration")
+    scene = vf.Scene([a, b], [stop, vf.Spring(a, b, stiffness=1e-3)], initial={a: (0.3, 0.2)})
+    result = vf.simulate(scene, 0.2, times=np.linspace(0.0, 0.2, 5))
+    K = scene.model.system.stiffness.toarray() + np.diag([100.0, 0.0])
+    minv = np.diag([1.0, 1e-3])
+    A = np.block([[np.zeros((2, 2)), np.eye(2)], [-minv @ K, -minv @ np.diag([damping, 0.0])]])
+    exact = [(expm(A * t) @ [0.3, 0.0, 0.2, 0.0])[0] for t in result.times]
+    assert result.displacement(a) == pytest.approx(exact, abs=1e-13)
+    assert result.energy.balance_error < 1e-9
+
+
+@pytest.mark.parametrize("damping", [1e-8, 1e-9, 1e-12])
+def test_rigid_motion_with_hardly_any_damping(damping):
+    a, b = vf.Mass(1.0), vf.Mass(2.0)
+    effects = [vf.Dashpot(a, b, damping=1.0), vf.Dashpot(a, damping=damping)]
+    scene = vf.Scene([a, b], effects, initial={a: (0.3, 0.2)})
+    result = vf.simulate(scene, 5.0, times=[0.0, 5.0])
+    assert result.samples.q[:, 1] == pytest.approx(marched(scene, 5.0), abs=1e-11)
