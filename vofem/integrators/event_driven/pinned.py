@@ -71,6 +71,20 @@ def reactions(space: ModalSpace, laws: ContactLaws, status: Status, spectrum: Sp
     )
 
 
+def may_pin(space: ModalSpace, laws: ContactLaws, contact: int, velocity: Array, fraction: float) -> bool:
+    """Return whether a contact is slow enough to be pinned at all, whatever the load: a cheap look before the full one.
+
+    The accelerations of both statuses differ by at most ``c.c (K0 gap + C0 v)``, so the weaker of two
+    opposite ones is at most half of that.
+    """
+    if not laws.jump[contact]:
+        return False
+    row = space.contacts[contact]
+    speed = abs(row @ velocity)
+    push = laws.stiffness[contact] * laws.gap[contact] + laws.damping[contact] * speed
+    return bool(speed**2 < 1.01 * (row @ row) * push * fraction * laws.gap[contact])
+
+
 def should_pin(
     space: ModalSpace, laws: ContactLaws, status: Status, contact: int, state: tuple[Array, Array], load: Array,
     fraction: float,

@@ -20,7 +20,7 @@ from vofem.integrators.base import (
 )
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.integrators.event_driven.motion import Forcing, Motion, start_motion
-from vofem.integrators.event_driven.pinned import Reactions, reactions, should_pin
+from vofem.integrators.event_driven.pinned import Reactions, may_pin, reactions, should_pin
 from vofem.integrators.event_driven.search import EventFunctions
 from vofem.integrators.event_driven.segment import Segment
 from vofem.integrators.event_driven.sensitivity import Perturbation, Sensitivity
@@ -124,7 +124,7 @@ class EventSolution:
         after = status.copy()
         for contact, new in entered.items():
             after[contact] = new
-        jumping = [j for j in entered if laws.jump[j] and status[j] != PINNED]
+        jumping = [j for j in entered if status[j] != PINNED and may_pin(self.space, laws, j, velocity, fraction)]
         if jumping:
             state, load = (displacement, velocity), self._load(t)
             for contact in jumping:
