@@ -110,7 +110,7 @@ CASES = [
 ]  # fmt: skip
 
 
-# What a newcomer got wrong.
+# What a first user got wrong.
 CASES += [
     (lambda: vf.Scene(beam()), r"bodies is Beam 'deck': .* write \[\.\.\.\] around it"),
     (lambda: vf.Scene([beam()], contact()), "effects is Contact 'stop'"),
