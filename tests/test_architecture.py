@@ -22,6 +22,7 @@ LAYERS = [
     "system",
     "bodies",
     "assembly",
+    "lookup",
     "effects",
     "scene",
     "integrators",

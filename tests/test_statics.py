@@ -137,3 +137,13 @@ def test_random_masses_and_contacts(data):
     loads = [vf.PointLoad(m, data.draw(st.floats(-5.0, 5.0))) for m in masses]
     scene = vf.Scene(masses, [*contacts, *loads])
     check_complementarity(scene, vf.equilibrium(scene))
+
+
+def test_points_are_resolved_by_name_and_x():
+    """A point of another beam of the same name, with another mesh, means the same place."""
+    beam = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"}, name="deck")
+    finer = vf.Beam(1.0, 1.0, 1.0, 9, {"left": "clamped"}, name="deck")
+    outcome = vf.equilibrium(vf.Scene([beam], [vf.PointLoad(beam.at(1.0), 3.0)]))
+    assert outcome.displacement(finer.at(1.0)) == outcome.displacement(beam.at(1.0)) == pytest.approx(1.0)
+    with pytest.raises(vf.ArgumentError, match="expected a point"):
+        outcome.displacement(0.5)

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem._validate import Named, array, nearest
+from vofem._validate import Named, array
 from vofem.assembly import Model
-from vofem.bodies.base import Body, Row
 from vofem.bodies.beam import Beam
 from vofem.errors import ArgumentError
 from vofem.fractional.orders import exponential_order
 from vofem.integrators.base import ContactSamples, Samples, Solution
+from vofem.lookup import body_named, row_of, the_beam
 from vofem.scene import Scene
 from vofem.system import CLOSED, PINNED, Counters
 
@@ -239,25 +239,8 @@ class Result:
             raise ArgumentError(f"t is {bad:g} s, expected a time of the run, 0 to {end:g} s")
         return self.solution.sample(np.minimum(times, end))
 
-    def _body(self, body: Any) -> Body:
-        """Return the scene's body of the same name: a loaded result knows its bodies by name only."""
-        name = getattr(body, "name", body)
-        for candidate in self.scene.bodies:
-            if candidate.name == name:
-                return candidate
-        names = tuple(candidate.name for candidate in self.scene.bodies)
-        raise ArgumentError(f"no body is named {name!r}; there are {list(names)}{nearest(name, names)}")
-
-    def _row(self, point: Any) -> tuple[Body, Row]:
-        if not hasattr(point, "row"):
-            raise ArgumentError(f"expected a point, beam.at(x) or a Mass, found {point!r}")
-        body = self._body(point.body)
-        if isinstance(body, Beam):
-            return body, body.at(point.x).row()
-        return body, point.row()
-
     def _along(self, point: Any, values: Array) -> Array:
-        body, row = self._row(point)
+        body, row = row_of(self.scene.bodies, point)
         return row.weights @ self.model.of_body(body, values)[row.indices]
 
     def displacement(self, point: Any, t: ArrayLike | None = None) -> Array:
@@ -274,21 +257,13 @@ class Result:
 
     def state_of(self, body_name: str) -> tuple[Array, Array]:
         """Return a body's degrees of freedom and rates at the last time, each (size,); starts another scene."""
-        body = self._body(body_name)
+        body = body_named(self.scene.bodies, body_name)
         return self.model.of_body(body, self.samples.q[:, -1]), self.model.of_body(body, self.samples.v[:, -1])
 
     # -- fields -----------------------------------------------------------------------------------
 
     def _beam(self, body: Any) -> Beam:
-        if body is None:
-            beams = [candidate for candidate in self.scene.bodies if isinstance(candidate, Beam)]
-            if len(beams) != 1:
-                raise ArgumentError(f"the scene has {len(beams)} beams; say which one with body=")
-            return beams[0]
-        beam = self._body(body)
-        if not isinstance(beam, Beam):
-            raise ArgumentError(f"{beam.label} has no deflection along x; use displacement(point)")
-        return beam
+        return the_beam(self.scene.bodies, body)
 
     def _field(self, x: ArrayLike, t: ArrayLike | None, body: Any, derivative: int) -> Array:
         beam = self._beam(body)

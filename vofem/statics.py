@@ -18,10 +18,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import Named, number
 from vofem.assembly import Model
-from vofem.bodies.base import Body
 from vofem.bodies.beam import Beam
 from vofem.errors import ArgumentError, ConvergenceError, SingularSystemError
 from vofem.linalg.null_space import null_space
+from vofem.lookup import body_named, row_of, the_beam
 from vofem.scene import Scene, as_scene
 from vofem.system import CLOSED, OPEN, PINNED, ContactLaws, System
 
@@ -83,35 +83,19 @@ class Equilibrium:
             if contact.pinned
         ]
 
-    def _body(self, body: Any) -> Body:
-        name = getattr(body, "name", body)
-        for candidate in self._model.offsets:
-            if candidate.name == name:
-                return candidate
-        raise ArgumentError(
-            f"the equilibrium has no body named {name!r}, but {[b.name for b in self._model.offsets]}; "
-            "as the start of a scene it must hold all bodies, or be given for those it holds: initial={body: outcome}"
-        )
-
     def state_of(self, body_name: str) -> tuple[Array, Array]:
         """Return a body's degrees of freedom and their rates (zero), each (size,); starts a scene from rest."""
-        values = self._model.of_body(self._body(body_name), self._q)
+        cure = "; as the start of a scene give the outcome for the bodies that it holds: initial={body: outcome}"
+        values = self._model.of_body(body_named(self._model.offsets, body_name, cure), self._q)
         return values, np.zeros_like(values)
 
     def displacement(self, point: Any) -> float:
         """Return the displacement of a point in m."""
-        row = point.row()
-        return float(row.weights @ self._model.of_body(self._body(point.body), self._q)[row.indices])
+        body, row = row_of(self._model.offsets, point)
+        return float(row.weights @ self._model.of_body(body, self._q)[row.indices])
 
     def _field(self, x: ArrayLike, body: Any, derivative: int) -> tuple[Beam, Array]:
-        if body is None:
-            beams = [candidate for candidate in self._model.offsets if isinstance(candidate, Beam)]
-            if len(beams) != 1:
-                raise ArgumentError(f"the scene has {len(beams)} beams; say which one with body=")
-            body = beams[0]
-        beam = self._body(body)
-        if not isinstance(beam, Beam):
-            raise ArgumentError(f"{beam.label} has no deflection along x; use displacement(point)")
+        beam = the_beam(self._model.offsets, body)
         # Of the shape of x, so that a field serves as the initial state of another scene.
         values = beam.field_matrix(np.ravel(np.asarray(x)), derivative) @ self._model.of_body(beam, self._q)
         return beam, np.reshape(values, np.shape(x) or (1,))

@@ -157,6 +157,23 @@ def _exact_coupling(poles: Array, c: Array, origin: NDArray[np.int64], offset: A
 
 
 @jit
+def _unit_vectors(poles: Array, exact: Array, origin: NDArray[np.int64], offset: Array) -> tuple[Array, Array]:
+    """Return one unit vector per root as columns, and the signed lengths that they were divided by."""
+    m, count = poles.size, offset.size
+    local, length = np.empty((m, count)), np.empty(count)
+    for k in range(count):
+        total = 0.0
+        for j in range(m):
+            local[j, k] = exact[j] / ((poles[j] - poles[origin[k]]) - offset[k])
+            total += local[j, k] * local[j, k]
+        # Positive on the diagonal, so that a weak contact is close to the identity.
+        length[k] = np.sqrt(total) * (1.0 if local[k, k] > 0.0 else -1.0)
+        for j in range(m):
+            local[j, k] /= length[k]
+    return local, length
+
+
+@jit
 def rank_one(d: Array, c: Array, rho: float) -> tuple[Array, Array]:
     """Return eigenvalues and orthogonal eigenvectors of ``diag(d) + rho c c'``, rho > 0.
 
@@ -189,16 +206,7 @@ def rank_one(d: Array, c: Array, rho: float) -> tuple[Array, Array]:
         origin[k], offset[k] = _root(poles, w, k, 1.0)
         values[index[k]] = poles[origin[k]] + offset[k]
     exact = _exact_coupling(poles, c[index], origin, offset, True)
-    local = np.empty((m, m))
-    for k in range(m):
-        total = 0.0
-        for j in range(m):
-            local[j, k] = exact[j] / ((poles[j] - poles[origin[k]]) - offset[k])
-            total += local[j, k] * local[j, k]
-        # Positive on the diagonal, so that a weak contact is close to the identity.
-        total = np.sqrt(total) * (1.0 if local[k, k] > 0.0 else -1.0)
-        for j in range(m):
-            local[j, k] /= total
+    local, _ = _unit_vectors(poles, exact, origin, offset)
     _place(vectors, index, local, plain)
     order = np.argsort(values)
     return values[order], vectors[:, order]
@@ -241,16 +249,9 @@ def constrain(d: Array, c: Array) -> tuple[Array, Array, Array]:
     exact = _exact_coupling(poles, c[index], origin, offset, False)
     # The scale of the exact coupling is that of c; its shape fits the roots.
     ratio = np.sqrt(np.sum(w) / np.sum(exact * exact))
-    local = np.empty((m, m - 1))
+    local, length = _unit_vectors(poles, exact, origin, offset)
     for k in range(m - 1):
-        total = 0.0
-        for j in range(m):
-            local[j, k] = exact[j] / ((poles[j] - poles[origin[k]]) - offset[k])
-            total += local[j, k] * local[j, k]
-        total = np.sqrt(total) * (1.0 if local[k, k] > 0.0 else -1.0)
-        for j in range(m):
-            local[j, k] /= total
-        force[index[k]] = 1.0 / (total * ratio)
+        force[index[k]] = 1.0 / (length[k] * ratio)
     _place(vectors, index, local, plain)
     kept = np.ones(n, dtype=np.bool_)
     kept[index[m - 1]] = False

@@ -177,10 +177,6 @@ class EventSolution:
         """Times at which the segments begin, shape (n_segments,)."""
         return np.array(self._starts)
 
-    def segment_status(self, index: int) -> Status:
-        """Return the contact status of a segment."""
-        return self._states[index][0]
-
     def load_pieces(self, t: float) -> list[Piece]:
         """Return the closed form of every load near time t."""
         functions = [load.function for load in self.system.loads]

@@ -1,0 +1,51 @@
+"""Finding a body, a beam or a point's row by name: outcomes know their bodies by name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from vofem._validate import nearest
+from vofem.bodies.base import Body, Row
+from vofem.bodies.beam import Beam
+from vofem.errors import ArgumentError
+
+
+def body_named(bodies: Iterable[Body], body: Any, cure: str = "") -> Body:
+    """Return the body of the same name, or raise `ArgumentError`, ending with a cure.
+
+    Parameters
+    ----------
+    bodies : iterable of Body
+    body : Body or str
+    cure : str
+        For the message.
+    """
+    known = {candidate.name: candidate for candidate in bodies}
+    name = getattr(body, "name", body)
+    if name not in known:
+        names = tuple(known)
+        raise ArgumentError(f"no body is named {name!r}; there are {list(names)}{nearest(name, names)}{cure}")
+    return known[name]
+
+
+def the_beam(bodies: Iterable[Body], body: Any) -> Beam:
+    """Return the beam of that name, or the only one where none is given."""
+    bodies = tuple(bodies)
+    if body is None:
+        beams = [candidate for candidate in bodies if isinstance(candidate, Beam)]
+        if len(beams) != 1:
+            raise ArgumentError(f"the scene has {len(beams)} beams; say which one with body=")
+        return beams[0]
+    beam = body_named(bodies, body)
+    if not isinstance(beam, Beam):
+        raise ArgumentError(f"{beam.label} has no deflection along x; use displacement(point)")
+    return beam
+
+
+def row_of(bodies: Iterable[Body], point: Any) -> tuple[Body, Row]:
+    """Return the body of a point and the point's row on it, resolved by the body's name and x."""
+    if not hasattr(point, "row"):
+        raise ArgumentError(f"expected a point, beam.at(x) or a Mass, found {point!r}")
+    body = body_named(bodies, point.body)
+    return body, body.at(point.x).row() if isinstance(body, Beam) else point.row()
