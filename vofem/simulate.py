@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -17,10 +18,15 @@ from vofem.system import System
 
 Array = NDArray[np.float64]
 
-METHODS = ("event_driven", "central_difference")
+METHODS = ("event_driven", "energy_conserving", "generalized_alpha", "central_difference")
 
 #: Options that a method takes beside those of `simulate`.
-_OPTIONS: dict[str, tuple[str, ...]] = {"event_driven": ("max_events", "pin_fraction"), "central_difference": ()}
+_OPTIONS: dict[str, tuple[str, ...]] = {
+    "event_driven": ("max_events", "pin_fraction"),
+    "energy_conserving": (),
+    "generalized_alpha": ("rho_infinity", "alpha_m", "alpha_f", "gamma", "newmark_beta"),
+    "central_difference": (),
+}
 
 
 def option_names(method: str = "auto") -> tuple[str, ...]:
@@ -44,9 +50,10 @@ def simulate(
     scene : Scene
     t_end : float
         In s, positive.
-    method : {"auto", "event_driven", "central_difference"}
+    method : {"auto", "event_driven", "energy_conserving", "generalized_alpha", "central_difference"}
         "auto" takes event_driven, which is exact up to rounding, where it
-        applies; `vofem.explain` says what it chooses and why.
+        applies, and else energy_conserving, which is stable at any step;
+        `vofem.explain` says what it chooses and why.
     dt : float, optional
         Step size in s of a stepping method; chosen where not given.
     times : array_like, shape (n_times,), optional
@@ -54,7 +61,9 @@ def simulate(
         1001 uniform times for event_driven, every step for a stepping method.
     **options
         Of event_driven: ``max_events`` (a million), and ``pin_fraction``, the
-        fraction of the gap below which chatter counts as rest (1e-7).
+        fraction of the gap below which chatter counts as rest (1e-7). Of
+        generalized_alpha: ``rho_infinity`` in [0, 1] (0.8), or ``alpha_m``,
+        ``alpha_f``, ``gamma``, ``newmark_beta`` in place of what it implies.
 
     Returns
     -------
@@ -92,10 +101,9 @@ def simulate(
             raise ArgumentError("simulate: dt was given, but event_driven has no step; leave it out")
         sampled = np.linspace(0.0, t_end, 1001) if wanted is None else wanted
         return Result(scene, chosen, event_driven.run(system, start, t_end, sampled, **options))
-    from vofem.integrators import central_difference
-
+    stepping = import_module(f"vofem.integrators.{chosen}")
     step = None if dt is None else number("simulate: dt", dt, positive=True)
-    return Result(scene, chosen, central_difference.run(system, start, t_end, wanted, step))
+    return Result(scene, chosen, stepping.run(system, start, t_end, wanted, step, **options))
 
 
 def _times(times: ArrayLike, t_end: float) -> Array:
@@ -135,7 +143,7 @@ def choose(system: System) -> Choice:
             "event_driven",
             "the scene is linear between contact events and its loads have closed forms: exact up to rounding",
         )
-    return Choice("central_difference", f"event_driven does not apply: {reason.split('. ')[0]}")
+    return Choice("energy_conserving", f"event_driven does not apply: {reason.split('. ')[0]}")
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,369 @@
+"""The generalized-alpha method with contact solved inside the step.
+
+Order 2 in dt for smooth systems and for contacts that act on the penetration,
+order 1 where a force jumps within a step. Unconditionally stable for linear
+systems; rho_infinity in [0, 1] is the spectral radius at infinite frequency:
+1 has no numerical dissipation and is the trapezoidal rule (Newmark's average
+acceleration), 0 takes out in one step what the step does not resolve. With
+contacts stability is not guaranteed: near ``rho_infinity = 1`` and at
+``omega dt >= 1`` of a closed contact energy grows, and the run stops with an error.
+
+    alpha_m = (2 rho - 1)/(rho + 1),  alpha_f = rho/(rho + 1),
+    gamma = 1/2 - alpha_m + alpha_f,  beta = (1 - alpha_m + alpha_f)^2/4,
+    M a_{1-am} + C v_{1-af} + K q_{1-af} + sum_j b_j R_j,{1-af} = f_{1-af},
+
+every subscript a mean of both ends, ``x_{1-a} = (1 - a) x_1 + a x_0``. Newmark's
+method is alpha_m = alpha_f = 0 and Hilber, Hughes and Taylor's is alpha_m = 0:
+give ``alpha_m``, ``alpha_f``, ``gamma`` and ``newmark_beta`` to reach them.
+Under the jump law the reaction may lie anywhere in [0, K0 gap] at the gap. A
+contact damper acts by its mean over the step, extrapolated to the time of balance.
+
+J. Chung, G. M. Hulbert, A time integration algorithm for structural dynamics with improved numerical dissipation:
+the generalized-alpha method, J. Appl. Mech. 60 (1993) 371-375, https://doi.org/10.1115/1.2900803.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem._validate import number
+from vofem.errors import ArgumentError, ConvergenceError
+from vofem.integrators.base import Samples, initial_status
+from vofem.integrators.damping_matrix import damping_matrix
+from vofem.integrators.stepped import SteppedSolution, storage_times
+from vofem.integrators.stepping.callbacks import Callbacks
+from vofem.integrators.stepping.contact_solve import compliance, law, solve_reactions
+from vofem.integrators.stepping.energies import kinetic_energy
+from vofem.integrators.stepping.laws import Laws, build_laws, closed_share
+from vofem.integrators.stepping.march import Banded, Progress, chunk, march, stored_energy
+from vofem.integrators.stepping.record import Output, Trail, leave, log_event, output, store, switched, trail
+from vofem.integrators.stepping.rows import Rows, all_rows, compressed, dot, subtract_row
+from vofem.linalg.banded import factor, solve, subtract_product, to_band, widen
+from vofem.linalg.jit import jit
+from vofem.system import Counters, State, System
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+#: Energy out of nowhere, over the energies at work, that ends a run.
+_BLOW_UP = 1.0
+
+#: Default number of steps in a run.
+_STEPS = 1000
+
+
+class Parameters(NamedTuple):
+    """The method's four numbers."""
+
+    alpha_m: float
+    alpha_f: float
+    gamma: float
+    beta: float
+
+
+def parameters(
+    rho_infinity: float = 0.8,
+    alpha_m: float | None = None,
+    alpha_f: float | None = None,
+    gamma: float | None = None,
+    newmark_beta: float | None = None,
+) -> Parameters:
+    """Return the parameters of the method, those given in place of Chung and Hulbert's.
+
+    Raises
+    ------
+    ArgumentError
+        Outside [0, 1] for rho_infinity, or where linear systems would not be stable.
+    """
+    rho = number("simulate: rho_infinity", rho_infinity, minimum=0)
+    if rho > 1.0:
+        raise ArgumentError(
+            f"simulate: rho_infinity is {rho:g}, expected a number in [0, 1]: 1 without numerical dissipation, "
+            "0 with most"
+        )
+    am = (2.0 * rho - 1.0) / (rho + 1.0) if alpha_m is None else number("simulate: alpha_m", alpha_m)
+    af = rho / (rho + 1.0) if alpha_f is None else number("simulate: alpha_f", alpha_f)
+    g = 0.5 - am + af if gamma is None else number("simulate: gamma", gamma)
+    b = 0.25 * (1.0 - am + af) ** 2 if newmark_beta is None else number("simulate: newmark_beta", newmark_beta)
+    slack = 1e-12
+    if not (am <= af + slack and af <= 0.5 + slack and g >= 0.5 - am + af - slack and b >= 0.5 * g - slack and b > 0):
+        raise ArgumentError(
+            f"simulate: alpha_m = {am:g}, alpha_f = {af:g}, gamma = {g:g}, newmark_beta = {b:g} are not "
+            "unconditionally stable, expected alpha_m <= alpha_f <= 1/2, gamma >= 1/2 - alpha_m + alpha_f and "
+            "newmark_beta >= gamma/2; rho_infinity alone chooses all four"
+        )
+    return Parameters(am, af, g, b)
+
+
+class _Matrices(NamedTuple):
+    """Bands of M, K and C (no rows where undamped), the factored matrix of a step, and its compliance."""
+
+    mass: Array
+    stiffness: Array
+    damping: Array
+    factored: Array
+    compliance: Array
+
+
+class _State(NamedTuple):
+    """Displacement, velocity, acceleration, reactions without dampers, dampers' mean forces, and status."""
+
+    q: Array
+    v: Array
+    a: Array
+    reaction: Array
+    damper: Array
+    status: IntArray
+
+
+def run(
+    system: System,
+    start: State,
+    t_end: float,
+    times: Array | None,
+    dt: float | None = None,
+    progress: Progress | None = None,
+    **options: float,
+) -> SteppedSolution:
+    """Simulate from the start state at t = 0 to t_end.
+
+    Parameters
+    ----------
+    system : System
+    start : State
+    t_end : float
+        In s.
+    times : ndarray, optional
+        Where to store; every step where not given.
+    dt : float, optional
+        In s; a thousandth of t_end where not given.
+    progress : callable, optional
+        Told the time reached.
+    **options
+        As `parameters` takes them.
+
+    Raises
+    ------
+    InstabilityError
+        If energy grows beyond what the loads can have done.
+    ConvergenceError
+        If a nonlinear spring that softens leaves a step without a solution.
+    """
+    chosen = parameters(**options)
+    counters, notes = Counters(), []
+    if dt is None:
+        dt = t_end / _STEPS
+        notes.append(f"step: dt = {dt:.6g} s was chosen, a thousandth of the run")
+    steps = max(1, int(np.ceil(t_end / dt - 1e-9)))
+    stored = storage_times(times, t_end, dt, steps, system.size, notes)
+    kernel = _GeneralizedAlpha(system, start, dt, steps, chosen, counters)
+    return march(
+        kernel, "generalized_alpha", start, kernel.state.status.copy(), t_end, dt, output(stored, system.size), notes,
+        first_energy=stored_energy(system, start.q, start.v), blow_up=_BLOW_UP, progress=progress,
+    )  # fmt: skip
+
+
+class _GeneralizedAlpha:
+    """One run at a fixed step."""
+
+    def __init__(
+        self, system: System, start: State, dt: float, steps: int, chosen: Parameters, counters: Counters
+    ) -> None:
+        self.dt, self.steps, self.done, self.parameters = dt, steps, 0, chosen
+        am, af, gamma, beta = chosen
+        damping = damping_matrix(system, counters)
+        self.bands = Banded(system, counters, system.mass, system.stiffness, damping)
+        order, n = self.bands.order, system.size
+        self.callbacks = None if system.nonlinear is None else Callbacks(system.nonlinear.laws)
+        self.laws = build_laws(system, self.callbacks)
+        self.rows = compressed(all_rows(system), order)
+        mass, stiffness = to_band(system.mass, order), to_band(system.stiffness, order)
+        c = np.empty((0, n)) if damping is None else to_band(damping, order)
+        width = max(mass.shape[0], stiffness.shape[0], c.shape[0]) - 1
+        a = (1.0 - am) * widen(mass, width) + (1.0 - af) * beta * dt**2 * widen(stiffness, width)
+        if damping is not None:
+            a += (1.0 - af) * gamma * dt * widen(c, width)
+        factored = factor(a, "the matrix of a step")
+        counters.factorizations += 1
+        # Coordinates at the end of a step answer to reactions there, or to dampers' forces over it.
+        answer = beta * dt**2 * compliance(self.rows, factored)
+        self.matrices = _Matrices(mass, stiffness, c, factored, answer)
+        status = np.empty(0, dtype=np.int64)
+        m = self.laws.kind.size
+        u, rate = np.zeros(m), np.zeros(m)
+        rows = all_rows(system)
+        if rows is not None:
+            u, rate = np.asarray(rows @ start.q), np.asarray(rows @ start.v)
+        if system.contacts is not None:
+            size = np.asarray(abs(system.contacts.rows) @ np.abs(start.q))
+            count = len(system.contacts)
+            status = initial_status(system.contacts, u[:count], rate[:count], size)
+        reaction = np.array([law(self.laws, j, u[j], u[j], False, 0.0, 0.0)[0] for j in range(m)])
+        dampers = _start_dampers(self.laws, u, rate)
+        force = system.force(0.0) - system.stiffness @ start.q
+        if damping is not None:
+            force -= damping @ start.v
+        if rows is not None:
+            force -= rows.T @ (reaction + dampers)
+        acceleration = force[order]
+        solve(factor(mass, "the mass matrix"), acceleration)
+        self.state = _State(start.q[order].copy(), start.v[order].copy(), acceleration, reaction, dampers, status)
+        self.trail = trail(n)
+        leave(self.trail, self.state.q, self.state.v, self.state.a)
+        self._before = self.bands.load_values(np.zeros(1))
+
+    @property
+    def finished(self) -> bool:
+        """Whether the last step is done."""
+        return self.done >= self.steps
+
+    def reached(self) -> float:
+        """Return the time of the state on the trail, s."""
+        return self.done * self.dt
+
+    def kinetic(self, samples: Samples) -> Array:
+        """Return the kinetic energy at the stored times, J."""
+        return kinetic_energy(self.bands.system, samples.v)
+
+    def advance(self, out: Output, cursor: int) -> tuple[int, Array]:
+        """Take some steps."""
+        counters, first = self.bands.counters, self.done
+        count = min(chunk(self.state.q.size), self.steps - first)
+        if first == 0:
+            cursor = store(out, 0, 0.0, self.dt, True, self.trail, self.state.q, self.state.v, self.state.a)
+        values = self.bands.load_values(np.arange(first + 1, first + count + 1, dtype=float) * self.dt)
+        values = np.concatenate([self._before, values], axis=1)
+        self._before = values[:, -1:]
+        cursor, events, solves, failed = _advance(
+            self.matrices, self.parameters, self.rows, self.laws, self.bands.loads, values, self.dt, first, count,
+            self.state, self.trail, out, cursor,
+        )  # fmt: skip
+        if self.callbacks is not None:
+            self.callbacks.complain(self.dt)
+            counters.law_evaluations = self.callbacks.calls
+        if failed >= 0:
+            raise ConvergenceError(
+                f"generalized_alpha found no solution of the step from t = {failed * self.dt:g} s at dt = "
+                f"{self.dt:g} s; a nonlinear spring that softens may leave none, or the state has blown up: reduce dt"
+            )
+        self.done += count
+        counters.steps = self.done
+        counters.contact_solves += solves
+        counters.gap_evaluations = self.state.status.size * counters.steps
+        if self.matrices.damping.size:
+            counters.damping_evaluations = counters.steps
+        return cursor, events
+
+
+def _start_dampers(laws: Laws, u: Array, rate: Array) -> Array:
+    """Return the contact dampers' forces at t = 0: of a path of a millionth of the rate's own length scale."""
+    forces = np.zeros(u.size)
+    for j in np.flatnonzero(laws.damping > 0.0):
+        ahead = u[j] + 1e-6 * abs(laws.gap[j] - u[j]) + 1e-9
+        forces[j] = laws.damping[j] * rate[j] * closed_share(laws, int(j), u[j], ahead) / (ahead - u[j])
+    return forces
+
+
+@jit
+def _advance(
+    matrices: _Matrices, parameters: Parameters, rows: Rows, laws: Laws, loads: Array, values: Array, dt: float,
+    first: int, count: int, state: _State, before: Trail, out: Output, cursor: int,
+) -> tuple[int, Array, int, int]:  # fmt: skip
+    """Take `count` steps; return the cursor, events, number of contact solves, and the step that failed or -1."""
+    n, m, contacts = state.q.size, rows.start.size - 1, state.status.size
+    am, af, gamma, beta = parameters
+    q, v, a = state.q, state.v, state.a
+    damped = matrices.damping.shape[0] > 0
+    right, a1, q1, v1, load, loss = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.zeros(n), np.empty(n)
+    u0, u1, free, drag, guess = np.empty(m), np.empty(m), np.empty(m), np.zeros(m), np.empty(m)
+    # Dampers act by their mean over the step, which is extrapolated from its middle to the time of balance.
+    ahead = 1.0 + (0.5 - af)
+    weight = ahead / (dt * (1.0 - af))
+    events = np.empty((16 if contacts else 0, 3))
+    happened, solves = 0, 0
+    for j in range(m):
+        u0[j] = dot(rows, j, q)
+    for step in range(first, first + count):
+        t = (step + 1) * dt
+        for i in range(n):
+            q1[i] = q[i] + dt * (v[i] + dt * (0.5 - beta) * a[i])
+            v1[i] = v[i] + dt * (1.0 - gamma) * a[i]
+        for k in range(loads.shape[0]):
+            f = (1.0 - af) * values[k, step + 1 - first] + af * values[k, step - first]
+            for i in range(n):
+                load[i] = loads[k, i] * f if k == 0 else load[i] + loads[k, i] * f
+        for i in range(n):
+            right[i] = load[i]
+            a1[i] = am * a[i]
+        subtract_product(matrices.mass, a1, right)
+        for i in range(n):
+            a1[i] = (1.0 - af) * q1[i] + af * q[i]
+        subtract_product(matrices.stiffness, a1, right)
+        if damped:
+            for i in range(n):
+                a1[i] = (1.0 - af) * v1[i] + af * v[i]
+            subtract_product(matrices.damping, a1, right)
+        for j in range(m):
+            if state.reaction[j] != 0.0:
+                subtract_row(rows, j, af * state.reaction[j], right)
+        a1[:] = right
+        solve(matrices.factored, a1)
+        if m > 0:
+            for j in range(m):
+                free[j] = dot(rows, j, q1) + beta * dt * dt * dot(rows, j, a1)
+                guess[j] = state.reaction[j]
+                # What the last step's damper takes from the extrapolation.
+                drag[j] = (ahead - 1.0) * state.damper[j] / (1.0 - af)
+            # Reactions at the end act with weight 1 - af in the balance.
+            found = solve_reactions(laws, (1.0 - af) * matrices.compliance, free, u0, False, weight, drag, guess, u1)
+            if found < 0:
+                return cursor, events[:happened], solves, step
+            if found > 0:
+                solves += 1
+                a1[:] = right
+                for j in range(m):
+                    if guess[j] != 0.0:
+                        subtract_row(rows, j, (1.0 - af) * guess[j], a1)
+                solve(matrices.factored, a1)
+        for i in range(n):
+            q1[i] += beta * dt * dt * a1[i]
+            v1[i] += gamma * dt * a1[i]
+        taken = 0.0
+        if damped:
+            loss[:] = 0.0
+            subtract_product(matrices.damping, v, loss)
+            taken -= 0.5 * dt * np.dot(loss, v)
+            loss[:] = 0.0
+            subtract_product(matrices.damping, v1, loss)
+            taken -= 0.5 * dt * np.dot(loss, v1)
+        if loads.shape[0] > 0:
+            for k in range(loads.shape[0]):
+                f = 0.5 * (values[k, step + 1 - first] + values[k, step - first])
+                for i in range(n):
+                    before.work[0] += f * loads[k, i] * (q1[i] - q[i])
+        for j in range(m):
+            u1[j] = dot(rows, j, q1)
+            # The damper's part is not a force at the end: what is left is.
+            state.reaction[j] = guess[j]
+            if laws.damping[j] > 0.0:
+                mean = laws.damping[j] * closed_share(laws, j, u0[j], u1[j]) / dt
+                state.reaction[j] -= laws.damping[j] * weight * closed_share(laws, j, u0[j], u1[j]) - drag[j]
+                state.damper[j] = mean
+                taken += mean * (u1[j] - u0[j])
+            if j < contacts:
+                s = u1[j] - laws.gap[j]
+                if switched(s, state.status[j]):
+                    events = log_event(events, happened, j, t, dt, u0[j] - laws.gap[j], s)
+                    state.status[j] = int(events[happened, 2])
+                    happened += 1
+            u0[j] = u1[j]
+        before.dissipated[0] += taken
+        q[:] = q1
+        v[:] = v1
+        a[:] = a1
+        cursor = store(out, cursor, t, dt, False, before, q, v, a)
+        leave(before, q, v, a)
+    return cursor, events[:happened], solves, -1

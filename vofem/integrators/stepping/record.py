@@ -1,0 +1,102 @@
+"""What a stepping run leaves behind on its way: states at wanted times, and contact events."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.integrators.stepped import quintic
+from vofem.linalg.jit import jit
+from vofem.system import CLOSED, OPEN
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+class Trail(NamedTuple):
+    """The step before: its state, and (now, before) of the totals of work and dissipation."""
+
+    q: Array
+    v: Array
+    a: Array
+    work: Array
+    dissipated: Array
+
+
+def trail(n: int) -> Trail:
+    """Return a trail of n unknowns with nothing on it."""
+    return Trail(np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(2), np.zeros(2))
+
+
+class Output(NamedTuple):
+    """Wanted times and what is stored there: q, v, a of shape (n, n_times), and work and dissipation."""
+
+    times: Array
+    q: Array
+    v: Array
+    a: Array
+    work: Array
+    dissipated: Array
+
+
+def output(times: Array, n: int) -> Output:
+    """Return an empty record of n unknowns."""
+    return Output(times, *np.full((3, n, times.size), np.nan), *np.zeros((2, times.size)))
+
+
+@jit
+def store(
+    out: Output, cursor: int, t: float, dt: float, first: bool, before: Trail, q: Array, v: Array, a: Array
+) -> int:
+    """Store all wanted times up to t, where a step of size dt ends; return the next one's index.
+
+    On the step the state is stored as it is, inside it by the quintic through both ends.
+    """
+    while cursor < out.times.size and out.times[cursor] <= t + 1e-9 * dt:
+        x = 1.0 - (t - out.times[cursor]) / dt
+        if first or x >= 1.0 - 1e-9:
+            x = 1.0
+            out.q[:, cursor] = q
+            out.v[:, cursor] = v
+            out.a[:, cursor] = a
+        else:
+            for i in range(v.size):
+                out.q[i, cursor], out.v[i, cursor], out.a[i, cursor] = quintic(
+                    x, dt, before.q[i], before.v[i], before.a[i], q[i], v[i], a[i]
+                )
+        out.work[cursor] = x * before.work[0] + (1.0 - x) * before.work[1]
+        out.dissipated[cursor] = x * before.dissipated[0] + (1.0 - x) * before.dissipated[1]
+        cursor += 1
+    return cursor
+
+
+@jit
+def leave(before: Trail, q: Array, v: Array, a: Array) -> None:
+    """Make a state the one before."""
+    before.q[:] = q
+    before.v[:] = v
+    before.a[:] = a
+    before.work[1] = before.work[0]
+    before.dissipated[1] = before.dissipated[0]
+
+
+@jit
+def switched(s: float, status: int) -> bool:
+    """Return whether the gap function contradicts a status."""
+    return (s > 0.0) != (status == CLOSED)
+
+
+@jit
+def log_event(events: Array, count: int, j: int, t: float, dt: float, before: float, s: float) -> Array:
+    """Enter (time, contact, status) as event `count`; the crossing is placed on the chord of the gap function."""
+    if count == events.shape[0]:
+        more = np.empty((2 * count, 3))
+        more[:count] = events
+        events = more
+    part = before / (before - s) if before != s else 1.0
+    events[count, 0] = t - dt * (1.0 - min(max(part, 0.0), 1.0))
+    events[count, 1] = j
+    events[count, 2] = CLOSED if s > 0.0 else OPEN
+    return events
