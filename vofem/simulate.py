@@ -40,6 +40,7 @@ def simulate(
     *,
     method: str = "auto",
     dt: float | None = None,
+    tol: float | None = None,
     times: ArrayLike | None = None,
     **options: Any,
 ) -> Result:
@@ -56,9 +57,13 @@ def simulate(
         `vofem.explain` says what it chooses and why.
     dt : float, optional
         Step size in s of a stepping method; chosen where not given.
+    tol : float, optional
+        Of energy_conserving: chooses the steps. The errors of all steps
+        together, estimated, stay below this fraction of the largest
+        displacement, and of the largest velocity.
     times : array_like, shape (n_times,), optional
         Where results are wanted, increasing, within [0, t_end]. Without it:
-        1001 uniform times for event_driven, every step for a stepping method.
+        1001 uniform times for event_driven and with `tol`, else every step.
     **options
         Of event_driven: ``max_events`` (a million), and ``pin_fraction``, the
         fraction of the gap below which chatter counts as rest (1e-7). Of
@@ -99,10 +104,19 @@ def simulate(
 
         if dt is not None:
             raise ArgumentError("simulate: dt was given, but event_driven has no step; leave it out")
+        if tol is not None:
+            number("simulate: tol", tol, positive=True)
         sampled = np.linspace(0.0, t_end, 1001) if wanted is None else wanted
         return Result(scene, chosen, event_driven.run(system, start, t_end, sampled, **options))
     stepping = import_module(f"vofem.integrators.{chosen}")
     step = None if dt is None else number("simulate: dt", dt, positive=True)
+    if tol is not None:
+        if chosen != "energy_conserving":
+            raise ArgumentError(
+                f"simulate: tol was given, but {chosen} has no steps that follow a tolerance; "
+                "choose method='energy_conserving', or leave it out"
+            )
+        options["tol"] = number("simulate: tol", tol, positive=True)
     return Result(scene, chosen, stepping.run(system, start, t_end, wanted, step, **options))
 
 

@@ -243,6 +243,8 @@ class Counters:
         Solutions of equations in the contact coordinates.
     law_evaluations : int
         Evaluations of nonlinear springs.
+    rejected : int
+        Steps that were tried and taken back.
     """
 
     steps: int = 0
@@ -256,6 +258,7 @@ class Counters:
     damping_evaluations: int = 0
     contact_solves: int = 0
     law_evaluations: int = 0
+    rejected: int = 0
 
 
 @dataclass(frozen=True)

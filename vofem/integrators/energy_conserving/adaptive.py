@@ -1,0 +1,194 @@
+"""Runs of the midpoint rule whose steps follow a tolerance.
+
+Every step is taken whole and in two halves; the halves are kept where both
+agree. So the error estimate sees whatever the step sees, a switch included,
+and the energy is conserved as at one step size. Step sizes are halves of
+halves of the largest one, and times whole multiples of the smallest: each
+size is factored once, and nothing is accumulated.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.errors import ConvergenceError
+from vofem.integrators.energy_conserving.setting import Setting
+from vofem.integrators.energy_conserving.step import (
+    Factored,
+    Matrices,
+    Scratch,
+    State,
+    accept,
+    combine,
+    step,
+)
+from vofem.integrators.stepping.laws import Laws
+from vofem.integrators.stepping.record import Output, Trail
+from vofem.integrators.stepping.rows import Rows, dot
+from vofem.linalg.jit import jit
+
+Array = NDArray[np.float64]
+
+#: Halvings of the largest step.
+_RUNGS = 40
+
+#: Steps in a run at the largest step size.
+_FEWEST = 32
+
+#: Steps between two looks at the outcome.
+_CHUNK = 256
+
+
+class AdaptiveSteps(Setting):
+    """A run of steps chosen by their error."""
+
+    def plan(self, t_end: float, tolerance: float) -> None:
+        """Set the end in s and the tolerance."""
+        self.t_end, self.tolerance = t_end, tolerance
+        self.largest = t_end / _FEWEST
+        self.tick = self.largest / 2**_RUNGS
+        self.now, self.end = 0, _FEWEST * 2**_RUNGS
+        self.rung, self.steps, self.coarsest, self.forced = 6, 0, 0.0, 0
+        self.beyond = False
+        self.ladder: dict[int, Factored] = {}
+        n, m = self.state.q.size, self.state.u.size
+        self.trial, self.tried = np.zeros((5, n)), np.zeros((3, m))
+        # Largest displacement and velocity so far.
+        self.reach = np.array([self._size(self.state.q), np.abs(self.state.v).max(initial=0.0)])
+
+    def _size(self, q: Array) -> float:
+        return float(np.abs(q).max(initial=0.0))
+
+    @property
+    def finished(self) -> bool:
+        """Whether all states are stored."""
+        return self.beyond
+
+    def reached(self) -> float:
+        """Return the time of the state on the trail, s."""
+        return min(self.now * self.tick, self.t_end)
+
+    def _rung(self, rung: int) -> Factored:
+        if rung not in self.ladder:
+            self.ladder[rung] = self.factor(self.largest / 2**rung)
+        return self.ladder[rung]
+
+    def advance(self, out: Output, cursor: int) -> tuple[int, Array]:
+        """Take some steps; the last one goes beyond the end, to complete the state there."""
+        found = []
+        for _ in range(_CHUNK):
+            if self.beyond:
+                break
+            cursor, events = self._one(out, cursor)
+            found.append(events)
+        return cursor, np.concatenate(found)
+
+    def _one(self, out: Output, cursor: int) -> tuple[int, Array]:
+        while True:
+            whole, half = self._rung(self.rung), self._rung(self.rung + 1)
+            t, dt = self.now * self.tick, whole.dt
+            values = self.bands.load_values(t + dt * np.array([0.5, 0.25, 0.75]))
+            state, reach = self.state, self.reach
+            solves, error, moved, rate = _try(
+                self.matrices, whole, half, self.rows, self.laws, self.bands.loads, values, state, self.trial,
+                self.tried, self.space,
+            )  # fmt: skip
+            self.complain(dt)
+            last = self.rung + 1 >= _RUNGS
+            if solves < 0 and last:
+                raise ConvergenceError(
+                    f"energy_conserving found no solution of the step from t = {t:g} s, however small; "
+                    "a nonlinear spring that softens may leave none"
+                )
+            size = max(reach[0], moved), max(reach[1], rate)
+            share = self.tolerance * dt / self.t_end
+            ratio = np.inf
+            if solves >= 0:
+                ratio = max(
+                    error[0] / (share * size[0]) if error[0] > 0 else 0.0,
+                    error[1] / (share * size[1]) if error[1] > 0 else 0.0,
+                )
+            if not ratio <= 1.0 and not last:
+                self.bands.counters.rejected += 1
+                self.rung += 1
+                continue
+            self.forced += ratio > 1.0
+            reach[:] = size
+            cursor, events = _take(
+                self.matrices, half.dt, self.rows, self.laws, self.bands.loads, values, t, state, self.trial,
+                self.tried, self.trail, out, cursor, self.space,
+            )  # fmt: skip
+            self.beyond = self.now >= self.end
+            self.now += 2 ** (_RUNGS - self.rung)
+            self.coarsest = max(self.coarsest, half.dt)
+            self.steps += 0 if self.beyond else 2
+            self.count(self.steps, solves)
+            # The error over the step's length grows fourfold with a doubled step, and times stay multiples of steps.
+            if ratio < 0.2 and self.rung > 0 and self.now % 2 ** (_RUNGS - self.rung + 1) == 0:
+                self.rung -= 1
+            return cursor, events
+
+
+@jit
+def _try(
+    matrices: Matrices, whole: Factored, half: Factored, rows: Rows, laws: Laws, loads: Array, values: Array,
+    state: State, trial: Array, tried: Array, space: Scratch,
+) -> tuple[int, tuple[float, float], float, float]:  # fmt: skip
+    """Take a step whole and in halves; return contact solves, errors of q and v, and the sizes of both.
+
+    The state stays as it is: mean velocities of the halves are left in
+    `trial[0]` and `trial[1]`, reactions in `tried[0]` and `tried[1]`.
+    """
+    first, second, full, q, v = trial[0], trial[1], trial[2], trial[3], trial[4]
+    n, m = state.q.size, state.u.size
+    load = np.zeros(n)
+    nothing = (0.0, 0.0)
+    combine(loads, values[:, 0], load)
+    full[:] = state.expected
+    tried[2][:] = state.reaction
+    a = step(matrices, whole, rows, laws, load, state.q, state.v, state.u, full, tried[2], space)
+    combine(loads, values[:, 1], load)
+    first[:] = state.expected
+    tried[0][:] = state.reaction
+    b = step(matrices, half, rows, laws, load, state.q, state.v, state.u, first, tried[0], space)
+    if a < 0 or b < 0:
+        return -1, nothing, 0.0, 0.0
+    for i in range(n):
+        q[i] = state.q[i] + half.dt * first[i]
+        v[i] = 2.0 * first[i] - state.v[i]
+        second[i] = full[i] + (full[i] - first[i])
+    u = np.empty(m)
+    for j in range(m):
+        u[j] = dot(rows, j, q)
+    combine(loads, values[:, 2], load)
+    tried[1][:] = tried[0]
+    c = step(matrices, half, rows, laws, load, q, v, u, second, tried[1], space)
+    if c < 0:
+        return -1, nothing, 0.0, 0.0
+    off, drift, moved, rate = 0.0, 0.0, 0.0, 0.0
+    for i in range(n):
+        end, speed = q[i] + half.dt * second[i], 2.0 * second[i] - v[i]
+        off = max(off, abs(state.q[i] + whole.dt * full[i] - end))
+        drift = max(drift, abs(2.0 * full[i] - state.v[i] - speed))
+        moved, rate = max(moved, abs(end)), max(rate, abs(speed))
+    return a + b + c, (off / 3.0, drift / 3.0), moved, rate
+
+
+@jit
+def _take(
+    matrices: Matrices, dt: float, rows: Rows, laws: Laws, loads: Array, values: Array, t: float, state: State,
+    trial: Array, tried: Array, before: Trail, out: Output, cursor: int, space: Scratch,
+) -> tuple[int, Array]:  # fmt: skip
+    """Accept both halves; return the cursor and the events."""
+    load = np.zeros(state.q.size)
+    events = np.empty((4 if state.status.size else 0, 3))
+    happened = 0
+    for k in range(2):
+        combine(loads, values[:, k + 1], load)
+        state.reaction[:] = tried[k]
+        cursor, events, happened = accept(
+            matrices, rows, laws, load, loads.shape[0] > 0, t + k * dt, dt, trial[k], state, before, out, cursor,
+            events, happened, space,
+        )  # fmt: skip
+    return cursor, events[:happened]

@@ -1,0 +1,80 @@
+"""Runs of the midpoint rule at one step size."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.errors import ConvergenceError
+from vofem.integrators.energy_conserving.setting import Setting
+from vofem.integrators.energy_conserving.step import Factored, Matrices, Scratch, State, accept, combine, step
+from vofem.integrators.stepping.laws import Laws
+from vofem.integrators.stepping.march import chunk
+from vofem.integrators.stepping.record import Output, Trail
+from vofem.integrators.stepping.rows import Rows
+from vofem.linalg.jit import jit
+
+Array = NDArray[np.float64]
+
+
+class FixedSteps(Setting):
+    """A run of equal steps. A state is complete, and stored, when the step after it is done."""
+
+    dt: float
+    steps: int
+
+    def plan(self, dt: float, steps: int) -> None:
+        """Set the step size in s and the number of steps."""
+        self.dt, self.steps, self.done = dt, steps, 0
+        self.factored = self.factor(dt)
+
+    @property
+    def finished(self) -> bool:
+        """Whether all states are stored."""
+        return self.done > self.steps
+
+    def reached(self) -> float:
+        """Return the time of the state on the trail, s."""
+        return max(self.done - 1, 0) * self.dt
+
+    def advance(self, out: Output, cursor: int) -> tuple[int, Array]:
+        """Take some steps."""
+        first = self.done
+        count = min(chunk(self.state.q.size), self.steps + 1 - first)
+        values = self.bands.load_values((np.arange(first, first + count, dtype=float) + 0.5) * self.dt)
+        cursor, events, solves, failed = _advance(
+            self.matrices, self.factored, self.rows, self.laws, self.bands.loads, values, first, count, self.state,
+            self.trail, out, cursor, self.space,
+        )  # fmt: skip
+        self.complain(self.dt)
+        if failed >= 0:
+            raise ConvergenceError(
+                f"energy_conserving found no solution of the step from t = {failed * self.dt:g} s at dt = "
+                f"{self.dt:g} s; a nonlinear spring that softens may leave none: reduce dt"
+            )
+        self.done += count
+        self.count(min(self.done, self.steps), solves)
+        return cursor, events
+
+
+@jit
+def _advance(
+    matrices: Matrices, factored: Factored, rows: Rows, laws: Laws, loads: Array, values: Array, first: int,
+    count: int, state: State, before: Trail, out: Output, cursor: int, space: Scratch,
+) -> tuple[int, Array, int, int]:  # fmt: skip
+    """Take `count` steps; return the cursor, events, number of contact solves, and the step that failed or -1."""
+    load, p, dt = np.zeros(state.q.size), np.empty(state.q.size), factored.dt
+    events = np.empty((16 if state.status.size else 0, 3))
+    happened, solves = 0, 0
+    for k in range(first, first + count):
+        combine(loads, values[:, k - first], load)
+        p[:] = state.expected
+        found = step(matrices, factored, rows, laws, load, state.q, state.v, state.u, p, state.reaction, space)
+        if found < 0:
+            return cursor, events[:happened], solves, k
+        solves += found
+        cursor, events, happened = accept(
+            matrices, rows, laws, load, loads.shape[0] > 0, k * dt, dt, p, state, before, out, cursor, events,
+            happened, space,
+        )  # fmt: skip
+    return cursor, events[:happened], solves, -1

@@ -1,0 +1,111 @@
+"""The midpoint rule with a discrete gradient for every scalar law.
+
+Order 2 in dt for smooth systems and for contacts that act on the penetration;
+order 1 where a force jumps within a step. Stable for every dt and every
+stiffness: no energy is made or lost, whatever the step, and with damping it
+falls by exactly what the dampers take. No numerical dissipation, so fast
+motion that the step does not resolve stays, with its frequency lowered to
+less than ``pi/dt``. With the mean velocity ``p = (v_0 + v_1)/2`` of a step,
+
+    (M + dt C/2 + dt^2 K/4) p = M v_0 + dt/2 (f_m - K q_0 - sum_j b_j R_j),
+    q_1 = q_0 + dt p,    v_1 = 2p - v_0,    R_j = (V_j(u_1) - V_j(u_0)) / (u_1 - u_0),
+
+u the law's coordinate and f_m the load at mid-step. Reactions are found in
+the contact coordinates, always (`stepping.contact_solve`); the matrix is factored once.
+The equation is solved for the correction of an extrapolated p, twice where that is
+large: errors of the factored matrix would work in one direction for ever.
+
+O. Gonzalez, Exact energy and momentum conserving algorithms for general models in nonlinear elasticity,
+Comput. Methods Appl. Mech. Eng. 190 (2000) 1763-1783, https://doi.org/10.1016/S0045-7825(00)00189-4.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.errors import ArgumentError
+from vofem.integrators.energy_conserving.adaptive import AdaptiveSteps
+from vofem.integrators.energy_conserving.fixed import FixedSteps
+from vofem.integrators.stepped import SteppedSolution, storage_times
+from vofem.integrators.stepping.march import Progress, march, stored_energy
+from vofem.integrators.stepping.record import output
+from vofem.system import Counters, State, System
+
+Array = NDArray[np.float64]
+
+#: Energy out of nowhere, over the energies at work, that ends a run: rounding cannot make so much.
+_BLOW_UP = 1e-3
+
+#: Default number of steps in a run.
+_STEPS = 1000
+
+
+def run(
+    system: System,
+    start: State,
+    t_end: float,
+    times: Array | None,
+    dt: float | None = None,
+    progress: Progress | None = None,
+    tol: float | None = None,
+) -> SteppedSolution:
+    """Simulate from the start state at t = 0 to t_end.
+
+    Parameters
+    ----------
+    system : System
+    start : State
+    t_end : float
+        In s.
+    times : ndarray, optional
+        Where to store; every step where not given, 1001 uniform times with `tol`.
+    dt : float, optional
+        In s; a thousandth of t_end where neither it nor `tol` is given.
+    progress : callable, optional
+        Told the time reached.
+    tol : float, optional
+        Chooses the steps: the errors of all steps together, estimated, stay
+        below this fraction of the largest displacement, and of the largest velocity.
+
+    Raises
+    ------
+    ConvergenceError
+        If a nonlinear spring that softens leaves a step without a solution.
+    """
+    counters, notes = Counters(), []
+    kernel: FixedSteps | AdaptiveSteps
+    if tol is not None:
+        if dt is not None:
+            raise ArgumentError("simulate: dt and tol were both given; tol chooses the steps, leave out dt")
+        kernel = AdaptiveSteps(system, start, counters)
+        kernel.plan(t_end, tol)
+        stored, step = np.linspace(0.0, t_end, 1001) if times is None else times, t_end
+    else:
+        step = t_end / _STEPS if dt is None else dt
+        if dt is None:
+            notes.append(
+                f"step: dt = {step:.6g} s was chosen, a thousandth of the run; any dt is stable, tol= chooses by error"
+            )
+        steps = max(1, int(np.ceil(t_end / step - 1e-9)))
+        stored = storage_times(times, t_end, step, steps, system.size, notes)
+        kernel = FixedSteps(system, start, counters)
+        kernel.plan(step, steps)
+    initial = kernel.state.status.copy()
+    if system.contacts is not None and bool(np.any(system.contacts.jump & (system.contacts.gap > 0))):
+        notes.append(
+            "chatter: under acts_on='displacement' a contact that should rest at its gap chatters with the amplitude "
+            "of a step; method='event_driven' pins it"
+        )
+    solution = march(
+        kernel, "energy_conserving", start, initial, t_end, step, output(stored, system.size), notes,
+        first_energy=stored_energy(system, start.q, start.v), blow_up=_BLOW_UP, progress=progress,
+    )  # fmt: skip
+    if isinstance(kernel, AdaptiveSteps):
+        solution.dt = kernel.coarsest
+        if kernel.forced:
+            notes.append(
+                f"tol: {kernel.forced} steps of the smallest size, {kernel.tick:.3g} s, exceeded their share of the "
+                "tolerance and were taken all the same: a force jumps there"
+            )
+    return solution
