@@ -60,7 +60,7 @@ def simulate(
     tol : float, optional
         Of energy_conserving: chooses the steps. The errors of all steps
         together, estimated, stay below this fraction of the largest
-        displacement, and of the largest velocity.
+        displacement.
     times : array_like, shape (n_times,), optional
         Where results are wanted, increasing, within [0, t_end]. Without it:
         1001 uniform times for event_driven and with `tol`, else every step.

@@ -26,6 +26,7 @@ from vofem.integrators.energy_conserving.step import (
 from vofem.integrators.stepping.laws import Laws
 from vofem.integrators.stepping.record import Output, Trail
 from vofem.integrators.stepping.rows import Rows, dot
+from vofem.linalg.banded import solve, subtract_product
 from vofem.linalg.jit import jit
 
 Array = NDArray[np.float64]
@@ -35,6 +36,9 @@ _RUNGS = 40
 
 #: Steps in a run at the largest step size.
 _FEWEST = 32
+
+#: Keeps errors of a scene without motion from being divided by zero.
+_TINY = 1e-300
 
 #: Steps between two looks at the outcome.
 _CHUNK = 256
@@ -54,11 +58,22 @@ class AdaptiveSteps(Setting):
         self.ladder: dict[int, Factored] = {}
         n, m = self.state.q.size, self.state.u.size
         self.trial, self.tried = np.zeros((5, n)), np.zeros((3, m))
-        # Largest displacement and velocity so far.
-        self.reach = np.array([self._size(self.state.q), np.abs(self.state.v).max(initial=0.0)])
 
-    def _size(self, q: Array) -> float:
-        return float(np.abs(q).max(initial=0.0))
+    def measure(self, displacement: Array) -> None:
+        """Set the size that errors are related to from a rough run, shape (n, n_times)."""
+        # A scene that starts from rest has no size of its own before it has moved.
+        self.weight = self.bands.system.scale[self.bands.order]
+        self.size = float(np.max(np.abs(self.weight[:, None] * displacement), initial=0.0))
+
+    def _ratio(self, rough: float, smooth: float, dt: float) -> float:
+        """Return the error of a step over its share of the tolerance.
+
+        Errors of motion that the step resolves well point the same way in
+        every step: their sum is held. Those of faster motion come and go, and
+        halving the step would not lessen them for long: their root mean square is held.
+        """
+        share, whole = dt / self.t_end, self.tolerance * self.size + _TINY
+        return max(smooth / (share * whole), rough / (np.sqrt(share) * whole))
 
     @property
     def finished(self) -> bool:
@@ -89,10 +104,10 @@ class AdaptiveSteps(Setting):
             whole, half = self._rung(self.rung), self._rung(self.rung + 1)
             t, dt = self.now * self.tick, whole.dt
             values = self.bands.load_values(t + dt * np.array([0.5, 0.25, 0.75]))
-            state, reach = self.state, self.reach
-            solves, error, moved, rate = _try(
-                self.matrices, whole, half, self.rows, self.laws, self.bands.loads, values, state, self.trial,
-                self.tried, self.space,
+            state = self.state
+            solves, rough, smooth = _try(
+                self.matrices, self._rung(max(self.rung - 3, 0)).band, whole, half, self.rows, self.laws,
+                self.bands.loads, values, state, self.trial, self.tried, self.weight, self.space,
             )  # fmt: skip
             self.complain(dt)
             last = self.rung + 1 >= _RUNGS
@@ -101,20 +116,12 @@ class AdaptiveSteps(Setting):
                     f"energy_conserving found no solution of the step from t = {t:g} s, however small; "
                     "a nonlinear spring that softens may leave none"
                 )
-            size = max(reach[0], moved), max(reach[1], rate)
-            share = self.tolerance * dt / self.t_end
-            ratio = np.inf
-            if solves >= 0:
-                ratio = max(
-                    error[0] / (share * size[0]) if error[0] > 0 else 0.0,
-                    error[1] / (share * size[1]) if error[1] > 0 else 0.0,
-                )
+            ratio = self._ratio(rough, smooth, dt) if solves >= 0 else np.inf
             if not ratio <= 1.0 and not last:
                 self.bands.counters.rejected += 1
                 self.rung += 1
                 continue
             self.forced += ratio > 1.0
-            reach[:] = size
             cursor, events = _take(
                 self.matrices, half.dt, self.rows, self.laws, self.bands.loads, values, t, state, self.trial,
                 self.tried, self.trail, out, cursor, self.space,
@@ -132,18 +139,19 @@ class AdaptiveSteps(Setting):
 
 @jit
 def _try(
-    matrices: Matrices, whole: Factored, half: Factored, rows: Rows, laws: Laws, loads: Array, values: Array,
-    state: State, trial: Array, tried: Array, space: Scratch,
-) -> tuple[int, tuple[float, float], float, float]:  # fmt: skip
-    """Take a step whole and in halves; return contact solves, errors of q and v, and the sizes of both.
+    matrices: Matrices, filtering: Array, whole: Factored, half: Factored, rows: Rows, laws: Laws, loads: Array,
+    values: Array, state: State, trial: Array, tried: Array, weight: Array, space: Scratch,
+) -> tuple[int, float, float]:  # fmt: skip
+    """Take a step whole and in halves; return contact solves, and errors of displacements.
 
+    The second error is smoothed: ``(A^-1 M)^2`` of the first, A the matrix of
+    a step eight times as long, which leaves what the step resolves well.
     The state stays as it is: mean velocities of the halves are left in
     `trial[0]` and `trial[1]`, reactions in `tried[0]` and `tried[1]`.
     """
     first, second, full, q, v = trial[0], trial[1], trial[2], trial[3], trial[4]
     n, m = state.q.size, state.u.size
     load = np.zeros(n)
-    nothing = (0.0, 0.0)
     combine(loads, values[:, 0], load)
     full[:] = state.expected
     tried[2][:] = state.reaction
@@ -153,7 +161,7 @@ def _try(
     tried[0][:] = state.reaction
     b = step(matrices, half, rows, laws, load, state.q, state.v, state.u, first, tried[0], space)
     if a < 0 or b < 0:
-        return -1, nothing, 0.0, 0.0
+        return -1, 0.0, 0.0
     for i in range(n):
         q[i] = state.q[i] + half.dt * first[i]
         v[i] = 2.0 * first[i] - state.v[i]
@@ -165,14 +173,21 @@ def _try(
     tried[1][:] = tried[0]
     c = step(matrices, half, rows, laws, load, q, v, u, second, tried[1], space)
     if c < 0:
-        return -1, nothing, 0.0, 0.0
-    off, drift, moved, rate = 0.0, 0.0, 0.0, 0.0
+        return -1, 0.0, 0.0
+    # Velocities are not asked: those of fast modes, which hardly move anything, would dictate the step.
+    rough, smooth = 0.0, 0.0
     for i in range(n):
-        end, speed = q[i] + half.dt * second[i], 2.0 * second[i] - v[i]
-        off = max(off, abs(state.q[i] + whole.dt * full[i] - end))
-        drift = max(drift, abs(2.0 * full[i] - state.v[i] - speed))
-        moved, rate = max(moved, abs(end)), max(rate, abs(speed))
-    return a + b + c, (off / 3.0, drift / 3.0), moved, rate
+        q[i] = (state.q[i] + whole.dt * full[i] - (q[i] + half.dt * second[i])) / 3.0
+        rough = max(rough, weight[i] * abs(q[i]))
+    for _ in range(2):
+        v[:] = 0.0
+        subtract_product(matrices.mass, q, v)
+        solve(filtering, v)
+        for i in range(n):
+            q[i] = -v[i]
+    for i in range(n):
+        smooth = max(smooth, weight[i] * abs(q[i]))
+    return a + b + c, rough, smooth
 
 
 @jit

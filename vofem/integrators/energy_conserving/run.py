@@ -29,7 +29,7 @@ from vofem.integrators.energy_conserving.adaptive import AdaptiveSteps
 from vofem.integrators.energy_conserving.fixed import FixedSteps
 from vofem.integrators.stepped import SteppedSolution, storage_times
 from vofem.integrators.stepping.march import Progress, march, stored_energy
-from vofem.integrators.stepping.record import output
+from vofem.integrators.stepping.record import Output, output
 from vofem.system import Counters, State, System
 
 Array = NDArray[np.float64]
@@ -66,7 +66,8 @@ def run(
         Told the time reached.
     tol : float, optional
         Chooses the steps: the errors of all steps together, estimated, stay
-        below this fraction of the largest displacement, and of the largest velocity.
+        below this fraction of the largest displacement, which a rough run of
+        a thousand steps tells beforehand.
 
     Raises
     ------
@@ -80,6 +81,8 @@ def run(
             raise ArgumentError("simulate: dt and tol were both given; tol chooses the steps, leave out dt")
         kernel = AdaptiveSteps(system, start, counters)
         kernel.plan(t_end, tol)
+        pilot = _pilot(system, start, t_end, counters)
+        kernel.measure(pilot.q)
         stored, step = np.linspace(0.0, t_end, 1001) if times is None else times, t_end
     else:
         step = t_end / _STEPS if dt is None else dt
@@ -109,3 +112,13 @@ def run(
                 "tolerance and were taken all the same: a force jumps there"
             )
     return solution
+
+
+def _pilot(system: System, start: State, t_end: float, counters: Counters) -> Output:
+    """Return a rough run of equal steps, which tells how far things move."""
+    kernel = FixedSteps(system, start, counters)
+    kernel.plan(t_end / _STEPS, _STEPS)
+    out, cursor = output(np.linspace(0.0, t_end, _STEPS + 1), system.size), 0
+    while not kernel.finished:
+        cursor, _ = kernel.advance(out, cursor)
+    return out
