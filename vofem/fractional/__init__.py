@@ -4,11 +4,13 @@ from vofem.fractional.constants import ideal, literal, resolved
 from vofem.fractional.laws import ConstantOrder, ExponentialOrder, OrderLaw, TabulatedOrder
 from vofem.fractional.operator import rl_derivative, rl_integral
 from vofem.fractional.orders import exponential_order, scaling_factor
+from vofem.fractional.streaming import StreamingDerivative
 
 __all__ = [
     "ConstantOrder",
     "ExponentialOrder",
     "OrderLaw",
+    "StreamingDerivative",
     "TabulatedOrder",
     "exponential_order",
     "ideal",
