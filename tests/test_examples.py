@@ -126,12 +126,37 @@ def check_chain_of_masses(example, results, printed):
     assert [results[8].displacement(body)[-1] for body in bodies] == pytest.approx(x, abs=1e-4)
 
 
+def check_switching_operator(example, outcome, printed):
+    """10, 50 and 90 % of C0 at s0 s = 0.100, 0.585, 1.907; ds/dt = 4.5 m/s at 3 s."""
+    delays, levels = outcome
+    assert delays == pytest.approx(np.array([0.100, 0.585, 1.907]) / 4.5e5, rel=1e-12)
+    assert levels == pytest.approx([0.2, 1.0, 1.8], abs=5e-3)
+    assert "50% of C0 after 1.300 us" in printed
+    # Closed in (3, 3.5), (4, 4.5) and from 5 on.
+    values = [line.split()[2:] for line in printed.splitlines()[1:7]]
+    assert values == [["0.0", "0.0"], ["2.0", "2.0"]] * 3
+
+
+def check_laws_on_constants(example, numbers, printed):
+    """In contact above K0 before exp(-0.5772) s only; open -452 K0 at -2 mm and 4e256 K0 at -5 mm."""
+    assert numbers["bound"] == pytest.approx(0.5615, abs=1e-4)
+    assert numbers["peak 0.1"] == pytest.approx(1.80, abs=5e-3)
+    assert numbers["peak 0.3"] > 1.0
+    assert numbers["peak 0.5615"] <= 1.0
+    assert numbers["peak 1"] < 1.0
+    assert numbers["open -2"] == pytest.approx(-np.log10(452.0), abs=1e-3)
+    assert numbers["open -5"] == pytest.approx(256.6, abs=0.05)
+    assert "10^256.6 K0" in printed
+
+
 CHECKS = {
     "beam_shapes": check_beam_shapes,
     "cantilever_on_stop": check_cantilever,
     "chain_of_masses": check_chain_of_masses,
+    "laws_on_constants": check_laws_on_constants,
     "one_sided_foundation": check_one_sided_foundation,
     "several_stops": check_several_stops,
+    "switching_operator": check_switching_operator,
     "two_masses": check_two_masses,
 }
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -10,6 +13,8 @@ from hypothesis import strategies as st
 import vofem as vf
 from vofem import fractional
 from vofem.integrators.switch import contact_order, contact_stiffness, steepest
+
+DATA = Path(__file__).parent / "data"
 
 
 def test_the_ideal_law_is_equation_8():
@@ -53,7 +58,88 @@ def test_the_literal_formula_leaves_all_bounds():
     assert sign[0] * np.exp(log[0]) == pytest.approx(float(fractional.resolved(2.0, 0.5, 10.0)), rel=1e-12)
     assert sign[1] == 0.0
     assert log[1] == -np.inf
-    assert np.isnan(fractional.literal(1.0, -1.0, 1e3, 1.0)[0])
+    # Where the sign is beyond double precision the logarithm is that of the envelope.
+    sign, log = fractional.literal(1.0, np.array([-0.04, -1.0]), 1e3, 1.0)
+    assert list(sign) == [0.0, 0.0]
+    assert log[0] == pytest.approx(np.exp(40.0) * 39.0, rel=1e-12)
+    assert log[1] == np.inf
+
+
+def test_the_literal_formula_agrees_with_multiple_precision():
+    for x, t, sign, log in json.loads((DATA / "fractional.json").read_text())["literal"]:
+        found_sign, found = fractional.literal(1.0, x, 1.0, t)
+        assert found_sign == sign
+        # The order is as uncertain as the rounding of its exponent, and counts that much more the larger it is.
+        order = np.exp(-x)
+        assert found == pytest.approx(log, rel=1e-13, abs=1e-15 * (1.0 + 40.0 * order))
+
+
+ANYTHING = st.one_of(st.floats(allow_nan=False), st.sampled_from([0.0, -0.0, 5e-324, -5e-324, 1.8e308, -1.8e308]))
+
+
+@given(s=ANYTHING, s0=st.floats(1e-60, 1e60), t=st.floats(1e-60, 1e60), C0=st.floats(-1e60, 1e60))
+def test_all_laws_take_all_numbers(s, s0, t, C0):
+    """No overflow, no NaN; where the printed formula is in range, both finite laws that follow it agree with it."""
+    assert fractional.ideal(C0, s) == (C0 if s > 0 else 0.0)
+    value = float(fractional.resolved(C0, s, s0))
+    assert abs(value) <= abs(C0) * (1.0 + 1e-14)
+    sign, log = (float(x) for x in fractional.literal(C0, s, s0, t))
+    assert sign in (-1.0, 0.0, 1.0)
+    assert not np.isnan(log)
+    if C0 == 0.0 or s == 0.0:
+        assert (sign, log) == (0.0, -np.inf)
+    at_one = fractional.literal(C0, s, s0, 1.0)
+    if s > 0 and abs(value) > 1e-300:
+        assert float(at_one[0]) == np.sign(C0)
+        assert float(at_one[1]) == pytest.approx(np.log(abs(value)), abs=1e-13 * (1.0 + abs(at_one[1])))
+
+
+@given(a=st.floats(-1e6, 1e6), b=st.floats(-1e6, 1e6), x=st.floats(-5.0, 50.0))
+def test_superposition(a, b, x):
+    """Eq. 14: the operators on two constants at one order are that on their sum."""
+    s = np.array([x, -x])
+    for law in (fractional.ideal, lambda C, s: fractional.resolved(C, s, 2.0)):
+        scale = 1e-15 * (abs(a) + abs(b))
+        assert law(a, s) + law(b, s) == pytest.approx(law(a + b, s), rel=1e-15, abs=scale)
+
+
+def test_laws_take_arrays_that_broadcast():
+    s, t = np.linspace(-1e-3, 1e-2, 5), np.array([[0.5], [1.0], [2.0]])
+    sign, log = fractional.literal([1.0], s, 1e3, t)
+    assert sign.shape == log.shape == (3, 5)
+    for k in range(3):
+        assert log[k] == pytest.approx(fractional.literal(1.0, s, 1e3, t[k, 0])[1], rel=1e-15)
+    assert fractional.resolved([[1.0], [2.0]], s, 1e3).shape == (2, 5)
+
+
+@pytest.mark.parametrize(
+    ("call", "match"),
+    [
+        (lambda: fractional.ideal([1.0, np.nan], 1.0), "C0 holds nan"),
+        (lambda: fractional.resolved(np.inf, 1.0, 1.0), "C0 holds inf"),
+        (lambda: fractional.literal(1.0, 1.0, 1.0, [1.0, 0.0]), "t holds 0"),
+        (lambda: fractional.literal(1.0, np.nan, 1.0, 1.0), "gap function s is NaN"),
+        (lambda: fractional.ideal(1.0, "closed"), "gap function s is 'closed'"),
+        (lambda: fractional.ConstantOrder(-0.1), "ConstantOrder: value is -0.1"),
+        (lambda: fractional.ExponentialOrder(0.0), "s0 is 0"),
+        (lambda: fractional.ExponentialOrder(1.0, gap=3.0), "gap is 3.0"),
+        (lambda: fractional.TabulatedOrder([0.0, 1.0], [0.5]), "one length"),
+        (lambda: fractional.TabulatedOrder([0.0, 0.0], [0.5, 0.5]), "is 0 and then 0"),
+        (lambda: fractional.TabulatedOrder([0.0, 1.0], [0.5, -0.5]), "none below 0"),
+    ],
+)
+def test_bad_laws_are_named(call, match):
+    with pytest.raises(vf.ArgumentError, match=match):
+        call()
+
+
+def test_order_laws():
+    x = np.array([-1.0, 0.0, 0.5, 2.0])
+    assert list(fractional.ConstantOrder(0.3)(x)) == [0.3] * 4
+    assert fractional.ExponentialOrder(3.0)(x) == pytest.approx(np.exp(-3.0 * x))
+    assert fractional.ExponentialOrder(3.0, gap=lambda t: t - 1.0)(x) == pytest.approx(np.exp(-3.0 * (x - 1.0)))
+    assert fractional.ExponentialOrder(1e5)(-1.0) == np.inf
+    assert list(fractional.TabulatedOrder([0.0, 1.0], [0.2, 0.8])(x)) == pytest.approx([0.2, 0.2, 0.5, 0.8])
 
 
 def test_scaling_factors_of_the_paper():

@@ -10,22 +10,43 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem._validate import number
+from vofem._validate import array, number
+from vofem.errors import ArgumentError
 
 Array = NDArray[np.float64]
 
+#: Beyond this order neighbouring doubles are integers apart, and the sign of the literal formula is lost.
+_UNRESOLVED = 2.0**52
 
-def _finite(s: ArrayLike) -> Array:
-    s = np.asarray(s, dtype=float)
-    if np.any(np.isnan(s)):
+
+def gap_function(what: str, s: ArrayLike) -> Array:
+    """Return values of a gap function, infinity allowed; raise `ArgumentError` for a NaN or what is no number."""
+    try:
+        values = np.asarray(s, dtype=float)
+    except (TypeError, ValueError):
+        raise ArgumentError(f"{what} is {s!r}, expected an array of numbers") from None
+    if np.any(np.isnan(values)):
         # `nan > 0` is False, so a NaN would silently open a contact.
-        number("the gap function s", float("nan"))
-    return s
+        number(what, float("nan"))
+    return values
 
 
 def ideal(C0: ArrayLike, s: ArrayLike) -> Array:
-    """Return C0 where ``s > 0``, else 0 (Eq. 8: the limit along integer orders)."""
-    return np.where(_finite(s) > 0.0, np.asarray(C0, dtype=float), 0.0)
+    """Return C0 where ``s > 0``, else 0 (Eq. 8: the limit along integer orders).
+
+    Parameters
+    ----------
+    C0 : array_like
+        The constant, finite.
+    s : array_like
+        Gap function in m, of a shape that broadcasts with C0; infinity is allowed.
+
+    Raises
+    ------
+    ArgumentError
+        For a NaN, or a constant that is not finite.
+    """
+    return np.where(gap_function("the gap function s", s) > 0.0, array("C0", C0), 0.0)
 
 
 def resolved(C0: ArrayLike, s: ArrayLike, s0: float, tau: float = 1.0) -> Array:
@@ -36,52 +57,90 @@ def resolved(C0: ArrayLike, s: ArrayLike, s0: float, tau: float = 1.0) -> Array:
     Parameters
     ----------
     C0 : array_like
-        The constant.
+        The constant, finite.
     s : array_like
-        Gap function in m.
+        Gap function in m, of a shape that broadcasts with C0; infinity is allowed.
     s0 : float
         Scaling factor in 1/m.
     tau : float
         Time over reference time; frozen at 1, where the law has a potential.
+
+    Raises
+    ------
+    ArgumentError
+        For a NaN, a constant that is not finite, or s0 or tau not positive.
     """
     from scipy.special import rgamma
 
     s0 = number("s0", s0, positive=True)
     tau = number("tau", tau, positive=True)
-    s = _finite(s)
-    x = s0 * np.maximum(s, 0.0)
-    # 1 - beta as -expm1: the naive difference loses all digits near closing.
-    value = rgamma(-np.expm1(-x)) * tau ** -np.exp(-x)
-    return np.where(s > 0.0, np.asarray(C0, dtype=float) * value, 0.0)
+    s, C0 = gap_function("the gap function s", s), array("C0", C0)
+    with np.errstate(over="ignore", under="ignore"):
+        x = s0 * np.maximum(s, 0.0)
+        # 1 - beta as -expm1: the naive difference loses all digits near closing.
+        value = rgamma(-np.expm1(-x)) * tau ** -np.exp(-x)
+        return np.where(s > 0.0, C0 * value, 0.0)
 
 
-def literal(C0: float, s: ArrayLike, s0: float, t: float) -> tuple[Array, Array]:
+def literal(C0: ArrayLike, s: ArrayLike, s0: float, t: ArrayLike) -> tuple[Array, Array]:
     """Return sign and natural logarithm of the magnitude of Eq. 4 as printed, at order ``exp(-s0 s)``.
 
     For s < 0 it alternates in sign and grows without bound, far beyond the
     range of double precision: to look at, never to simulate with.
 
+    Parameters
+    ----------
+    C0 : array_like
+        The constant, finite.
+    s : array_like
+        Gap function in m; infinity is allowed.
+    s0 : float
+        Scaling factor in 1/m.
+    t : array_like
+        Time in s since the lower limit, positive. C0, s and t broadcast.
+
     Returns
     -------
     sign, log_magnitude : ndarray
-        sign 0 and -inf where the value is exactly zero; NaN in both where the
-        order itself overflows.
+        Never NaN. Sign 0 with -inf where the value is exactly zero (integer
+        orders). Sign 0 with any other logarithm where the order is above
+        2**52 and the sign is beyond double precision: the logarithm is then
+        that of the envelope ``C0 Gamma(beta) t^-beta / pi``, inf where even
+        that overflows.
+
+    Raises
+    ------
+    ArgumentError
+        For a NaN, a constant that is not finite, or s0 or t not positive.
     """
+    s0 = number("s0", s0, positive=True)
+    C0, t, s = array("C0", C0), array("t", t), gap_function("the gap function s", s)
+    if not np.all(t > 0.0):
+        raise ArgumentError(f"t holds {np.min(t):g}, expected positive times since the lower limit")
+    with np.errstate(over="ignore", under="ignore", divide="ignore"):
+        sign, log = _unit(-s0 * s, np.log(t))
+        log = log + np.log(np.where(C0 == 0.0, 1.0, np.abs(C0)))
+    return np.sign(C0) * sign + 0.0, np.where(C0 == 0.0, -np.inf, log)
+
+
+def _unit(y: Array, log_t: Array) -> tuple[Array, Array]:
+    """Return sign and logarithm of ``t^-beta / Gamma(1 - beta)``, ``beta = exp(y)``."""
     from scipy.special import gammaln
 
-    C0 = number("C0", C0)
-    s0 = number("s0", s0, positive=True)
-    t = number("t", t, positive=True)
-    s = _finite(s)
-    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-        beta = np.exp(-s0 * s)
-        # Reflection: 1/Gamma(1 - beta) = Gamma(beta) sin(pi beta) / pi.
-        wave = np.sin(np.pi * np.mod(beta, 2.0))
-        wave = np.where(np.mod(beta, 1.0) == 0.0, 0.0, wave)
-        small = beta < 0.5
-        upper = -np.expm1(-s0 * s)
-        log = np.where(small, -gammaln(np.where(small, upper, 1.0)), gammaln(beta) + np.log(np.abs(wave) / np.pi))
-        log = log - beta * np.log(t) + np.log(abs(C0))
-        sign = np.sign(C0) * np.where(small, 1.0, np.sign(wave))
-        lost = ~np.isfinite(beta) | (beta > 2.0**52)
-    return np.where(lost, np.nan, sign), np.where(lost, np.nan, np.where(sign == 0.0, -np.inf, log))
+    y, log_t = np.broadcast_arrays(y, log_t)
+    beta, rise = np.exp(y), -np.expm1(y)
+    known = np.minimum(beta, _UNRESOLVED)
+    # Reflection: 1/Gamma(1 - beta) = Gamma(beta) sin(pi beta) / pi, with the distance to the next integer exact.
+    whole = np.rint(known)
+    near_one = np.abs(rise) <= 0.5
+    distance = np.where(near_one, rise, known - whole)
+    odd = ~near_one & (np.mod(whole, 2.0) == 1.0)
+    wave = np.where(odd, -1.0, 1.0) * np.sin(np.pi * distance)
+    small, lost = beta < 0.5, beta >= _UNRESOLVED
+    inner = gammaln(np.where(small, 1.0, known)) + np.log(np.abs(wave) / np.pi) - known * log_t
+    # Stirling with the factor beta in front: the terms overflow where their difference does not.
+    far = np.where(lost, np.minimum(y, 1e300), 1.0)
+    outer = np.where(lost, beta, 1.0) * (far - 1.0 - log_t) + 0.5 * (np.log(2.0 / np.pi) - far)
+    log = np.where(small, -gammaln(np.where(small, rise, 1.0)) - known * log_t, np.where(lost, outer, inner))
+    sign = np.where(small, 1.0, np.where(lost, 0.0, np.sign(wave)))
+    return sign, log

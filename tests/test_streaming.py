@@ -1,0 +1,235 @@
+"""The fractional derivative along a run: kernel, orders, oscillators in closed form, state."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import quad
+from scipy.optimize import newton
+from scipy.special import erfcx, gamma
+
+import vofem as vf
+from vofem.fractional import StreamingDerivative, rl_derivative
+from vofem.fractional.exponentials import exponentials
+
+
+def spectrum(function, t):
+    """Integrate ``exp(-r t) function(r)`` over r from 0 to infinity."""
+
+    def inner(x):
+        r = np.exp(x)
+        return np.exp(-r * t) * function(r) * r
+
+    return quad(inner, -80.0, np.log(40.0 / t), limit=400, epsabs=1e-14, epsrel=1e-12)[0]
+
+
+def relaxation(order, rate, t):
+    """The Mittag-Leffler function ``E_a(-rate t^a)`` by its spectrum, which is positive."""
+
+    def density(r):
+        z = rate * r ** (order - 1.0) * np.sin(np.pi * order)
+        return z / np.pi / (r ** (2 * order) + 2.0 * rate * r**order * np.cos(np.pi * order) + rate**2)
+
+    return spectrum(density, t)
+
+
+def oscillator(m, c, k, order, u0, t):
+    """``m u'' + c D^a u + k u = 0`` from rest at u0: two poles and a branch cut of its Laplace transform."""
+
+    def bottom(s):
+        return m * s**2 + c * s**order + k
+
+    def top(s):
+        return u0 * (m * s + c * s ** (order - 1.0))
+
+    pole = newton(bottom, 1j * np.sqrt(k / m) - 0.1, lambda s: 2 * m * s + c * order * s ** (order - 1.0), tol=1e-15)
+    residue = top(pole) / (2 * m * pole + c * order * pole ** (order - 1.0)) * np.exp(pole * t)
+
+    def jump(r):
+        below = np.exp(-1j * np.pi) * r
+        s_a, s_b = r**order * np.exp(-1j * np.pi * order), r ** (order - 1.0) * np.exp(-1j * np.pi * (order - 1.0))
+        return u0 * (m * below + c * s_b) / (m * r**2 + c * s_a + k)
+
+    return 2.0 * residue.real + spectrum(lambda r: jump(r).imag / np.pi, t)
+
+
+@pytest.mark.parametrize(("ratio", "tolerance", "terms"), [(10.0, 1e-4, 20), (1e3, 1e-8, 40), (1e6, 1e-12, 80)])
+def test_the_kernel_is_within_its_tolerance(ratio, tolerance, terms):
+    """Times and orders between those at which it was measured; terms grow like log(t_end/dt) log(1/tolerance)."""
+    kernel = exponentials(0.01, 0.01 * ratio, tolerance)
+    t = np.geomspace(0.01, 0.01 * ratio, 317)
+    for order in (1e-6, 0.01, 0.13, 0.5, 0.77, 0.99):
+        found = np.exp(-t[:, None] * kernel.rates) @ kernel.weights(order)
+        assert found == pytest.approx(t**-order / gamma(1.0 - order), rel=1.2 * tolerance)
+    assert kernel.error <= tolerance
+    assert len(kernel.rates) <= terms
+    # At the ends the operator is the displacement since t = 0, or the velocity of the last step alone.
+    assert np.exp(-t[:, None] * kernel.rates) @ kernel.weights(0.0) == pytest.approx(np.ones(317), rel=1.2 * tolerance)
+    assert kernel.weights(1.0) == pytest.approx(np.zeros(len(kernel.rates)), abs=1e-10 / 0.01)
+
+
+@pytest.mark.parametrize("given", ["velocity", "displacement"])
+@pytest.mark.parametrize("order", [0.0, 0.1, 0.5, 0.9, 1.0])
+def test_orders_in_the_step(given, order):
+    """t^3: second order from velocities, 2 - a from displacements."""
+    errors = []
+    for count in (100, 200, 400):
+        stream = StreamingDerivative(2.0 / count, 2.0, order, given=given, tolerance=1e-11)
+        found = []
+        for t in 2.0 * np.arange(1, count + 1) / count:
+            value = 3.0 * t**2 if given == "velocity" else t**3
+            found.append(stream.peek(value))
+            stream.commit(value)
+        errors.append(abs(found[-1] - gamma(4.0) / gamma(4.0 - order) * 2.0 ** (3.0 - order)))
+    observed = np.log2(np.divide(errors[:-1], errors[1:])) if errors[-1] > 1e-9 else np.array([])
+    expected = 2.0 if given == "velocity" else 2.0 - order
+    assert np.all(np.abs(observed - expected) < 0.12)
+    assert errors[-1] < (2e-4 if given == "velocity" else 0.05)
+
+
+def test_the_stream_of_displacements_is_the_sum_over_all_samples():
+    """L1 over the whole history, with the order frozen at each time; it is Caputo's, the closed term apart."""
+    t = np.linspace(0.0, 3.0, 301)
+    order = 0.5 + 0.45 * np.sin(3.0 * t)
+    u = 1.0 + np.sin(5.0 * t) * t
+    stream = StreamingDerivative(0.01, 3.0, 0.5, given="displacement", initial=u[0], tolerance=1e-12)
+    found = []
+    for value, a in zip(u[1:], order[1:], strict=True):
+        found.append(stream.peek(value, a))
+        stream.commit(value)
+    start = u[0] * t[1:] ** -order[1:] / gamma(1.0 - order[1:])
+    assert np.array(found) + start == pytest.approx(rl_derivative(u, t, order, "l1")[1:], rel=1e-10, abs=1e-10)
+    assert len(stream.state) < 60
+
+
+def test_the_mittag_leffler_function():
+    """The helper itself: order 1/2 is ``erfc(sqrt t) exp(t)``, and small times a power series."""
+    for t in (0.1, 1.0, 10.0):
+        assert relaxation(0.5, 1.0, t) == pytest.approx(erfcx(np.sqrt(t)), rel=1e-10)
+    for a in (0.3, 0.8):
+        series = sum((-(0.2**a)) ** j / gamma(a * j + 1.0) for j in range(150))
+        assert relaxation(a, 1.0, 0.2) == pytest.approx(series, rel=1e-9)
+    free = np.exp(-0.1 * 2.0) * (np.cos(np.sqrt(0.99) * 2.0) + 0.1 / np.sqrt(0.99) * np.sin(np.sqrt(0.99) * 2.0))
+    assert oscillator(1.0, 0.2, 1.0, 1.0 - 1e-12, 1.0, 2.0) == pytest.approx(free, abs=1e-9)
+
+
+@pytest.mark.parametrize("order", [0.3, 0.5, 0.8])
+def test_relaxation(order):
+    """``D^a u = -2 u``, u(0) = 1, implicitly by L1: first order, since u begins like ``1 - t^a``."""
+    exact, errors = relaxation(order, 2.0, 2.0), []
+    for count in (200, 400, 800):
+        stream = StreamingDerivative(2.0 / count, 2.0, order, given="displacement", initial=1.0)
+        for _ in range(count):
+            slope, rest = stream.affine()
+            u = -rest / (slope + 2.0)
+            stream.commit(u)
+        errors.append(abs(u - exact))
+    observed = np.log2(np.divide(errors[:-1], errors[1:]))
+    assert np.all((observed > 0.9) & (observed < 1.15))
+    assert errors[-1] < 2e-4
+
+
+@pytest.mark.parametrize("order", [0.2, 0.5, 0.8])
+def test_a_mass_on_a_spring_and_a_springpot(order):
+    """Trapezoidal rule with the springpot's force from velocities: second order against poles and branch cut."""
+    m, c, k = 1.0, 0.6, 4.0
+    exact, errors = oscillator(m, c, k, order, 1.0, 5.0), []
+    for count in (250, 500, 1000):
+        h = 5.0 / count
+        stream = StreamingDerivative(h, 5.0, order)
+        u, v, a = 1.0, 0.0, -k / m
+        for _ in range(count):
+            # m a' + c (slope v' + rest) + k u' = 0, v' = v + h (a + a')/2, u' = u + h (v + v')/2
+            slope, rest = stream.affine()
+            drag = c * slope + 0.5 * h * k
+            after = -(c * rest + k * (u + 0.5 * h * v) + drag * (v + 0.5 * h * a)) / (m + 0.5 * h * drag)
+            v_new = v + 0.5 * h * (a + after)
+            u, v, a = u + 0.5 * h * (v + v_new), v_new, after
+            stream.commit(v)
+        errors.append(abs(u - exact))
+    observed = np.log2(np.divide(errors[:-1], errors[1:]))
+    assert np.all((observed > 1.8) & (observed < 2.2))
+    # The trapezoidal rule alone lags by (w h)^2 w t / 12 = 8e-5.
+    assert errors[-1] < 1e-4
+
+
+@settings(max_examples=25)
+@given(
+    order=st.floats(0.0, 1.0),
+    kind=st.sampled_from(["velocity", "displacement"]),
+    values=st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=20),
+    tried=st.floats(-1e6, 1e6),
+)
+def test_rejected_steps_leave_no_trace_and_states_resume(order, kind, values, tried):
+    plain = StreamingDerivative(0.1, 10.0, order, given=kind, tolerance=1e-6)
+    other = StreamingDerivative(0.1, 10.0, order, given=kind, tolerance=1e-6)
+    for value in values:
+        before = other.state
+        other.peek(tried, 0.3)
+        other.affine(0.7)
+        assert np.array_equal(other.state, before)
+        assert other.peek(value) == plain.peek(value)
+        plain.commit(value)
+        other.commit(tried)
+        other.state = before
+        other.commit(value)
+    assert np.array_equal(plain.state, other.state)
+    assert plain.t == pytest.approx(0.1 * len(values))
+    resumed = StreamingDerivative(0.1, 10.0, order, given=kind, tolerance=1e-6)
+    resumed.state = plain.state
+    assert resumed.affine() == plain.affine()
+
+
+@settings(max_examples=15)
+@given(order=st.floats(0.02, 0.98), seed=st.integers(0, 2**31))
+def test_a_springpot_only_takes_energy(order, seed):
+    """The work along random motions from rest is not negative."""
+    stream, work = StreamingDerivative(0.05, 20.0, order, tolerance=1e-8), 0.0
+    old, force = 0.0, 0.0
+    for velocity in np.random.default_rng(seed).normal(size=200):
+        after = stream.peek(velocity)
+        stream.commit(velocity)
+        work += 0.025 * (velocity + old) * 0.5 * (after + force)
+        old, force = velocity, after
+        assert work > -1e-9
+
+
+def test_a_hundred_thousand_steps_with_fifty_numbers():
+    """D^a of sin tends to ``sin(t + a pi/2)``: the start fades like t^(-1-a)."""
+    dt, count, order = 0.01, 100_000, 0.5
+    stream = StreamingDerivative(dt, dt * count, order, tolerance=1e-9, initial=1.0)
+    state, weights = stream.state, stream.weights(order)
+    assert len(state) < 70
+    y = state[:-2]
+    rates = np.cos(dt * np.arange(count))
+    # The same step as in commit, as a compiled loop would take it.
+    for k in range(1, count):
+        y = stream.decay * y + stream.start * rates[k - 1] + stream.end * rates[k]
+    stream.state = np.concatenate([y, [rates[-1], count - 1.0]])
+    t = dt * count
+    assert stream.peek(np.cos(t)) == pytest.approx(np.sin(t + 0.25 * np.pi), abs=1e-4)
+    assert weights.shape == y.shape
+    stream.commit(np.cos(t))
+    with pytest.raises(vf.ArgumentError, match="beyond t_end = 1000 s"):
+        stream.commit(0.0)
+
+
+@pytest.mark.parametrize(
+    ("call", "match"),
+    [
+        (lambda: StreamingDerivative(0.0, 1.0, 0.5), "dt is 0"),
+        (lambda: StreamingDerivative(0.1, 0.01, 0.5), "t_end not below dt"),
+        (lambda: StreamingDerivative(0.1, 1.0, 1.5), "order is 1.5"),
+        (lambda: StreamingDerivative(0.1, 1.0, -0.5), "order is -0.5"),
+        (lambda: StreamingDerivative(0.1, 1.0, 0.5, tolerance=1e-15), "tolerance is 1e-15"),
+        (lambda: StreamingDerivative(0.1, 1.0, 0.5, given="speed"), "given is 'speed'"),
+        (lambda: StreamingDerivative(0.1, 1.0, 0.5).commit(np.nan), "value is NaN"),
+        (lambda: StreamingDerivative(0.1, 1.0, 0.5).peek(0.0, 2.0), "order is 2"),
+        (lambda: setattr(StreamingDerivative(0.1, 1.0, 0.5), "state", [1.0]), "state has shape"),
+    ],
+)
+def test_bad_input_is_named(call, match):
+    with pytest.raises(vf.ArgumentError, match=match):
+        call()

@@ -1,0 +1,126 @@
+"""The kernel ``t^-order / Gamma(1 - order)`` as a sum of exponentials that are the same for all orders in [0, 1].
+
+``t^-a / Gamma(1 - a) = sin(pi a)/pi`` times the integral of ``exp(a x - t e^x)``
+over all x. The trapezoidal rule in x converges exponentially, and its nodes
+``e^x`` do not depend on the order. Its infinitely many nodes far below ``1/t_end``,
+where the exponentials hardly bend, are replaced by a few that have the same
+moments: without that a small order would need very many.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem._validate import number
+from vofem.errors import ArgumentError
+
+Array = NDArray[np.float64]
+
+#: Smallest error that rounding lets one ask for.
+_FLOOR = 1e-12
+
+#: Rates below this over t_end are replaced by a few. With more of them moments would lose digits.
+_SLOW = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Exponentials:
+    """Sum of exponentials for t in [dt, t_end].
+
+    Attributes
+    ----------
+    rates : ndarray, shape (k,)
+        Exponents in 1/s; the first ``len(moments)`` stand for all slow ones.
+    spacing : float
+        Of the other ones, in the logarithm.
+    moments : ndarray, shape (m, m)
+        From moments of the slow part to weights at its rates.
+    slowest : float
+        Lower end of the other rates, in 1/s.
+    error : float
+        Largest relative error of the kernel, measured over times and orders.
+    """
+
+    rates: Array
+    spacing: float
+    moments: Array
+    slowest: float
+    error: float = math.nan
+
+    def weights(self, order: float) -> Array:
+        """Return the weights, shape (k,), such that ``weights @ exp(-rates t)`` is the kernel of this order."""
+        power = np.arange(1.0, len(self.moments))
+        share = np.sinc(order)  # sin(pi order) / (pi order)
+        first = 1.0 if order == 0.0 else order * self.spacing / math.expm1(order * self.spacing)
+        rest = order * self.spacing / np.expm1((order + power) * self.spacing)
+        slow = self.slowest**order * share * (self.moments @ np.append(first, rest))
+        return np.append(slow, order * share * self.spacing * self.rates[len(slow) :] ** order)
+
+
+def exponentials(dt: float, t_end: float, tolerance: float = 1e-10) -> Exponentials:
+    """Build a sum of exponentials for times from dt to t_end and orders from 0 to 1.
+
+    Parameters
+    ----------
+    dt, t_end : float
+        Shortest and longest time in s.
+    tolerance : float
+        Largest relative error of the kernel, from 1e-12 to 1e-2.
+
+    Returns
+    -------
+    Exponentials
+        Of ``O(log(t_end/dt) log(1/tolerance))`` terms.
+
+    Raises
+    ------
+    ArgumentError
+        For a tolerance out of reach, or times not positive or not in order.
+    """
+    dt, t_end = number("dt", dt, positive=True), number("t_end", t_end, positive=True)
+    tolerance = number("tolerance", tolerance)
+    if not _FLOOR <= tolerance <= 1e-2:
+        raise ArgumentError(f"tolerance is {tolerance:g}, expected a number from {_FLOOR:g} to 0.01")
+    if not t_end >= dt:
+        raise ArgumentError(f"t_end is {t_end:g} s and dt {dt:g} s, expected t_end not below dt")
+    aim = tolerance
+    while True:
+        kernel = _built(dt, t_end, aim)
+        error = _measured(kernel, dt, t_end)
+        if error <= tolerance:
+            return Exponentials(kernel.rates, kernel.spacing, kernel.moments, kernel.slowest, error)
+        if aim < 1e-3 * _FLOOR:
+            raise ArgumentError(
+                f"tolerance {tolerance:g} is out of reach of rounding, the error is {error:g}: ask for more"
+            )
+        aim *= 0.5
+
+
+def _built(dt: float, t_end: float, aim: float) -> Exponentials:
+    spacing = math.pi**2 / math.log(4.0 / aim)
+    slowest = _SLOW / t_end
+    reach = math.log(1.0 / aim) + 2.0
+    count = math.ceil(math.log(reach / (slowest * dt)) / spacing) + 1
+    fast = slowest * np.exp(spacing * np.arange(count))
+    # exp(-y), y in [0, _SLOW], by interpolation at m Chebyshev points.
+    m = 2
+    while 2.0 * (_SLOW / 4.0) ** m / math.factorial(m) > 0.1 * aim:
+        m += 1
+    points: Array = 0.5 - 0.5 * np.cos((np.arange(m) + 0.5) * np.pi / m)
+    moments = np.asarray(np.linalg.inv(np.vander(points, increasing=True).T), dtype=np.float64)
+    return Exponentials(np.append(slowest * points, fast), spacing, moments, slowest)
+
+
+def _measured(kernel: Exponentials, dt: float, t_end: float) -> float:
+    """Return the largest relative error over orders and times."""
+    times = np.geomspace(dt, t_end, 8 * math.ceil(math.log2(t_end / dt) + 1.0))
+    table = np.exp(-times[:, None] * kernel.rates)
+    worst = 0.0
+    for order in (1e-3, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 0.999):
+        exact = times**-order / math.gamma(1.0 - order)
+        worst = max(worst, float(np.max(np.abs(table @ kernel.weights(order) / exact - 1.0))))
+    return worst

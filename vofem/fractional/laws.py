@@ -1,0 +1,135 @@
+"""Order laws as objects: how the order of an operator follows from time or from a state."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vofem._validate import array, number
+from vofem.errors import ArgumentError
+from vofem.fractional.constants import gap_function
+from vofem.fractional.orders import exponential_order
+
+Array = NDArray[np.float64]
+
+
+class OrderLaw(Protocol):
+    """What an order law offers: orders, shape (n,), at times or states x, shape (n,). Any such callable is one."""
+
+    def __call__(self, x: Array, /) -> ArrayLike:
+        """Return the orders at x."""
+
+
+@dataclass(frozen=True)
+class ConstantOrder:
+    """The same order always.
+
+    Parameters
+    ----------
+    value : float
+        Not negative.
+    """
+
+    value: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "value", number("ConstantOrder: value", self.value, minimum=0.0))
+
+    def __call__(self, x: ArrayLike) -> Array:
+        """Return the order at x, of the shape of x."""
+        return np.full(np.shape(x), self.value)
+
+
+@dataclass(frozen=True)
+class ExponentialOrder:
+    """``exp(-s0 s)`` (Eq. 5): towards 0 for s > 0, 1 at s = 0, towards infinity for s < 0.
+
+    Parameters
+    ----------
+    s0 : float
+        Scaling factor in 1/m, positive; `scaling_factor` computes one.
+    gap : callable, optional
+        The gap function s in m, of time or of a state, array to array. Where
+        not given the law is called with s itself.
+    """
+
+    s0: float
+    gap: Callable[[Array], ArrayLike] | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "s0", number("ExponentialOrder: s0", self.s0, positive=True, finite=False))
+        if self.gap is not None and not callable(self.gap):
+            raise ArgumentError(f"ExponentialOrder: gap is {self.gap!r}, expected a function of time or state")
+
+    def __call__(self, x: ArrayLike) -> Array:
+        """Return the order at x, of the shape of x; inf where it is beyond the range of doubles."""
+        s = gap_function("ExponentialOrder: x", x)
+        if self.gap is not None:
+            s = gap_function("ExponentialOrder: the gap function", self.gap(s))
+        return exponential_order(s, self.s0)
+
+
+@dataclass(frozen=True, eq=False)
+class TabulatedOrder:
+    """Orders given at some times or states, linear between them and constant beyond the ends.
+
+    Parameters
+    ----------
+    x : array_like, shape (n,)
+        Times or states, increasing.
+    orders : array_like, shape (n,)
+        Not negative.
+    """
+
+    x: Array = field(repr=False)
+    orders: Array = field(repr=False)
+
+    def __post_init__(self) -> None:
+        x, orders = array("TabulatedOrder: x", self.x), array("TabulatedOrder: orders", self.orders)
+        if x.ndim != 1 or not len(x) or orders.shape != x.shape:
+            raise ArgumentError(
+                f"TabulatedOrder: x has shape {x.shape} and orders {orders.shape}, expected one dimension of one length"
+            )
+        if np.any(np.diff(x) <= 0.0):
+            k = int(np.argmax(np.diff(x) <= 0.0))
+            raise ArgumentError(f"TabulatedOrder: x is {x[k]:g} and then {x[k + 1]:g}, expected increasing values")
+        if np.any(orders < 0.0):
+            raise ArgumentError(f"TabulatedOrder: orders hold {np.min(orders):g}, expected none below 0")
+        object.__setattr__(self, "x", x)
+        object.__setattr__(self, "orders", orders)
+
+    def __call__(self, x: ArrayLike) -> Array:
+        """Return the order at x, of the shape of x."""
+        return np.interp(gap_function("TabulatedOrder: x", x), self.x, self.orders)
+
+
+def orders_at(order: ArrayLike | OrderLaw, t: Array, *, highest: float = 2.0) -> Array:
+    """Return the orders at times t, shape (n,); raise `ArgumentError` unless they lie in [0, highest].
+
+    Parameters
+    ----------
+    order : number, array_like of shape (n,), or callable of t
+    t : ndarray, shape (n,)
+    highest : float
+        2 for the operators on functions, 1 for histories of springpots.
+    """
+    given = order(t) if callable(order) else order
+    try:
+        values = np.asarray(given, dtype=float)
+    except (TypeError, ValueError):
+        raise ArgumentError(f"order is {given!r}, expected a number, one per time, or a function of time") from None
+    if values.ndim and values.shape != t.shape:
+        raise ArgumentError(f"order has shape {values.shape}, expected a number or one per time, {t.shape}")
+    bad = ~((values >= 0.0) & (values <= highest))
+    if np.any(bad):
+        k = int(np.argmax(bad))
+        at = f" at t = {t[k]:g}" if values.ndim else ""
+        raise ArgumentError(
+            f"order is {values.flat[k]:g}{at}, expected a number from 0 to {highest:g}"
+            " (exp(-s0 s) exceeds any bound for s < 0: use resolved or ideal for constants, or limit the order)"
+        )
+    return np.broadcast_to(values, t.shape)
