@@ -55,17 +55,12 @@ def replacing(path: Path, *, overwrite: bool = True) -> Iterator[Path]:
     OutputError
         If the file cannot be written.
     """
-    # Of fixed length, so that a long name which is valid itself stays so; of the same suffix, by which writers
-    # choose a format.
-    temporary = path.parent / f".vofem-{secrets.token_hex(8)}{path.suffix}"
+    temporary = _hidden_name(path)
     try:
-        if path.is_dir():
-            raise IsADirectoryError("it is a folder")
         if not overwrite:
             refuse_existing(path)
-        # Created first, so that a folder that cannot be written is found before the work is done. The tempfile
-        # module would make it private to its owner.
-        os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+        # Created first, so that a folder that cannot be written is found before the work is done.
+        _create(path, temporary)
         yield temporary
         _to_disk(temporary)
         _publish(temporary, path, overwrite)
@@ -77,6 +72,31 @@ def replacing(path: Path, *, overwrite: bool = True) -> Iterator[Path]:
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
+
+
+def try_to_write(path: Path) -> None:
+    """Raise `OutputError` if no file can be made in the folder of `path`; what is there stays as it is."""
+    temporary = _hidden_name(path)
+    try:
+        _create(path, temporary)
+    except OSError as error:
+        raise OutputError(f"{path} cannot be written: {_reason(path, error)}") from error
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def _hidden_name(path: Path) -> Path:
+    # Of fixed length, so that a long name which is valid itself stays so; of the same suffix, by which writers
+    # choose a format.
+    return path.parent / f".vofem-{secrets.token_hex(8)}{path.suffix}"
+
+
+def _create(path: Path, temporary: Path) -> None:
+    if path.is_dir():
+        raise IsADirectoryError("it is a folder")
+    # The tempfile module would make it private to its owner.
+    os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
 
 
 def _to_disk(file: Path) -> None:

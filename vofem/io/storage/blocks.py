@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vofem.io.storage.hdf5 import FILTERS, Blocks
 
 #: Of a chunk, which is compressed at once, and of a block, between two flushes; bytes.
-_CHUNK, _BLOCK = 1 << 20, 1 << 25
+_CHUNK, _BLOCK = 1 << 20, 1 << 23
 
 
 def block_slices(count: int, row_bytes: int) -> Iterator[slice]:
@@ -37,13 +37,21 @@ def empty_dataset(group: h5py.Group, name: str, shape: tuple[int, ...], dtype: A
 
 def write_columns(blocks: Blocks, group: h5py.Group, name: str, values: NDArray) -> h5py.Dataset:
     """Write values of shape (n, n_times) as a dataset (n_times, n)."""
-    dataset = empty_dataset(group, name, values.shape[::-1], values.dtype)
-    if values.size:
-        for part in block_slices(values.shape[1], values.shape[0] * values.itemsize):
-            dataset[part] = values[:, part].T
-            blocks.flush()
+    dataset = stream_columns(blocks, group, name, values.shape, values.dtype, lambda part: values[:, part])
     # An array of one row or column is in both orders.
     dataset.attrs["fortran"] = bool(values.flags.f_contiguous and not values.flags.c_contiguous)
+    return dataset
+
+
+def stream_columns(
+    blocks: Blocks, group: h5py.Group, name: str, shape: tuple[int, ...], dtype: Any, of: Callable[[slice], NDArray]
+) -> h5py.Dataset:
+    """Write values of shape (n, n_times), which a function gives for a slice of times, as a dataset (n_times, n)."""
+    dataset = empty_dataset(group, name, shape[::-1], dtype)
+    if all(shape):
+        for part in block_slices(shape[1], shape[0] * dataset.dtype.itemsize):
+            dataset[part] = of(part).T
+            blocks.flush()
     return dataset
 
 

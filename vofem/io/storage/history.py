@@ -19,7 +19,7 @@ from vofem.bodies.base import Point
 from vofem.integrators.base import ContactSamples, Samples
 from vofem.io.csv_file import point_name
 from vofem.io.run_pictures import telling_points
-from vofem.io.storage.blocks import read_columns, write_columns
+from vofem.io.storage.blocks import read_columns, stream_columns, write_columns
 from vofem.io.storage.hdf5 import FILTERS, Blocks
 from vofem.io.storage.tree import read_array
 from vofem.result import Energy, Result
@@ -83,6 +83,17 @@ class _Group:
         """Write values of shape (n, n_times) with the dimensions time and another."""
         self._attach(write_columns(self._blocks, self._group, name, values), ("time", dimension), attributes)
 
+    def products(
+        self, name: str, dimension: str, rows: Any, values: NDArray, less: NDArray | None = None, **attributes: str
+    ) -> None:
+        """Write ``rows @ values - less`` for values of shape (n, n_times), a block of times after the other."""
+        shape = rows.shape[0], values.shape[1]
+        constant = 0.0 if less is None else less[:, None]
+        dataset = stream_columns(
+            self._blocks, self._group, name, shape, np.float64, lambda part: rows @ values[:, part] - constant
+        )
+        self._attach(dataset, ("time", dimension), attributes)
+
     def variable(self, name: str, dimension: str, values: Any, **attributes: str) -> None:
         """Write numbers or strings along one dimension."""
         if isinstance(values, np.ndarray):
@@ -140,9 +151,26 @@ def _degrees_of_freedom(file: _Group, result: Result) -> None:
 def _probes(file: _Group, result: Result) -> None:
     points: tuple[Point, ...] = telling_points(result.scene)
     file.coordinate("probe", [point_name(point) for point in points], long_name="points that the scene names")
-    for name, unit in (("displacement", "m"), ("velocity", "m s-1"), ("acceleration", "m s-2")):
-        values = np.stack([getattr(result, name)(point) for point in points])
-        file.series(f"probe_{name}", "probe", values, units=unit)
+    rows = _rows(result, points)
+    for name, of, unit in (
+        ("displacement", "q", "m"),
+        ("velocity", "v", "m s-1"),
+        ("acceleration", "a", "m s-2"),
+    ):
+        # Not by the methods of the result, which take the whole field of a body at a time.
+        file.products(f"probe_{name}", "probe", rows, getattr(result.samples, of), units=unit)
+
+
+def _rows(result: Result, points: Sequence[Point]) -> Any:
+    """Return the rows of points over the free degrees of freedom, a sparse matrix (n_points, n)."""
+    from scipy.sparse import csr_matrix
+
+    model = result.model
+    rows = [point.row() for point in points]
+    indices = np.concatenate([row.indices + model.offsets[point.body] for row, point in zip(rows, points, strict=True)])
+    ends = np.cumsum([0, *(row.indices.size for row in rows)])
+    weights = np.concatenate([row.weights for row in rows])
+    return csr_matrix((weights, indices, ends), shape=(len(rows), model.size))[:, model.free]
 
 
 def _energies(file: _Group, result: Result, group: h5py.Group) -> None:
@@ -152,16 +180,23 @@ def _energies(file: _Group, result: Result, group: h5py.Group) -> None:
 
 
 def _contacts(file: _Group, result: Result) -> None:
-    samples, histories = result.contact_samples, list(result.contacts.values())
-    file.coordinate("contact", [history.name for history in histories])
+    samples = result.contact_samples
+    file.coordinate("contact", list(result.contacts))
     file.variable("contact_initial_status", "contact", result.solution.events.initial)
     file.series("contact_status", "contact", samples.status, long_name="0 open, 1 closed, 2 pinned")
     file.series("contact_stiffness", "contact", samples.stiffness, units="N m-1", long_name="K_eq")
     file.series("contact_force", "contact", samples.force, units="N", long_name="positive pushes the bodies apart")
-    gaps = np.stack([history.gap_function for history in histories])
-    file.series("contact_gap_function", "contact", gaps, units="m", long_name="s, positive is penetration")
-    orders = np.stack([history.order for history in histories])
-    file.series("contact_order", "contact", orders, long_name="order beta of the operator")
+    laws = result.model.system.contacts
+    assert laws is not None
+    file.products(
+        "contact_gap_function",
+        "contact",
+        laws.rows,
+        result.samples.q,
+        laws.gap,
+        units="m",
+        long_name="penetration",
+    )
 
 
 def _reactions(file: _Group, result: Result) -> None:
@@ -181,11 +216,13 @@ def read_history(group: h5py.Group) -> History:
         names = tuple(field.name for field in fields(ContactSamples))
         contacts = ContactSamples(*(read_columns(group[f"contact_{name}"]) for name in names))
         initial = read_array(group["contact_initial_status"])
-    energies = [read_array(group[f"energy_{name}"]) for name in _ENERGIES]
+    energies = {name: read_array(group[f"energy_{name}"]) for name in _ENERGIES}
+    start = float(group["energy_kinetic"].attrs["total_at_start"])
+    events = {name: read_array(group[f"event_{name}"]) for name in ("time", "contact", "status")}
     return History(
         times=read_array(group["time"]),
         samples=Samples(*(read_columns(group[name]) for name in ("q", "v", "a"))),
         contacts=contacts,
-        energy=Energy(*energies, start=float(group["energy_kinetic"].attrs["total_at_start"])),
-        events=Events(*(read_array(group[f"event_{name}"]) for name in ("time", "contact", "status")), initial),
+        energy=Energy(**energies, start=start),
+        events=Events(**events, initial=initial),
     )

@@ -2,7 +2,7 @@
 
 A scene is kept as its bodies and effects with their arguments, and as the
 compiled model. So a loaded run needs neither mesh files nor callables, nor is
-anything assembled again; see `stand_ins` for callables.
+anything assembled again; see `stand_ins` and `stored_field` for callables.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from vofem.io.scenes.schema import EFFECTS
 from vofem.io.storage.stand_ins import (
     StoredCallable,
     StoredEffect,
-    StoredField,
     StoredFunction,
     StoredLaw,
     StoredState,
     name_of,
 )
+from vofem.io.storage.stored_field import StoredField
 from vofem.io.storage.tree import is_data
 from vofem.polynomial import Polynomial
 from vofem.result import Result
@@ -74,12 +74,12 @@ class Encoder:
 
     def _beam(self, beam: Beam) -> dict[str, Any]:
         record = {name: getattr(beam, name) for name in ("name", "length", "elements", "supports", "tension")}
-        record |= {"EI": self._field(beam.EI, beam), "rhoA": self._field(beam.rhoA, beam)}
+        record |= {name: self._field(getattr(beam, name), beam, name) for name in ("EI", "rhoA")}
         return record | {"mesh_file": None if beam.mesh_file is None else os.fspath(beam.mesh_file)}
 
-    def _field(self, value: Any, beam: Beam) -> Any:
+    def _field(self, value: Any, beam: Beam, what: str) -> Any:
         plain = not callable(value) or isinstance(value, (Polynomial, StoredField, TimeFunction))
-        return value if plain else StoredField.of(value, beam)
+        return value if plain else StoredField.of(value, beam, what)
 
     def _law(self, law: NonlinearLaw) -> StoredLaw:
         nonlinear = self._result.model.system.nonlinear
@@ -106,7 +106,7 @@ class Encoder:
             return shown
         beam = getattr(effect, "beam", None)
         values = {
-            name: self._field(value, beam) if isinstance(beam, Beam) else value
+            name: self._field(value, beam, f"{name} of {entry.made.__name__}") if isinstance(beam, Beam) else value
             for name, value in entry.values(effect).items()
         }
         return {"entry": entry.name, "values": values, "otherwise": shown}

@@ -21,8 +21,8 @@ import numpy as np
 
 from vofem._validate import array
 from vofem._version import __version__
-from vofem.errors import ArgumentError, MeshError, SceneFileError, StorageError
-from vofem.io.files import target
+from vofem.errors import ArgumentError, SceneFileError, StorageError
+from vofem.io.files import refuse_existing, target, try_to_write
 from vofem.io.scenes.writer import scene_to_toml
 from vofem.io.storage.hdf5 import reading, writing
 from vofem.io.storage.history import read_history, write_history
@@ -38,9 +38,7 @@ SUFFIXES = (".vtkhdf", ".h5", ".hdf")
 FORMAT = 1
 
 
-def save(
-    result: Result, path: str | os.PathLike[str], *, overwrite: bool = False, frames: Any = None
-) -> Path:
+def save(result: Result, path: str | os.PathLike[str], *, overwrite: bool = False, frames: Any = None) -> Path:
     """Write a run to one file; see `vofem.Result.save`."""
     if not isinstance(result, Result):
         raise ArgumentError(f"save: expected the Result of vofem.simulate, found {result!r}")
@@ -61,6 +59,22 @@ def save(
         write_history(blocks, file.create_group("history", track_order=True), result)
         write_fields(blocks, file.create_group("VTKHDF"), result, times)
     return goal
+
+
+def check_target(path: str | os.PathLike[str], overwrite: bool) -> None:
+    """Raise what `save` would raise at once: for use before a long run.
+
+    Raises
+    ------
+    ArgumentError
+        For another suffix.
+    OutputError
+        If the folder is missing or cannot be written, or the file exists and is not to be overwritten.
+    """
+    goal = target(path, SUFFIXES)
+    if not overwrite:
+        refuse_existing(goal)
+    try_to_write(goal)
 
 
 def _frames(result: Result, frames: Any) -> Any:

@@ -14,7 +14,7 @@ from vofem.integrators.event_driven.segment import Segments
 from vofem.integrators.stepped import SteppedSolution
 from vofem.io.storage.blocks import write_rows
 from vofem.io.storage.hdf5 import Blocks
-from vofem.io.storage.tree import read_array
+from vofem.io.storage.tree import read_array, write_array
 from vofem.result import Energy, Result
 from vofem.system import Events
 
@@ -31,8 +31,8 @@ def solution_record(solution: Solution) -> dict[str, Any]:
         For a solution of another kind.
     """
     if isinstance(solution, SteppedSolution):
-        names = (field.name for field in fields(solution) if field.name not in _ELSEWHERE)
-        return {"kind": "stepped", **{name: getattr(solution, name) for name in names}}
+        kept = [field.name for field in fields(solution) if field.name not in _ELSEWHERE]
+        return {"kind": "stepped", **{name: getattr(solution, name) for name in kept}}
     from vofem.integrators.event_driven import EventSolution
 
     if not isinstance(solution, EventSolution):
@@ -46,7 +46,7 @@ def solution_record(solution: Solution) -> dict[str, Any]:
 def write_segments(blocks: Blocks, group: h5py.Group, solution: Any) -> None:
     """Write begin and state of every segment of an event-driven run."""
     starts, states = solution.segments
-    group.create_dataset("starts", data=np.array(starts))
+    write_array(group, "starts", np.array(starts))
     write_rows(blocks, group, "status", states, lambda state: state[0], np.int64)
     write_rows(blocks, group, "displacement", states, lambda state: state[1], np.float64)
     write_rows(blocks, group, "velocity", states, lambda state: state[2], np.float64)

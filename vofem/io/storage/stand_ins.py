@@ -7,7 +7,7 @@ All of them are plain data, so that a loaded run can be saved again.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,23 +16,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from vofem.assembly import SystemBuilder
 from vofem.bodies.base import Point
-from vofem.bodies.beam import Beam
-from vofem.bodies.coefficient import evaluate_along
 from vofem.effects.time_functions import Piece, TimeFunction
 from vofem.errors import ArgumentError, MissingCallableError
 
 Array = NDArray[np.float64]
 
-#: Values per element of a function of x.
-_PER_ELEMENT = 20
-
-#: Up to here, relative to the largest value, the polynomials of a function of x count as the function itself.
-_FAITHFUL = 1e-10
-
 
 def name_of(function: Any) -> str:
-    """Return how messages call a callable."""
-    return str(getattr(function, "__qualname__", None) or getattr(function, "__name__", None) or repr(function))
+    """Return how messages call a callable: its name, and where a lambda stands."""
+    name = str(getattr(function, "__name__", None) or type(function).__qualname__)
+    code = getattr(function, "__code__", None)
+    if name != "<lambda>" or code is None:
+        return name
+    return f"{name} in {os.path.basename(code.co_filename)}, line {code.co_firstlineno}"
 
 
 def missing(what: str, name: str, cure: str) -> MissingCallableError:
@@ -73,8 +69,9 @@ class StoredFunction(TimeFunction):
 
     def __eq__(self, other: object) -> bool:
         """Compare by name and values: bodies on one base share its motion."""
-        same = isinstance(other, StoredFunction) and (self.name, self.shown) == (other.name, other.shown)
-        return same and np.array_equal(self.t, other.t) and np.array_equal(self.values, other.values)
+        if not isinstance(other, StoredFunction) or (self.name, self.shown) != (other.name, other.shown):
+            return False
+        return np.array_equal(self.t, other.t) and np.array_equal(self.values, other.values)
 
     def __hash__(self) -> int:
         return hash((self.name, self.shown))
@@ -98,87 +95,6 @@ class StoredFunction(TimeFunction):
 
     def _missing(self, what: str) -> MissingCallableError:
         return missing(what, self.name, "its values are known at the run's `times` only; build the scene in Python")
-
-
-@dataclass(frozen=True, eq=False)
-class StoredField:
-    """A function of x along a beam, known as a polynomial on every element, and by its values at the nodes.
-
-    Attributes
-    ----------
-    name : str
-    nodes : ndarray, shape (n_elements + 1,)
-        In m.
-    values : ndarray, shape (n_elements, n_points)
-        At Chebyshev points inside every element, from the left.
-    at_nodes : ndarray, shape (n_elements + 1,)
-    error : float
-        The largest deviation found when it was stored, over the largest value.
-    """
-
-    name: str
-    nodes: Array
-    values: Array
-    at_nodes: Array
-    error: float
-
-    @classmethod
-    def of(cls, function: Callable[[Array], Any], beam: Beam) -> StoredField:
-        """Return what stands for a callable of x; how faithful it is, is tried at other points."""
-        nodes = beam.nodes
-        widths = np.diff(nodes)[:, None]
-
-        def sampled(xi: Array) -> Array:
-            return evaluated(nodes[:-1, None] + xi * widths)
-
-        def evaluated(x: Array) -> Array:
-            return np.array(evaluate_along(f"{name_of(function)!r} along {beam.label}", function, x))
-
-        made = cls(name_of(function), nodes, sampled(_chebyshev(_PER_ELEMENT)), evaluated(nodes), 0.0)
-        trial = _chebyshev(2 * _PER_ELEMENT + 3)
-        true = sampled(trial)
-        found = made._interpolated(np.repeat(np.arange(widths.size), trial.size), np.tile(trial, widths.size))
-        scale = float(np.max(np.abs(true), initial=0.0))
-        error = float(np.max(np.abs(found - true.ravel()), initial=0.0)) / scale if scale > 0.0 else 0.0
-        return cls(made.name, nodes, made.values, made.at_nodes, error)
-
-    def __call__(self, x: ArrayLike) -> Array:
-        """Return the values at x; raises `MissingCallableError` between nodes where polynomials are no good."""
-        x = np.asarray(x, dtype=float)
-        flat = x.ravel()
-        nearest = np.clip(np.searchsorted(self.nodes, flat), 0, self.nodes.size - 1)
-        result = self.at_nodes[nearest]
-        inside = self.nodes[nearest] != flat
-        if np.any(inside):
-            if not self.error <= _FAITHFUL:
-                raise missing(
-                    f"a value at x = {flat[inside][0]:g} m", self.name, "it is not smooth enough between nodes to be "
-                    "known by its values; put nodes where it jumps before saving, or build the beam in Python",
-                )  # fmt: skip
-            element = np.clip(np.searchsorted(self.nodes, flat[inside], side="right") - 1, 0, self.nodes.size - 2)
-            xi = (flat[inside] - self.nodes[element]) / (self.nodes[element + 1] - self.nodes[element])
-            result[inside] = self._interpolated(element, xi)
-        return result.reshape(x.shape)
-
-    def _interpolated(self, element: NDArray[np.int64], xi: Array) -> Array:
-        """Return the barycentric interpolant of each element, in memory that does not grow with the product."""
-        points = _chebyshev(self.values.shape[1])
-        weights = np.sin(np.pi * (np.arange(points.size) + 0.5) / points.size) * (-1.0) ** np.arange(points.size)
-        above, below = np.zeros(xi.size), np.zeros(xi.size)
-        exact = np.full(xi.size, np.nan)
-        for k, point in enumerate(points):
-            distance = xi - point
-            hit = distance == 0.0
-            exact[hit] = self.values[element[hit], k]
-            share = weights[k] / np.where(hit, 1.0, distance)
-            above += share * self.values[element, k]
-            below += share
-        return np.where(np.isnan(exact), above / below, exact)
-
-
-def _chebyshev(count: int) -> Array:
-    """Return the Chebyshev points of the first kind on (0, 1), ascending."""
-    return np.asarray(0.5 - 0.5 * np.cos(np.pi * (np.arange(count) + 0.5) / count), dtype=float)
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,6 +29,7 @@ Encode = Callable[[Any], tuple[str, Any] | None]
 #: Returns the object that a tag and its data stand for.
 Decode = Callable[[str, Any], Any]
 
+_PARTS = ("data", "indices", "indptr")
 _SPARSE = ("csr_matrix", "csc_matrix", "csr_array", "csc_array")
 
 
@@ -129,7 +130,9 @@ class _Writer:
         if type(value) in (list, tuple):
             return {type(value).__name__: [self.node(part, f"{path}.{k}") for k, part in enumerate(value)]}
         if type(value).__name__ in _SPARSE:
-            parts = {name: self._array(getattr(value, name), f"{path}.{name}") for name in ("data", "indices", "indptr")}
+            parts = {
+                name: self._array(getattr(value, name), f"{path}.{name}") for name in ("data", "indices", "indptr")
+            }
             return {"sparse": type(value).__name__, "shape": [int(n) for n in value.shape], "parts": parts}
         raise ArgumentError(f"{path.removeprefix('.') or 'this'} is {value!r}, which has no form in a file")
 
@@ -178,7 +181,7 @@ class _Reader:
         if kind == "sparse" and content in _SPARSE:
             import scipy.sparse
 
-            data, indices, indptr = (read_array(self._group[node["parts"][n]]) for n in ("data", "indices", "indptr"))
+            data, indices, indptr = (read_array(self._group[node["parts"][name]]) for name in _PARTS)
             return getattr(scipy.sparse, content)((data, indices, indptr), shape=tuple(node["shape"]), copy=False)
         raise StorageError(f"{self._group.file.filename} holds {kind!r}, which this version of vofem does not know")
 
