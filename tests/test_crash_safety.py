@@ -230,17 +230,27 @@ def test_kill_9_at_any_moment(tmp_path):
     """A child saves over the file again and again and is killed: the parent finds one run or the other, whole."""
     body = """
 random.seed(1)
+began = time.perf_counter()
+results[0].save(path, overwrite=True)
+duration = time.perf_counter() - began
 seen, leftovers = set(), 0
 for turn in range(30):
+    inlet, outlet = os.pipe()
     child = os.fork()
     if child == 0:
         k = turn
         while True:
             k += 1
             results[k % 2].save(path, overwrite=True)
-    time.sleep(random.uniform(0.0, 0.15))
+            os.write(outlet, b".")
+    # After none, one or two saves, and some way into the next.
+    for _ in range(turn % 3):
+        os.read(inlet, 1)
+    time.sleep(random.uniform(0.0, duration))
     os.kill(child, signal.SIGKILL)
     os.waitpid(child, 0)
+    os.close(inlet)
+    os.close(outlet)
     seen.add(whole())
     for other in path.parent.iterdir():
         if other != path:
