@@ -234,7 +234,7 @@ began = time.perf_counter()
 results[0].save(path, overwrite=True)
 duration = time.perf_counter() - began
 seen, leftovers = set(), 0
-for turn in range(30):
+for turn in range(21):
     inlet, outlet = os.pipe()
     child = os.fork()
     if child == 0:

@@ -73,6 +73,8 @@ CASES = {
     "masses-steps": (lambda: two_masses("c", "penetration")[2], 10.0, "central_difference"),
     "chatter": (chatter, 50.0, "event_driven"),
     "everything": (everything, 4.0, "event_driven"),
+    "masses-conserving": (lambda: two_masses("b", "penetration")[2], 10.0, "energy_conserving"),
+    "masses-alpha": (lambda: two_masses("b", "penetration")[2], 10.0, "generalized_alpha"),
     "resolved": (resolved, 0.3, "central_difference"),
     "rigid": (lambda: vf.Scene([vf.Beam(1.0, 1.0, 1.0, 3, name="free")], [vf.Gravity()]), 1.0, "event_driven"),
 }
@@ -238,7 +240,7 @@ def with_callables():
         vf.BaseMotion(mass, push),
     ]
     scene = vf.Scene([beam, mass], effects, initial={beam: (lambda x: 1e-3 * x**2 * (1.0 - x), 0.0)})
-    return vf.simulate(scene, 0.3, times=np.linspace(0.0, 0.3, 31))
+    return vf.simulate(scene, 0.3, method="central_difference", times=np.linspace(0.0, 0.3, 31))
 
 
 def test_a_run_with_callables_is_read_whole(tmp_path):
@@ -263,11 +265,12 @@ def test_a_run_with_callables_is_read_whole(tmp_path):
 
 def test_what_needs_a_callable_names_it(tmp_path):
     loaded = saved_and_loaded(with_callables(), tmp_path / "run.vtkhdf")
-    with pytest.raises(vf.MissingCallableError, match=r"'hard'.*<lambda> in test_storage.py, line \d+"):
-        vf.simulate(loaded.scene, 0.3)
+    for method in ("auto", "central_difference", "generalized_alpha"):
+        with pytest.raises(vf.MissingCallableError, match=r"'push'|'hard'.*<lambda> in test_storage.py, line \d+"):
+            vf.simulate(loaded.scene, 0.3, method=method)
     bodies, effects = loaded.scene.bodies, loaded.scene.effects
     with pytest.raises(vf.MissingCallableError, match=r"'push'.*build the scene in Python"):
-        vf.simulate(vf.Scene(bodies, [effects[1]]), 0.3, dt=1e-5)
+        vf.simulate(vf.Scene(bodies, [effects[1]]), 0.3)
     with pytest.raises(vf.MissingCallableError, match=r"NonlinearSpring 'hard'.*needs the callable '<lambda>"):
         vf.simulate(vf.Scene(bodies, [effects[4]]), 0.3)
     with pytest.raises(vf.SceneFileError, match="push"):

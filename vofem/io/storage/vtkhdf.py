@@ -20,7 +20,7 @@ from vofem.result import Result
 
 Array = NDArray[np.float64]
 
-#: Fields are evaluated for as many frames at once as fit into about this many bytes.
+#: Frames that are written unless more are asked for: fields on the grid take several times the room of the history.
 _MOST_FRAMES = 1000
 
 _POINTS_PER_ELEMENT = 5
