@@ -41,10 +41,12 @@ from vofem.errors import (
     LoadError,
     MeshError,
     MethodError,
+    MissingCallableError,
     OutputError,
     SceneFileError,
     SingularSystemError,
     StepSizeError,
+    StorageError,
     VofemError,
 )
 from vofem.modes import Modes, modes
@@ -56,6 +58,7 @@ from vofem.statics import Equilibrium, equilibrium
 
 if TYPE_CHECKING:
     from vofem.io.scene_file import dump_scene, load_scene
+    from vofem.io.storage.run_file import load
 
 __all__ = [
     "ArgumentError",
@@ -75,6 +78,7 @@ __all__ = [
     "Mass",
     "MeshError",
     "MethodError",
+    "MissingCallableError",
     "ModalDamping",
     "Modes",
     "NonlinearSpring",
@@ -95,6 +99,7 @@ __all__ = [
     "SingularSystemError",
     "Spring",
     "StepSizeError",
+    "StorageError",
     "Tabulated",
     "TimeFunction",
     "VofemError",
@@ -103,13 +108,18 @@ __all__ = [
     "equilibrium",
     "explain",
     "fractional",
+    "load",
     "load_scene",
     "modes",
     "simulate",
 ]
 
 #: What is imported when first asked for.
-_LATER = {"dump_scene": "vofem.io.scene_file", "load_scene": "vofem.io.scene_file"}
+_LATER = {
+    "dump_scene": "vofem.io.scene_file",
+    "load": "vofem.io.storage.run_file",
+    "load_scene": "vofem.io.scene_file",
+}
 
 
 def __getattr__(name: str) -> Any:

@@ -1,4 +1,4 @@
-"""The command line: ``vofem run``, ``explain`` and ``doctor``. Only this module prints and ends the process."""
+"""The command line: ``vofem run``, ``render``, ``explain``, ``doctor``. Only this module prints and ends processes."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vofem._version import __version__
-from vofem.errors import OutputError, VofemError
+from vofem.errors import ArgumentError, OutputError, VofemError
 from vofem.simulate import METHODS
 
 if TYPE_CHECKING:
     from vofem.io.scene_file import SceneFile
+    from vofem.io.scenes.settings import OutputSettings
     from vofem.result import Result
 
 #: Exit codes: all went well; vofem found a fault and said which. argparse itself takes 2 for wrong usage.
@@ -52,7 +53,15 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--t-end", type=float, help="in s, instead of the file's")
     run.add_argument("--dt", type=float, help="in s, instead of the file's")
     run.add_argument("--no-pictures", action="store_true", help="write numbers only")
+    run.add_argument("--save", type=Path, metavar="RUN", help="file .vtkhdf for the whole run; ParaView opens it too")
+    run.add_argument("--overwrite", action="store_true", help="let --save replace a file")
     run.set_defaults(command=_run)
+
+    render = commands.add_parser("render", help="draw pictures of a saved run")
+    render.add_argument("run", type=Path, help="file that vofem run --save or Result.save has written")
+    render.add_argument("--output", type=Path, help="folder for the pictures (output/NAME of the run)")
+    render.add_argument("--times", type=float, nargs="+", default=[], metavar="T", help="of side views, in s")
+    render.set_defaults(command=_render)
 
     explain = commands.add_parser("explain", help="say what would be simulated, how, and what not")
     explain.add_argument("scene", type=Path, help="scene file, TOML")
@@ -99,14 +108,34 @@ def _run(arguments: argparse.Namespace) -> int:
     print(flush=True)
     # Made first: a run that is long shall not end in a folder that cannot be.
     folder = _made(arguments.output or Path("output") / arguments.scene.stem)
+    if arguments.save is not None:
+        from vofem.io.storage.run_file import check_target
+
+        check_target(arguments.save, arguments.overwrite)
     result = file.simulate(**_changes(arguments, file))
     print(tables.counter_line(result), end="\n\n")
     print(tables.contact_tables(result), end="\n\n")
     print(tables.energy_table(result))
     for note in result.notes:
         print(f"note: {note}")
-    written = _write(file, result, folder, pictures=not arguments.no_pictures)
+    saved = [] if arguments.save is None else [result.save(arguments.save, overwrite=arguments.overwrite)]
+    written = saved + _write(result, file.output, folder, pictures=not arguments.no_pictures)
     print("\nwrote " + "\n      ".join(str(path) for path in written))
+    return FINE
+
+
+def _render(arguments: argparse.Namespace) -> int:
+    from vofem.io.scenes.settings import OutputSettings
+    from vofem.io.storage.run_file import load
+
+    result = load(arguments.run)
+    for t in arguments.times:
+        if not 0.0 <= t <= result.solution.t_end:
+            raise ArgumentError(f"--times holds {t:g}, expected times from 0 to {result.solution.t_end:g} s")
+    output = OutputSettings(pictures=tuple(arguments.times))
+    folder = _made(arguments.output or Path("output") / arguments.run.stem)
+    written = _draw(result, output, folder)
+    print("wrote " + "\n      ".join(str(path) for path in written))
     return FINE
 
 
@@ -128,24 +157,29 @@ def _changes(arguments: argparse.Namespace, file: SceneFile) -> dict[str, Any]:
     return changes
 
 
-def _write(file: SceneFile, result: Result, folder: Path, *, pictures: bool) -> list[Path]:
-    from vofem.io.csv_file import point_name, write_csv
-    from vofem.io.run_pictures import history_points, picture_times
+def _write(result: Result, output: OutputSettings, folder: Path, *, pictures: bool) -> list[Path]:
+    from vofem.io.csv_file import write_csv
+    from vofem.io.run_pictures import history_points
 
-    points = history_points(file)
-    written = [write_csv(result, points, folder / "histories.csv")]
-    if not pictures:
-        return written
+    written = [write_csv(result, history_points(result.scene, output), folder / "histories.csv")]
+    return written + _draw(result, output, folder) if pictures else written
+
+
+def _draw(result: Result, output: OutputSettings, folder: Path) -> list[Path]:
+    from vofem.io.csv_file import point_name
     from vofem.io.plot import time_history
     from vofem.io.render import render
+    from vofem.io.run_pictures import history_points, picture_times
 
+    points = history_points(result.scene, output)
+    written = []
     for k, point in enumerate(points):
         name = "history.png" if len(points) == 1 else f"history-{k + 1}.png"
         written.append(time_history(result, point, folder / name))
         if len(points) > 1:
             print(f"{name}: {point_name(point)}")
     message = ""
-    times = picture_times(file, result)
+    times = picture_times(result, output)
     for k, t in enumerate(times):
         outcome = render(result, t, folder / ("scene.png" if len(times) == 1 else f"scene-{k + 1}.png"))
         message = outcome.message or message

@@ -54,6 +54,14 @@ class OutputError(VofemError, OSError):
     """A file could not be written; the message says which, why, and what to do."""
 
 
+class StorageError(VofemError, ValueError):
+    """A file is no saved run, or a damaged one, or of a newer vofem; the message says which and what to do."""
+
+
+class MissingCallableError(VofemError):
+    """Something that was read from a file needs a Python callable, which no file holds; the message names it."""
+
+
 class SceneFileError(VofemError, ValueError):
     """A scene file, or a scene to be written to one, has problems; all of them are listed, one a line.
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -352,6 +354,42 @@ class Result:
         if found is None:
             raise ArgumentError(f"a run of {self.method} does not tell its sensitivity; use method='event_driven'")
         return found
+
+    def save(
+        self, path: str | os.PathLike[str], *, overwrite: bool = False, frames: int | ArrayLike | None = None
+    ) -> Path:
+        """Write the run to one file, for ParaView, for xarray, and for `vofem.load`, which gives it back whole.
+
+        The file appears whole or not at all: it is written under a hidden name
+        in the same folder, forced to disk, and renamed.
+
+        Parameters
+        ----------
+        path : path
+            Ends in .vtkhdf (or .h5, .hdf).
+        overwrite : bool
+            Whether a file of that name is replaced.
+        frames : int or array_like, optional
+            How many of the run's times, or which times in s, become frames for
+            ParaView; 1000 where there are more. All else is kept at all `times`.
+
+        Returns
+        -------
+        Path
+            `path`.
+
+        Raises
+        ------
+        ArgumentError
+            For another suffix, frames outside the run, or things of other
+            packages in the scene that have no form in a file.
+        OutputError
+            If the file exists and is not to be overwritten, or cannot be
+            written. What was there stays as it was.
+        """
+        from vofem.io.storage.run_file import save
+
+        return save(self, path, overwrite=overwrite, frames=frames)
 
     @cached_property
     def energy(self) -> Energy:

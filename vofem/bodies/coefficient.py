@@ -13,7 +13,7 @@ from vofem._validate import array, nearest, number, one_of
 from vofem.bodies.axis import Axis
 from vofem.bodies.base import Array
 from vofem.bodies.mesh import LineMesh
-from vofem.errors import ArgumentError
+from vofem.errors import ArgumentError, MissingCallableError
 
 if TYPE_CHECKING:
     from skfem import Basis
@@ -50,6 +50,8 @@ def evaluate_along(what: str, function: Any, x: Array, *, positive: bool = False
         )
     try:
         values = np.broadcast_to(np.asarray(function(x), dtype=float), x.shape)
+    except MissingCallableError:
+        raise
     except Exception as error:
         raise ArgumentError(
             f"{what} must be a callable that takes an array of x (any shape) and returns one value for each; it "

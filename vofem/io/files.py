@@ -12,6 +12,9 @@ from pathlib import Path
 from vofem._validate import one_of
 from vofem.errors import ArgumentError, OutputError
 
+#: What file systems answer that know no hard links, or cannot force a folder to disk.
+_UNSUPPORTED = {errno.EPERM, errno.EINVAL, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EMLINK, errno.EACCES, errno.ENOSYS}
+
 
 def target(path: str | os.PathLike[str], suffixes: tuple[str, ...]) -> Path:
     """Return `path` as a Path, or raise `ArgumentError` if its suffix is none of `suffixes`."""
@@ -24,34 +27,120 @@ def target(path: str | os.PathLike[str], suffixes: tuple[str, ...]) -> Path:
     return result
 
 
+def refuse_existing(path: Path) -> None:
+    """Raise `OutputError` if something of that name exists."""
+    if os.path.lexists(path) and not os.path.isdir(path):
+        raise OutputError(f"{path} exists already and was left as it is; choose another name, or pass overwrite=True")
+
+
 @contextlib.contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def replacing(path: Path, *, overwrite: bool = True) -> Iterator[Path]:
     """Give a temporary name in the folder of `path`; rename it to `path` once the block has succeeded.
 
-    A reader sees the old file or the new one, never a part, and a failure
-    leaves nothing behind.
+    The content is forced to disk before the name changes, and the change of
+    name after it. So a reader sees the old file or the new one, never a part,
+    whenever the process or the machine stops, and an error leaves nothing
+    behind. (A process that is killed leaves its temporary file, whose name
+    begins with ``.vofem-``.)
+
+    Parameters
+    ----------
+    path : Path
+    overwrite : bool
+        Whether a file of that name is replaced. If not, it is refused before
+        the block and, where another process has made it meanwhile, after it.
 
     Raises
     ------
     OutputError
         If the file cannot be written.
     """
-    # Of fixed length, so that a long name which is valid itself stays so; of the same suffix, by which writers
-    # choose a format.
-    temporary = path.parent / f".vofem-{secrets.token_hex(8)}{path.suffix}"
+    temporary = _hidden_name(path)
     try:
-        if path.is_dir():
-            raise IsADirectoryError("it is a folder")
-        # Created first, so that a folder that cannot be written is found before the work is done. The tempfile
-        # module would make it private to its owner.
-        os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+        if not overwrite:
+            refuse_existing(path)
+        # Created first, so that a folder that cannot be written is found before the work is done.
+        _create(path, temporary)
         yield temporary
-        os.replace(temporary, path)
+        _to_disk(temporary)
+        _publish(temporary, path, overwrite)
+        _folder_to_disk(path.parent)
+    except OutputError:
+        raise
     except OSError as error:
         raise OutputError(f"{path} cannot be written: {_reason(path, error)}") from error
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
+
+
+def try_to_write(path: Path) -> None:
+    """Raise `OutputError` if no file can be made in the folder of `path`; what is there stays as it is."""
+    temporary = _hidden_name(path)
+    try:
+        _create(path, temporary)
+    except OSError as error:
+        raise OutputError(f"{path} cannot be written: {_reason(path, error)}") from error
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def _hidden_name(path: Path) -> Path:
+    # Of fixed length, so that a long name which is valid itself stays so; of the same suffix, by which writers
+    # choose a format.
+    return path.parent / f".vofem-{secrets.token_hex(8)}{path.suffix}"
+
+
+def _create(path: Path, temporary: Path) -> None:
+    if path.is_dir():
+        raise IsADirectoryError("it is a folder")
+    # The tempfile module would make it private to its owner.
+    os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+
+
+def _to_disk(file: Path) -> None:
+    """Wait until the content of a file is on disk; a full or failing disk may tell only now."""
+    descriptor = os.open(file, os.O_RDWR)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _publish(temporary: Path, path: Path, overwrite: bool) -> None:
+    """Give a file its name, in one step."""
+    if overwrite:
+        os.replace(temporary, path)
+        return
+    try:
+        # Unlike a rename, a link never takes the place of a file that has appeared since.
+        os.link(temporary, path)
+    except FileExistsError:
+        refuse_existing(path)
+        raise
+    except OSError as error:
+        if error.errno not in _UNSUPPORTED:
+            raise
+        refuse_existing(path)
+        os.replace(temporary, path)
+
+
+def _folder_to_disk(folder: Path) -> None:
+    """Wait until a change of names is on disk, where the system can do that for folders."""
+    if os.name == "nt":
+        return
+    try:
+        descriptor = os.open(folder, os.O_RDONLY)
+    except OSError:  # a folder may be written and not read
+        return
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        if error.errno not in _UNSUPPORTED:
+            raise
+    finally:
+        os.close(descriptor)
 
 
 def _reason(path: Path, error: OSError) -> str:
@@ -64,4 +153,6 @@ def _reason(path: Path, error: OSError) -> str:
         return f"{folder} is a file, not a folder; choose another place"
     if error.errno == errno.ENOENT and not os.path.exists(folder):
         return f"the folder {folder} does not exist; create it first"
+    if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+        return f"{error.strerror or error}; make room in {folder}, or choose another place"
     return f"{error.strerror or error}; check the permissions of {folder} and the space left, or choose another place"

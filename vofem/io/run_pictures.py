@@ -7,39 +7,43 @@ from typing import Any
 import numpy as np
 
 from vofem.bodies import Beam
-from vofem.io.scene_file import SceneFile
+from vofem.io.scenes.settings import OutputSettings
 from vofem.result import Result
+from vofem.scene import Scene
 
 #: Points that are chosen.
 _MOST = 6
 
 
-def history_points(file: SceneFile) -> tuple[Any, ...]:
-    """Return the points that the file names, or those of its contacts and, where there are none, of its loads.
+def telling_points(scene: Scene) -> tuple[Any, ...]:
+    """Return the points of the contacts and, where there are none, of the other effects.
 
     A body that none of them touches gives its own: a mass itself, a beam its right end.
     """
-    if file.output.history:
-        return file.output.history
     points: dict[tuple[str, float], Any] = {}
-    contacts = file.scene.contacts
-    for effect in (*contacts, *(() if contacts else file.scene.effects)):
+    contacts = scene.contacts
+    for effect in (*contacts, *(() if contacts else scene.effects)):
         for point in effect.points():
             points.setdefault((point.body.name, getattr(point, "x", 0.0)), point)
     touched = {name for name, _ in points}
-    for body in file.scene.bodies:
+    for body in scene.bodies:
         if body.name not in touched:
             points[body.name, 0.0] = body.at("right") if isinstance(body, Beam) else body
-    return tuple(points.values())[:_MOST]
+    return tuple(points.values())
 
 
-def picture_times(file: SceneFile, result: Result) -> tuple[float, ...]:
-    """Return the times that the file names, or the middle of the first contact, or when most is displaced.
+def history_points(scene: Scene, output: OutputSettings) -> tuple[Any, ...]:
+    """Return the points that the settings name, or some telling ones."""
+    return output.history or telling_points(scene)[:_MOST]
 
-    Of the file's times those are left out that a shorter run does not reach.
+
+def picture_times(result: Result, output: OutputSettings) -> tuple[float, ...]:
+    """Return the times that the settings name, or the middle of the first contact, or when most is displaced.
+
+    Of the times named those are left out that a shorter run does not reach.
     """
-    named = tuple(t for t in file.output.pictures if t <= result.times[-1])
-    if named or file.output.pictures:
+    named = tuple(t for t in output.pictures if t <= result.times[-1])
+    if named or output.pictures:
         return named
     intervals = [
         (float(history.closings[0]), float(history.openings[0]) if history.openings.size else float(result.times[-1]))
@@ -51,5 +55,5 @@ def picture_times(file: SceneFile, result: Result) -> tuple[float, ...]:
         # A stepping method may have stored few times; event_driven knows them all.
         nearest = float(result.times[int(np.argmin(np.abs(result.times - middle)))])
         return (middle if result.method == "event_driven" else nearest,)
-    motion = np.max(np.abs([result.displacement(point) for point in history_points(file)]), axis=0)
+    motion = np.max(np.abs([result.displacement(point) for point in history_points(result.scene, output)]), axis=0)
     return (float(result.times[int(np.argmax(motion))]),)

@@ -1,8 +1,9 @@
-"""One linear segment of an event-driven run, as its integrals need it."""
+"""The linear segments of an event-driven run: one as its integrals need it, and all as a run keeps them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,3 +37,21 @@ class Segment:
     pieces: list[Piece]
     wanted: NDArray[np.int64]
     tau: NDArray[np.float64]
+
+
+class Segments(NamedTuple):
+    """The segments of a run, one a row.
+
+    Attributes
+    ----------
+    starts : ndarray, shape (k,)
+        In s.
+    status : ndarray of int, shape (k, n_contacts)
+    displacement, velocity : ndarray, shape (k, n)
+        Modal, at the start.
+    """
+
+    starts: NDArray[np.float64]
+    status: NDArray[np.int64]
+    displacement: NDArray[np.float64]
+    velocity: NDArray[np.float64]

@@ -22,7 +22,7 @@ from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.integrators.event_driven.motion import Forcing, Motion, start_motion
 from vofem.integrators.event_driven.pinned import Reactions, may_pin, reactions, should_pin
 from vofem.integrators.event_driven.search import EventFunctions
-from vofem.integrators.event_driven.segment import Segment
+from vofem.integrators.event_driven.segment import Segment, Segments
 from vofem.integrators.event_driven.sensitivity import Perturbation, Sensitivity
 from vofem.integrators.event_driven.spectrum import Spectra
 from vofem.system import CLOSED, OPEN, PINNED, Counters, Events, State, System
@@ -51,6 +51,37 @@ class EventSolution:
         self._initial = np.empty(0, dtype=np.int64)
         # Counters tell of the run; what sampling costs later is not counted.
         self._last: tuple[int, Motion] | None = None
+        # Statuses in the order of the run, each with its first segment, whose eigensystems are still to be computed.
+        self._awaited: list[tuple[int, Status]] = []
+
+    @classmethod
+    def restored(
+        cls, system: System, space: ModalSpace, t_end: float, times: Array, counters: Counters, notes: list[str],
+        segments: Segments, events: Events,
+    ) -> EventSolution:  # fmt: skip
+        """Return the solution of an earlier run; eigensystems are computed when a segment is first asked for.
+
+        They come out as in the run to the last bit, as far as all of them can be kept in memory.
+        """
+        solution = cls(system, space, t_end, times, Counters())
+        solution.counters, solution.notes = counters, notes
+        solution._starts = segments.starts.tolist()
+        solution._states = list(zip(segments.status, segments.displacement, segments.velocity, strict=True))
+        solution._event_log = list(
+            zip(events.time.tolist(), events.contact.tolist(), events.status.tolist(), strict=True)
+        )
+        solution._initial = events.initial
+        first: dict[bytes, tuple[int, Status]] = {}
+        for index, status in enumerate(segments.status):
+            first.setdefault(status.tobytes(), (index, status))
+        if len(first) <= solution._spectra.capacity:
+            solution._awaited = list(first.values())[::-1]
+        return solution
+
+    @property
+    def segments(self) -> tuple[list[float], list[tuple[Status, Array, Array]]]:
+        """Begin, s, and state (contact status, modal displacement and velocity) of every segment."""
+        return self._starts, self._states
 
     # -- recording --------------------------------------------------------------------------------
 
@@ -74,7 +105,8 @@ class EventSolution:
     def add_segment(self, t: float, status: Status, displacement: Array, velocity: Array) -> Motion:
         """Begin a segment at time t in a modal state."""
         self._starts.append(t)
-        self._states.append((status, displacement, velocity))
+        # In memory as they are when read from a file, so that a restored run computes with the same bits.
+        self._states.append((status, np.ascontiguousarray(displacement), np.ascontiguousarray(velocity)))
         self.counters.steps += 1
         return self.motion(len(self._starts) - 1)
 
@@ -185,11 +217,20 @@ class EventSolution:
     def motion(self, index: int) -> Motion:
         """Return the closed form of a segment; the last one asked for is kept."""
         if self._last is None or self._last[0] != index:
+            self._await(index)
             status, displacement, velocity = self._states[index]
             forcing = self._forcing(self._starts[index], status)
             spectrum = self._spectra[status]
             self._last = index, start_motion(spectrum, displacement, velocity, forcing, self.t_end)
         return self._last[1]
+
+    def _await(self, index: int) -> None:
+        """Compute the eigensystems of a restored run up to a segment, in the order of the run.
+
+        One is gained from another, so that their last bits depend on the order.
+        """
+        while self._awaited and self._awaited[-1][0] <= index:
+            self._spectra[self._awaited.pop()[1]]
 
     def _forcing(self, t: float, status: Status) -> Forcing:
         """Return the modal force of loads and of the offsets of closed contacts."""
@@ -251,6 +292,7 @@ class EventSolution:
 
     def _reactions(self, index: int) -> Reactions:
         """Return the reactions of the pinned contacts of a segment."""
+        self._await(index)
         laws, status = self.system.contacts, self._states[index][0]
         assert laws is not None
         forcing = self._forcing(self._starts[index], status)
@@ -303,6 +345,7 @@ class EventSolution:
         ends = np.append(self.segment_starts[1:], self.t_end)
         growth = [0.0]
         for index, end in enumerate(ends):
+            self._await(index)
             status, _, _ = self._states[index]
             traveller.drift(self._spectra[status], float(end - self._starts[index]))
             if index + 1 < len(self._states):

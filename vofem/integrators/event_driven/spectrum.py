@@ -175,6 +175,11 @@ class Spectra:
     space : ModalSpace
     laws : ContactLaws, optional
     counters : Counters
+
+    Attributes
+    ----------
+    capacity : int
+        How many are kept; the oldest make room.
     """
 
     def __init__(self, space: ModalSpace, laws: ContactLaws | None, counters: Counters) -> None:
@@ -184,7 +189,7 @@ class Spectra:
         self._known: dict[bytes, Spectrum] = {}
         self._closed: dict[bytes, RealModes] = {}
         self._visited: set[bytes] = set()
-        self._limit = max(8, _MOST_MEMORY // (8 * 4 * max(space.size, 1) ** 2))
+        self.capacity = max(8, _MOST_MEMORY // (8 * 4 * max(space.size, 1) ** 2))
 
     def __getitem__(self, status: Status) -> Spectrum:
         """Return the eigensystem of a status, shape (n_contacts,)."""
@@ -193,7 +198,7 @@ class Spectra:
             if key not in self._visited:
                 self._visited.add(key)
                 self._counters.statuses += 1
-            _make_room(self._known, self._limit)
+            _make_room(self._known, self.capacity)
             self._known[key] = self._compute(status)
         return self._known[key]
 
@@ -238,7 +243,7 @@ class Spectra:
             values, vectors = rank_one(modes.p, np.ascontiguousarray(row), float(laws.stiffness[j]))
             modes = RealModes(values, vectors if modes.modes is None else modes.modes @ vectors, none, none)
             self._counters.rank_one_updates += 1
-        _make_room(self._closed, self._limit)
+        _make_room(self._closed, self.capacity)
         self._closed[key] = modes
         return modes
 

@@ -1,0 +1,359 @@
+"""Writing fails at every place, processes die at any moment: the file is the old one or the new one, whole."""
+
+from __future__ import annotations
+
+import errno
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import vofem as vf
+from vofem.io import files
+from vofem.io.storage.hdf5 import GuardedFile
+
+
+def small(end=1.0):
+    ball = vf.Mass(1.0, stiffness=1.0, name="ball")
+    stop = vf.Contact(ball, gap=0.1, stiffness=10.0, side="above", acts_on="penetration", name="stop")
+    scene = vf.Scene([ball], [stop], initial={ball: (0.0, 1.0)})
+    return vf.simulate(scene, end, times=np.linspace(0.0, end, 5))
+
+
+@pytest.fixture(scope="module")
+def results():
+    return small(1.0), small(2.0)
+
+
+@pytest.fixture
+def old(results, tmp_path):
+    """A folder with a saved run, and its bytes."""
+    path = tmp_path / "run.vtkhdf"
+    results[0].save(path)
+    return path, path.read_bytes()
+
+
+def only(path):
+    return [other.name for other in path.parent.iterdir()] == [path.name]
+
+
+class Failing:
+    """A file whose writes fail from the k-th on, half of the bytes of that one written."""
+
+    def __init__(self, file, k):
+        self._file, self._left, self.count = file, k, 0
+
+    def __getattr__(self, name):
+        return getattr(self._file, name)
+
+    def write(self, data):
+        self.count += 1
+        if self.count < self._left:
+            return self._file.write(data)
+        if self.count == self._left and len(data) > 1:
+            return self._file.write(data[: len(data) // 2])
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def test_every_write_may_fail(results, old, monkeypatch):
+    path, before = old
+    opened = []
+    begin = GuardedFile.__init__
+
+    def failing_from(k):
+        def init(self, name):
+            begin(self, name)
+            self._file = Failing(self._file, k)
+            opened.append(self._file)
+
+        return init
+
+    monkeypatch.setattr(GuardedFile, "__init__", failing_from(10**9))
+    results[1].save(path, overwrite=True)
+    assert np.array_equal(vf.load(path).times, results[1].times)
+    path.write_bytes(before)
+    total = opened[-1].count
+    assert total > 100
+    message = r"run.vtkhdf cannot be written: No space left on device; make room in"
+    for k in [*range(1, 8), *range(8, total - 5, 11), *range(total - 5, total + 1)]:
+        monkeypatch.setattr(GuardedFile, "__init__", failing_from(k))
+        with pytest.raises(vf.OutputError, match=message):
+            results[1].save(path, overwrite=True)
+        assert path.read_bytes() == before
+        assert only(path)
+
+
+@pytest.mark.parametrize("name", ["fsync", "replace", "open"])
+def test_every_step_of_the_replacement_may_fail(name, results, old, monkeypatch):
+    path, before = old
+
+    def fail(*_arguments, **_options):
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    with monkeypatch.context() as patched:
+        patched.setattr(files.os, name, fail)
+        with pytest.raises(vf.OutputError, match="Input/output error"):
+            results[1].save(path, overwrite=True)
+    assert path.read_bytes() == before
+    assert only(path)
+
+
+def test_an_interrupt_leaves_nothing_behind(results, old, monkeypatch):
+    path, before = old
+
+    def interrupt(*_arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("vofem.io.storage.run_file.write_fields", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        results[1].save(path, overwrite=True)
+    assert path.read_bytes() == before
+    assert only(path)
+
+
+def test_a_file_that_exists_is_kept(results, old):
+    path, before = old
+    with pytest.raises(vf.OutputError, match=r"exists already and was left as it is; .* overwrite=True"):
+        results[1].save(path)
+    assert path.read_bytes() == before
+    assert only(path)
+    results[1].save(path, overwrite=True)
+    assert path.read_bytes() != before
+    assert only(path)
+
+
+@pytest.mark.parametrize("links", [True, False])
+def test_a_file_that_appears_meanwhile_is_kept(links, results, tmp_path, monkeypatch):
+    """Also where the file system knows no hard links."""
+    path = tmp_path / "run.vtkhdf"
+    sync = os.fsync
+
+    def appear(descriptor):
+        path.write_bytes(b"of another process")
+        sync(descriptor)
+
+    def no_links(*_arguments):
+        raise OSError(errno.EPERM, os.strerror(errno.EPERM))
+
+    monkeypatch.setattr(files.os, "fsync", appear)
+    if not links:
+        monkeypatch.setattr(files.os, "link", no_links)
+    with pytest.raises(vf.OutputError, match="exists already"):
+        results[0].save(path)
+    assert path.read_bytes() == b"of another process"
+    assert only(path)
+
+
+def test_without_links_a_new_file_is_renamed(results, tmp_path, monkeypatch):
+    def no_links(*_arguments):
+        raise OSError(errno.ENOTSUP, os.strerror(errno.ENOTSUP))
+
+    monkeypatch.setattr(files.os, "link", no_links)
+    path = tmp_path / "run.vtkhdf"
+    results[0].save(path)
+    assert np.array_equal(vf.load(path).times, results[0].times)
+    assert only(path)
+
+
+def test_a_folder_that_cannot_be_forced_to_disk_is_no_error(results, tmp_path, monkeypatch):
+    sync = os.fsync
+
+    def only_files(descriptor):
+        if os.path.isdir(f"/proc/self/fd/{descriptor}"):
+            raise OSError(errno.EINVAL, os.strerror(errno.EINVAL))
+        sync(descriptor)
+
+    monkeypatch.setattr(files.os, "fsync", only_files)
+    results[0].save(tmp_path / "run.vtkhdf")
+    assert vf.load(tmp_path / "run.vtkhdf").times.size == 5
+
+
+def test_places_that_cannot_be_written(results, tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    (tmp_path / "folder.vtkhdf").mkdir()
+    for name, message in (
+        ("file/run.vtkhdf", "is a file, not a folder"),
+        ("none/run.vtkhdf", "does not exist; create it first"),
+        ("folder.vtkhdf", "it is a folder"),
+    ):
+        for overwrite in (False, True):
+            with pytest.raises(vf.OutputError, match=message):
+                results[0].save(tmp_path / name, overwrite=overwrite)
+    for name in ("run.png", "run", 3):
+        with pytest.raises(vf.ArgumentError, match="path is"):
+            results[0].save(name)
+
+    def read_only(*_arguments):
+        raise PermissionError(errno.EROFS, os.strerror(errno.EROFS))
+
+    monkeypatch.setattr(files.os, "open", read_only)
+    with pytest.raises(vf.OutputError, match=r"Read-only file system; check the permissions"):
+        results[0].save(tmp_path / "run.vtkhdf")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "folder.vtkhdf"]
+
+
+# -- processes --------------------------------------------------------------------------------------
+
+PRELUDE = """
+import os, random, resource, signal, sys, time
+from pathlib import Path
+import numpy as np
+sys.path.insert(0, {tests!r})
+from test_crash_safety import small
+import vofem as vf
+path = Path({path!r})
+results = small(1.0), small(2.0)
+results[0].save(path)
+ends = {{1.0: results[0], 2.0: results[1]}}
+
+def whole():
+    loaded = vf.load(path)
+    expected = ends[float(loaded.times[-1])]
+    assert np.array_equal(loaded.samples.q, expected.samples.q)
+    assert np.array_equal(loaded.contacts["stop"].force, expected.contacts["stop"].force)
+    return float(loaded.times[-1])
+"""
+
+
+def run_script(body, tmp_path):
+    script = PRELUDE.format(tests=str(Path(__file__).parent), path=str(tmp_path / "run.vtkhdf")) + body
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_kill_9_at_any_moment(tmp_path):
+    """A child saves over the file again and again and is killed: the parent finds one run or the other, whole."""
+    body = """
+random.seed(1)
+began = time.perf_counter()
+results[0].save(path, overwrite=True)
+duration = time.perf_counter() - began
+seen, leftovers = set(), 0
+for turn in range(21):
+    inlet, outlet = os.pipe()
+    child = os.fork()
+    if child == 0:
+        k = turn
+        while True:
+            k += 1
+            results[k % 2].save(path, overwrite=True)
+            os.write(outlet, b".")
+    # After none, one or two saves, and some way into the next.
+    for _ in range(turn % 3):
+        os.read(inlet, 1)
+    time.sleep(random.uniform(0.0, duration))
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    os.close(inlet)
+    os.close(outlet)
+    seen.add(whole())
+    for other in path.parent.iterdir():
+        if other != path:
+            assert other.name.startswith(".vofem-"), other
+            leftovers += 1
+            other.unlink()
+print(sorted(seen), leftovers)
+"""
+    out = run_script(body, tmp_path)
+    assert out.startswith("[1.0, 2.0] ")
+    # The kills did hit writers at work.
+    assert int(out.split()[-1]) >= 10
+
+
+def test_a_limit_on_the_size_of_files(tmp_path):
+    """The system itself refuses to write beyond a size, as a full disk does; no fault is simulated."""
+    body = """
+size = path.stat().st_size
+before = path.read_bytes()
+failed = 0
+for limit in [*range(0, size, max(1, size // 25)), 10 * size]:
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
+    try:
+        results[1].save(path, overwrite=True)
+    except vf.OutputError as error:
+        assert "File too large" in str(error), error
+        failed += 1
+        assert path.read_bytes() == before
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    assert [other.name for other in path.parent.iterdir()] == [path.name]
+print(whole(), failed)
+"""
+    out = run_script(body, tmp_path).split()
+    assert float(out[0]) == 2.0
+    assert int(out[1]) >= 24
+
+
+# -- files that are no saved runs -------------------------------------------------------------------
+
+
+def test_missing_and_foreign_files(tmp_path):
+    (tmp_path / "text.vtkhdf").write_text("hello")
+    (tmp_path / "empty.vtkhdf").write_bytes(b"")
+    (tmp_path / "folder").mkdir()
+    with h5py.File(tmp_path / "other.vtkhdf", "w") as file:
+        file.create_group("VTKHDF")
+    for name, message in (
+        ("none.vtkhdf", "does not exist"),
+        ("folder", "is a folder"),
+        ("text.vtkhdf", "is no HDF5 file"),
+        ("empty.vtkhdf", "is no HDF5 file"),
+        ("other.vtkhdf", "is an HDF5 file of another program"),
+    ):
+        with pytest.raises(vf.StorageError, match=message):
+            vf.load(tmp_path / name)
+    with pytest.raises(vf.StorageError, match="expected the name of a file"):
+        vf.load(3)
+
+
+def test_a_newer_format_is_refused_by_name(old):
+    path, _ = old
+    with h5py.File(path, "r+") as file:
+        file["vofem"].attrs["format"] = 2
+        file["vofem"].attrs["written_by"] = "7.0"
+    with pytest.raises(vf.StorageError, match=r"written by vofem 7.0 in format 2; this is vofem .* Update vofem"):
+        vf.load(path)
+
+
+def test_a_file_that_is_cut_off(old):
+    path, before = old
+    for share in (0.001, 0.01, 0.3, 0.9, 0.999):
+        path.write_bytes(before[: int(share * len(before))])
+        with pytest.raises(vf.StorageError, match=r"is cut off|is no HDF5 file|is damaged"):
+            vf.load(path)
+
+
+def test_flipped_bytes_are_found(results, old):
+    """What `load` reads carries checksums: a changed byte is an error, or of something that is not read."""
+    path, before = old
+    rng = np.random.default_rng(3)
+    found = 0
+    expected = results[0]
+    (ball,) = expected.scene.bodies
+    for place in rng.integers(0, len(before), 150).tolist():
+        path.write_bytes(before[:place] + bytes([before[place] ^ 0x5A]) + before[place + 1 :])
+        try:
+            loaded = vf.load(path)
+        except vf.StorageError:
+            found += 1
+            continue
+        assert np.array_equal(loaded.samples.q, expected.samples.q)
+        assert np.array_equal(loaded.energy.work, expected.energy.work)
+        assert np.array_equal(loaded.displacement(ball, [0.3]), expected.displacement(ball, [0.3]))
+        assert loaded.notes == expected.notes
+    assert found > 10
+
+
+def test_missing_parts_are_named(old):
+    path, before = old
+    for part in ("history", "vofem/run", "history/q", "vofem/segments/status", "vofem/run/model.free"):
+        path.write_bytes(before)
+        with h5py.File(path, "r+") as file:
+            del file[part]
+        with pytest.raises(vf.StorageError, match=r"run.vtkhdf is damaged \(KeyError"):
+            vf.load(path)

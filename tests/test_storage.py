@@ -1,0 +1,552 @@
+"""Saved runs: what is loaded equals what was saved, ParaView reads the fields, xarray the history."""
+
+from __future__ import annotations
+
+import dataclasses
+import shutil
+import tracemalloc
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as npst
+from scenes import LAWS, paper_beam, two_masses
+
+import vofem as vf
+from vofem import cli
+from vofem.effects.time_functions import Piece
+from vofem.integrators.base import Samples
+from vofem.integrators.event_driven.motion import Forcing
+from vofem.io.run_pictures import telling_points
+from vofem.io.storage.hdf5 import reading, writing
+from vofem.io.storage.tree import read_tree, write_tree
+
+ROOT = Path(__file__).parent.parent
+
+
+def chatter():
+    """A mass that comes to rest at its gap: hard case of the jump law."""
+    ball = vf.Mass(1.0, damping=0.05, name="ball")
+    stop = vf.Contact(ball, gap=1.0, stiffness=1.0, side="above", acts_on="displacement", name="stop")
+    return vf.Scene([ball], [stop, vf.PointLoad(ball, 0.4)], initial={ball: (1.0, 0.3)})
+
+
+def everything():
+    """Beams and masses with all that event_driven takes: dampers, a foundation, base motion, tables, tension."""
+    beam = vf.Beam(2.0, vf.Polynomial((1.0, 0.5)), 1.0, [1.0, 1.3, 1.7, 2.2, 3.0],
+                   {"left": "clamped", 2.2: "pinned"}, tension=0.1, name="bridge")  # fmt: skip
+    mass = vf.Mass(0.3, stiffness=2.0, damping=0.05, name="ball")
+    table = vf.Tabulated([0.0, 0.7, 2.0], [0.0, 0.4, -0.3])
+    effects = [
+        vf.Contact(beam.at(1.9), mass, gap=0.004, stiffness=80.0, damping=0.3, acts_on="penetration", name="hit"),
+        vf.Foundation(beam, stiffness=3.0, one_sided=True, gap=0.002, name="bed"),
+        vf.Spring(beam.at("right"), stiffness=1.0),
+        vf.Dashpot(beam.at(1.5), mass, damping=0.02),
+        vf.RotationalSpring(beam.at(3.0), stiffness=0.2),
+        vf.PointMass(beam.at(2.6), mass=0.1, inertia=0.01),
+        vf.RayleighDamping(0.1, 1e-4),
+        vf.ModalDamping(0.01),
+        vf.BaseMotion(beam, table),
+        vf.BaseMotion(mass, table),
+        vf.PointLoad(mass, 0.5 * vf.Sine(1.0, 3.0) + vf.Pulse(1.0, 0.5, 0.3)),
+        vf.DistributedLoad(beam, vf.Polynomial((1.0, -0.3)), vf.Ramp(0.5, 0.1, 0.9)),
+        vf.Gravity(0.1),
+    ]
+    return vf.Scene([beam, mass], effects, initial={beam: (0.0, lambda x: 0.1 * (x - 1.0) ** 2 * (x - 2.2))})
+
+
+def resolved():
+    _, scene = paper_beam("penetration", elements=4)
+    tip = scene.bodies[0].at(1.0)
+    soft = vf.Contact(tip, gap=0.001, stiffness=5.0, damping=0.1, side="above", acts_on="penetration",
+                      switch=vf.Resolved(200.0), name="soft")  # fmt: skip
+    return vf.Scene(scene.bodies, [*scene.effects, soft])
+
+
+CASES = {
+    **{f"beam-{law}": (lambda law=law: paper_beam(law)[1], 20.0, "event_driven") for law in LAWS},
+    "beam-steps": (lambda: paper_beam("displacement", elements=5, gap=0.001)[1], 0.5, "central_difference"),
+    "masses": (lambda: two_masses("b", "displacement", damping=0.1)[2], 30.0, "event_driven"),
+    "masses-steps": (lambda: two_masses("c", "penetration")[2], 10.0, "central_difference"),
+    "chatter": (chatter, 50.0, "event_driven"),
+    "everything": (everything, 4.0, "event_driven"),
+    "masses-conserving": (lambda: two_masses("b", "penetration")[2], 10.0, "energy_conserving"),
+    "masses-alpha": (lambda: two_masses("b", "penetration")[2], 10.0, "generalized_alpha"),
+    "resolved": (resolved, 0.3, "central_difference"),
+    "rigid": (lambda: vf.Scene([vf.Beam(1.0, 1.0, 1.0, 3, name="free")], [vf.Gravity()]), 1.0, "event_driven"),
+}
+
+
+def ran(name):
+    build, t_end, method = CASES[name]
+    scene = build()
+    times = np.linspace(0.0, t_end, 101) if name != "masses-steps" else None
+    return vf.simulate(scene, t_end, method=method, times=times)
+
+
+def saved_and_loaded(result, path, **options):
+    assert result.save(path, **options) == path
+    return vf.load(path)
+
+
+def same(a, b):
+    return np.array_equal(a, b, equal_nan=True) and np.asarray(a).dtype == np.asarray(b).dtype
+
+
+def assert_whole(loaded, result):
+    """Every public quantity is the same to the last bit."""
+    assert (loaded.method, loaded.notes, loaded.counters) == (result.method, result.notes, result.counters)
+    assert repr(loaded) == repr(result)
+    assert same(loaded.times, result.times)
+    between = np.unique(np.append(np.linspace(0.0, result.solution.t_end, 137), result.times[::7]))
+    asked = [None, between if result.method == "event_driven" else result.times[3:9]]
+    for t in asked:
+        for point in telling_points(result.scene):
+            for what in ("displacement", "velocity", "acceleration"):
+                assert same(getattr(loaded, what)(point, t), getattr(result, what)(point, t)), (what, point)
+        for beam in [body for body in result.scene.bodies if isinstance(body, vf.Beam)]:
+            x = np.linspace(beam.nodes[0], beam.nodes[-1], 23)
+            for what in ("deflection", "slope", "bending_moment", "shear_force"):
+                assert same(getattr(loaded, what)(x, t, beam), getattr(result, what)(x, t, beam)), what
+            for node in beam.supports:
+                pair = [run.reaction(beam, float(beam.nodes[node]), t) for run in (loaded, result)]
+                assert same(pair[0].force, pair[1].force)
+                assert same(pair[0].moment, pair[1].moment)
+    assert list(loaded.contacts) == list(result.contacts)
+    for name, history in result.contacts.items():
+        for what in ("closings", "openings", "pinned", "closed", "stiffness", "force", "gap_function", "order"):
+            assert same(getattr(loaded.contacts[name], what), getattr(history, what)), (name, what)
+    for field in dataclasses.fields(result.energy):
+        assert same(getattr(loaded.energy, field.name), getattr(result.energy, field.name)), field.name
+    assert loaded.energy.balance_error == result.energy.balance_error
+    if result.method == "event_driven":
+        assert same(loaded.sensitivity.growth, result.sensitivity.growth)
+        late = between[between > 0.6 * between[-1]]
+        for one, other in zip(
+            dataclasses.astuple(loaded.solution.energies(late)),
+            dataclasses.astuple(result.solution.energies(late)),
+            strict=True,
+        ):
+            assert same(one, other)
+        assert loaded.solution.start_energy == result.solution.start_energy
+    for body in result.scene.bodies:
+        for one, other in zip(loaded.state_of(body.name), result.state_of(body.name), strict=True):
+            assert same(one, other)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_loaded_run_is_whole(name, tmp_path):
+    result = ran(name)
+    loaded = saved_and_loaded(result, tmp_path / "run.vtkhdf")
+    assert_whole(loaded, result)
+    assert_whole(saved_and_loaded(loaded, tmp_path / "again.vtkhdf"), result)
+    assert [str(e.describe()) for e in loaded.scene.effects] == [str(e.describe()) for e in result.scene.effects]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["again.vtkhdf", "run.vtkhdf"]
+
+
+def test_late_segments_may_be_asked_for_first(tmp_path):
+    """Eigensystems are gained from each other: their last bits must not depend on the order of the questions."""
+    result = ran("everything")
+    assert result.counters.statuses > 5
+    loaded = saved_and_loaded(result, tmp_path / "run.vtkhdf")
+    for t in ([3.9], [0.3, 2.2]):
+        assert same(loaded.deflection([2.0, 2.9], t), result.deflection([2.0, 2.9], t))
+
+
+def test_a_loaded_scene_runs_again_to_the_same_bits(tmp_path):
+    for name in ("everything", "beam-steps", "chatter"):
+        result = ran(name)
+        loaded = saved_and_loaded(result, tmp_path / f"{name}.vtkhdf")
+        again = vf.simulate(loaded.scene, result.solution.t_end, method=result.method, times=result.times)
+        for point in telling_points(result.scene):
+            assert same(again.displacement(point), result.displacement(point))
+
+
+def test_a_loaded_run_starts_a_scene(tmp_path):
+    result = ran("masses")
+    loaded = saved_and_loaded(result, tmp_path / "run.vtkhdf")
+    runs = [vf.simulate(vf.Scene(run.scene.bodies, run.scene.effects, initial=run), 3.0) for run in (result, loaded)]
+    first = result.scene.bodies[0]
+    assert same(runs[1].displacement(first), runs[0].displacement(first))
+    # ... and its file holds the state that it started from.
+    second = saved_and_loaded(runs[1], tmp_path / "second.vtkhdf")
+    assert same(vf.simulate(second.scene, 3.0).displacement(first), runs[0].displacement(first))
+
+
+def test_a_mesh_file_may_be_gone(tmp_path):
+    mesh = ROOT / "meshes" / "beam25.msh"
+    shutil.copy(mesh, tmp_path / mesh.name)
+    beam = vf.Beam.from_mesh(tmp_path / mesh.name, 1.0, 1.0, {"left": "clamped"}, name="meshed")
+    names = list(beam.mesh.points)
+    result = vf.simulate(vf.Scene([beam], [vf.PointLoad(beam.at("right"), 1.0)]), 1.0, times=np.linspace(0, 1, 5))
+    result.save(tmp_path / "run.vtkhdf")
+    (tmp_path / mesh.name).unlink()
+    loaded = vf.load(tmp_path / "run.vtkhdf")
+    assert_whole(loaded, result)
+    (other,) = loaded.scene.bodies
+    assert list(other.mesh.points) == names
+    assert other.mesh_file == beam.mesh_file
+    with h5py.File(tmp_path / "run.vtkhdf") as file:
+        assert f'mesh = "{mesh.name}"' in file["vofem/scene.toml"][()].decode()
+
+
+def test_the_scene_is_inside_as_toml(tmp_path):
+    result = ran("beam-displacement")
+    loaded = saved_and_loaded(result, tmp_path / "run.vtkhdf")
+    with h5py.File(tmp_path / "run.vtkhdf") as file:
+        (tmp_path / "scene.toml").write_bytes(file["vofem/scene.toml"][()])
+    tip = result.scene.bodies[0].at(1.0)
+    again = vf.simulate(vf.load_scene(tmp_path / "scene.toml").scene, 20.0, times=result.times)
+    assert same(again.displacement(tip), result.displacement(tip))
+    vf.dump_scene(loaded.scene, tmp_path / "dumped.toml")
+    assert (tmp_path / "dumped.toml").read_bytes() == (tmp_path / "scene.toml").read_bytes()
+
+
+# -- callables --------------------------------------------------------------------------------------
+
+
+def push(t):
+    return np.sin(3.0 * t)
+
+
+class Saw(vf.TimeFunction):
+    """A closed form that is not of this package."""
+
+    def __call__(self, t):
+        return 0.3 * np.asarray(t, dtype=float)
+
+    def derivative(self, t, order=1):
+        return np.full(np.shape(t), 0.3)
+
+    def piece(self, t0):
+        return Piece(constant=0.3 * t0, slope=0.3)
+
+
+def with_callables():
+    beam = vf.Beam(1.0, lambda x: 1.0 + 0.5 * np.sin(x), lambda x: 1.0 + x, 10,
+                   {"left": "clamped", "right": "pinned"}, name="b")  # fmt: skip
+    mass = vf.Mass(1.0, stiffness=2.0, name="m")
+    effects = [
+        vf.Contact(beam.at(0.55), mass, gap=0.01, stiffness=100.0, acts_on="penetration", name="c"),
+        vf.PointLoad(beam.at(0.03), push),
+        vf.PointLoad(mass, vf.Sine(1.0, 2.0) + push),
+        vf.DistributedLoad(beam, lambda x: x**2, push),
+        vf.NonlinearSpring(beam.at(0.02), potential=lambda u: u**4, force=lambda u: 4.0 * u**3, name="hard"),
+        vf.Foundation(beam, stiffness=lambda x: 1.0 + x, one_sided=True, gap=0.01, name="bed"),
+        vf.BaseMotion(beam, push),
+        vf.BaseMotion(mass, push),
+    ]
+    scene = vf.Scene([beam, mass], effects, initial={beam: (lambda x: 1e-3 * x**2 * (1.0 - x), 0.0)})
+    return vf.simulate(scene, 0.3, method="central_difference", times=np.linspace(0.0, 0.3, 31))
+
+
+def test_a_run_with_callables_is_read_whole(tmp_path):
+    result = with_callables()
+    beam = result.scene.bodies[0]
+    loaded = saved_and_loaded(result, tmp_path / "run.vtkhdf")
+    for run in (loaded, saved_and_loaded(loaded, tmp_path / "again.vtkhdf")):
+        for point in telling_points(result.scene):
+            for what in ("displacement", "velocity", "acceleration"):
+                assert same(getattr(run, what)(point), getattr(result, what)(point))
+        for end in ("left", "right"):
+            for one, other in zip(run.reaction(beam, end), result.reaction(beam, end), strict=True):
+                assert same(one, other)
+        assert same(run.contacts["c"].force, result.contacts["c"].force)
+        assert same(run.energy.work, result.energy.work)
+        # EI between nodes is known by polynomials, as accurate as rounding allows.
+        x = np.linspace(0.0, 1.0, 57)
+        for what in ("bending_moment", "shear_force"):
+            expected = getattr(result, what)(x)
+            assert np.max(np.abs(getattr(run, what)(x) - expected)) <= 1e-13 * np.max(np.abs(expected)) + 1e-14
+
+
+def test_what_needs_a_callable_names_it(tmp_path):
+    loaded = saved_and_loaded(with_callables(), tmp_path / "run.vtkhdf")
+    for method in ("auto", "central_difference", "generalized_alpha"):
+        with pytest.raises(vf.MissingCallableError, match=r"'push'|'hard'.*<lambda> in test_storage.py, line \d+"):
+            vf.simulate(loaded.scene, 0.3, method=method)
+    bodies, effects = loaded.scene.bodies, loaded.scene.effects
+    with pytest.raises(vf.MissingCallableError, match=r"'push'.*build the scene in Python"):
+        vf.simulate(vf.Scene(bodies, [effects[1]]), 0.3)
+    with pytest.raises(vf.MissingCallableError, match=r"NonlinearSpring 'hard'.*needs the callable '<lambda>"):
+        vf.simulate(vf.Scene(bodies, [effects[4]]), 0.3)
+    with pytest.raises(vf.SceneFileError, match="push"):
+        vf.dump_scene(loaded.scene, tmp_path / "scene.toml")
+    with h5py.File(tmp_path / "run.vtkhdf") as file:
+        text = file["vofem/scene.toml"][()].decode()
+    assert all(line.startswith("#") for line in text.splitlines())
+    assert "NonlinearSpring has no form" in text
+
+
+def test_a_coefficient_that_jumps_inside_an_element_is_not_made_smooth(tmp_path):
+    beam = vf.Beam(1.0, lambda x: np.where(x < 0.33, 1.0, 2.0), lambda x: np.where(x < 0.5, 1.0, 2.0), 4,
+                   {"left": "clamped"}, name="step")  # fmt: skip
+    result = vf.simulate(vf.Scene([beam], [vf.PointLoad(beam.at(1.0), 1.0)]), 0.5, times=np.linspace(0.0, 0.5, 11))
+    loaded = saved_and_loaded(result, tmp_path / "run.vtkhdf")
+    assert same(loaded.deflection([0.3, 0.77], [0.123]), result.deflection([0.3, 0.77], [0.123]))
+    assert same(loaded.reaction(beam, "left").moment, result.reaction(beam, "left").moment)
+    (other,) = loaded.scene.bodies
+    x = np.array([0.1, 0.5, 0.6])  # rhoA jumps at a node, where it is known on both sides
+    assert np.allclose(other.rhoA(x), [1.0, 2.0, 2.0], rtol=1e-14)
+    with pytest.raises(vf.MissingCallableError, match=r"needs the callable .EI of Beam 'step' .*<lambda> in"):
+        loaded.bending_moment([0.3])
+    assert np.allclose(loaded.bending_moment([0.7]), result.bending_moment([0.7]), rtol=1e-13)
+
+
+def test_closed_forms_of_other_packages_are_known_at_the_times(tmp_path):
+    mass = vf.Mass(1.0, stiffness=1.0, name="m")
+    result = vf.simulate(vf.Scene([mass], [vf.PointLoad(mass, Saw())]), 1.0, times=np.linspace(0.0, 1.0, 5))
+    assert result.method == "event_driven"
+    loaded = saved_and_loaded(result, tmp_path / "run.vtkhdf")
+    assert same(loaded.acceleration(mass), result.acceleration(mass))
+    assert same(loaded.energy.work, result.energy.work)
+    with pytest.raises(vf.MissingCallableError, match="Saw"):
+        loaded.displacement(mass, [0.3])
+
+
+def test_bodies_of_other_packages_are_refused(tmp_path):
+    class MyBeam(vf.Beam):
+        pass
+
+    beam = MyBeam(1.0, 1.0, 1.0, 2, {"left": "clamped"})
+    result = vf.simulate(vf.Scene([beam]), 1.0, times=[0.0, 1.0])
+    with pytest.raises(vf.ArgumentError, match="no Beam and no Mass"):
+        result.save(tmp_path / "run.vtkhdf")
+    assert list(tmp_path.iterdir()) == []
+
+
+# -- ParaView and xarray ----------------------------------------------------------------------------
+
+
+def vtk_steps(path):
+    """Yield time and grid of every step, as VTK's own reader gives them."""
+    import pyvista
+    from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
+    from vtkmodules.vtkIOHDF import vtkHDFReader
+
+    reader = vtkHDFReader()
+    reader.SetFileName(str(path))
+    reader.UpdateInformation()
+    for t in reader.GetOutputInformation(0).Get(vtkStreamingDemandDrivenPipeline.TIME_STEPS()):
+        reader.UpdateTimeStep(t)
+        yield t, pyvista.wrap(reader.GetOutputDataObject(0)).copy()
+
+
+@pytest.mark.parametrize("name", ["masses", "everything"])
+def test_vtk_reads_the_fields_of_the_series(name, tmp_path):
+    import pyvista
+
+    from vofem.io.vtk import write_series
+
+    result = ran(name)
+    result.save(tmp_path / "run.vtkhdf", frames=result.times[::10])
+    write_series(result, tmp_path / "series.pvd", result.times[::10])
+    series = pyvista.get_reader(tmp_path / "series.pvd")
+    steps = list(vtk_steps(tmp_path / "run.vtkhdf"))
+    assert [t for t, _ in steps] == series.time_values == result.times[::10].tolist()
+    for k in (0, 10, 3, 7):
+        series.set_active_time_point(k)
+        expected, found = series.read()[0], steps[k][1]
+        assert np.array_equal(found.points, expected.points)
+        assert np.array_equal(found.cells, expected.cells)
+        assert np.array_equal(found.celltypes, expected.celltypes)
+        for mine, other in ((found.point_data, expected.point_data), (found.cell_data, expected.cell_data)):
+            assert set(mine.keys()) == set(other.keys())
+            for field in set(mine.keys()):
+                assert same(mine[field], other[field]), (field, k)
+
+
+def test_frames(tmp_path):
+    result = ran("masses-steps")
+    assert result.times.size > 1000
+    for frames, count in ((None, 1000), (7, 7), ([0.1, 0.5, 0.2], 3)):
+        result.save(tmp_path / "run.vtkhdf", overwrite=True, frames=frames)
+        with h5py.File(tmp_path / "run.vtkhdf") as file:
+            values = file["VTKHDF/Steps/Values"][()]
+            assert file["VTKHDF/Steps"].attrs["NSteps"] == values.size == count
+            assert file["history/time"].size == result.times.size
+    assert values.tolist() == [0.1, 0.2, 0.5]
+    for bad in (0, [-1.0], [11.0], "all", [np.nan], []):
+        with pytest.raises(vf.ArgumentError, match="frames"):
+            result.save(tmp_path / "other.vtkhdf", frames=bad)
+
+
+def test_the_history_follows_netcdf(tmp_path):
+    """Dimension scales with netCDF's numbers and names, and groups that keep the order of creation."""
+    result = ran("beam-displacement")
+    result.save(tmp_path / "run.vtkhdf")
+    with h5py.File(tmp_path / "run.vtkhdf") as file:
+        history = file["history"]
+        for group in (file["/"], history):
+            flags = group.id.get_create_plist().get_link_creation_order()
+            assert flags & h5py.h5p.CRT_ORDER_TRACKED
+        scales = [name for name, item in history.items() if item.attrs.get("CLASS") == b"DIMENSION_SCALE"]
+        assert scales == ["time", "dof", "probe", "contact", "event", "support"]
+        assert [int(history[name].attrs["_Netcdf4Dimid"]) for name in scales] == list(range(len(scales)))
+        assert history["dof"].attrs["NAME"].decode() == f"This is a netCDF dimension but not a netCDF variable.{50:10d}"
+        for name, item in history.items():
+            if name not in scales:
+                attached = [item.dims[axis][0].name.rpartition("/")[2] for axis in range(item.ndim)]
+                assert [history[scale].shape[0] for scale in attached] == list(item.shape)
+        assert history["time"].attrs["units"] == "s"
+        tip = result.scene.bodies[0].at(1.0)
+        assert [text.decode() for text in history["probe"][()]] == ["beam@1.0"]
+        assert np.array_equal(history["probe_displacement"][:, 0], result.displacement(tip))
+        assert np.array_equal(history["contact_stiffness"][:, 0], result.contacts["stop"].stiffness)
+        assert np.array_equal(history["event_time"], result.solution.events.time)
+        assert np.array_equal(history["energy_work"], result.energy.work)
+        assert np.array_equal(history["reaction_moment"][:, 0], result.reaction(result.scene.bodies[0], "left").moment)
+        last = [k for k, (x, kind) in enumerate(zip(history["dof_x"], history["dof_kind"], strict=True))
+                if (x, kind) == (1.0, 0)]  # fmt: skip
+        assert np.array_equal(history["q"][:, last[0]], result.displacement(tip))
+
+
+# -- nested data ------------------------------------------------------------------------------------
+
+NUMBERS = st.sampled_from([np.float64, np.int64, np.bool_, np.complex128, np.uint8, np.float32])
+ARRAYS = NUMBERS.flatmap(lambda kind: npst.arrays(kind, npst.array_shapes(min_dims=0, max_dims=3, min_side=0)))
+LEAVES = st.one_of(
+    st.none(), st.booleans(), st.integers(), st.floats(), st.text(), st.complex_numbers(), ARRAYS,
+    ARRAYS.map(np.asfortranarray), st.floats().map(np.float64),
+)  # fmt: skip
+NESTS = st.recursive(
+    LEAVES,
+    lambda part: st.one_of(
+        st.lists(part, max_size=3),
+        st.tuples(part, part),
+        st.dictionaries(st.text(), part, max_size=3),
+        st.builds(Samples, part, part, part),
+        st.builds(Forcing, part, part, part, part),
+    ),
+    max_leaves=8,
+)
+
+
+def bits(value):
+    """Return something that is equal exactly for the same bits, types and orders in memory."""
+    if isinstance(value, (np.ndarray, np.generic)):
+        flags = value.flags
+        return type(value), value.dtype, value.shape, flags.c_contiguous, flags.f_contiguous, value.tobytes()
+    if dataclasses.is_dataclass(value):
+        return type(value), [bits(getattr(value, field.name)) for field in dataclasses.fields(value)]
+    if isinstance(value, (list, tuple)):
+        return type(value), [bits(part) for part in value]
+    if isinstance(value, dict):
+        return [(key, bits(part)) for key, part in value.items()]
+    return type(value), repr(value)
+
+
+@settings(deadline=None, max_examples=60)
+@given(NESTS)
+def test_nested_data_come_back_bit_for_bit(tmp_path_factory, value):
+    path = tmp_path_factory.getbasetemp() / "nest.h5"
+    with writing(path, overwrite=True) as blocks:
+        write_tree(blocks.file.create_group("nest"), value)
+    with reading(path) as file:
+        assert bits(read_tree(file["nest"])) == bits(value)
+
+
+def test_one_object_stays_one(tmp_path):
+    shared = Samples(np.zeros(2), np.ones(2), np.ones(0))
+    with writing(tmp_path / "nest.h5") as blocks:
+        write_tree(blocks.file, {"a": shared, "b": [shared, 1.0]})
+    with reading(tmp_path / "nest.h5") as file:
+        found = read_tree(file)
+    assert found["a"] is found["b"][0]
+
+
+@pytest.mark.parametrize("value", [object(), {1, 2}, np.array(["a"]), np.array([None]), print, {"a": [Path("x")]}])
+def test_what_has_no_form_is_refused_by_name(value, tmp_path):
+    with (
+        pytest.raises(vf.ArgumentError, match=r"no form|expected one of numbers"),
+        writing(tmp_path / "a.h5") as blocks,
+    ):
+        write_tree(blocks.file, {"part": value})
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["os:system", "vofem.__main__:main", "vofem.scene:Scene", "vofem.system:np", "x"])
+def test_a_file_can_name_no_other_class(name, tmp_path):
+    with writing(tmp_path / "a.h5") as blocks:
+        write_tree(blocks.file, None)
+        blocks.file.attrs["x"] = 0
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        from vofem.io.storage.tree import write_text
+
+        del file["tree"]
+        write_text(file, "tree", f'{{"data": "{name}", "number": 0, "fields": {{}}}}')
+    with pytest.raises(vf.StorageError, match="class that a file may name"), reading(tmp_path / "a.h5") as file:
+        read_tree(file)
+
+
+# -- memory and command line ------------------------------------------------------------------------
+
+
+def test_saving_takes_memory_in_blocks(tmp_path):
+    """A run of 200 000 times: beyond what the result holds, saving takes less than a third of it again."""
+    bodies = [vf.Mass(1.0, stiffness=1.0 + k, name=f"m{k}") for k in range(20)]
+    loads = [vf.PointLoad(bodies[0], vf.Sine(1.0, 1.0))]
+    result = vf.simulate(vf.Scene(bodies, loads), 2000.0, dt=0.01, method="central_difference")
+    held = 3 * result.samples.q.nbytes
+    assert result.times.size == 200_001
+    result.save(tmp_path / "warm.vtkhdf", frames=2)
+    tracemalloc.start()
+    try:
+        result.save(tmp_path / "run.vtkhdf", frames=2)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert held > 90e6
+    assert peak < held / 3
+    loaded = vf.load(tmp_path / "run.vtkhdf")
+    assert same(loaded.samples.q, result.samples.q)
+
+
+SHORT = """
+[run]
+t_end = 6.0
+[[mass]]
+name = "ball"
+mass = 1.0
+stiffness = 1.0
+[[contact]]
+name = "stop"
+a = "ball"
+gap = 0.5
+stiffness = 10.0
+side = "above"
+acts_on = "penetration"
+[initial]
+ball = { velocity = 1.0 }
+"""
+
+
+def test_command_line_saves_and_renders(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("ball.toml").write_text(SHORT)
+    assert cli.main(["run", "ball.toml", "--save", "ball.vtkhdf", "--no-pictures"]) == 0
+    assert "wrote ball.vtkhdf\n" in capsys.readouterr().out
+    direct = vf.load_scene("ball.toml").simulate()
+    loaded = vf.load("ball.vtkhdf")
+    assert same(loaded.displacement(direct.scene.bodies[0]), direct.displacement(direct.scene.bodies[0]))
+    before = Path("ball.vtkhdf").read_bytes()
+    # An existing file is found before the run, not after it.
+    assert cli.main(["run", "ball.toml", "--save", "ball.vtkhdf", "--no-pictures"]) == 1
+    captured = capsys.readouterr()
+    assert "exists already" in captured.err
+    assert "energy balance" not in captured.out
+    assert Path("ball.vtkhdf").read_bytes() == before
+    assert cli.main(["run", "ball.toml", "--save", "ball.vtkhdf", "--overwrite", "--no-pictures"]) == 0
+    assert cli.main(["run", "ball.toml", "--save", "no/such/run.vtkhdf", "--no-pictures"]) == 1
+    assert cli.main(["run", "ball.toml", "--save", "run.png", "--no-pictures"]) == 1
+    capsys.readouterr()
+    assert cli.main(["render", "ball.vtkhdf", "--output", "pictures", "--times", "1.0", "2.0"]) == 0
+    named = capsys.readouterr().out.split("wrote ")[1].split()
+    assert [Path(name).name for name in named] == ["history.png", "scene-1.png", "scene-2.png"]
+    assert all(Path(name).stat().st_size > 1000 for name in named)
+    assert cli.main(["render", "ball.vtkhdf", "--times", "7.0"]) == 1
+    assert cli.main(["render", "ball.toml"]) == 1
+    assert "is no HDF5 file" in capsys.readouterr().err

@@ -1,0 +1,173 @@
+"""HDF5 files, written whole or not at all, and read with errors that say what is wrong."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import h5py
+
+from vofem.errors import StorageError, VofemError
+from vofem.io.files import replacing
+
+#: Object headers of this and later versions carry checksums. VTK and netCDF read them.
+_VERSIONS = ("v108", "v110")
+
+#: What every dataset with elements is written with: checked when read, and quick to compress.
+FILTERS: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True, "fletcher32": True}
+
+
+class GuardedFile(io.RawIOBase):
+    """A file under HDF5's feet that never fails: the first error is kept in `error`, and later writes go nowhere.
+
+    HDF5 that meets a full disk can neither finish nor close its file, and is
+    left in a state that ends the process. It is told that all went well
+    instead; whoever writes looks at `error`.
+
+    Parameters
+    ----------
+    path : Path
+        Of a file that exists.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("r+b", buffering=0)
+        self.error: OSError | None = None
+
+    def write(self, data: Any) -> int:
+        """Write all of the bytes."""
+        view = memoryview(data).cast("B")
+        done = 0
+        while done < len(view) and self.error is None:
+            try:
+                done += self._file.write(view[done:])
+            except OSError as error:
+                self.error = error
+        return len(view)
+
+    def readinto(self, buffer: Any) -> int:
+        """Read into a buffer; zeros where an error has kept bytes from being written."""
+        view = memoryview(buffer).cast("B")
+        count = self._file.readinto(view) or 0
+        view[count:] = bytes(len(view) - count)
+        return len(view)
+
+    def seek(self, offset: int, whence: int = 0) -> int:
+        """Move to a place."""
+        return self._file.seek(offset, whence)
+
+    def tell(self) -> int:
+        """Return the place."""
+        return self._file.tell()
+
+    def truncate(self, size: int | None = None) -> int:
+        """Change the size."""
+        if self.error is None:
+            try:
+                return self._file.truncate(size)
+            except OSError as error:
+                self.error = error
+        return size or 0
+
+    def check(self) -> None:
+        """Raise the error that was met, if any."""
+        if self.error is not None:
+            raise self.error
+
+    def readable(self) -> bool:
+        """Return True."""
+        return True
+
+    def writable(self) -> bool:
+        """Return True."""
+        return True
+
+    def seekable(self) -> bool:
+        """Return True."""
+        return True
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+        super().close()
+
+
+class Blocks:
+    """An HDF5 file that is being written.
+
+    Attributes
+    ----------
+    file : h5py.File
+    """
+
+    def __init__(self, file: h5py.File, guard: GuardedFile) -> None:
+        self.file = file
+        self._guard = guard
+
+    def flush(self) -> None:
+        """Hand what was written so far to the system; raise the error met on the way, if any."""
+        self.file.flush()
+        self._guard.check()
+
+
+@contextlib.contextmanager
+def writing(path: Path, *, overwrite: bool = False) -> Iterator[Blocks]:
+    """Give a new HDF5 file, which takes the name `path` once the block has succeeded.
+
+    Raises
+    ------
+    OutputError
+        If the file exists and is not to be overwritten, or cannot be written. What was there stays.
+    """
+    with replacing(path, overwrite=overwrite) as temporary:
+        guard = GuardedFile(temporary)
+        try:
+            with h5py.File(guard, "w", libver=_VERSIONS, track_order=True) as file:
+                yield Blocks(file, guard)
+        except Exception:
+            # What HDF5 complains of after a failed write is a consequence.
+            guard.check()
+            raise
+        finally:
+            guard.close()
+        guard.check()
+
+
+@contextlib.contextmanager
+def reading(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
+    """Give an HDF5 file that is open for reading; whatever fails in the block becomes a `StorageError`.
+
+    Raises
+    ------
+    StorageError
+        If the file is missing, no HDF5 file, or damaged.
+    """
+    try:
+        place = Path(path)
+    except TypeError:
+        raise StorageError(f"path is {path!r}, expected the name of a file that Result.save has written") from None
+    if not place.is_file():
+        what = "is a folder" if place.is_dir() else "does not exist"
+        raise StorageError(f"{place} {what}, expected a file that Result.save has written; check the path")
+    try:
+        with h5py.File(place, "r") as file:
+            yield file
+    except VofemError:
+        raise
+    except Exception as error:
+        raise StorageError(f"{place} {_complaint(place, error)}") from error
+
+
+def _complaint(place: Path, error: Exception) -> str:
+    text = str(error)
+    if isinstance(error, PermissionError):
+        return f"may not be read: {error.strerror}; check its permissions"
+    if "signature" in text or not h5py.is_hdf5(place):
+        return "is no HDF5 file, expected one that Result.save has written"
+    if "truncated" in text:
+        return "is cut off: it was copied in part; copy or save it again"
+    return f"is damaged ({type(error).__name__}: {text.strip()[:200]}); take a copy, or save the run again"

@@ -1,0 +1,175 @@
+"""How bodies, effects, scenes and solutions are written as plain data, and made from it again.
+
+A scene is kept as its bodies and effects with their arguments, and as the
+compiled model. So a loaded run needs neither mesh files nor callables, nor is
+anything assembled again; see `stand_ins` and `stored_field` for callables.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vofem.assembly import Model
+from vofem.bodies import Beam, BeamPoint, Mass
+from vofem.bodies.base import Body
+from vofem.effects import Resolved
+from vofem.effects.time_functions import Arbitrary, TimeFunction
+from vofem.errors import ArgumentError, MissingCallableError
+from vofem.io.scenes.schema import EFFECTS
+from vofem.io.storage.stand_ins import (
+    StoredCallable,
+    StoredEffect,
+    StoredFunction,
+    StoredLaw,
+    StoredState,
+    name_of,
+)
+from vofem.io.storage.stored_field import StoredField
+from vofem.io.storage.tree import is_data
+from vofem.polynomial import Polynomial
+from vofem.result import Result
+from vofem.scene import Scene
+from vofem.system import NonlinearLaw
+
+
+class Encoder:
+    """Says how the parts of a run are written; see `tree.write_tree`.
+
+    Parameters
+    ----------
+    result : Result
+        Tells which values of callables the run has taken.
+    """
+
+    def __init__(self, result: Result) -> None:
+        self._result = result
+
+    def __call__(self, value: Any) -> tuple[str, Any] | None:
+        """Return tag and plain data, or None for what is plain."""
+        if type(value) is Beam:
+            return "beam", self._beam(value)
+        if type(value) is Mass:
+            return "mass", {name: getattr(value, name) for name in ("name", "mass", "stiffness", "damping")}
+        if type(value) is BeamPoint:
+            return "point", (value.body, float(value.x))
+        if type(value) is Resolved:
+            return "resolved", value.s0
+        if isinstance(value, Scene):
+            return "scene", self._scene(value)
+        if isinstance(value, NonlinearLaw):
+            return "plain", self._law(value)
+        if isinstance(value, TimeFunction) and (isinstance(value, Arbitrary) or not is_data(type(value))):
+            return "plain", StoredFunction.of(value, self._result.times)
+        if isinstance(value, Body) and not isinstance(value, type):
+            raise ArgumentError(f"{value!r} is no Beam and no Mass, so it has no form in a file")
+        if callable(value) and not is_data(type(value)):
+            return "plain", StoredCallable(name_of(value))
+        return None
+
+    def _beam(self, beam: Beam) -> dict[str, Any]:
+        record = {name: getattr(beam, name) for name in ("name", "length", "elements", "supports", "tension")}
+        record |= {name: self._field(getattr(beam, name), beam, name) for name in ("EI", "rhoA")}
+        return record | {"mesh_file": None if beam.mesh_file is None else os.fspath(beam.mesh_file)}
+
+    def _field(self, value: Any, beam: Beam, what: str) -> Any:
+        plain = not callable(value) or isinstance(value, (Polynomial, StoredField, TimeFunction))
+        return value if plain else StoredField.of(value, beam, what)
+
+    def _law(self, law: NonlinearLaw) -> StoredLaw:
+        nonlinear = self._result.model.system.nonlinear
+        assert nonlinear is not None
+        index = next(k for k, known in enumerate(nonlinear.laws) if known is law)
+        u = np.unique((nonlinear.rows @ self._result.samples.q)[index])
+        names = f"{name_of(law.potential)} and {name_of(law.force)}"
+        reactions, energies = (np.array([of(x) for x in u.tolist()]) for of in (law.reaction, law.energy))
+        return StoredLaw(law.name, names, u, reactions, energies)
+
+    def _scene(self, scene: Scene) -> dict[str, Any]:
+        return {
+            "bodies": scene.bodies,
+            "effects": [self._effect(effect) for effect in scene.effects],
+            "initial": self._initial(scene),
+        }
+
+    def _effect(self, effect: Any) -> Any:
+        if isinstance(effect, StoredEffect):
+            return effect
+        entry = next((entry for entry in EFFECTS.values() if type(effect) is entry.made), None)
+        shown = StoredEffect(type(effect).__name__, effect.describe(), tuple(effect.points()), _callables(effect))
+        if entry is None:
+            return shown
+        beam = getattr(effect, "beam", None)
+        values = {
+            name: self._field(value, beam, f"{name} of {entry.made.__name__}") if isinstance(beam, Beam) else value
+            for name, value in entry.values(effect).items()
+        }
+        return {"entry": entry.name, "values": values, "otherwise": shown}
+
+    def _initial(self, scene: Scene) -> Any:
+        initial = scene.initial
+        if initial is None or isinstance(initial, StoredState):
+            return initial
+        if isinstance(initial, Mapping) and not any(hasattr(state, "state_of") for state in initial.values()):
+            parts = [part for state in initial.values() for part in state]
+            if all(isinstance(part, (int, float, np.number, Polynomial)) for part in parts):
+                return {body: tuple(state) for body, state in initial.items()}
+        state, model = scene.initial_state(), scene.model
+        return StoredState(
+            {body.name: (model.of_body(body, state.q), model.of_body(body, state.v)) for body in scene.bodies}
+        )
+
+
+def _callables(effect: Any) -> str:
+    """Return the names of the callables that an effect holds."""
+    values = list(vars(effect).values())
+    values += [getattr(value, field.name) for value in values if is_data(type(value)) for field in fields(value)]
+    names = [name_of(value) for value in values if callable(value) and not is_data(type(value))]
+    return ", ".join(dict.fromkeys(names)) or type(effect).__name__
+
+
+def decode(tag: str, record: Any) -> Any:
+    """Return what a tag and its data stand for; see `tree.read_tree`."""
+    if tag == "plain":
+        return record
+    if tag == "beam":
+        return _beam(**record)
+    if tag == "mass":
+        return Mass(**record)
+    if tag == "point":
+        return BeamPoint(*record)
+    if tag == "resolved":
+        return Resolved(record)
+    if tag == "scene":
+        return Scene(record["bodies"], [_effect(effect) for effect in record["effects"]], record["initial"])
+    raise KeyError(f"{tag!r} is no part of a scene")
+
+
+def _beam(
+    name: str, length: float, elements: Any, supports: dict[int, str], tension: float, EI: Any, rhoA: Any,
+    mesh_file: str | None,
+) -> Beam:  # fmt: skip
+    beam = Beam(length, EI, rhoA, elements, None, tension, name)
+    # By node, as they were resolved: an x may not name its node to the last bit.
+    beam.supports = supports
+    beam.mesh_file = None if mesh_file is None else Path(mesh_file)
+    return beam
+
+
+def _effect(record: Any) -> Any:
+    if isinstance(record, StoredEffect):
+        return record
+    try:
+        return EFFECTS[record["entry"]].build(**record["values"])
+    except MissingCallableError:
+        return record["otherwise"]
+
+
+def seed(scene: Scene, model: Model) -> None:
+    """Let a scene use a model that was compiled before."""
+    scene.__dict__["model"] = model

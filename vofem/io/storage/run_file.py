@@ -1,0 +1,157 @@
+"""A run as one file: for ParaView, for xarray, and for `load`, which gives the `Result` back.
+
+====================  ==========================================================================
+group of the file     what is in it
+====================  ==========================================================================
+``VTKHDF``            the fields on the grid, see `vtkhdf`
+``history``           all degrees of freedom, contacts, energies, events, probes, see `history`
+``vofem``             scene, model and solution as `load` needs them, see `records`; the scene as
+                      TOML where it can be said so
+====================  ==========================================================================
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from vofem._validate import array
+from vofem._version import __version__
+from vofem.errors import ArgumentError, SceneFileError, StorageError
+from vofem.io.files import refuse_existing, target, try_to_write
+from vofem.io.scenes.writer import scene_to_toml
+from vofem.io.storage.hdf5 import reading, writing
+from vofem.io.storage.history import read_history, write_history
+from vofem.io.storage.records import Encoder, decode, seed
+from vofem.io.storage.solutions import has_segments, restored_solution, solution_record, write_segments
+from vofem.io.storage.tree import read_tree, write_text, write_tree
+from vofem.io.storage.vtkhdf import frame_times, write_fields
+from vofem.result import Result
+
+SUFFIXES = (".vtkhdf", ".h5", ".hdf")
+
+#: Counts up when files of a new kind could not be read by this version.
+FORMAT = 1
+
+
+def save(result: Result, path: str | os.PathLike[str], *, overwrite: bool = False, frames: Any = None) -> Path:
+    """Write a run to one file; see `vofem.Result.save`."""
+    if not isinstance(result, Result):
+        raise ArgumentError(f"save: expected the Result of vofem.simulate, found {result!r}")
+    goal = target(path, SUFFIXES)
+    times = _frames(result, frames)
+    with writing(goal, overwrite=overwrite) as blocks:
+        file = blocks.file
+        # All is written into groups that keep the order of their names, as netCDF wants it.
+        own = file.create_group("vofem", track_order=True)
+        own.attrs["format"] = FORMAT
+        own.attrs["written_by"] = __version__
+        own.attrs["method"] = result.method
+        _write_toml(own, result, goal)
+        record = {"scene": result.scene, "model": result.model, "solution": solution_record(result.solution)}
+        write_tree(own.create_group("run"), record, Encoder(result))
+        if has_segments(result):
+            write_segments(blocks, own.create_group("segments"), result.solution)
+        write_history(blocks, file.create_group("history", track_order=True), result)
+        write_fields(blocks, file.create_group("VTKHDF"), result, times)
+    return goal
+
+
+def check_target(path: str | os.PathLike[str], overwrite: bool) -> None:
+    """Raise what `save` would raise at once: for use before a long run.
+
+    Raises
+    ------
+    ArgumentError
+        For another suffix.
+    OutputError
+        If the folder is missing or cannot be written, or the file exists and is not to be overwritten.
+    """
+    goal = target(path, SUFFIXES)
+    if not overwrite:
+        refuse_existing(goal)
+    try_to_write(goal)
+
+
+def _frames(result: Result, frames: Any) -> Any:
+    if frames is None:
+        return frame_times(result.times)
+    if isinstance(frames, (int, np.integer)) and not isinstance(frames, bool):
+        if frames < 1:
+            raise ArgumentError(f"save: frames is {frames!r}, expected a number of 1 or more, or times in s")
+        return frame_times(result.times, int(frames))
+    chosen = np.unique(array("save: frames", frames))
+    end = result.solution.t_end
+    if not chosen.size or chosen[0] < 0.0 or chosen[-1] > end:
+        raise ArgumentError(f"save: frames is {frames!r}, expected a number, or times from 0 to {end:g} s")
+    return chosen
+
+
+def _write_toml(group: h5py.Group, result: Result, goal: Path) -> None:
+    """Write the scene as a scene file, or why it has none; for people, `load` does not need it."""
+    try:
+        text = scene_to_toml(result.scene, folder=goal.parent)
+    except SceneFileError as error:
+        text = "\n".join(f"# {line}" for line in str(error).splitlines()) + "\n"
+    write_text(group, "scene.toml", text)
+
+
+def load(path: str | os.PathLike[str]) -> Result:
+    """Return the Result that `Result.save` has written, whole.
+
+    Every quantity at `times` is the same to the last bit, and of an
+    event-driven run those at other times too, on a machine with the same
+    libraries. Points are found by the name of their body and x, so points of
+    the original bodies serve.
+
+    Where the scene held Python callables, the values that the run has taken
+    stand for them: what needs another value raises `MissingCallableError`,
+    which names the callable.
+
+    Parameters
+    ----------
+    path : path
+        Of a file that `Result.save` has written.
+
+    Returns
+    -------
+    Result
+
+    Raises
+    ------
+    StorageError
+        If the file is missing, of another kind, damaged, or of a newer vofem.
+    """
+    with reading(path) as file:
+        own = _checked(file)
+        history = read_history(file["history"])
+        record = read_tree(own["run"], decode)
+        scene, model = record["scene"], record["model"]
+        seed(scene, model)
+        solution = restored_solution(
+            record["solution"], own, history.samples, history.energy, history.events, history.times
+        )
+        result = Result(scene, str(own.attrs["method"]), solution)
+    result.__dict__["samples"] = history.samples
+    result.__dict__["energy"] = history.energy
+    if history.contacts is not None:
+        result.__dict__["contact_samples"] = history.contacts
+    return result
+
+
+def _checked(file: h5py.File) -> h5py.Group:
+    """Return the group of vofem, or say what the file is instead."""
+    name = file.filename
+    if "vofem" not in file or "format" not in file["vofem"].attrs:
+        raise StorageError(f"{name} is an HDF5 file of another program, expected one that Result.save has written")
+    own = file["vofem"]
+    if int(own.attrs["format"]) > FORMAT:
+        raise StorageError(
+            f"{name} was written by vofem {own.attrs['written_by']} in format {own.attrs['format']}; this is vofem "
+            f"{__version__}, which reads formats up to {FORMAT}. Update vofem, or save the run again with this version"
+        )
+    return own

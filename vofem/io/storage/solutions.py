@@ -1,0 +1,76 @@
+"""The outcome of an integrator in a file: all that a `Result` computes from, but the samples of the history."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any
+
+import h5py
+import numpy as np
+
+from vofem.errors import ArgumentError
+from vofem.integrators.base import Energies, Samples, Solution
+from vofem.integrators.event_driven.segment import Segments
+from vofem.integrators.stepped import SteppedSolution
+from vofem.io.storage.blocks import write_rows
+from vofem.io.storage.hdf5 import Blocks
+from vofem.io.storage.tree import read_array, write_array
+from vofem.result import Energy, Result
+from vofem.system import Events
+
+#: Kept in the history, and put back by the caller.
+_ELSEWHERE = ("times", "samples", "stored", "events")
+
+
+def solution_record(solution: Solution) -> dict[str, Any]:
+    """Return a solution as nested data, without what stands in the history or in rows of segments.
+
+    Raises
+    ------
+    ArgumentError
+        For a solution of another kind.
+    """
+    if isinstance(solution, SteppedSolution):
+        kept = [field.name for field in fields(solution) if field.name not in _ELSEWHERE]
+        return {"kind": "stepped", **{name: getattr(solution, name) for name in kept}}
+    from vofem.integrators.event_driven import EventSolution
+
+    if not isinstance(solution, EventSolution):
+        raise ArgumentError(f"a run that ends in a {type(solution).__name__} cannot be saved")
+    names = ("system", "space", "t_end", "counters", "notes")
+    record = {"kind": "event_driven", **{name: getattr(solution, name) for name in names}}
+    # Growth that nobody has asked for is computed when somebody does.
+    return record | {"sensitivity": solution.__dict__.get("sensitivity")}
+
+
+def write_segments(blocks: Blocks, group: h5py.Group, solution: Any) -> None:
+    """Write begin and state of every segment of an event-driven run."""
+    starts, states = solution.segments
+    write_array(group, "starts", np.array(starts))
+    write_rows(blocks, group, "status", states, lambda state: state[0], np.int64)
+    write_rows(blocks, group, "displacement", states, lambda state: state[1], np.float64)
+    write_rows(blocks, group, "velocity", states, lambda state: state[2], np.float64)
+
+
+def restored_solution(
+    record: dict[str, Any], group: h5py.Group, samples: Samples, energy: Energy, events: Events, times: Any
+) -> Solution:
+    """Return the solution of a record and what is kept beside it."""
+    kind = record.pop("kind")
+    if kind == "stepped":
+        parts = (energy.kinetic, energy.strain, energy.contact, energy.dissipated, energy.work)
+        return SteppedSolution(**record, times=times, samples=samples, stored=Energies(*parts), events=events)
+    from vofem.integrators.event_driven import EventSolution
+
+    sensitivity = record.pop("sensitivity")
+    rows = group["segments"]
+    segments = Segments(*(read_array(rows[name]) for name in Segments._fields))
+    solution = EventSolution.restored(**record, times=times, segments=segments, events=events)
+    if sensitivity is not None:
+        solution.__dict__["sensitivity"] = sensitivity
+    return solution
+
+
+def has_segments(result: Result) -> bool:
+    """Return whether a run is a sequence of segments."""
+    return hasattr(result.solution, "segments")

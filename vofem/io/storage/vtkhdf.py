@@ -1,0 +1,99 @@
+"""The group ``VTKHDF`` of a saved run: the fields as ParaView reads them.
+
+A temporal UnstructuredGrid of VTKHDF 2.0
+(https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format/): points
+and cells at rest are written once, every step refers to them, and each field
+is one long dataset into which the steps point.
+"""
+
+from __future__ import annotations
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.io.series.grid import Grid
+from vofem.io.series.placement import place
+from vofem.io.storage.blocks import block_slices, empty_dataset
+from vofem.io.storage.hdf5 import FILTERS, Blocks
+from vofem.result import Result
+
+Array = NDArray[np.float64]
+
+#: Frames that are written unless more are asked for: fields on the grid take several times the room of the history.
+_MOST_FRAMES = 1000
+
+_POINTS_PER_ELEMENT = 5
+
+
+def frame_times(times: Array, most: int = _MOST_FRAMES) -> Array:
+    """Return which of the times become frames: all, or `most` of them spread evenly, the last among them."""
+    distinct = np.unique(times)
+    if distinct.size <= most:
+        return distinct
+    return distinct[np.round(np.linspace(0, distinct.size - 1, most)).astype(int)]
+
+
+def write_fields(blocks: Blocks, group: h5py.Group, result: Result, times: Array) -> None:
+    """Write geometry and fields, as `vofem.io.vtk.write_series` does, at some times.
+
+    Parameters
+    ----------
+    group : h5py.Group
+        The empty group ``VTKHDF``.
+    times : ndarray, shape (n_frames,)
+        In s, increasing.
+    """
+    grid = Grid(result, place(result.scene, 1.0), _POINTS_PER_ELEMENT)
+    # VTK wants a string of fixed length in ASCII.
+    group.attrs.create("Type", b"UnstructuredGrid", dtype="S16")
+    group.attrs["Version"] = np.array([2, 0], dtype=np.int64)
+    _geometry(group, grid)
+    steps = group.create_group("Steps")
+    steps.attrs["NSteps"] = np.int64(times.size)
+    steps["Values"] = times
+    zero = np.zeros(times.size, dtype=np.int64)
+    steps["NumberOfParts"] = zero + 1
+    steps["PartOffsets"] = zero
+    steps["PointOffsets"] = zero
+    steps["CellOffsets"] = zero[:, None]
+    steps["ConnectivityIdOffsets"] = zero[:, None]
+    _fields(blocks, group, grid, times)
+
+
+def _geometry(group: h5py.Group, grid: Grid) -> None:
+    cells = grid.cells
+    for name, count in (
+        ("NumberOfPoints", grid.points.shape[0]),
+        ("NumberOfCells", cells.types.size),
+        ("NumberOfConnectivityIds", cells.connectivity.size),
+    ):
+        group[name] = np.array([count], dtype=np.int64)
+    for name, values in (
+        ("Points", grid.points),
+        ("Connectivity", cells.connectivity),
+        ("Offsets", np.concatenate([[0], cells.offsets]).astype(np.int64)),
+        ("Types", cells.types),
+    ):
+        group.create_dataset(name, data=values, **FILTERS)
+
+
+def _fields(blocks: Blocks, group: h5py.Group, grid: Grid, times: Array) -> None:
+    kinds = ("PointData", "CellData")
+    places = {kind: (group.create_group(kind), group.create_group(f"Steps/{kind}Offsets")) for kind in kinds}
+    for kind, constant in zip(kinds, (grid.point_data, grid.cell_data), strict=True):
+        data, offsets = places[kind]
+        for name, values in constant.items():
+            data.create_dataset(name, data=values, **FILTERS)
+            offsets[name] = np.zeros(times.size, dtype=np.int64)
+    for part in block_slices(times.size, grid.bytes_per_frame):
+        frames = grid.frames(times[part])
+        for kind, changing in zip(kinds, (frames.point_data, frames.cell_data), strict=True):
+            data, offsets = places[kind]
+            for name, values in changing.items():
+                count = values.shape[1]
+                if name not in data:
+                    empty_dataset(data, name, (times.size * count, *values.shape[2:]), values.dtype)
+                    offsets[name] = np.arange(times.size, dtype=np.int64) * count
+                data[name][part.start * count : part.stop * count] = values.reshape(-1, *values.shape[2:])
+        blocks.flush()
