@@ -283,5 +283,7 @@ def test_contact_on_a_support_can_never_move():
 
 
 def test_overflowing_units_are_named():
-    with pytest.raises(vf.ArgumentError, match=r"stiffness matrix overflows|expected a finite number"):
-        vf.simulate(vf.Scene([beam(length=1e-100, EI=1e60, elements=1000)]), 1.0)
+    with pytest.raises(vf.ArgumentError, match="stiffness matrix overflows"):
+        vf.simulate(vf.Scene([beam(EI=[1e305] * 1000, elements=1000)]), 1.0)
+    with pytest.raises(vf.ArgumentError, match="length is 1e-100, expected a positive number of at least 1e-60"):
+        beam(length=1e-100)

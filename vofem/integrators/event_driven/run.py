@@ -71,7 +71,7 @@ def _too_large(system: System) -> str:
     more, cure = ("", "leave truncation= out") if why is None else (f", and its {why}", "use fewer contacts")
     return (
         f"the system has {system.size} degrees of freedom, event_driven takes at most {MOST_UNKNOWNS} with all modes"
-        f"{more}. Use fewer elements, {cure}, or choose method='central_difference'"
+        f"{more}. Use fewer elements, {cure}, or choose method='energy_conserving'"
     )
 
 

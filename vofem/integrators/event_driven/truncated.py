@@ -68,7 +68,7 @@ def run_truncated(
         cause = "a compressive axial force (tension < 0)" if system.strain is None else "stiffnesses that differ much"
         raise MethodError(
             f"rounding spoils {reduction.rounding:.1e} of the static response of {system.size} degrees of freedom: "
-            f"{cause} on a fine mesh. Use fewer elements, or choose method='central_difference'"
+            f"{cause} on a fine mesh. Use fewer elements, or choose method='energy_conserving'"
         )
     inputs = len(reduction.loads) + len(reduction.states)
     count = max(_LEAST, _EACH // 2 * (inputs + reduction.basis.rigid))
