@@ -123,6 +123,22 @@ def test_a_loose_motion_and_a_band_too_wide_are_named():
         OrthogonalFactor(wide, np.arange(n))
 
 
+@pytest.mark.parametrize("elements", [1000, 10_000, 100_000])
+def test_equilibrium_of_fine_meshes(elements):
+    """Half of the answer would be lost with K at 10 000 elements."""
+    beam = vf.Beam(1.0, 1.0, 1.0, elements, {"left": "clamped"})
+    load = vf.PointLoad(beam.at(1.0), -1.0)
+    free = vf.equilibrium(vf.Scene([beam], [load]))
+    assert free.displacement(beam.at(1.0)) == pytest.approx(-1.0 / 3.0, rel=1e-11)
+    stop = vf.Contact(beam.at(1.0), gap=0.1, stiffness=9.0, side="below", acts_on="penetration", name="stop")
+    held = vf.equilibrium(vf.Scene([beam], [load, stop]))
+    assert held.contacts["stop"].force == pytest.approx(9.0 * (1.0 + 0.9) / 12.0 - 0.9, rel=1e-10)
+    loose = vf.Beam(1.0, 1.0, 1.0, elements, {})
+    stops = [vf.Contact(loose.at(x), gap=0.0, stiffness=1e3, side="below", acts_on="penetration") for x in (0.0, 1.0)]
+    rest = vf.equilibrium(vf.Scene([loose], [*stops, vf.PointLoad(loose.at(0.5), -1.0)]))
+    assert rest.displacement(loose.at(0.5)) == pytest.approx(-0.5e-3 - 1.0 / 48.0, rel=1e-10)
+
+
 # -- Ritz vectors ---------------------------------------------------------------------------------
 
 
