@@ -10,9 +10,10 @@ from scenes import paper_beam, two_masses
 
 import vofem as vf
 from vofem.assembly import SystemBuilder
-from vofem.integrators import central_difference, event_driven
+from vofem.integrators import central_difference, event_driven, generalized_alpha
+from vofem.integrators.energy_conserving import setting
 
-METHODS = ("event_driven", "central_difference")
+METHODS = ("event_driven", "energy_conserving", "generalized_alpha", "central_difference")
 
 
 def run(scene, method, t_end=0.5, **options):
@@ -34,6 +35,8 @@ def test_counters_of_a_bare_beam(method):
     result = run(scene, method)
     expected = {
         "event_driven": {"steps", "eigensolves", "statuses"},
+        "energy_conserving": {"steps", "factorizations"},
+        "generalized_alpha": {"steps", "factorizations"},
         "central_difference": {"steps", "eigensolves", "factorizations"},
     }
     assert nonzero(result.counters) == expected[method]
@@ -55,7 +58,9 @@ def test_builders_of_absent_effects_are_never_called(method, monkeypatch):
         monkeypatch.setattr(SystemBuilder, name, refuse)
     monkeypatch.setitem(event_driven.run.__globals__, "next_event", refuse)
     monkeypatch.setitem(event_driven.EventSolution._contact_force.__globals__, "spring_force", refuse)
-    monkeypatch.setattr(central_difference, "initial_status", refuse)
+    for module in (central_difference, generalized_alpha, setting):
+        monkeypatch.setattr(module, "initial_status", refuse)
+        monkeypatch.setattr(module, "Callbacks", refuse)
     beam = vf.Beam(1.0, 1.0, 1.0, 5, {"left": "clamped"})
     result = run(vf.Scene([beam], initial={beam: (lambda x: 0.01 * x**2, 0.0)}), method)
     assert np.max(np.abs(result.displacement(beam.at(1.0)))) > 0.0
@@ -104,5 +109,5 @@ def test_explain_says_what_is_left_out():
     assert "Method: event_driven" in text
     assert "Not simulated: contacts, contact dampers, damping" in text
     explanation = vf.explain(vf.Scene([beam], [vf.PointLoad(beam.at(1.0), lambda t: t)]))
-    assert explanation.method == "central_difference"
+    assert explanation.method == "energy_conserving"
     assert "closed form" in explanation.why

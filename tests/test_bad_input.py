@@ -136,7 +136,7 @@ CASES += [
 
 def test_load_functions_that_raise():
     for function, message in (
-        (lambda t: 1.0 / t, r"raised ZeroDivisionError: .* at t = 0 s"),
+        (lambda t: 1.0 / (0.0 * t), r"raised ZeroDivisionError: .* at t = 5e-05 s"),
         (lambda: 1.0, "must take one time in s"),
         (lambda t, x: 1.0, "must take one time in s"),
     ):
@@ -283,5 +283,7 @@ def test_contact_on_a_support_can_never_move():
 
 
 def test_overflowing_units_are_named():
-    with pytest.raises(vf.ArgumentError, match=r"stiffness matrix overflows|expected a finite number"):
-        vf.simulate(vf.Scene([beam(length=1e-100, EI=1e60, elements=1000)]), 1.0)
+    with pytest.raises(vf.ArgumentError, match="stiffness matrix overflows"):
+        vf.simulate(vf.Scene([beam(EI=[1e305] * 1000, elements=1000)]), 1.0)
+    with pytest.raises(vf.ArgumentError, match="length is 1e-100, expected a positive number of at least 1e-60"):
+        beam(length=1e-100)

@@ -13,6 +13,9 @@ from vofem.errors import ArgumentError
 #: Largest magnitude taken for a physical quantity. Cubes and ratios of such numbers stay finite.
 HUGE = 1e60
 
+#: Smallest magnitude taken for a positive one.
+TINY = 1e-60
+
 
 T = TypeVar("T")
 
@@ -80,6 +83,8 @@ def number(
         raise ArgumentError(f"{what} is {result!r}, expected a finite number (magnitude at most {HUGE:g})")
     if (positive and not result > 0) or (minimum is not None and not result >= minimum):
         raise ArgumentError(f"{what} is {result!r}, expected {expected}")
+    if positive and result < TINY:
+        raise ArgumentError(f"{what} is {result!r}, expected {expected} of at least {TINY:g}")
     return result
 
 

@@ -260,8 +260,18 @@ class SystemBuilder:
         if not free.size:
             raise ArgumentError("the supports hold every degree of freedom, so nothing can move; remove some")
 
+        place = np.full(self.size, -1)
+        place[free] = np.arange(free.size)
+
         def restrict(matrix: csr_matrix) -> Any:
-            return matrix[free][:, free].tocsc() if free.size < self.size else matrix.tocsc()
+            if free.size == self.size:
+                return matrix.tocsc()
+            from scipy.sparse import csc_matrix
+
+            coo = matrix.tocoo()
+            row, column = place[coo.row], place[coo.col]
+            kept = (row >= 0) & (column >= 0)
+            return csc_matrix((coo.data[kept], (row[kept], column[kept])), shape=(free.size, free.size))
 
         for value, function, name, only in self._accelerations:
             translation = np.concatenate([body.translation() * (only is None or body is only) for body in self.offsets])

@@ -10,15 +10,26 @@ from numpy.typing import NDArray
 from vofem.assembly import Model
 from vofem.bodies.beam import SUPPORTS, Beam
 from vofem.errors import ArgumentError
-from vofem.integrators.base import Samples
+from vofem.integrators.base import Sampled
 
 Array = NDArray[np.float64]
 
 
 def support_reaction(
-    model: Model, beam: Beam, where: Any, times: Array, samples: Samples, contact_force: Array | None
+    model: Model,
+    beam: Beam,
+    where: Any,
+    times: Array,
+    samples: Sampled,
+    contact_force: Array | None,
+    modes: tuple[Array, Array] | None = None,
 ) -> tuple[Array, Array]:
     """Return force (N) and moment (N m) that a support exerts, each of shape (n_times,).
+
+    Parameters
+    ----------
+    modes : (ndarray, ndarray), optional
+        Squared frequencies and shapes that modal damping acts on; all modes where not given.
 
     Raises
     ------
@@ -31,25 +42,38 @@ def support_reaction(
         raise ArgumentError(f"Beam {beam.name!r} has no support at {where!r}; its supports: {places}")
     result = np.zeros((2, times.size))
     for dof in SUPPORTS[beam.supports[node]]:
-        result[dof] = _residual(model, model.offsets[beam] + 2 * node + dof, times, samples, contact_force)
+        result[dof] = _residual(model, model.offsets[beam] + 2 * node + dof, times, samples, contact_force, modes)
     return result[0], result[1]
 
 
-def _residual(model: Model, dof: int, times: Array, samples: Samples, contact_force: Array | None) -> Array:
+def _residual(
+    model: Model,
+    dof: int,
+    times: Array,
+    samples: Sampled,
+    contact_force: Array | None,
+    modes: tuple[Array, Array] | None,
+) -> Array:
     """Return ``M a + C v + K q - f + contact forces`` of one supported degree of freedom."""
     system = model.system
-    total = model.mass[[dof]][:, model.free] @ samples.a + model.stiffness[[dof]][:, model.free] @ samples.q
+
+    def product(matrix: Any, kind: str) -> Array:
+        return samples.along(matrix[[dof]][:, model.free], kind)
+
+    total = product(model.mass, "a") + product(model.stiffness, "q")
     if model.damping is not None:
-        total = total + model.damping[[dof]][:, model.free] @ samples.v
+        total = total + product(model.damping, "v")
     if system.rayleigh is not None:
         alpha, beta = system.rayleigh
         row = alpha * model.mass[[dof]] + beta * model.stiffness[[dof]]
-        total = total + row[:, model.free] @ samples.v
+        total = total + samples.along(row[:, model.free], "v")
     if system.modal_damping is not None:
         from vofem.linalg.eigen import modal_basis
 
-        squares, shapes = modal_basis(system.mass, system.stiffness, system.scale, system.rigid, system.strain)
-        rates = shapes.T @ (system.mass @ samples.v)
+        if modes is None:
+            modes = modal_basis(system.mass, system.stiffness, system.scale, system.rigid, system.strain)
+        squares, shapes = modes
+        rates = samples.along((system.mass @ shapes).T, "v")
         force = shapes @ (2.0 * system.modal_damping * np.sqrt(squares)[:, None] * rates)
         total = total + model.mass[[dof]][:, model.free] @ force
     value = np.asarray(total)[0]

@@ -13,15 +13,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import Named, array
 from vofem.assembly import Model
+from vofem.bodies.base import Body
 from vofem.bodies.beam import Beam
 from vofem.errors import ArgumentError
 from vofem.fractional.orders import exponential_order
-from vofem.integrators.base import ContactSamples, Samples, Solution
+from vofem.integrators.base import ContactSamples, Sampled, Solution
 from vofem.lookup import body_named, row_of, the_beam
 from vofem.scene import Scene
 from vofem.system import CLOSED, PINNED, Counters
 
 if TYPE_CHECKING:
+    from vofem.integrators.event_driven.lifted import Truncation
     from vofem.integrators.event_driven.sensitivity import Sensitivity
 
 Array = NDArray[np.float64]
@@ -159,7 +161,7 @@ class ContactHistory:
     @property
     def gap_function(self) -> Array:
         """The gap function s in m, shape (n_times,); positive is penetration."""
-        u = np.asarray(self._laws.rows[[self._index]] @ self._result.samples.q)[0]
+        u = self._result.samples.along(self._laws.rows[[self._index]], "q")[0]
         return u - self._laws.gap[self._index]
 
     @property
@@ -222,7 +224,7 @@ class Result:
     # -- states -----------------------------------------------------------------------------------
 
     @cached_property
-    def samples(self) -> Samples:
+    def samples(self) -> Sampled:
         """Free degrees of freedom at `times`: q, v, a of shape (n, n_times)."""
         return self.solution.sample(self.times)
 
@@ -231,7 +233,7 @@ class Result:
         """Contacts at `times`."""
         return self.solution.contacts(self.times)
 
-    def _at(self, t: ArrayLike | None) -> Samples:
+    def _at(self, t: ArrayLike | None) -> Sampled:
         if t is None:
             return self.samples
         times = np.atleast_1d(array("t", t))
@@ -241,26 +243,35 @@ class Result:
             raise ArgumentError(f"t is {bad:g} s, expected a time of the run, 0 to {end:g} s")
         return self.solution.sample(np.minimum(times, end))
 
-    def _along(self, point: Any, values: Array) -> Array:
+    def _along(self, point: Any, t: ArrayLike | None, kind: str) -> Array:
         body, row = row_of(self.scene.bodies, point)
-        return row.weights @ self.model.of_body(body, values)[row.indices]
+        return row.weights @ self._some(body, row.indices, t, kind)
+
+    def _some(self, body: Body, indices: NDArray[np.int64], t: ArrayLike | None, kind: str) -> Array:
+        """Return some of a body's degrees of freedom (kind "q", "v" or "a"), shape (len(indices), n_times)."""
+        dofs, free = indices + self.model.offsets[body], self.model.free
+        place = np.minimum(np.searchsorted(free, dofs), free.size - 1)
+        moving = free[place] == dofs
+        values: Array = getattr(self._at(t).take(place), kind)
+        return np.where(moving[:, None], values, 0.0)
 
     def displacement(self, point: Any, t: ArrayLike | None = None) -> Array:
         """Return the displacement of a point in m, shape (n_times,) or (len(t),)."""
-        return self._along(point, self._at(t).q)
+        return self._along(point, t, "q")
 
     def velocity(self, point: Any, t: ArrayLike | None = None) -> Array:
         """Return the velocity of a point in m/s, shape (n_times,) or (len(t),)."""
-        return self._along(point, self._at(t).v)
+        return self._along(point, t, "v")
 
     def acceleration(self, point: Any, t: ArrayLike | None = None) -> Array:
         """Return the acceleration of a point in m/s^2, shape (n_times,) or (len(t),)."""
-        return self._along(point, self._at(t).a)
+        return self._along(point, t, "a")
 
     def state_of(self, body_name: str) -> tuple[Array, Array]:
         """Return a body's degrees of freedom and rates at the last time, each (size,); starts another scene."""
         body = body_named(self.scene.bodies, body_name)
-        return self.model.of_body(body, self.samples.q[:, -1]), self.model.of_body(body, self.samples.v[:, -1])
+        q, v = self.samples.last()
+        return self.model.of_body(body, q), self.model.of_body(body, v)
 
     # -- fields -----------------------------------------------------------------------------------
 
@@ -269,7 +280,9 @@ class Result:
 
     def _field(self, x: ArrayLike, t: ArrayLike | None, body: Any, derivative: int) -> Array:
         beam = self._beam(body)
-        return np.asarray(beam.field_matrix(x, derivative) @ self.model.of_body(beam, self._at(t).q))
+        matrix = beam.field_matrix(x, derivative)
+        touched = np.unique(matrix.indices).astype(np.int64)
+        return np.asarray(matrix[:, touched] @ self._some(beam, touched, t, "q"))
 
     def deflection(self, x: ArrayLike, t: ArrayLike | None = None, body: Any = None) -> Array:
         """Return eta in m by the Hermite cubics, shape (len(x), len(t)).
@@ -339,7 +352,8 @@ class Result:
         force = None
         if self.model.system.contacts is not None:
             force = self.contact_samples.force if t is None else self.solution.contacts(times).force
-        return Reaction(*support_reaction(self.model, beam, where, times, samples, force))
+        modes = getattr(self.solution, "modes", None) if self.model.system.modal_damping is not None else None
+        return Reaction(*support_reaction(self.model, beam, where, times, samples, force, modes))
 
     @property
     def sensitivity(self) -> Sensitivity:
@@ -354,6 +368,11 @@ class Result:
         if found is None:
             raise ArgumentError(f"a run of {self.method} does not tell its sensitivity; use method='event_driven'")
         return found
+
+    @property
+    def truncation(self) -> Truncation | None:
+        """What an event_driven run in Ritz vectors left out: `vectors`, `error`, `rounding`; None for all modes."""
+        return getattr(self.solution, "truncation", None)
 
     def save(
         self, path: str | os.PathLike[str], *, overwrite: bool = False, frames: int | ArrayLike | None = None

@@ -22,7 +22,7 @@ METHODS = ("event_driven", "energy_conserving", "generalized_alpha", "central_di
 
 #: Options that a method takes beside those of `simulate`.
 _OPTIONS: dict[str, tuple[str, ...]] = {
-    "event_driven": ("max_events", "pin_fraction"),
+    "event_driven": ("max_events", "pin_fraction", "truncation"),
     "energy_conserving": (),
     "generalized_alpha": ("rho_infinity", "alpha_m", "alpha_f", "gamma", "newmark_beta"),
     "central_difference": (),
@@ -65,8 +65,11 @@ def simulate(
         Where results are wanted, increasing, within [0, t_end]. Without it:
         1001 uniform times for event_driven and with `tol`, else every step.
     **options
-        Of event_driven: ``max_events`` (a million), and ``pin_fraction``, the
-        fraction of the gap below which chatter counts as rest (1e-7). Of
+        Of event_driven: ``max_events`` (a million); ``pin_fraction``, the
+        fraction of the gap below which chatter counts as rest (1e-7); and
+        ``truncation``, the relative error of displacements for which few Ritz
+        vectors may stand for a large system (1e-6 above 1000 degrees of
+        freedom; 0 keeps all modes, which small systems do anyway). Of
         generalized_alpha: ``rho_infinity`` in [0, 1] (0.8), or ``alpha_m``,
         ``alpha_f``, ``gamma``, ``newmark_beta`` in place of what it implies.
 

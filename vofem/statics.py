@@ -9,7 +9,7 @@ given a steep slope on the way and treated exactly at the end.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,8 +27,12 @@ from vofem.system import CLOSED, OPEN, PINNED, ContactLaws, System
 
 Array = NDArray[np.float64]
 Status = NDArray[np.int64]
+Solve = Callable[[Array], Array]
 
 _MOST_ITERATIONS = 500
+
+#: Above this many degrees of freedom K has lost enough digits to look for them elsewhere.
+_MANY_UNKNOWNS = 400
 
 
 @dataclass(frozen=True)
@@ -150,7 +154,7 @@ def equilibrium(scene: Scene, t: float = 0.0) -> Equilibrium:
     laws = system.contacts
     if laws is None:
         _check_held(scene, model, None)
-        return Equilibrium(model, _factorize(system.stiffness)(force), {}, 0)
+        return Equilibrium(model, _solver(system, np.zeros(0))(force), {}, 0)
     if not laws.ideal:
         k = int(np.argmax(np.isfinite(laws.resolution)))
         raise ArgumentError(f"equilibrium needs ideal switches; Contact {laws.names[k]!r} has a resolved one")
@@ -204,6 +208,30 @@ def _factorize(matrix: Any) -> Any:
         raise SingularSystemError(f"the stiffness matrix is singular ({error}); hold the structure better") from None
 
 
+def _solver(system: System, shift: Array) -> Solve:
+    """Return a function that solves with K and contacts closed by springs `shift`, (n_contacts,); zero leaves one open.
+
+    Large systems are solved by the strains, as K holds too few digits of them.
+    """
+    from scipy.sparse import diags, vstack
+
+    rows, closed = None, np.any(shift > 0.0)
+    if closed:
+        assert system.contacts is not None
+        rows = system.contacts.rows
+    if system.strain is None or system.size <= _MANY_UNKNOWNS:
+        return _factorize(system.stiffness if rows is None else system.stiffness + rows.T @ diags(shift) @ rows)
+    from vofem.linalg.orthogonal import OrthogonalFactor, elimination_orders
+
+    strain = system.strain if rows is None else vstack([system.strain, diags(np.sqrt(shift)) @ rows], format="csr")
+    factor = OrthogonalFactor(strain, elimination_orders(strain, system.scale)[0])
+
+    def solve(right: Array) -> Array:
+        return factor.solve(right) if right.ndim == 1 else np.stack([factor.solve(b) for b in right.T], axis=1)
+
+    return solve
+
+
 class _ContactSolver:
     """Equilibrium in the contact coordinates: ``u = u_f - G (R - shift u)``, R a law of u.
 
@@ -213,14 +241,9 @@ class _ContactSolver:
     """
 
     def __init__(self, system: System, laws: ContactLaws, force: Array) -> None:
-        from scipy.sparse import diags
-
         self.laws = laws
-        stiffness = system.stiffness
         self.shift = laws.stiffness if system.rigid.shape[1] else np.zeros(len(laws))
-        if system.rigid.shape[1]:
-            stiffness = stiffness + laws.rows.T @ diags(self.shift) @ laws.rows
-        self._solve = _factorize(stiffness)
+        self._solve = _solver(system, self.shift)
         self._force = force
         self._columns = self._solve(laws.rows.T.toarray())
         self.compliance = np.asarray(laws.rows @ self._columns)

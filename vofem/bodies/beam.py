@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from vofem._validate import number
 from vofem.bodies.axis import axis_of
 from vofem.bodies.base import Array, BodyMatrices, Row, automatic_name
-from vofem.bodies.beam_matrices import beam_matrices, bending_strains, consistent_load
+from vofem.bodies.beam_matrices import beam_matrices, beam_strains, consistent_load
 from vofem.bodies.coefficient import Coefficient, basis_for, positive_coefficient
 from vofem.bodies.initial_field import project
 from vofem.bodies.mesh import LineMesh
@@ -227,8 +227,8 @@ class Beam:
         return self._matrices
 
     def strain_rows(self) -> csr_matrix | None:
-        """Return strains whose squares sum to twice the energy; None under an axial force."""
-        return None if self.tension else bending_strains(self._axis, self._EI)
+        """Return strains whose squares sum to twice the energy; None under compression."""
+        return None if self.tension < 0.0 else beam_strains(self._axis, self._EI, self.tension)
 
     def load_vector(self, p: Any) -> Array:
         """Return the consistent load vector, shape (size,), of a force per length p (number or callable, N/m)."""

@@ -53,11 +53,12 @@ def beam_matrices(
 
 
 @np.errstate(over="ignore")
-def bending_strains(axis: Axis, EI: Coefficient) -> csr_matrix:
-    """Return rows, shape (n_strains, size), of strains whose squares sum to twice the energy of bending.
+def beam_strains(axis: Axis, EI: Coefficient, tension: float) -> csr_matrix:
+    """Return rows, shape (n_strains, size), of strains whose squares sum to twice the energy of bending and tension.
 
     Of an element with constant EI they are the difference of its slopes
-    and its deviation from a parabola, both free of the cancellation in K.
+    and its deviation from a parabola, both free of the cancellation in K;
+    tension, not negative, adds slopes at three Gauss points.
     """
     from scipy.sparse import csr_matrix
 
@@ -76,6 +77,12 @@ def bending_strains(axis: Axis, EI: Coefficient) -> csr_matrix:
         )
         entries[:, 1, 1] = np.sqrt(stiffness / h)
         entries[:, 1, 3] = -entries[:, 1, 1]
+    if tension:
+        nodes, weights = np.polynomial.legendre.leggauss(3)
+        xi = 0.5 * (1.0 + nodes)
+        root = np.sqrt(tension * 0.5 * weights * h[:, None])
+        slopes = np.stack([root * hermite(i, xi, h[:, None], 1) for i in range(4)], axis=-1)
+        entries = np.concatenate([entries, slopes], axis=1)
     rows = entries.shape[0] * entries.shape[1]
     columns = np.repeat(2 * np.arange(h.size), entries.shape[1])[:, None] + np.arange(4)
     return csr_matrix((entries.ravel(), columns.ravel(), 4 * np.arange(rows + 1)), shape=(rows, axis.size))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vofem._validate import array, nearest, number, one_of
+from vofem._validate import TINY, array, nearest, number, one_of
 from vofem.bodies.axis import Axis
 from vofem.bodies.base import Array
 from vofem.bodies.mesh import LineMesh
@@ -60,8 +60,8 @@ def evaluate_along(what: str, function: Any, x: Array, *, positive: bool = False
     bad = ~np.isfinite(values)
     expected = "a finite number"
     if positive or not negative:
-        bad |= (values <= 0) if positive else (values < 0)
-        expected = "a positive number" if positive else "a number that is not negative"
+        bad |= (values < TINY) if positive else (values < 0)
+        expected = f"a positive number of at least {TINY:g}" if positive else "a number that is not negative"
     if np.any(bad):
         k = np.unravel_index(int(np.argmax(bad)), x.shape)
         raise ArgumentError(f"{what} is {values[k]:g} at x = {x[k]:g} m, expected {expected}")
@@ -146,8 +146,10 @@ def positive_coefficient(what: str, value: Any, axis: Axis) -> Coefficient:
     if np.ndim(value) == 0:
         return Coefficient(what, number(what, value, positive=True), axis)
     values = array(what, value, shape=axis.element_lengths.shape)
-    if np.any(values <= 0):
-        raise ArgumentError(f"{what} is {values.min():g} in element {values.argmin()}, expected a positive number")
+    if np.any(values < TINY):
+        raise ArgumentError(
+            f"{what} is {values.min():g} in element {values.argmin()}, expected a positive number of at least {TINY:g}"
+        )
     return Coefficient(what, values, axis)
 
 

@@ -9,6 +9,7 @@ used on a second mesh. The element here has the same degrees of freedom,
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,8 @@ from skfem import Basis, BilinearForm, LinearForm, MeshLine
 from skfem.element import ElementLineHermite
 from skfem.element.discrete_field import DiscreteField
 from skfem.mapping import MappingAffine
+from skfem.quadrature import get_quadrature
+from skfem.refdom import RefLine
 
 from vofem.bodies.cubics import hermite
 
@@ -66,7 +69,14 @@ def line_basis(nodes: Array, lengths: Array, order: int) -> Basis:
     """
     mesh = MeshLine(nodes)
     mapping = LengthMapping(mesh, lengths)
-    return Basis(mesh, HermiteElement(), mapping=mapping, intorder=order, disable_doflocs=True)
+    return Basis(mesh, HermiteElement(), mapping=mapping, quadrature=_quadrature(order), disable_doflocs=True)
+
+
+@cache
+def _quadrature(order: int) -> tuple[Array, Array]:
+    """Return points (1, k) and weights (k,) on [0, 1] exact for polynomials of the given order."""
+    points, weights = get_quadrature(RefLine, order)
+    return points, weights
 
 
 @BilinearForm

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vofem._validate import number
+from vofem._validate import TINY, number
 from vofem.bodies.base import Array, BodyMatrices, Row, automatic_name
 from vofem.errors import ArgumentError
 
@@ -38,7 +38,14 @@ class Mass:
 
     def __init__(self, mass: float, stiffness: float = 0.0, damping: float = 0.0, name: str | None = None) -> None:
         self.name = automatic_name(name, "Mass")
-        self.mass = number(f"Mass {self.name!r}: mass", mass, positive=True)
+        self.mass = number(f"Mass {self.name!r}: mass", mass, minimum=0)
+        if self.mass < TINY:
+            raise ArgumentError(
+                f"Mass {self.name!r}: mass is {self.mass!r}, expected a positive number of at least {TINY:g}. What is "
+                "massless has no motion of its own: join what it connects by one Spring (two in series have the "
+                "stiffness k1 k2/(k1 + k2)), or give it a small mass; a ratio of 1e-12 does no harm except to "
+                "method='central_difference'"
+            )
         self.stiffness = number(f"Mass {self.name!r}: stiffness", stiffness, minimum=0)
         self.damping = number(f"Mass {self.name!r}: damping", damping, minimum=0)
 

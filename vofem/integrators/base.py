@@ -15,7 +15,7 @@ An integrator is a function ``run(system, start, t_end, ...) -> Solution``:
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,43 @@ class Samples:
     q: Array
     v: Array
     a: Array
+
+    def along(self, rows: Any, kind: str) -> Array:
+        """Return ``rows @ q`` (kind "q", or v, a) for rows (k, n)."""
+        return np.asarray(rows @ getattr(self, kind))
+
+    def take(self, dofs: NDArray[np.int64]) -> Samples:
+        """Return the samples of some degrees of freedom."""
+        return Samples(self.q[dofs], self.v[dofs], self.a[dofs])
+
+    def last(self) -> tuple[Array, Array]:
+        """Return q and v at the last time, each (n,)."""
+        return self.q[:, -1], self.v[:, -1]
+
+
+class Sampled(Protocol):
+    """What a solution returns for `Samples`: these, or something that computes them when asked for."""
+
+    @property
+    def q(self) -> Array:
+        """Displacements, shape (n, n_times)."""
+
+    @property
+    def v(self) -> Array:
+        """Velocities, shape (n, n_times)."""
+
+    @property
+    def a(self) -> Array:
+        """Accelerations, shape (n, n_times)."""
+
+    def along(self, rows: Any, kind: str) -> Array:
+        """Return ``rows @ q`` (kind "q", or v, a) for rows (k, n)."""
+
+    def take(self, dofs: NDArray[np.int64]) -> Sampled:
+        """Return the samples of some degrees of freedom."""
+
+    def last(self) -> tuple[Array, Array]:
+        """Return q and v at the last time, each (n,)."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +117,7 @@ class Solution(Protocol):
     def events(self) -> Events:
         """Contact events in order of time."""
 
-    def sample(self, times: Array) -> Samples:
+    def sample(self, times: Array) -> Sampled:
         """Return the motion at any times in [0, t_end]."""
 
     def contacts(self, times: Array) -> ContactSamples:
@@ -138,6 +175,7 @@ __all__ = [
     "PINNED",
     "ContactSamples",
     "Energies",
+    "Sampled",
     "Samples",
     "Solution",
     "initial_status",

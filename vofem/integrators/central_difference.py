@@ -45,6 +45,9 @@ IntArray = NDArray[np.int64]
 #: Default step as a fraction of the critical one.
 _DEFAULT_FRACTION = 0.5
 
+#: Steps beyond which a run whose step was not given is refused; it would take minutes or hours.
+_MOST_STEPS = 1e9
+
 #: Growth of the energy balance over the energies at work that counts as a blow-up.
 _BLOW_UP = 1e3
 
@@ -112,6 +115,14 @@ def run(
         )
     if dt is None:
         dt = min(_DEFAULT_FRACTION * limit, t_end / 1000.0)
+        if t_end / dt > _MOST_STEPS:
+            mass = system.mass.diagonal() / system.scale**2
+            raise StepSizeError(
+                f"central differences would take {t_end / dt:.2g} steps: the critical step is {limit:.4g} s for masses "
+                f"of {mass.min():.3g} to {mass.max():.3g} kg at their degrees of freedom and all contacts closed. Give "
+                "light or massless parts more mass, or choose method='event_driven', which has no step, or "
+                "method='energy_conserving', which is stable at any"
+            )
         notes.append(f"step: dt = {dt:.6g} s was chosen; the critical step is {limit:.6g} s")
     elif not dt < limit:
         raise StepSizeError(

@@ -10,6 +10,9 @@ Array = NDArray[np.float64]
 #: Entries below this fraction of the terms they are sums of are rounding.
 _ROUNDING = 1e-12
 
+#: So many rows are first reduced to a triangle, as a foundation may have one for every element.
+_MANY_ROWS = 256
+
 
 def null_space(matrix: Array, magnitude: Array) -> Array:
     """Return an orthonormal basis of the null space, shape (columns, r).
@@ -32,6 +35,8 @@ def null_space(matrix: Array, magnitude: Array) -> Array:
     rows = rows[np.any(rows != 0.0, axis=1)]
     if not rows.shape[0]:
         return np.eye(columns)
+    if rows.shape[0] > _MANY_ROWS:
+        rows = np.asarray(np.linalg.qr(rows, mode="r"))
     _, values, right = np.linalg.svd(rows, full_matrices=True)
     null = right[int(np.sum(values > 1e-10 * values[0])) :].T.copy()
     null[np.abs(null) < 1e-13] = 0.0

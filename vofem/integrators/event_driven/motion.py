@@ -136,17 +136,18 @@ def start_motion(spectrum: Spectrum, displacement: Array, velocity: Array, forci
     poly_z, poly_v = _polynomial(spectrum, forcing, slow, special)
     z = z - poly_z[:, 0] - steady_z.real.sum(axis=1)
     v = v - poly_v[:, 0] - steady_v.real.sum(axis=1)
-    columns = list(zip(*special, strict=True)) if special else [(), (), (), (), ()]
-    return Motion(
-        spectrum, z, v, forcing.omega, steady_z, steady_v, poly_z, poly_v,
-        Special(
-            np.array(columns[0], dtype=np.int64),
-            np.array(columns[1], dtype=complex),
-            np.array(columns[2], dtype=complex),
-            np.array(columns[3], dtype=complex),
-            np.array(columns[4], dtype=bool),
-        ),
-    )  # fmt: skip
+    late = _special(special) if special else _NOTHING
+    return Motion(spectrum, z, v, forcing.omega, steady_z, steady_v, poly_z, poly_v, late)
+
+
+def _special(entries: list[tuple[int, complex, complex, complex, bool]]) -> Special:
+    block, exponent, g1, g2, ramp = zip(*entries, strict=True) if entries else ((), (), (), (), ())
+    first, second, third = (np.array(part, dtype=complex) for part in (exponent, g1, g2))
+    return Special(np.array(block, dtype=np.int64), first, second, third, np.array(ramp, dtype=bool))
+
+
+#: No responses from rest: the usual case, so one for all.
+_NOTHING = _special([])
 
 
 def _polynomial(

@@ -12,16 +12,31 @@ from numpy.typing import NDArray
 
 from vofem._validate import number
 from vofem.errors import ArgumentError, EventStormError, MethodError
+from vofem.integrators.event_driven.lifted import TruncatedSolution
 from vofem.integrators.event_driven.modal_space import modal_space
 from vofem.integrators.event_driven.pinned import PIN_FRACTION
+from vofem.integrators.event_driven.reduction import loss_in_all_modes
 from vofem.integrators.event_driven.search import next_event
 from vofem.integrators.event_driven.solution import EventSolution
+from vofem.integrators.event_driven.truncated import (
+    FULL_UNKNOWNS,
+    TOLERANCE,
+    run_truncated,
+    too_many_inputs,
+)
 from vofem.system import Counters, State, System
 
 Array = NDArray[np.float64]
 
 #: Above this many degrees of freedom the dense eigensystems would need gigabytes.
 MOST_UNKNOWNS = 6000
+
+#: Up to this many a run whose Ritz vectors miss the tolerance that was not asked for keeps all modes after all.
+FULL_AFTER_ALL = 3000
+
+#: Above this many degrees of freedom the loss to rounding in all modes is looked at, and told where it exceeds a size.
+_LOSSY = 300
+_WORTH_TELLING = 1e-10
 
 MOST_EVENTS = 1_000_000
 
@@ -46,12 +61,18 @@ def refusal(system: System) -> str | None:
             f"Contact {system.contacts.names[k]!r} has a resolved switch, whose force is not piecewise linear; "
             "event_driven needs switch='ideal'. Choose method='central_difference'"
         )
-    if system.size > MOST_UNKNOWNS:
-        return (
-            f"the system has {system.size} degrees of freedom, event_driven takes at most {MOST_UNKNOWNS} with "
-            "all modes. Use fewer elements, or choose method='central_difference'"
-        )
+    if system.size > MOST_UNKNOWNS and too_many_inputs(system) is not None:
+        return _too_large(system)
     return None
+
+
+def _too_large(system: System) -> str:
+    why = too_many_inputs(system)
+    more, cure = ("", "leave truncation= out") if why is None else (f", and its {why}", "use fewer contacts")
+    return (
+        f"the system has {system.size} degrees of freedom, event_driven takes at most {MOST_UNKNOWNS} with all modes"
+        f"{more}. Use fewer elements, {cure}, or choose method='energy_conserving'"
+    )
 
 
 def run(
@@ -61,7 +82,8 @@ def run(
     times: Array,
     max_events: int = MOST_EVENTS,
     pin_fraction: float = PIN_FRACTION,
-) -> EventSolution:
+    truncation: float | None = None,
+) -> EventSolution | TruncatedSolution:
     """Simulate from the start state at t = 0 to t_end.
 
     Parameters
@@ -77,6 +99,10 @@ def run(
     pin_fraction : float
         Fraction of the gap below which the chatter of a contact that acts on
         the displacement counts as rest at the gap; see `pinned`.
+    truncation : float, optional
+        Relative error of displacements for which Ritz vectors may stand for
+        the system, see `truncated`; 0 keeps all modes. Without it `TOLERANCE`
+        above `FULL_UNKNOWNS` degrees of freedom, else 0.
 
     Raises
     ------
@@ -88,9 +114,41 @@ def run(
     if isinstance(max_events, bool) or not isinstance(max_events, (int, np.integer)) or max_events < 1:
         raise ArgumentError(f"simulate: max_events is {max_events!r}, expected a positive whole number")
     pin_fraction = number("simulate: pin_fraction", pin_fraction, positive=True)
+    if truncation is not None:
+        truncation = number("simulate: truncation", truncation, minimum=0)
     reason = refusal(system)
     if reason is not None:
         raise MethodError(reason)
+    asked = truncation is not None
+    if truncation is None:
+        truncation = TOLERANCE if system.size > FULL_UNKNOWNS and too_many_inputs(system) is None else 0.0
+    if truncation > 0.0:
+
+        def follow(reduced: System, begin: State) -> EventSolution:
+            return _follow(reduced, begin, t_end, times, max_events, pin_fraction)
+
+        truncated = run_truncated(system, start, t_end, times, truncation, follow)
+        good = truncated is not None and truncated.truncation.error <= truncation
+        if truncated is not None and (good or asked or system.size > FULL_AFTER_ALL):
+            return truncated
+    if system.size > MOST_UNKNOWNS:
+        raise MethodError(_too_large(system))
+    solution = _follow(system, start, t_end, times, max_events, pin_fraction)
+    if system.size > _LOSSY:
+        loss = loss_in_all_modes(system, solution.space.stiffness, solution.space.shapes)
+        if loss is not None and loss > _WORTH_TELLING:
+            solution.notes.insert(
+                0,
+                f"rounding: in all {system.size} modes static responses are off by {loss:.1e}, and motion against "
+                "stiff contacts by more; truncation=1e-8, say, loses less",
+            )
+    return solution
+
+
+def _follow(
+    system: System, start: State, t_end: float, times: Array, max_events: int, pin_fraction: float
+) -> EventSolution:
+    """Follow all modes of a system from event to event."""
     counters = Counters()
     space = modal_space(system, counters)
     momentum = system.mass @ np.stack([start.q, start.v], axis=1)

@@ -24,14 +24,18 @@ from vofem.integrators.event_driven.pinned import Reactions, may_pin, reactions,
 from vofem.integrators.event_driven.search import EventFunctions
 from vofem.integrators.event_driven.segment import Segment, Segments
 from vofem.integrators.event_driven.sensitivity import Perturbation, Sensitivity
-from vofem.integrators.event_driven.spectrum import Spectra
-from vofem.system import CLOSED, OPEN, PINNED, Counters, Events, State, System
+from vofem.integrators.event_driven.spectrum import Spectra, Spectrum
+from vofem.system import CLOSED, OPEN, PINNED, ContactLaws, Counters, Events, State, System
 
 Array = NDArray[np.float64]
 Status = NDArray[np.int64]
 
 #: With fewer events growth is not looked at unasked: it would cost more than it tells.
 _MANY_EVENTS = 30
+
+
+#: Statuses whose event functions are kept.
+_MOST_PLAIN = 8
 
 
 class EventSolution:
@@ -49,6 +53,7 @@ class EventSolution:
         self._states: list[tuple[Status, Array, Array]] = []
         self._event_log: list[tuple[float, int, int]] = []
         self._initial = np.empty(0, dtype=np.int64)
+        self._plain: dict[tuple[bytes, int], tuple[EventFunctions, NDArray[np.int64], Status]] = {}
         # Counters tell of the run; what sampling costs later is not counted.
         self._last: tuple[int, Motion] | None = None
         # Statuses in the order of the run, each with its first segment, whose eigensystems are still to be computed.
@@ -119,19 +124,16 @@ class EventSolution:
         laws, status = self.system.contacts, self._states[-1][0]
         assert laws is not None
         spectrum, count = motion.spectrum, motion.omega.size
-        plain = np.flatnonzero(status != PINNED)
-        sign = np.where(status[plain] == CLOSED, -1.0, 1.0)
-        rows = sign[:, None] * self.space.contacts[plain]
-        level = sign * laws.gap[plain]
-        if spectrum.real.shift is not None:
-            level = level - rows @ spectrum.real.shift
-        w, u = spectrum.rows(rows)
-        none = np.zeros(plain.size)
-        functions = EventFunctions(w, u, level, none, np.zeros((plain.size, count), dtype=complex))
-        leads = np.where(status[plain] == CLOSED, OPEN, CLOSED)
+        key = (status.tobytes(), count)
+        if key not in self._plain:
+            if len(self._plain) >= _MOST_PLAIN:
+                self._plain.clear()
+            self._plain[key] = self._plain_functions(laws, status, spectrum, count)
+        functions, plain, leads = self._plain[key]
         held = np.flatnonzero(status == PINNED)
         if not held.size:
             return functions, plain, leads
+        w, u, level, none = functions.w, functions.u, functions.constant, functions.slope
         force = self._reactions(len(self._starts) - 1)
         w_r, u_r = spectrum.functions(force.displacement, force.velocity)
         width = max(u.shape[1], u_r.shape[1])
@@ -146,6 +148,20 @@ class EventSolution:
         )
         leads = np.concatenate([leads, np.full(held.size, OPEN), np.full(held.size, CLOSED)])
         return functions, np.concatenate([plain, held, held]), leads
+
+    def _plain_functions(
+        self, laws: ContactLaws, status: Status, spectrum: Spectrum, count: int
+    ) -> tuple[EventFunctions, NDArray[np.int64], Status]:
+        """Return what `event_functions` does for contacts that are not pinned, the same whenever a status returns."""
+        plain = np.flatnonzero(status != PINNED)
+        sign = np.where(status[plain] == CLOSED, -1.0, 1.0)
+        rows = sign[:, None] * self.space.contacts[plain]
+        level = sign * laws.gap[plain]
+        if spectrum.real.shift is not None:
+            level = level - rows @ spectrum.real.shift
+        w, u = spectrum.rows(rows)
+        functions = EventFunctions(w, u, level, np.zeros(plain.size), np.zeros((plain.size, count), dtype=complex))
+        return functions, plain, np.where(status[plain] == CLOSED, OPEN, CLOSED)
 
     def enter(
         self, t: float, status: Status, entered: dict[int, int], displacement: Array, velocity: Array, fraction: float

@@ -1,0 +1,371 @@
+"""Large systems in few Ritz vectors: solutions free of the rounding in K, truncation errors that are told honestly."""
+
+from __future__ import annotations
+
+import tracemalloc
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scenes import paper_beam
+from scipy.sparse import csr_matrix
+
+import vofem as vf
+from vofem.errors import MethodError, SingularSystemError
+from vofem.integrators.event_driven.truncated import FULL_UNKNOWNS, MOST_VECTORS
+from vofem.linalg.orthogonal import OrthogonalFactor, elimination_orders
+from vofem.linalg.ritz import RitzBasis
+
+TIMES = np.linspace(0.0, 20.0, 401)
+
+
+def factors(system):
+    return [OrthogonalFactor(system.strain, order) for order in elimination_orders(system.strain, system.scale)]
+
+
+def system_of(beam, *effects):
+    return vf.Scene([beam], effects).model.system
+
+
+def distance(a, b):
+    return float(np.abs(a - b).max() / np.abs(b).max())
+
+
+# -- the orthogonal factor ------------------------------------------------------------------------
+
+STATIC = [
+    ({"left": "clamped"}, 1.0, 1.0 / 3.0, 1.875104068711961),
+    ({"right": "clamped"}, 0.0, 1.0 / 3.0, 1.875104068711961),
+    ({"left": "pinned", "right": "pinned"}, 0.5, 1.0 / 48.0, np.pi),
+    ({"left": "clamped", "right": "clamped"}, 0.5, 1.0 / 192.0, 4.730040744862704),
+    ({"left": "guided", "right": "pinned"}, 0.0, 1.0 / 3.0, 0.5 * np.pi),
+]
+
+
+@pytest.mark.parametrize(("supports", "x", "compliance", "root"), STATIC)
+def test_static_response_and_first_mode_of_ten_thousand_elements(supports, x, compliance, root):
+    beam = vf.Beam(1.0, 1.0, 1.0, 10_000, supports)
+    system = system_of(beam, vf.PointLoad(beam.at(x), 1.0))
+    load = system.loads[0].vector
+    for factor in factors(system):
+        assert load @ factor.solve(load) == pytest.approx(compliance, rel=1e-12)
+        assert np.sum(factor.root_solve(load) ** 2) == pytest.approx(compliance, rel=1e-12)
+    basis = RitzBasis(system.mass, factors(system)[0].solve, system.rigid, [load], [])
+    vectors = basis.grow(12)
+    omega = np.linalg.svd(np.asarray(system.strain @ vectors), compute_uv=False)[-1]
+    assert omega == pytest.approx(root**2, rel=1e-12)
+
+
+@pytest.mark.parametrize("ratio", [1e2, 1e6, 1e10])
+@pytest.mark.parametrize("fine_at_support", [True, False])
+def test_static_response_of_a_graded_mesh(ratio, fine_at_support):
+    """Nodal matrices lose everything at element sizes of 1 : 1e6."""
+    lengths = np.geomspace(1.0, ratio, 50)[:: 1 if fine_at_support else -1]
+    nodes = np.concatenate([[0.0], np.cumsum(lengths)])
+    beam = vf.Beam(1.0, 1.0, 1.0, nodes / nodes[-1], {"left": "clamped"})
+    system = system_of(beam, vf.PointLoad(beam.at(1.0), 1.0))
+    load = system.loads[0].vector
+    assert load @ factors(system)[0].solve(load) == pytest.approx(1.0 / 3.0, rel=1e-13)
+
+
+@pytest.mark.parametrize("stiffness", [1e-9, 1.0, 1e6])
+def test_static_response_on_springs_of_any_stiffness(stiffness):
+    beam = vf.Beam(1.0, 1.0, 1.0, 10_000, {})
+    springs = [vf.Spring(beam.at(x), stiffness=stiffness) for x in (0.0, 1.0)]
+    system = system_of(beam, *springs, vf.PointLoad(beam.at(0.5), 1.0))
+    load = system.loads[0].vector
+    for factor in factors(system):
+        assert load @ factor.solve(load) == pytest.approx(0.5 / stiffness + 1.0 / 48.0, rel=1e-12)
+
+
+def test_static_response_on_a_foundation_and_under_tension():
+    beam = vf.Beam(1.0, 1.0, 1.0, 10_000, {})
+    system = system_of(beam, vf.Foundation(beam, stiffness=500.0), vf.PointLoad(beam.at(0.5), 1.0))
+    load = system.loads[0].vector
+    root = (500.0 / 4.0) ** 0.25
+    # Hetenyi, Beams on Elastic Foundation, 1946: a free beam of length 1 loaded in the middle.
+    exact = root / 1000.0 * (2.0 + np.cosh(root) + np.cos(root)) / (np.sinh(root) + np.sin(root))
+    assert load @ factors(system)[0].solve(load) == pytest.approx(exact, rel=1e-11)
+    string = vf.Beam(1.0, 1.0, 1.0, 10_000, {"left": "pinned", "right": "pinned"}, tension=100.0)
+    system = system_of(string, vf.PointLoad(string.at(0.5), 1.0))
+    load = system.loads[0].vector
+    exact = (0.25 - np.tanh(5.0) / 20.0) / 100.0
+    assert load @ factors(system)[0].solve(load) == pytest.approx(exact, rel=1e-11)
+
+
+def test_two_beams_joined_by_a_spring():
+    left = vf.Beam(1.0, 1.0, 1.0, 3000, {"left": "clamped"})
+    right = vf.Beam(1.0, 1.0, 1.0, 2000, {"right": "clamped"})
+    join = vf.Spring(left.at(1.0), right.at(0.0), stiffness=7.0)
+    system = vf.Scene([left, right], [join, vf.PointLoad(left.at(1.0), 1.0)]).model.system
+    load = system.loads[0].vector
+    exact = np.linalg.inv([[10.0, -7.0], [-7.0, 10.0]])[0, 0]
+    for factor in factors(system):
+        assert load @ factor.solve(load) == pytest.approx(exact, rel=1e-12)
+
+
+def test_a_matrix_of_any_pattern():
+    rng = np.random.default_rng(3)
+    full = rng.standard_normal((40, 25)) * (rng.random((40, 25)) < 0.2)
+    full[:25] += 3.0 * np.eye(25)
+    load = rng.standard_normal(25)
+    expected = np.linalg.solve(full.T @ full, load)
+    for order in elimination_orders(csr_matrix(full), np.ones(25)):
+        assert OrthogonalFactor(csr_matrix(full), order).solve(load) == pytest.approx(expected, rel=1e-10)
+
+
+def test_a_loose_motion_and_a_band_too_wide_are_named():
+    with pytest.raises(SingularSystemError, match="without stiffness"):
+        OrthogonalFactor(csr_matrix([[1.0, -1.0]]), np.arange(2))
+    n = 40_000
+    wide = csr_matrix((np.ones(2), ([0, 0], [0, n - 1])), shape=(1, n))
+    with pytest.raises(SingularSystemError, match="half-bandwidth"):
+        OrthogonalFactor(wide, np.arange(n))
+
+
+@pytest.mark.parametrize("elements", [1000, 10_000, 100_000])
+def test_equilibrium_of_fine_meshes(elements):
+    """Half of the answer would be lost with K at 10 000 elements."""
+    beam = vf.Beam(1.0, 1.0, 1.0, elements, {"left": "clamped"})
+    load = vf.PointLoad(beam.at(1.0), -1.0)
+    free = vf.equilibrium(vf.Scene([beam], [load]))
+    assert free.displacement(beam.at(1.0)) == pytest.approx(-1.0 / 3.0, rel=1e-11)
+    stop = vf.Contact(beam.at(1.0), gap=0.1, stiffness=9.0, side="below", acts_on="penetration", name="stop")
+    held = vf.equilibrium(vf.Scene([beam], [load, stop]))
+    assert held.contacts["stop"].force == pytest.approx(9.0 * (1.0 + 0.9) / 12.0 - 0.9, rel=1e-10)
+    loose = vf.Beam(1.0, 1.0, 1.0, elements, {})
+    stops = [vf.Contact(loose.at(x), gap=0.0, stiffness=1e3, side="below", acts_on="penetration") for x in (0.0, 1.0)]
+    rest = vf.equilibrium(vf.Scene([loose], [*stops, vf.PointLoad(loose.at(0.5), -1.0)]))
+    assert rest.displacement(loose.at(0.5)) == pytest.approx(-0.5e-3 - 1.0 / 48.0, rel=1e-10)
+
+
+# -- Ritz vectors ---------------------------------------------------------------------------------
+
+
+def test_ritz_vectors_are_orthonormal_and_hold_rigid_motions_and_static_responses():
+    beam = vf.Beam(1.0, 1.0, lambda x: 1.0 + x, 2000, {})
+    spring = vf.RotationalSpring(beam.at(0.0), stiffness=3.0)
+    system = system_of(beam, spring, vf.PointLoad(beam.at(0.3), 1.0))
+    load = system.loads[0].vector
+    assert system.rigid.shape[1] == 1
+    result = vf.simulate(vf.Scene([beam], [spring, vf.PointLoad(beam.at(0.3), 1.0)]), 1.0)
+    vectors = result.solution.vectors
+    gram = vectors.T @ (system.mass @ vectors)
+    assert np.abs(gram - np.eye(gram.shape[0])).max() < 1e-13
+    assert np.abs(system.strain @ vectors[:, 0]).max() < 1e-12 * np.abs(system.strain @ vectors[:, 1]).max()
+    # What the load does beyond accelerating the rigid motion is resisted by strains alone.
+    balanced = load - system.mass @ (vectors[:, 0] * (vectors[:, 0] @ load))
+    space = result.solution.reduced.space
+    elastic = space.stiffness > 0
+    inner = vectors.T @ balanced
+    static = vectors @ (space.shapes[:, elastic] @ ((space.shapes.T @ inner)[elastic] / space.stiffness[elastic]))
+    residual = system.stiffness @ static - balanced
+    # K itself holds no more digits than that on this mesh.
+    assert np.abs(residual).max() < 1e-15 * float(abs(system.stiffness).max()) * np.abs(static).max() * 10.0
+
+
+def test_dependent_loads_make_no_further_vectors():
+    mass = csr_matrix(np.eye(3))
+    basis = RitzBasis(mass, lambda f: f / np.array([1.0, 2.0, 3.0]), np.zeros((3, 0)), [np.ones(3)] * 2, [np.ones(3)])
+    assert basis.grow(10).shape == (3, 3)
+
+
+# -- runs -----------------------------------------------------------------------------------------
+
+
+def test_ten_thousand_elements_follow_the_converged_beam():
+    """A mesh of 10 000 differs from one of 100 by the error of the latter, h^4, and by the truncation."""
+    runs = {}
+    for elements in (50, 100, 10_000):
+        beam, scene = paper_beam("penetration", elements=elements)
+        runs[elements] = vf.simulate(scene, 20.0, times=TIMES), beam.at(1.0)
+    fine, _ = runs[10_000]
+    tips = {n: run.displacement(point) for n, (run, point) in runs.items()}
+    assert fine.truncation is not None
+    assert fine.truncation.error < 1e-6
+    assert fine.truncation.rounding < 1e-11
+    # Impacts excite all modes, so the mesh error falls at a lower rate than h^4.
+    coarse, medium = distance(tips[50], tips[10_000]), distance(tips[100], tips[10_000])
+    assert medium < 2e-6
+    assert medium < coarse / 4.0
+    closings = fine.contacts["stop"].closings
+    assert closings == pytest.approx(runs[100][0].contacts["stop"].closings, abs=1e-6)
+    assert fine.energy.balance_error < 1e-12
+    assert any(note.startswith("truncation: 32 Ritz vectors") for note in fine.notes)
+    assert any(note.startswith("rounding: ") for note in fine.notes)
+    # Deflection, gap and reaction agree with the point, without all degrees of freedom at all times.
+    assert fine.deflection([1.0])[0] == pytest.approx(tips[10_000], rel=1e-12)
+    assert fine.contacts["stop"].gap_function == pytest.approx(-tips[10_000] - 0.03, rel=1e-9)
+    moment, coarser = fine.reaction(fine.scene.bodies[0], "left").moment, runs[100][0]
+    assert distance(moment, coarser.reaction(coarser.scene.bodies[0], "left").moment) < 1e-3
+
+
+CASES = [("displacement", 1.0), ("penetration", 1.0), ("penetration", 100.0), ("penetration", 1000.0)]
+
+
+@pytest.mark.parametrize(("acts_on", "stiffness"), CASES)
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-6])
+def test_truncation_error_is_told_honestly(acts_on, stiffness, tolerance):
+    """Against all modes of 100 elements, which rounding leaves eight digits."""
+    beam, scene = paper_beam(acts_on, elements=100, stiffness=stiffness)
+    full = vf.simulate(scene, 20.0, times=TIMES).displacement(beam.at(1.0))
+    run = vf.simulate(scene, 20.0, times=TIMES, truncation=tolerance)
+    error = distance(run.displacement(beam.at(1.0)), full)
+    assert run.truncation.vectors < 200
+    assert 0.1 * error < run.truncation.error < 100.0 * error
+    assert run.truncation.error <= tolerance
+    assert error <= tolerance
+    assert run.truncation.until == 20.0
+
+
+def test_more_vectors_come_with_a_smaller_tolerance():
+    beam, scene = paper_beam("displacement", elements=200)
+    full = vf.simulate(scene, 20.0, times=TIMES).displacement(beam.at(1.0))
+    counts, errors = [], []
+    for tolerance in (1e-4, 1e-6, 1e-8):
+        run = vf.simulate(scene, 20.0, times=TIMES, truncation=tolerance)
+        counts.append(run.truncation.vectors)
+        errors.append(distance(run.displacement(beam.at(1.0)), full))
+    assert counts == sorted(set(counts))
+    assert errors[0] > errors[1] > errors[2]
+    assert errors[2] < 1e-8
+
+
+def free_beam(elements):
+    beam = vf.Beam(1.0, 1.0, 1.0, elements, {})
+    stops = [
+        vf.Contact(beam.at(x), gap=gap, stiffness=10.0, side="below", acts_on="penetration")
+        for x, gap in ((0.0, 0.01), (1.0, 0.02))
+    ]
+    return vf.Scene([beam], [*stops, vf.Gravity(0.3)]), beam.at(1.0)
+
+
+def thrown_beam(elements):
+    beam = vf.Beam(1.0, 1.0, 1.0, elements, {"left": "clamped"})
+    stop = vf.Contact(beam.at(1.0), gap=0.01, stiffness=100.0, side="below", acts_on="penetration")
+    start = {beam: (lambda x: 0.02 * x**2, lambda x: -0.1 * x**2)}
+    return vf.Scene([beam], [stop, vf.RayleighDamping(0.1, 1e-4)], initial=start), beam.at(1.0)
+
+
+def beam_and_mass(elements):
+    beam, mass = vf.Beam(1.0, 1.0, 1.0, elements, {"left": "pinned", "right": "pinned"}), vf.Mass(0.5, stiffness=3.0)
+    effects = [
+        vf.Contact(beam.at(0.5), mass, gap=0.0, stiffness=50.0, damping=0.3, acts_on="penetration"),
+        vf.Dashpot(beam.at(0.25), damping=0.5),
+        vf.Spring(beam.at(0.75), stiffness=4.0),
+        vf.PointLoad(beam.at(0.5), vf.Sine(1.0, 7.0)),
+    ]
+    return vf.Scene([beam, mass], effects), beam.at(0.5)
+
+
+def string_on_stop(elements):
+    beam = vf.Beam(1.0, 1.0, 1.0, elements, {"left": "pinned", "right": "pinned"}, tension=10.0)
+    stop = vf.Contact(beam.at(0.3), gap=0.01, stiffness=100.0, side="below", acts_on="penetration")
+    return vf.Scene([beam], [stop, vf.PointLoad(beam.at(0.5), vf.Sine(1.0, 3.0)), vf.ModalDamping(0.02)]), beam.at(0.5)
+
+
+def joined_beams(elements):
+    left = vf.Beam(1.0, 1.0, 1.0, elements, {"left": "clamped"})
+    right = vf.Beam(1.0, 2.0, 1.0, elements, {"right": "clamped"})
+    effects = [
+        vf.Spring(left.at(0.5), right.at(0.5), stiffness=20.0),
+        vf.Contact(left.at(1.0), right.at(0.0), gap=0.01, stiffness=30.0, acts_on="penetration"),
+        vf.PointLoad(left.at(1.0), vf.Sine(1.0, 3.0)),
+    ]
+    return vf.Scene([left, right], effects), left.at(1.0)
+
+
+@pytest.mark.parametrize("build", [free_beam, thrown_beam, beam_and_mass, string_on_stop, joined_beams])
+def test_large_scenes_of_all_kinds(build):
+    times = np.linspace(0.0, 5.0, 201)
+    scene, point = build(60)
+    expected = vf.simulate(scene, 5.0, times=times)
+    scene, fine_point = build(3000)
+    run = vf.simulate(scene, 5.0, times=times)
+    assert run.truncation.error < 1e-6
+    assert run.truncation.rounding < 1e-11
+    assert run.counters.events == expected.counters.events
+    assert distance(run.displacement(fine_point), expected.displacement(point)) < 1e-5
+    beam, coarse = run.scene.bodies[0], expected.scene.bodies[0]
+    for place in beam.supports:
+        here = "left" if place == 0 else "right"
+        force = expected.reaction(coarse, here).force
+        assert distance(run.reaction(beam, here).force, force) < 2e-2
+    # Damping is integrated mode by mode along the run.
+    assert run.energy.balance_error < 1e-7
+
+
+def test_chain_of_masses():
+    """A free chain that is thrown at a stop: waves need many vectors, and get them."""
+    count = 600
+    masses = [vf.Mass(1.0 / count) for _ in range(count)]
+    springs = [vf.Spring(a, b, stiffness=float(count)) for a, b in pairwise(masses)]
+    stop = vf.Contact(masses[0], gap=0.0, stiffness=1.0, side="below", acts_on="penetration")
+    scene = vf.Scene(masses, [stop, *springs], initial={mass: (0.0, -1.0) for mass in masses})
+    times = np.linspace(0.0, 3.0, 301)
+    full = vf.simulate(scene, 3.0, times=times)
+    run = vf.simulate(scene, 3.0, times=times, truncation=1e-4)
+    error = distance(run.displacement(masses[0]), full.displacement(masses[0]))
+    assert 0.1 * error < run.truncation.error <= 1e-4
+    assert error < 1e-4
+
+
+def test_chaos_is_told_with_the_time_until_which_values_hold():
+    _, scene = paper_beam("penetration", elements=200, stiffness=1e6)
+    run = vf.simulate(scene, 6.0, truncation=1e-6)
+    assert run.truncation.error > 1e-6
+    assert 3.7 < run.truncation.until < 6.0
+    assert any("it stays within 1e-06 until t = " in note for note in run.notes)
+
+
+def test_small_systems_keep_all_modes():
+    _, scene = paper_beam("displacement")
+    run = vf.simulate(scene, 20.0)
+    assert run.truncation is None
+    assert not run.notes
+    tight = vf.simulate(scene, 20.0, truncation=0.0)
+    assert np.array_equal(run.samples.q, tight.samples.q)
+    assert FULL_UNKNOWNS >= 2 * 400
+
+
+def test_memory_is_that_of_the_vectors():
+    """20 000 degrees of freedom at 1001 times would take 480 MB."""
+    beam, scene = paper_beam("penetration", elements=10_000)
+    run = vf.simulate(scene, 1.0)
+    tracemalloc.start()
+    assert run.displacement(beam.at(1.0)).size == 1001
+    run.reaction(beam, "left")
+    run.contacts["stop"].gap_function  # noqa: B018
+    vf.Scene([beam], initial=run).initial_state()
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 40e6
+
+
+def test_rounding_of_all_modes_is_told():
+    _, scene = paper_beam("penetration", elements=300)
+    run = vf.simulate(scene, 1.0)
+    assert run.truncation is None
+    assert any(note.startswith("rounding: in all 600 modes static responses are off by") for note in run.notes)
+
+
+def test_too_many_contacts_and_too_many_modes_are_refused_by_name():
+    beam = vf.Beam(1.0, 1.0, 1.0, 4000, {"left": "clamped"})
+    load = vf.PointLoad(beam.at(1.0), 1.0)
+    bed = vf.Scene([beam], [vf.Foundation(beam, stiffness=1.0, one_sided=True), load])
+    with pytest.raises(MethodError, match=rf"8000 .* 4001 contacts.* need more than {MOST_VECTORS} Ritz vectors"):
+        vf.simulate(bed, 1.0, method="event_driven")
+    assert vf.explain(bed).method != "event_driven"
+    with pytest.raises(MethodError, match=r"at most 6000 with all modes.* leave truncation= out"):
+        vf.simulate(vf.Scene([beam], [load]), 1.0, truncation=0.0)
+    assert vf.explain(vf.Scene([beam], [load])).method == "event_driven"
+
+
+def test_compression_on_a_fine_mesh_is_refused_by_name():
+    beam = vf.Beam(1.0, 1.0, 1.0, 10_000, {"left": "pinned", "right": "pinned"}, tension=-5.0)
+    with pytest.raises(MethodError, match="compressive axial force"):
+        vf.simulate(vf.Scene([beam], [vf.PointLoad(beam.at(0.5), 1.0)]), 1.0)
+    coarse = vf.Beam(1.0, 1.0, 1.0, 100, {"left": "pinned", "right": "pinned"}, tension=-5.0)
+    scene = vf.Scene([coarse], [vf.PointLoad(coarse.at(0.5), 1.0)])
+    full, run = vf.simulate(scene, 1.0), vf.simulate(scene, 1.0, truncation=1e-6)
+    assert distance(run.displacement(coarse.at(0.5)), full.displacement(coarse.at(0.5))) < 1e-6

@@ -1,0 +1,167 @@
+"""A run in Ritz vectors, seen from the degrees of freedom that they stand for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.integrators.base import ContactSamples, Energies
+from vofem.integrators.event_driven.sensitivity import Sensitivity
+from vofem.integrators.event_driven.solution import EventSolution
+from vofem.system import Counters, Events
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Truncation:
+    """What a truncated run left out.
+
+    Attributes
+    ----------
+    vectors, unknowns : int
+        Ritz vectors, and degrees of freedom that they stand for.
+    error : float
+        Estimated error of displacements at contacts and loads and, in the mean over the mass, everywhere,
+        relative to the largest value of each.
+    until : float
+        Time in s up to which it stays within the tolerance.
+    rounding : float
+        Estimated loss to rounding, relative to displacements.
+    """
+
+    vectors: int
+    unknowns: int
+    error: float
+    until: float
+    rounding: float
+
+
+class LiftedSamples:
+    """Samples in Ritz vectors; degrees of freedom are computed when asked for.
+
+    Attributes
+    ----------
+    q, v, a : ndarray, shape (n, n_times)
+    """
+
+    def __init__(self, vectors: Array, z: Array, v: Array, a: Array) -> None:
+        self._vectors = vectors
+        self._coordinates = z, v, a
+
+    @cached_property
+    def q(self) -> Array:
+        """Displacements."""
+        return self._vectors @ self._coordinates[0]
+
+    @cached_property
+    def v(self) -> Array:
+        """Velocities."""
+        return self._vectors @ self._coordinates[1]
+
+    @cached_property
+    def a(self) -> Array:
+        """Accelerations."""
+        return self._vectors @ self._coordinates[2]
+
+    def along(self, rows: Any, kind: str) -> Array:
+        """Return ``rows @ q`` (kind "q", or v, a) for rows (k, n)."""
+        return np.asarray(rows @ self._vectors) @ self._coordinates["qva".index(kind)]
+
+    def take(self, dofs: IntArray) -> LiftedSamples:
+        """Return the samples of some degrees of freedom."""
+        return LiftedSamples(self._vectors[dofs], *self._coordinates)
+
+    def last(self) -> tuple[Array, Array]:
+        """Return q and v at the last time, each (n,)."""
+        z, v, _ = self._coordinates
+        return self._vectors @ z[:, -1], self._vectors @ v[:, -1]
+
+
+class TruncatedSolution:
+    """A run in Ritz vectors, seen from the degrees of freedom.
+
+    Attributes
+    ----------
+    reduced : EventSolution
+        The run in Ritz vectors.
+    vectors : ndarray, shape (n, count)
+        M-orthonormal.
+    truncation : Truncation
+    tolerance : float
+        That was aimed at.
+    beams : bool
+        Whether there are slopes among the degrees of freedom.
+    """
+
+    def __init__(
+        self,
+        reduced: EventSolution,
+        vectors: Array,
+        times: Array,
+        truncation: Truncation,
+        tolerance: float,
+        beams: bool,
+    ) -> None:
+        self.reduced = reduced
+        self.vectors = vectors
+        self.truncation = truncation
+        self.t_end = reduced.t_end
+        self.times = times
+        self.counters: Counters = reduced.counters
+        self.notes: list[str] = [*_notes(truncation, tolerance, reduced.t_end, beams), *reduced.notes]
+
+    @property
+    def modes(self) -> tuple[Array, Array]:
+        """Squared frequencies (count,) and shapes (n, count) of the Ritz vectors without contacts."""
+        return self.reduced.space.stiffness, self.vectors @ self.reduced.space.shapes
+
+    @property
+    def events(self) -> Events:
+        """The contact events in order of time."""
+        return self.reduced.events
+
+    @property
+    def start_energy(self) -> float:
+        """Kinetic, strain and contact energy at t = 0."""
+        return self.reduced.start_energy
+
+    @property
+    def sensitivity(self) -> Sensitivity:
+        """Growth of a perturbation along the run, in closed form."""
+        return self.reduced.sensitivity
+
+    def sample(self, times: Array) -> LiftedSamples:
+        """Return the motion at any times."""
+        samples = self.reduced.sample(times)
+        return LiftedSamples(self.vectors, samples.q, samples.v, samples.a)
+
+    def contacts(self, times: Array) -> ContactSamples:
+        """Return status, K_eq and force of the contacts at any times."""
+        return self.reduced.contacts(times)
+
+    def energies(self, times: Array) -> Energies:
+        """Return energies, dissipation and work at any times, in closed form."""
+        return self.reduced.energies(times)
+
+
+def _notes(kept: Truncation, tolerance: float, t_end: float, beams: bool) -> list[str]:
+    beyond = "" if kept.until >= t_end else f"; it stays within {tolerance:g} until t = {kept.until:.4g} s"
+    fine = 4.0 * np.finfo(float).eps * kept.unknowns**2
+    differences = ""
+    if beams:
+        differences = (
+            "; bending moments and shear forces, second and third differences of them, lose up to about "
+            f"{fine:.0e} and {fine * kept.unknowns:.0e} (support reactions do not)"
+        )
+    return [
+        f"truncation: {kept.vectors} Ritz vectors, static responses to contacts and loads among them, stand for "
+        f"{kept.unknowns} degrees of freedom; by comparison with half as many, displacements at contacts and loads "
+        f"are off by about {kept.error:.1e} of their largest value{beyond}",
+        f"rounding: two orders of elimination differ by {kept.rounding:.1e} of the displacements{differences}",
+    ]

@@ -1,0 +1,133 @@
+"""Large systems: as few Ritz vectors as a tolerance allows, their number doubled until the run no longer changes.
+
+The error is estimated by running again with half of the vectors: it covers
+static and dynamic responses, impacts and the shift of all later events alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.errors import MethodError
+from vofem.integrators.event_driven.lifted import TruncatedSolution, Truncation
+from vofem.integrators.event_driven.reduction import Reduction, input_rows
+from vofem.integrators.event_driven.solution import EventSolution
+from vofem.system import State, System
+
+Array = NDArray[np.float64]
+
+#: Above this many unknowns a run is truncated to `TOLERANCE` unasked.
+FULL_UNKNOWNS = 1000
+TOLERANCE = 1e-6
+
+#: Most Ritz vectors, and most bytes that they may take.
+MOST_VECTORS = 512
+_MOST_MEMORY = 2 * 2**30
+
+#: Ritz vectors for every contact, load and rigid motion to begin with, and at least.
+_EACH, _LEAST = 4, 16
+
+#: Loss of digits beyond which a run is refused.
+_WORST_ROUNDING = 1e-3
+
+#: Times at which runs are compared.
+_SAMPLES = 401
+
+
+def too_many_inputs(system: System) -> str | None:
+    """Return why a system has too many inputs for `MOST_VECTORS`, or None."""
+    contacts = 0 if system.contacts is None else len(system.contacts)
+    inputs = contacts + len(system.loads) + system.rigid.shape[1]
+    if _EACH * inputs <= MOST_VECTORS:
+        return None
+    return f"{inputs} contacts, loads and rigid motions need more than {MOST_VECTORS} Ritz vectors"
+
+
+def run_truncated(
+    system: System,
+    start: State,
+    t_end: float,
+    times: Array,
+    tolerance: float,
+    follow: Callable[[System, State], EventSolution],
+) -> TruncatedSolution | None:
+    """Return the run with as many Ritz vectors as the tolerance asks for; None where that is no reduction.
+
+    Parameters
+    ----------
+    tolerance : float
+        Relative error of displacements that is aimed at.
+    follow : callable
+        Runs a reduced system.
+    """
+    reduction = Reduction(system, start)
+    if reduction.rounding > _WORST_ROUNDING:
+        cause = "a compressive axial force (tension < 0)" if system.strain is None else "stiffnesses that differ much"
+        raise MethodError(
+            f"rounding spoils {reduction.rounding:.1e} of the static response of {system.size} degrees of freedom: "
+            f"{cause} on a fine mesh. Use fewer elements, or choose method='energy_conserving'"
+        )
+    inputs = len(reduction.loads) + len(reduction.states)
+    count = max(_LEAST, _EACH // 2 * (inputs + reduction.basis.rigid))
+    most = min(MOST_VECTORS, _MOST_MEMORY // (8 * system.size))
+    if 2 * count >= system.size:
+        return None
+    probe = np.linspace(0.0, t_end, _SAMPLES)
+    rows = input_rows(system)
+    small, begin, vectors = reduction.to(count)
+    solution = follow(small, begin)
+    before = _watched(solution, vectors, rows, probe)
+    eigensolves = solution.counters.eigensolves
+    errors: list[float] = []
+    while True:
+        complete = vectors.shape[1] < count
+        count = min(2 * count, most)
+        small, begin, vectors = reduction.to(count)
+        solution = follow(small, begin)
+        eigensolves += solution.counters.eigensolves
+        after = _watched(solution, vectors, rows, probe)
+        history = _difference(before, after)
+        errors.append(float(history.max()))
+        error = _extrapolated(errors)
+        stalled = len(errors) > 2 and errors[-1] > 0.5 * errors[-2] > 0.25 * errors[-3]
+        if complete or error <= tolerance or 2 * count > most or stalled or 2 * count >= system.size:
+            break
+        before = after
+    beyond = np.flatnonzero(history * (error / errors[-1] if errors[-1] > 0.0 else 1.0) > tolerance)
+    until = float(probe[max(beyond[0] - 1, 0)]) if beyond.size else t_end
+    solution.counters.eigensolves = eigensolves
+    solution.counters.factorizations += 2
+    kept = Truncation(vectors.shape[1], system.size, error, until, reduction.rounding)
+    return TruncatedSolution(solution, vectors, times, kept, tolerance, bool(np.any(system.scale != 1.0)))
+
+
+def _extrapolated(errors: list[float]) -> float:
+    """Return the error of the last run: the sum of all further changes by doubling, which shrink at the last rate."""
+    rate = errors[-1] / errors[-2] if len(errors) > 1 and errors[-2] > 0.0 else 0.25
+    rate = min(max(rate, 1.0 / 16.0), 0.5)
+    return errors[-1] * rate / (1.0 - rate)
+
+
+def _watched(solution: EventSolution, vectors: Array, rows: list[Array], times: Array) -> tuple[Array, Array]:
+    """Return displacements along the rows, (k, n_times), and coordinates in the vectors, (count, n_times)."""
+    z, _ = solution.modal(times)
+    coordinates = solution.space.shapes @ z
+    along = np.stack(rows) @ vectors if rows else np.zeros((0, vectors.shape[1]))
+    return along @ coordinates, coordinates
+
+
+def _difference(before: tuple[Array, Array], after: tuple[Array, Array]) -> Array:
+    """Return the largest relative difference of two runs at every time; the first has fewer vectors."""
+    longer = np.zeros_like(after[1])
+    longer[: before[1].shape[0]] = before[1]
+    change = np.linalg.norm(after[1] - longer, axis=0)
+    size = np.linalg.norm(after[1], axis=0).max()
+    worst = change / size if size > 0.0 else change
+    for one, two in zip(*(pair[0] for pair in (before, after)), strict=True):
+        largest = np.abs(two).max()
+        if largest > 0.0:
+            worst = np.maximum(worst, np.abs(one - two) / largest)
+    return np.asarray(worst)
