@@ -31,7 +31,7 @@ from vofem.integrators.stepped import SteppedSolution, storage_times
 from vofem.integrators.stepping.callbacks import Callbacks, call
 from vofem.integrators.stepping.energies import kinetic_energy
 from vofem.integrators.stepping.laws import SMOOTH, Laws, build_laws
-from vofem.integrators.stepping.march import Banded, Progress, chunk, march, stored_energy
+from vofem.integrators.stepping.march import Banded, Progress, chunk, march, note_chatter, stored_energy
 from vofem.integrators.stepping.record import Output, Trail, leave, log_event, output, store, switched, trail
 from vofem.integrators.stepping.rows import Rows, all_rows, compressed, dot, subtract_row
 from vofem.integrators.switch import contact_stiffness
@@ -132,6 +132,7 @@ def run(
         )
     steps = max(1, int(np.ceil(t_end / dt - 1e-9)))
     stored = storage_times(times, t_end, dt, steps, system.size, notes)
+    note_chatter(system, notes)
     kernel = _CentralDifference(system, start, dt, steps, counters)
     initial, acceleration = kernel.state.status.copy(), kernel.start_acceleration
     first = stored_energy(system, start.q, start.v) - 0.125 * dt**2 * float(acceleration @ (system.mass @ acceleration))

@@ -38,7 +38,7 @@ from vofem.integrators.stepping.callbacks import Callbacks
 from vofem.integrators.stepping.contact_solve import compliance, law, solve_reactions
 from vofem.integrators.stepping.energies import kinetic_energy
 from vofem.integrators.stepping.laws import Laws, build_laws, closed_share
-from vofem.integrators.stepping.march import Banded, Progress, chunk, march, stored_energy
+from vofem.integrators.stepping.march import Banded, Progress, chunk, march, note_chatter, stored_energy
 from vofem.integrators.stepping.record import Output, Trail, leave, log_event, output, store, switched, trail
 from vofem.integrators.stepping.rows import Rows, all_rows, compressed, dot, subtract_row
 from vofem.linalg.banded import factor, solve, subtract_product, to_band, widen
@@ -159,6 +159,7 @@ def run(
         notes.append(f"step: dt = {dt:.6g} s was chosen, a thousandth of the run")
     steps = max(1, int(np.ceil(t_end / dt - 1e-9)))
     stored = storage_times(times, t_end, dt, steps, system.size, notes)
+    note_chatter(system, notes)
     kernel = _GeneralizedAlpha(system, start, dt, steps, chosen, counters)
     return march(
         kernel, "generalized_alpha", start, kernel.state.status.copy(), t_end, dt, output(stored, system.size), notes,

@@ -28,7 +28,7 @@ from vofem.errors import ArgumentError
 from vofem.integrators.energy_conserving.adaptive import AdaptiveSteps
 from vofem.integrators.energy_conserving.fixed import FixedSteps
 from vofem.integrators.stepped import SteppedSolution, storage_times
-from vofem.integrators.stepping.march import Progress, march, stored_energy
+from vofem.integrators.stepping.march import Progress, march, note_chatter, stored_energy
 from vofem.integrators.stepping.record import Output, output
 from vofem.system import Counters, State, System
 
@@ -95,11 +95,7 @@ def run(
         kernel = FixedSteps(system, start, counters)
         kernel.plan(step, steps)
     initial = kernel.state.status.copy()
-    if system.contacts is not None and bool(np.any(system.contacts.jump & (system.contacts.gap > 0))):
-        notes.append(
-            "chatter: under acts_on='displacement' a contact that should rest at its gap chatters with the amplitude "
-            "of a step; method='event_driven' pins it"
-        )
+    note_chatter(system, notes)
     solution = march(
         kernel, "energy_conserving", start, initial, t_end, step, output(stored, system.size), notes,
         first_energy=stored_energy(system, start.q, start.v), blow_up=_BLOW_UP, progress=progress,

@@ -139,6 +139,15 @@ def march(
     return SteppedSolution(system, t_end, out.times, samples, parts, first_energy, dt, events, counters, notes)
 
 
+def note_chatter(system: System, notes: list[str]) -> None:
+    """Tell what a step does to a contact that should rest at its gap."""
+    if system.contacts is not None and bool(np.any(system.contacts.jump & (system.contacts.gap > 0))):
+        notes.append(
+            "chatter: under acts_on='displacement' a contact that should rest at its gap chatters with the amplitude "
+            "of a step; method='event_driven' pins it"
+        )
+
+
 def stored_energy(system: System, q: Array, v: Array) -> float:
     """Return kinetic, strain and contact energy of one state, unknowns in the system's order, J."""
     column, rate = q[:, None], v[:, None]

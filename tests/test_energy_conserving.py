@@ -1,0 +1,269 @@
+"""The midpoint rule with discrete gradients: energy at any step, order, contact laws, steps by tolerance."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import LAWS, paper_beam, reference, two_masses
+
+import vofem as vf
+
+METHOD = {"method": "energy_conserving"}
+
+
+def oscillator(stiffness=1e4, velocity=1.0):
+    mass = vf.Mass(1.0, stiffness=1.0, name="mass")
+    stop = vf.Contact(mass, gap=0.3, stiffness=stiffness, side="above", acts_on="penetration", name="stop")
+    return mass, vf.Scene([mass], [stop], initial={mass: (0.0, velocity)})
+
+
+def drift(result):
+    energy = result.energy.total
+    return np.max(np.abs(energy / energy[0] - 1.0))
+
+
+@pytest.mark.parametrize("phase", [0.05, 0.2, 1.0, 5.0, 1e3])
+def test_energy_of_an_oscillator_over_a_million_steps(phase):
+    """Hard case 7: phase is omega dt of the closed contact."""
+    _, scene = oscillator()
+    steps, dt = 10**6, phase / 1e2
+    result = vf.simulate(scene, steps * dt, dt=dt, times=np.linspace(0, steps, 51) * dt, **METHOD)
+    assert result.counters.steps == steps
+    assert result.counters.events > 1000
+    assert drift(result) < 1e-11
+
+
+@pytest.mark.parametrize(("phase", "steps"), [(0.2, 10**6), (5.0, 10**5), (1e3, 10**5)])
+def test_energy_of_a_beam_on_a_stiff_stop(phase, steps):
+    """Phase is omega dt of the highest mode."""
+    beam = vf.Beam(1.0, 1.0, 1.0, 25, {"left": "clamped"})
+    stop = vf.Contact(beam.at(1.0), gap=0.03, stiffness=1e4, side="below", acts_on="penetration")
+    scene = vf.Scene([beam], [stop], initial={beam: (lambda x: -0.025 * x**2 * (3 - x), 0.0)})
+    dt = phase / 37424.0
+    result = vf.simulate(scene, steps * dt, dt=dt, times=np.linspace(0, steps, 51) * dt, **METHOD)
+    assert result.counters.events > 10
+    assert drift(result) < 1e-9
+
+
+@pytest.mark.parametrize("phase", [0.1, 1.0, 10.0, 1e3])
+def test_rebound_of_a_free_mass(phase):
+    """Hard case 6: the speed comes back from a stiff stop at any step and phase of entry."""
+    dt = phase / 1e4
+    for entry in np.linspace(0.0, 1.0, 40, endpoint=False):
+        mass = vf.Mass(1.0)
+        stop = vf.Contact(mass, gap=0.0, stiffness=1e8, side="above", acts_on="penetration", name="stop")
+        scene = vf.Scene([mass], [stop], initial={mass: (-(3.0 + entry) * dt, 1.0)})
+        steps = 10 + int(8 / phase) * 10
+        result = vf.simulate(scene, steps * dt, dt=dt, **METHOD)
+        assert result.contacts["stop"].openings.size == 1
+        assert result.velocity(mass)[-1] == pytest.approx(-1.0, abs=5e-13)
+
+
+def errors(scene, point, t_end, exact, steps, **options):
+    times = np.linspace(0.0, t_end, exact.size)
+    return [
+        np.max(np.abs(vf.simulate(scene, t_end, dt=dt, times=times, **METHOD, **options).displacement(point) - exact))
+        for dt in steps
+    ]
+
+
+def orders(values):
+    return np.log2(np.array(values[:-1]) / np.array(values[1:]))
+
+
+def test_order_two_without_and_with_a_penetration_contact():
+    mass = vf.Mass(1.0, stiffness=4.0, damping=0.3)
+    smooth = vf.Scene([mass], [vf.PointLoad(mass, vf.Sine(1.0, 1.3))], initial={mass: (0.2, -1.0)})
+    exact = vf.simulate(smooth, 10.0, times=np.linspace(0, 10, 101)).displacement(mass)
+    found = orders(errors(smooth, mass, 10.0, exact, [0.05, 0.025, 0.0125, 0.00625]))
+    assert np.all((found > 1.9) & (found < 2.1))
+    first, _, scene = two_masses("c", "penetration")
+    exact = vf.simulate(scene, 40.0, times=np.linspace(0, 40, 201)).displacement(first)
+    found = orders(errors(scene, first, 40.0, exact, [0.02, 0.01, 0.005, 0.0025]))
+    assert np.all((found > 1.7) & (found < 2.3))
+
+
+def test_honest_order_of_the_jump_law():
+    """A force that jumps inside a step costs an order."""
+    first, _, scene = two_masses("c", "displacement")
+    exact = vf.simulate(scene, 40.0, times=np.linspace(0, 40, 201)).displacement(first)
+    found = errors(scene, first, 40.0, exact, [0.02, 0.0025, 0.0025 / 8])
+    average = np.log(found[0] / found[-1]) / np.log(64.0)
+    assert 0.7 < average < 1.7
+    assert found[-1] < 1e-3 * np.max(np.abs(exact))
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_paper_beam_against_independent_history(law):
+    data = reference(f"beam_tip_{law}")
+    beam, scene = paper_beam(law)
+    result = vf.simulate(scene, 20.0, dt=5e-4, times=data["t"], **METHOD)
+    assert np.max(np.abs(result.displacement(beam.at(1.0)) - data["tip"])) < (2e-6 if law == "penetration" else 1e-4)
+    assert result.energy.balance_error < 1e-10
+
+
+def test_dampers_take_what_energy_is_missing():
+    """Hard case 3: restitution exp(-pi zeta/sqrt(1 - zeta^2)) of a Kelvin-Voigt stop, zeta = 0.1."""
+    results = []
+    for dt in (4e-3, 2e-3, 1e-3):
+        mass = vf.Mass(1.0)
+        stop = vf.Contact(mass, gap=0.05, stiffness=100.0, damping=2.0, side="above", acts_on="penetration")
+        result = vf.simulate(vf.Scene([mass], [stop], {mass: (0.0, 1.0)}), 0.6, dt=dt, **METHOD)
+        assert result.energy.balance_error < 1e-13
+        assert np.all(np.diff(result.energy.dissipated) >= 0.0)
+        results.append(abs(-result.velocity(mass)[-1] - 0.729248))
+    assert results[-1] < 1e-5
+    assert results[-1] < results[0] / 3
+
+
+def test_damped_structure_balances():
+    beam, scene = paper_beam("penetration", extra=(vf.RayleighDamping(0.2, 1e-4),))
+    spot = vf.Dashpot(beam.at(0.5), damping=0.3)
+    scene = vf.Scene([beam], [*scene.effects, spot])
+    result = vf.simulate(scene, 10.0, dt=2e-3, **METHOD)
+    exact = vf.simulate(scene, 10.0, times=result.times)
+    assert result.energy.balance_error < 1e-11
+    assert result.energy.dissipated[-1] == pytest.approx(exact.energy.dissipated[-1], rel=1e-4)
+
+
+def test_resolved_switch_tends_to_the_ideal_one_as_its_inverse_square():
+    """Two masses, case c, penetration: 8e-4, 8.5e-6, 8e-8 at s0 = 10, 100, 1000."""
+    gaps = []
+    first, _, ideal = two_masses("c", "penetration")
+    times = np.linspace(0.0, 20.0, 201)
+    base = vf.simulate(ideal, 20.0, dt=1e-3, times=times, **METHOD).displacement(first)
+    for s0 in (10.0, 100.0, 1000.0):
+        first, second, scene = two_masses("c", "penetration")
+        law = {"gap": 5.0, "stiffness": 2.0, "acts_on": "penetration", "switch": vf.Resolved(s0), "name": "contact"}
+        contact = vf.Contact(first, second, **law)
+        scene = vf.Scene([first, second], [contact, *scene.effects[1:]], initial={first: (0.0, -1.0)})
+        result = vf.simulate(scene, 20.0, dt=1e-3, times=times, **METHOD)
+        assert result.energy.balance_error < 1e-11
+        gaps.append(np.max(np.abs(result.displacement(first) - base)))
+    for found, expected in zip(gaps, (8e-4, 8.5e-6, 8e-8), strict=True):
+        assert 0.2 < found / expected < 5.0
+    assert np.all((orders(gaps) / np.log2(10) > 1.8) & (orders(gaps) / np.log2(10) < 2.2))
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_twenty_five_stops_that_close_together(law):
+    """Hard case 28: one solution per step, whatever closes; energy balances."""
+    beam = vf.Beam(1.0, 1.0, 1.0, 25, {"left": "clamped"})
+    stops = [
+        vf.Contact(beam.at(k / 25), gap=0.002, stiffness=1e5, side="below", acts_on=law, name=f"stop {k}")
+        for k in range(1, 26)
+    ]
+    scene = vf.Scene([beam], [*stops, vf.PointLoad(beam.at(1.0), vf.Sine(-1.0, 3.0))])
+    result = vf.simulate(scene, 4.0, dt=1e-3, **METHOD)
+    assert result.energy.balance_error < 1e-10
+    assert sum(result.contacts[stop.name].closings.size > 0 for stop in stops) > 10
+    assert result.counters.contact_solves <= result.counters.steps
+    assert np.max(np.abs(result.displacement(beam.at(0.2)))) < 0.05
+
+
+def test_parallel_contacts_make_one():
+    """Rows that depend on each other: two stops of K1 and K2 equal one of K1 + K2."""
+    results = []
+    for stiffnesses in ((300.0, 700.0), (1000.0,)):
+        mass = vf.Mass(1.0, stiffness=1.0)
+        stops = [
+            vf.Contact(mass, gap=0.1, stiffness=k, side="above", acts_on="penetration", name=f"K = {k}")
+            for k in stiffnesses
+        ]
+        scene = vf.Scene([mass], stops, {mass: (0.0, 1.0)})
+        results.append(vf.simulate(scene, 20.0, dt=1e-3, **METHOD).displacement(mass))
+    assert results[0] == pytest.approx(results[1], abs=1e-11)
+
+
+def test_nonlinear_springs_conserve_at_any_step():
+    mass = vf.Mass(1.0)
+    spring = vf.NonlinearSpring(mass, potential=lambda u: 0.25 * u**4 + 0.5 * u**2, force=lambda u: u**3 + u)
+    for dt in (1e-2, 0.3, 5.0):
+        scene = vf.Scene([mass], [spring], {mass: (1.0, 0.5)})
+        result = vf.simulate(scene, 2000 * dt, dt=dt, **METHOD)
+        assert drift(result) < 1e-11
+        assert result.counters.law_evaluations > 2000
+
+
+def test_a_law_that_fails_inside_compiled_code_raises_what_it_raised():
+    mass = vf.Mass(1.0)
+
+    def force(u):
+        if abs(u) > 0.5 and abs(u) < 0.9:
+            raise KeyError("a table without that row")
+        return u
+
+    spring = vf.NonlinearSpring(mass, potential=lambda u: 0.5 * u**2, force=force)
+    with pytest.raises(KeyError, match="a table"):
+        vf.simulate(vf.Scene([mass], [spring], {mass: (0.0, 1.0)}), 2.0, dt=1e-3, **METHOD)
+
+
+def test_steps_follow_a_tolerance():
+    """The error is what was asked for, within a small factor; energy stays; rejected steps leave no trace."""
+    first, _, scene = two_masses("c", "penetration")
+    times = np.linspace(0.0, 50.0, 101)
+    exact = vf.simulate(scene, 50.0, times=times).displacement(first)
+    steps = []
+    for tol in (1e-3, 1e-4, 1e-5):
+        result = vf.simulate(scene, 50.0, tol=tol, times=times, **METHOD)
+        error = np.max(np.abs(result.displacement(first) - exact)) / np.max(np.abs(exact))
+        assert 0.01 * tol < error < 3.0 * tol
+        assert result.counters.rejected > 0
+        steps.append(result.counters.steps)
+    # Second order: ten times the accuracy for some three times the steps.
+    assert 2.0 < steps[1] / steps[0] < 5.0
+    assert 2.0 < steps[2] / steps[1] < 5.0
+
+
+def test_rejected_steps_leave_no_trace():
+    """An undamped bouncing mass: energies at the ends of steps are exact whatever was rejected."""
+    mass, scene = oscillator(1e3)
+    result = vf.simulate(scene, 20.0, tol=1e-4, times=[0.0, 20.0], **METHOD)
+    assert result.counters.rejected > 10
+    assert drift(result) < 1e-12
+    assert result.solution.dt > 1e-3
+
+
+def test_tolerance_and_step_exclude_each_other():
+    _, scene = oscillator()
+    with pytest.raises(vf.ArgumentError, match="leave out dt"):
+        vf.simulate(scene, 1.0, tol=1e-3, dt=1e-3, **METHOD)
+    with pytest.raises(vf.ArgumentError, match=r"tol .* positive"):
+        vf.simulate(scene, 1.0, tol=-1e-3, **METHOD)
+    with pytest.raises(vf.ArgumentError, match="choose method='energy_conserving'"):
+        vf.simulate(scene, 1.0, tol=1e-3, method="generalized_alpha")
+
+
+def magnitudes(low, high):
+    return st.floats(np.log10(low), np.log10(high)).map(lambda x: float(10.0**x))
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.data())
+def test_energy_of_random_chains(data):
+    """Property 1: |dE| <= 1e-10 of the energies at work in 200 steps, whatever the scene."""
+    count = data.draw(st.integers(1, 4), "masses")
+    masses = [
+        vf.Mass(data.draw(magnitudes(1e-3, 1e3)), stiffness=data.draw(magnitudes(1e-3, 1e3))) for _ in range(count)
+    ]
+    contacts = []
+    for k in range(data.draw(st.integers(0, 4), "contacts")):
+        law = data.draw(st.sampled_from(LAWS))
+        gap = data.draw(st.one_of(st.just(0.0), magnitudes(1e-3, 10.0)))
+        if law == "penetration" and data.draw(st.booleans()):
+            gap = -gap
+        pair = data.draw(st.lists(st.sampled_from(masses), min_size=1, max_size=2, unique=True))
+        where = {"side": data.draw(st.sampled_from(["above", "below"]))} if len(pair) == 1 else {}
+        switch = vf.Resolved(data.draw(magnitudes(1.0, 1e5))) if data.draw(st.booleans()) else "ideal"
+        stiffness = data.draw(magnitudes(1e-3, 1e9))
+        contacts.append(
+            vf.Contact(*pair, gap=gap, stiffness=stiffness, acts_on=law, switch=switch, name=f"c{k}", **where)
+        )
+    initial = {m: (data.draw(st.floats(-2, 2)), data.draw(st.floats(-2, 2))) for m in masses}
+    dt = data.draw(magnitudes(1e-4, 1e2))
+    result = vf.simulate(vf.Scene(masses, contacts, initial), 200 * dt, dt=dt, **METHOD)
+    assert result.energy.balance_error < 1e-10
+    forces = [result.contacts[c.name].force for c in contacts]
+    assert all(np.all(force >= 0.0) for force in forces)

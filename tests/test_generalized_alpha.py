@@ -1,0 +1,103 @@
+"""The generalized-alpha method: its family, order, dissipation, contact inside the step, and where it stops."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import LAWS, paper_beam, reference, two_masses
+
+import vofem as vf
+from vofem.integrators.generalized_alpha import parameters
+
+METHOD = {"method": "generalized_alpha"}
+
+
+def test_parameters_of_chung_and_hulbert():
+    found = parameters(0.8)
+    assert found == pytest.approx((0.6 / 1.8, 0.8 / 1.8, 0.5 + 0.2 / 1.8, 0.25 * (1 + 0.2 / 1.8) ** 2))
+    assert parameters(1.0) == pytest.approx((0.5, 0.5, 0.5, 0.25))
+    # Hilber, Hughes and Taylor at alpha = -0.1, and Newmark's average acceleration.
+    assert parameters(alpha_m=0.0, alpha_f=0.1) == pytest.approx((0.0, 0.1, 0.6, 0.3025))
+    assert parameters(alpha_m=0.0, alpha_f=0.0) == pytest.approx((0.0, 0.0, 0.5, 0.25))
+
+
+def test_dissipation_grows_with_the_step_and_follows_rho():
+    """At infinite frequency a step multiplies by rho; at small steps hardly anything is lost."""
+    for rho in (0.0, 0.5, 0.8):
+        mass = vf.Mass(1.0, stiffness=1.0)
+        scene = vf.Scene([mass], initial={mass: (1.0, 0.0)})
+        fast = vf.simulate(scene, 40e6, dt=1e6, rho_infinity=rho, **METHOD)
+        # Jordan blocks at infinity: rho^n times a polynomial in n.
+        assert np.abs(fast.displacement(mass)[-1]) <= 1e4 * max(rho, 1e-3) ** 38
+        slow = vf.simulate(scene, 20.0, dt=0.02, rho_infinity=rho, **METHOD)
+        assert slow.energy.total[-1] == pytest.approx(0.5, rel=1e-3)
+    still = vf.simulate(scene, 40e2, dt=1e2, rho_infinity=1.0, **METHOD)
+    assert still.energy.total == pytest.approx(np.full(still.times.size, 0.5), rel=1e-9)
+
+
+def test_order_two_for_smooth_scenes_and_penetration():
+    mass = vf.Mass(1.0, stiffness=4.0, damping=0.3)
+    scene = vf.Scene([mass], [vf.PointLoad(mass, vf.Sine(1.0, 1.3))], initial={mass: (0.2, -1.0)})
+    first, _, contact = two_masses("c", "penetration")
+    damped = vf.Mass(1.0)
+    stop = vf.Contact(damped, gap=0.05, stiffness=100.0, damping=4.0, side="above", acts_on="penetration")
+    impact = vf.Scene([damped], [stop], {damped: (0.0, 1.0)})
+    cases = ((scene, mass, 10.0, 0.04), (contact, first, 40.0, 0.01), (impact, damped, 0.2, 2e-3))
+    for options in ({}, {"rho_infinity": 0.3}, {"alpha_m": 0.0, "alpha_f": 0.0}):
+        for case, point, t_end, dt in cases:
+            times = np.linspace(0.0, t_end, 101)
+            exact = vf.simulate(case, t_end, times=times).displacement(point)
+            runs = [vf.simulate(case, t_end, dt=dt / 2**k, times=times, **METHOD, **options) for k in range(4)]
+            errors = [np.max(np.abs(run.displacement(point) - exact)) for run in runs]
+            found = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
+            assert 1.8 < np.mean(found) < 2.2, (options, errors)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_paper_beam_against_independent_history(law):
+    data = reference(f"beam_tip_{law}")
+    beam, scene = paper_beam(law)
+    result = vf.simulate(scene, 20.0, dt=5e-4, times=data["t"], **METHOD)
+    assert np.max(np.abs(result.displacement(beam.at(1.0)) - data["tip"])) < (2e-6 if law == "penetration" else 2e-4)
+
+
+@pytest.mark.parametrize("rho", [1.0, 0.8])
+def test_energy_grows_at_a_stiff_contact_and_the_run_stops(rho):
+    """What energy_conserving holds to 1e-11 (its tests): here a typed error that names it."""
+    mass = vf.Mass(1.0, stiffness=1.0)
+    stop = vf.Contact(mass, gap=0.3, stiffness=1e4, side="above", acts_on="penetration")
+    scene = vf.Scene([mass], [stop], initial={mass: (0.0, 1.0)})
+    for phase in (1.0, 5.0):
+        with pytest.raises(vf.InstabilityError, match=r"blew up before t = .*method='energy_conserving'"):
+            vf.simulate(scene, 1e6 * phase / 1e2, dt=phase / 1e2, rho_infinity=rho, times=[0.0], **METHOD)
+
+
+def test_a_load_between_both_equilibria_holds_the_contact_at_its_gap():
+    """The reaction lies between 0 and K0 gap: 0.9 N here. A step cannot rest there, but stays near."""
+    mass = vf.Mass(1.0, stiffness=1.0, damping=1.0)
+    stop = vf.Contact(mass, gap=0.1, stiffness=100.0, side="above", acts_on="displacement", name="stop")
+    scene = vf.Scene([mass], [stop, vf.PointLoad(mass, 1.0)])
+    ends = []
+    for dt in (1e-2, 1e-3):
+        result = vf.simulate(scene, 20.0, dt=dt, rho_infinity=0.5, **METHOD)
+        ends.append(np.max(np.abs(result.displacement(mass)[-200:] - 0.1)))
+        assert any("chatter" in note for note in result.notes)
+    assert ends[0] < 0.01
+    assert ends[1] < 0.2 * ends[0]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"rho_infinity": 1.2}, r"rho_infinity is 1.2, expected a number in \[0, 1\]"),
+        ({"rho_infinity": -0.1}, "rho_infinity"),
+        ({"rho_infinity": "high"}, "rho_infinity"),
+        ({"newmark_beta": 0.0}, "not unconditionally stable"),
+        ({"alpha_m": 0.9}, "not unconditionally stable"),
+        ({"rho": 0.9}, "does not know the option 'rho'"),
+    ],
+)
+def test_bad_parameters(options, message):
+    mass = vf.Mass(1.0, stiffness=1.0)
+    with pytest.raises(vf.ArgumentError, match=message):
+        vf.simulate(vf.Scene([mass]), 1.0, dt=0.1, **METHOD, **options)
