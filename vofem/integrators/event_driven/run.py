@@ -170,6 +170,7 @@ def _follow(
             counters.gap_evaluations += evaluations * len(system.contacts)
             if np.any(hits):
                 entered = dict(zip(owner[hits].tolist(), entering[hits].tolist(), strict=True))
+        solution.end_segment(tau)
         z, v = motion.modes(np.array([tau]))
         displacement, velocity = z[:, 0], v[:, 0]
         t = stops[stop] if tau >= duration else t + tau
