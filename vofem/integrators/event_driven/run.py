@@ -47,7 +47,7 @@ def refusal(system: System) -> str | None:
         if not load.function.closed_form:
             return (
                 f"{load.name} has no closed form, which event_driven needs. Ways out: write it with Sine, Ramp, "
-                "Pulse, Tabulated and their sums; tabulate it, vf.Tabulated(t, f(t)); or "
+                "Pulse, Tabulated and their sums; approximate it, vf.Approximated(f, t_end, tolerance); or "
                 "choose method='central_difference'"
             )
     if system.nonlinear is not None:

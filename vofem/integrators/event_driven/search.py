@@ -184,6 +184,19 @@ def _noise(watch: _Watch, flow: _Flow, tau: float, at: _Point, noise: Array) -> 
 
 
 @jit
+def _still(j: int, watch: _Watch, flow: _Flow, at: _Point) -> bool:
+    """Return whether the rate of a function is the rounding of its terms."""
+    size = abs(watch.poly[j, 1])
+    for h in range(flow.omega.size):
+        size += flow.omega[h] * abs(watch.steady[j, h])
+    for k in range(flow.p.size):
+        size += abs(watch.w[j, k] * at.zdot[k])
+        if watch.u.shape[1]:
+            size += abs(watch.u[j, k] * at.vdot[k])
+    return abs(at.rate[j]) <= _ROUNDING * size
+
+
+@jit
 def _reach(distance: float, rate: float, curvature: float) -> float:
     """Return how long a function with this rate and curvature bound stays below `distance`."""
     root = np.sqrt(rate * rate + 2.0 * curvature * distance)
@@ -227,6 +240,15 @@ def _march(
     tau, before = 0.0, 0.0
     # When each function was last seen at or below zero: one above it within rounding has its root before `before`.
     below = np.zeros(m)
+    # A gap that stays closed to rounding, such as that of masses which fall together, allows no certified step worth
+    # the name. Its steps double while value and rate are rounding, up to a fraction of the shortest time scale.
+    idle = np.zeros(m)
+    quickest = 0.0
+    for k in range(n):
+        quickest = max(quickest, frequency[k], 2.0 * delta[k])
+    for h in range(flow.omega.size):
+        quickest = max(quickest, flow.omega[h])
+    patience = 0.1 / quickest if quickest > 0.0 else np.inf
     while True:
         _evaluate(tau, watch, flow, at)
         _noise(watch, flow, tau, at, noise)
@@ -286,7 +308,13 @@ def _march(
                     curvature += abs(watch.u[j, k]) * jerk[k]
                 k += 1
             distance = max(-at.phi[j], 0.0) + 2.0 * noise[j]
-            step = min(step, max(safe, _reach(distance, at.rate[j], curvature)))
+            reach = max(safe, _reach(distance, at.rate[j], curvature))
+            if abs(at.phi[j]) <= noise[j] and _still(j, watch, flow, at):
+                idle[j] = min(2.0 * max(idle[j], reach), patience)
+                reach = max(reach, idle[j])
+            else:
+                idle[j] = 0.0
+            step = min(step, reach)
         before = tau
         tau = duration if step >= duration - tau else tau + step
         if tau == before:
