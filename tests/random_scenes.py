@@ -1,4 +1,4 @@
-"""Random scenes out of a `random.Random`, which hypothesis can steer and shrink."""
+"""Random scenes out of a `random.Random`."""
 
 from __future__ import annotations
 

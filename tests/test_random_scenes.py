@@ -10,7 +10,7 @@ import sys
 import traceback
 
 import numpy as np
-from hypothesis import HealthCheck, given, settings
+from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from random_scenes import scene as random_scene
 from reference_integration import Reference
@@ -94,10 +94,11 @@ def faults(scene, t_end, budget=40_000):
     return found
 
 
-@settings(max_examples=50, suppress_health_check=list(HealthCheck))
-@given(st.randoms(use_true_random=False))
-def test_random_scenes_against_an_independent_integration(rng):
-    scene, t_end = random_scene(rng)
+# A seed says everything and does not shrink; the campaign below runs through many.
+@settings(max_examples=60, phases=[Phase.explicit, Phase.generate])
+@given(st.integers(0, 2**32 - 1))
+def test_random_scenes_against_an_independent_integration(seed):
+    scene, t_end = random_scene(random.Random(seed))
     assert not faults(scene, t_end, budget=8_000), vf.explain(scene)
 
 
