@@ -113,3 +113,15 @@ def test_a_scene_file_refuses_it(tmp_path):
     scene = vf.Scene([mass], [vf.PointLoad(mass, vf.Approximated(np.sin, 1.0, 1e-6))])
     with pytest.raises(vf.SceneFileError, match=r"Approximated\(.* is a callable, which has no form in TOML"):
         vf.dump_scene(scene, tmp_path / "scene.toml")
+
+
+def test_a_saved_run_holds_it(tmp_path):
+    """The pieces are kept, the callable is not: the run is complete."""
+    mass = vf.Mass(1.0, stiffness=1.0, name="m")
+    stop = vf.Contact(mass, gap=0.1, stiffness=50.0, side="above", acts_on="penetration", name="s")
+    gust = vf.Approximated(lambda t: np.exp(-((t - 1.0) ** 2)), 5.0, 1e-8)
+    result = vf.simulate(vf.Scene([mass], [stop, vf.PointLoad(mass, gust)]), 5.0)
+    result.save(tmp_path / "run.vtkhdf")
+    again = vf.load(tmp_path / "run.vtkhdf")
+    t = np.linspace(0.0, 5.0, 77)
+    assert np.array_equal(again.displacement(again.scene.bodies[0], t=t), result.displacement(mass, t=t))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,7 @@ _TAKE = _basis(_NODES, 1.0)
 _CHECK = _basis(_CHECKS, 1.0)
 
 
+@dataclass(frozen=True, eq=False, init=False, repr=False)
 class Approximated(TimeFunction):
     """A callable of time, replaced by closed forms on pieces, within a tolerance on [0, t_end].
 
@@ -68,10 +70,16 @@ class Approximated(TimeFunction):
 
     Attributes
     ----------
+    name : str
+        Of the callable, which is not kept.
     error : float
         Estimate of the largest error, in the unit of the load.
     starts : ndarray, shape (n,)
         Where the pieces begin, s.
+    lengths : ndarray, shape (n,)
+        In s.
+    coefficients : ndarray, shape (n, 6)
+        Of 1, tau/length, and cosine and sine of one and of two harmonics.
 
     Raises
     ------
@@ -88,6 +96,15 @@ class Approximated(TimeFunction):
     >>> load = vf.PointLoad(vf.Mass(1.0, stiffness=1.0), gust)
     """
 
+    name: str
+    t_end: float
+    tolerance: float
+    absolute: float
+    error: float
+    starts: Array
+    lengths: Array
+    coefficients: Array
+
     def __init__(
         self,
         function: Any,
@@ -100,10 +117,11 @@ class Approximated(TimeFunction):
     ) -> None:
         if not callable(function):
             raise ArgumentError(f"Approximated: function is {function!r}, expected a callable of t")
-        self.function = as_time_function(function)
-        self.t_end = number("Approximated: t_end", t_end, positive=True)
-        self.tolerance = number("Approximated: tolerance", tolerance, positive=True)
-        self.absolute = number("Approximated: absolute", absolute, minimum=0)
+        watched = as_time_function(function)
+        self._set("name", repr(watched))
+        self._set("t_end", number("Approximated: t_end", t_end, positive=True))
+        self._set("tolerance", number("Approximated: tolerance", tolerance, positive=True))
+        self._set("absolute", number("Approximated: absolute", absolute, minimum=0))
         if self.tolerance < 1e-13:
             raise ArgumentError(
                 f"Approximated: tolerance is {self.tolerance:g}, expected 1e-13 or more: below is rounding"
@@ -113,19 +131,25 @@ class Approximated(TimeFunction):
         known = np.atleast_1d(array("Approximated: breaks", breaks)) if np.size(breaks) else np.empty(0)
         if known.ndim != 1:
             raise ArgumentError(f"Approximated: breaks has shape {known.shape}, expected a list of times")
-        self.starts, self._coefficients, self.error = self._cover(known, int(max_pieces))
-        self._lengths = np.diff(np.append(self.starts, self.t_end))
+        starts, coefficients, error = self._cover(watched, known, int(max_pieces))
+        self._set("starts", starts)
+        self._set("lengths", np.diff(np.append(starts, self.t_end)))
+        self._set("coefficients", coefficients)
+        self._set("error", error)
+
+    def _set(self, name: str, value: Any) -> None:
+        object.__setattr__(self, name, value)
 
     def __repr__(self) -> str:
-        return f"Approximated({self.function!r}, {self.starts.size} pieces, error {self.error:.2g})"
+        return f"Approximated({self.name}, {self.starts.size} pieces, error {self.error:.2g})"
 
-    def _cover(self, known: Array, most: int) -> tuple[Array, Array, float]:
+    def _cover(self, function: TimeFunction, known: Array, most: int) -> tuple[Array, Array, float]:
         """Return the starts of the pieces, their coefficients (n, 6) and the largest error found."""
         grid = self.t_end * np.arange(_FIRST + 1) / _FIRST
         edges = np.unique(np.concatenate([grid, known[(known > 0.0) & (known < self.t_end)]]))
         waiting = list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
         resolution = 4.0 * float(np.spacing(self.t_end))
-        fits = [self._fit(*piece) for piece in waiting]
+        fits = [_fit(function, *piece) for piece in waiting]
         largest = max(fit[2] for fit in fits)
         done: list[tuple[float, Array, float]] = []
         stack = list(zip(waiting, fits, strict=True))
@@ -137,30 +161,21 @@ class Approximated(TimeFunction):
                 continue
             if right - left <= resolution:
                 # A jump, narrowed down to the resolution of time.
-                done.append((left, np.array([float(self.function(left)), 0.0, 0.0, 0.0, 0.0, 0.0]), 0.0))
+                done.append((left, np.array([float(function(left)), 0.0, 0.0, 0.0, 0.0, 0.0]), 0.0))
                 continue
             if len(done) + len(stack) + 2 > most:
                 raise ConvergenceError(
-                    f"Approximated: {self.function!r} needs more than max_pieces = {most} pieces to reach the "
+                    f"Approximated: {self.name} needs more than max_pieces = {most} pieces to reach the "
                     f"tolerance {self.tolerance:g} on [0, {self.t_end:g}] s; "
                     f"near t = {left:g} s the error is {error:.2g}. "
                     "Noise and jumps are the usual causes: name corners and jumps by breaks, or raise tolerance"
                 )
             middle = 0.5 * (left + right)
             for part in ((left, middle), (middle, right)):
-                stack.append((part, self._fit(*part)))
+                stack.append((part, _fit(function, *part)))
         done.sort(key=lambda piece: piece[0])
         starts, rows, errors = zip(*done, strict=True)
         return np.array(starts), np.array(rows), max(errors)
-
-    def _fit(self, left: float, right: float) -> tuple[Array, float, float]:
-        """Return coefficients, error at the points of check and size of the values on one piece."""
-        # The value at the right end is that before a jump there.
-        inside = np.minimum(left + (right - left) * _NODES, np.nextafter(right, left))
-        values, checks = self.function(inside), self.function(left + (right - left) * _CHECKS)
-        coefficients = np.asarray(np.linalg.solve(_TAKE, values), dtype=float)
-        error = _SAFETY * float(np.max(np.abs(_CHECK @ coefficients - checks)))
-        return coefficients, error, float(max(np.max(np.abs(values)), np.max(np.abs(checks))))
 
     def _locate(self, t: ArrayLike) -> tuple[NDArray[np.int64], Array]:
         times = np.asarray(t, dtype=float)
@@ -181,7 +196,7 @@ class Approximated(TimeFunction):
         if isinstance(order, bool) or not isinstance(order, (int, np.integer)) or order < 0:
             raise ArgumentError(f"the order of a derivative is {order!r}, expected 0, 1, 2, ...")
         index, tau = self._locate(t)
-        c, length = self._coefficients[index], self._lengths[index]
+        c, length = self.coefficients[index], self.lengths[index]
         result = c[..., 0] + c[..., 1] * tau / length if order == 0 else np.zeros(np.shape(tau))
         if order == 1:
             result = result + c[..., 1] / length
@@ -200,9 +215,19 @@ class Approximated(TimeFunction):
     def piece(self, t0: float) -> Piece:
         """Return the closed form that holds from t0 to the next breakpoint."""
         index, tau = self._locate(t0)
-        c, length, shift = self._coefficients[index], float(self._lengths[index]), float(tau)
+        c, length, shift = self.coefficients[index], float(self.lengths[index]), float(tau)
         harmonics = []
         for k in (1, 2):
             w = k * _PHASE / length
             harmonics.append((w, complex(c[2 * k], -c[2 * k + 1]) * complex(np.exp(1j * w * shift))))
         return Piece(tuple(harmonics), float(c[0] + c[1] * shift / length), float(c[1] / length))
+
+
+def _fit(function: TimeFunction, left: float, right: float) -> tuple[Array, float, float]:
+    """Return coefficients, error at the points of check and size of the values on one piece."""
+    # The value at the right end is that before a jump there.
+    inside = np.minimum(left + (right - left) * _NODES, np.nextafter(right, left))
+    values, checks = function(inside), function(left + (right - left) * _CHECKS)
+    coefficients = np.asarray(np.linalg.solve(_TAKE, values), dtype=float)
+    error = _SAFETY * float(np.max(np.abs(_CHECK @ coefficients - checks)))
+    return coefficients, error, float(max(np.max(np.abs(values)), np.max(np.abs(checks))))
