@@ -237,6 +237,7 @@ def test_callable_load_and_event_driven():
     _, s = paper_beam("displacement", load=lambda t: 0.1 * np.sin(t))
     with pytest.raises(vf.MethodError, match="Ways out: write it with Sine, Ramp, Pulse, Tabulated") as caught:
         vf.simulate(s, 1.0, method="event_driven")
+    assert "vf.Approximated" in str(caught.value)
     assert "central_difference" in str(caught.value)
 
 

@@ -11,6 +11,7 @@ from vofem import fractional
 from vofem._version import __version__
 from vofem.bodies import Beam, Mass
 from vofem.effects import (
+    Approximated,
     BaseMotion,
     Constant,
     Contact,
@@ -61,6 +62,7 @@ if TYPE_CHECKING:
     from vofem.io.storage.run_file import load
 
 __all__ = [
+    "Approximated",
     "ArgumentError",
     "BaseMotion",
     "Beam",

@@ -1,5 +1,6 @@
 """Effects: what acts on bodies. Each compiles itself into rows, laws and loads of the System."""
 
+from vofem.effects.approximated import Approximated
 from vofem.effects.attachments import Dashpot, PointMass, RotationalSpring, Spring
 from vofem.effects.base_motion import BaseMotion
 from vofem.effects.contact import Contact, Resolved
@@ -10,6 +11,7 @@ from vofem.effects.nonlinear_spring import NonlinearSpring
 from vofem.effects.time_functions import Constant, Pulse, Ramp, Sine, Tabulated, TimeFunction
 
 __all__ = [
+    "Approximated",
     "BaseMotion",
     "Constant",
     "Contact",

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -264,6 +264,7 @@ class Tabulated(TimeFunction):
 
     t: Array
     values: Array
+    _slopes: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         times = array("Tabulated: t", self.t)
@@ -279,6 +280,8 @@ class Tabulated(TimeFunction):
             )
         object.__setattr__(self, "t", times)
         object.__setattr__(self, "values", values)
+        slopes = np.concatenate([[0.0], np.diff(values) / np.diff(times), [0.0]])
+        object.__setattr__(self, "_slopes", slopes)
 
     def __call__(self, t: ArrayLike) -> Array:
         """Return the values at times t."""
@@ -288,9 +291,8 @@ class Tabulated(TimeFunction):
         """Return the slope of the interval that starts at or holds t."""
         if _order(order) == 0:
             return self(t)
-        slopes = np.concatenate([[0.0], np.diff(self.values) / np.diff(self.t), [0.0]])
         interval = np.searchsorted(self.t, np.asarray(t, dtype=float), side="right")
-        return slopes[interval] if order == 1 else np.zeros(np.shape(t))
+        return self._slopes[interval] if order == 1 else np.zeros(np.shape(t))
 
     def breakpoints(self, t_end: float) -> Array:
         """Return the times of the table."""

@@ -8,6 +8,7 @@ critically damped) are integrated by Gauss-Legendre panels that resolve them.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
@@ -25,6 +26,9 @@ Complex = NDArray[np.complex128]
 
 #: Roots closer than this, relatively, make a block degenerate.
 _DOUBLE = 1e-3
+
+#: Taylor coefficients of the integral of ``s exp(x s)`` from 0 to 1; enough for |x| < 0.5.
+_RAMP_SERIES = np.array([1.0 / (math.factorial(k) * (k + 2)) for k in range(16)])
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 
@@ -227,14 +231,11 @@ def _ramp_integral(mu: Complex, tau: Array) -> Complex:
     """Return the integral of ``s exp(mu s)`` from 0 to tau, shape (n_times, n_mu)."""
     x = np.outer(tau, mu)
     small = np.abs(x) < 0.5
-    series = np.zeros_like(x)
-    term = np.ones_like(x)
-    for k in range(20):
-        series += term / (k + 2)
-        term = np.where(small, term * x / (k + 1), 0.0)
-    safe = np.where(small, 1.0, x)
-    plain = (safe * np.exp(safe) - np.expm1(safe)) / safe**2
-    return np.asarray(np.where(small, series, plain) * (tau**2)[:, None])
+    result = np.empty_like(x)
+    near, far = x[small], x[~small]
+    result[small] = np.polynomial.polynomial.polyval(near, _RAMP_SERIES)
+    result[~small] = (far * np.exp(far) - np.expm1(far)) / far**2
+    return np.asarray(result * (tau**2)[:, None])
 
 
 def _only(motion: Motion, keep: NDArray[np.bool_]) -> Motion:

@@ -47,7 +47,7 @@ def refusal(system: System) -> str | None:
         if not load.function.closed_form:
             return (
                 f"{load.name} has no closed form, which event_driven needs. Ways out: write it with Sine, Ramp, "
-                "Pulse, Tabulated and their sums; tabulate it, vf.Tabulated(t, f(t)); or "
+                "Pulse, Tabulated and their sums; approximate it, vf.Approximated(f, t_end, tolerance); or "
                 "choose method='central_difference'"
             )
     if system.nonlinear is not None:
@@ -170,6 +170,7 @@ def _follow(
             counters.gap_evaluations += evaluations * len(system.contacts)
             if np.any(hits):
                 entered = dict(zip(owner[hits].tolist(), entering[hits].tolist(), strict=True))
+        solution.end_segment(tau)
         z, v = motion.modes(np.array([tau]))
         displacement, velocity = z[:, 0], v[:, 0]
         t = stops[stop] if tau >= duration else t + tau

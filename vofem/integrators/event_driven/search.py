@@ -75,12 +75,13 @@ class _Flow(NamedTuple):
 
 
 class _Point(NamedTuple):
-    """Work space: block states and rates without the particular part, and phi with its rate."""
+    """Work space: block states and rates without the particular part, size of their inputs' shares, phi, its rate."""
 
     z: Array
     v: Array
     zdot: Array
     vdot: Array
+    size: Array
     phi: Array
     rate: Array
 
@@ -134,11 +135,13 @@ def _evaluate(tau: float, watch: _Watch, flow: _Flow, at: _Point) -> None:
         v[k] = c * v0 - s * (p * z0 + delta * v0)
         zdot[k] = 0.0
         vdot[k] = 0.0
+        at.size[k] = 0.0
     for e in range(flow.block.size):
         k = flow.block[e]
         dz, dv = special_response(flow.delta[k], flow.p[k], flow.exponent[e], flow.g1[e], flow.g2[e], flow.ramp[e], tau)
         z[k] += dz
         v[k] += dv
+        at.size[k] += abs(dz) + abs(dv) * tau
         wave = complex(tau, 0.0) if flow.ramp[e] else np.exp(flow.exponent[e] * tau)
         zdot[k] += (flow.g1[e] * wave).real
         vdot[k] += (flow.g2[e] * wave).real
@@ -163,24 +166,34 @@ def _evaluate(tau: float, watch: _Watch, flow: _Flow, at: _Point) -> None:
 
 
 @jit
-def _noise(watch: _Watch, flow: _Flow, duration: float) -> Array:
-    """Return the level below which each function is lost in rounding."""
-    m = watch.w.shape[0]
-    noise = np.empty(m)
-    for j in range(m):
-        size = watch.constant[j] + abs(watch.poly[j, 0]) + abs(watch.poly[j, 1]) * duration
+def _noise(watch: _Watch, flow: _Flow, tau: float, at: _Point, noise: Array) -> None:
+    """Fill in the level below which each function is lost in the rounding of the terms that make it up by tau."""
+    for j in range(watch.w.shape[0]):
+        size = watch.constant[j] + abs(watch.poly[j, 0]) + abs(watch.poly[j, 1]) * tau
         for h in range(flow.omega.size):
             size += abs(watch.steady[j, h])
         for k in range(flow.p.size):
             energy = np.sqrt(flow.v0[k] ** 2 + flow.p[k] * flow.z0[k] ** 2)
-            amplitude = abs(flow.z0[k]) + abs(flow.v0[k]) * duration
+            amplitude = abs(flow.z0[k]) + abs(flow.v0[k]) * tau
             if flow.frequency[k] > 0.0:
                 amplitude = min(amplitude, energy / flow.frequency[k])
-            size += abs(watch.w[j, k]) * amplitude
+            size += abs(watch.w[j, k]) * (amplitude + at.size[k])
             if watch.u.shape[1]:
-                size += abs(watch.u[j, k]) * energy
+                size += abs(watch.u[j, k]) * (energy + abs(at.v[k]))
         noise[j] = _ROUNDING * size + 1e-300
-    return noise
+
+
+@jit
+def _still(j: int, watch: _Watch, flow: _Flow, at: _Point) -> bool:
+    """Return whether the rate of a function is the rounding of its terms."""
+    size = abs(watch.poly[j, 1])
+    for h in range(flow.omega.size):
+        size += flow.omega[h] * abs(watch.steady[j, h])
+    for k in range(flow.p.size):
+        size += abs(watch.w[j, k] * at.zdot[k])
+        if watch.u.shape[1]:
+            size += abs(watch.u[j, k] * at.vdot[k])
+    return abs(at.rate[j]) <= _ROUNDING * size
 
 
 @jit
@@ -201,8 +214,8 @@ def _march(
     n, m = flow.p.size, watch.w.shape[0]
     delta, p, frequency = flow.delta, flow.p, flow.frequency
     mixed = watch.u.shape[1] > 0
-    at = _Point(np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(m), np.empty(m))
-    noise = _noise(watch, flow, duration)
+    at = _Point(np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(m), np.empty(m))
+    noise = np.empty(m)
     hits = np.zeros(m, dtype=np.bool_)
     evaluations = 0
 
@@ -225,8 +238,20 @@ def _march(
 
     speed, amplitude, push, jerk = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     tau, before = 0.0, 0.0
+    # When each function was last seen at or below zero: one above it within rounding has its root before `before`.
+    below = np.zeros(m)
+    # A gap that stays closed to rounding, such as that of masses which fall together, allows no certified step worth
+    # the name. Its steps double while value and rate are rounding, up to a fraction of the shortest time scale.
+    idle = np.zeros(m)
+    quickest = 0.0
+    for k in range(n):
+        quickest = max(quickest, frequency[k], 2.0 * delta[k])
+    for h in range(flow.omega.size):
+        quickest = max(quickest, flow.omega[h])
+    patience = 0.1 / quickest if quickest > 0.0 else np.inf
     while True:
         _evaluate(tau, watch, flow, at)
+        _noise(watch, flow, tau, at, noise)
         evaluations += 1
         if tau > 0.0:
             found = False
@@ -237,6 +262,9 @@ def _march(
                 break
         if tau >= duration:
             return duration, hits, evaluations
+        for j in range(m):
+            if at.phi[j] <= 0.0:
+                below[j] = tau
         step = min(duration - tau, longest)
         # Free energy never grows; inputs make sqrt(2 E) grow at most in proportion to time.
         for k in range(n):
@@ -280,19 +308,25 @@ def _march(
                     curvature += abs(watch.u[j, k]) * jerk[k]
                 k += 1
             distance = max(-at.phi[j], 0.0) + 2.0 * noise[j]
-            step = min(step, max(safe, _reach(distance, at.rate[j], curvature)))
+            reach = max(safe, _reach(distance, at.rate[j], curvature))
+            if abs(at.phi[j]) <= noise[j] and _still(j, watch, flow, at):
+                idle[j] = min(2.0 * max(idle[j], reach), patience)
+                reach = max(reach, idle[j])
+            else:
+                idle[j] = 0.0
+            step = min(step, reach)
         before = tau
         tau = duration if step >= duration - tau else tau + step
         if tau == before:
             # The step is below the resolution of time itself.
             tau = np.nextafter(before, np.inf)
 
-    # The first root lies in (before, tau]: a bracketed Newton iteration for each candidate; the earliest wins.
+    # The first root lies in (below, tau]: a bracketed Newton iteration for each candidate; the earliest wins.
     first, winner = tau, 0
     for j in range(m):
         if not hits[j]:
             continue
-        low, high, x = before, tau, tau
+        low, high, x = below[j], tau, tau
         for _ in range(100):
             _evaluate(x, watch, flow, at)
             evaluations += 1
@@ -310,6 +344,7 @@ def _march(
         if x <= first:
             first, winner = x, j
     _evaluate(first, watch, flow, at)
+    _noise(watch, flow, first, at, noise)
     evaluations += 1
     for j in range(m):
         hits[j] = abs(at.phi[j]) <= noise[j] and at.rate[j] > 0.0

@@ -44,7 +44,7 @@ class Segments(NamedTuple):
 
     Attributes
     ----------
-    starts : ndarray, shape (k,)
+    starts, durations : ndarray, shape (k,)
         In s.
     status : ndarray of int, shape (k, n_contacts)
     displacement, velocity : ndarray, shape (k, n)
@@ -52,6 +52,7 @@ class Segments(NamedTuple):
     """
 
     starts: NDArray[np.float64]
+    durations: NDArray[np.float64]
     status: NDArray[np.int64]
     displacement: NDArray[np.float64]
     velocity: NDArray[np.float64]

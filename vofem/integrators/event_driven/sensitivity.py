@@ -12,6 +12,7 @@ Systems, Springer 2004, doi:10.1007/978-3-540-44398-8.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -109,9 +110,10 @@ class Perturbation:
         self._renormalise()
 
     def _renormalise(self) -> None:
-        size = float(np.sqrt(np.sum(self._v**2) + np.sum((self._frequency * self._z) ** 2)))
+        scaled = self._frequency * self._z
+        size = math.sqrt(float(self._v @ self._v + scaled @ scaled))
         if size > 0.0:
-            self.growth += float(np.log10(size))
+            self.growth += math.log10(size)
             self._z, self._v = self._z / size, self._v / size
 
 

@@ -50,6 +50,7 @@ class EventSolution:
         self.space = space
         self._spectra = Spectra(space, system.contacts, counters)
         self._starts: list[float] = []
+        self._durations: list[float] = []
         self._states: list[tuple[Status, Array, Array]] = []
         self._event_log: list[tuple[float, int, int]] = []
         self._initial = np.empty(0, dtype=np.int64)
@@ -70,7 +71,7 @@ class EventSolution:
         """
         solution = cls(system, space, t_end, times, Counters())
         solution.counters, solution.notes = counters, notes
-        solution._starts = segments.starts.tolist()
+        solution._starts, solution._durations = segments.starts.tolist(), segments.durations.tolist()
         solution._states = list(zip(segments.status, segments.displacement, segments.velocity, strict=True))
         solution._event_log = list(
             zip(events.time.tolist(), events.contact.tolist(), events.status.tolist(), strict=True)
@@ -84,9 +85,9 @@ class EventSolution:
         return solution
 
     @property
-    def segments(self) -> tuple[list[float], list[tuple[Status, Array, Array]]]:
-        """Begin, s, and state (contact status, modal displacement and velocity) of every segment."""
-        return self._starts, self._states
+    def segments(self) -> tuple[list[float], list[float], list[tuple[Status, Array, Array]]]:
+        """Begin and duration, s, and state (contact status, modal displacement and velocity) of every segment."""
+        return self._starts, self._durations, self._states
 
     # -- recording --------------------------------------------------------------------------------
 
@@ -114,6 +115,10 @@ class EventSolution:
         self._states.append((status, np.ascontiguousarray(displacement), np.ascontiguousarray(velocity)))
         self.counters.steps += 1
         return self.motion(len(self._starts) - 1)
+
+    def end_segment(self, duration: float) -> None:
+        """Keep how long the last segment lasted, s: the difference of its ends has lost digits to their size."""
+        self._durations.append(duration)
 
     def event_functions(self, motion: Motion) -> tuple[EventFunctions, NDArray[np.int64], Status]:
         """Return the functions to watch in the last segment, the contact of each and the status it leads to.
@@ -261,7 +266,8 @@ class EventSolution:
         laws = self.system.contacts
         if laws is not None:
             closed = status == CLOSED
-            constant += (laws.stiffness * laws.offset * closed) @ space.contacts
+            if closed.any():
+                constant += (laws.stiffness * laws.offset * closed) @ space.contacts
         spectrum = self._spectra[status]
         if spectrum.real.shift_force is not None:
             constant += spectrum.real.shift_force
@@ -273,11 +279,11 @@ class EventSolution:
         """Return (segment, indices into times, local times) for all segments that hold some of the times."""
         order = np.argsort(times, kind="stable")
         segment = np.searchsorted(self.segment_starts, times[order], side="right") - 1
-        visited = []
-        for index in np.unique(segment):
-            mine = order[segment == index]
-            visited.append((int(index), mine, times[mine] - self._starts[index]))
-        return visited
+        visited, first = np.unique(segment, return_index=True)
+        groups = np.split(order, first[1:]) if times.size else []
+        return [
+            (int(index), mine, times[mine] - self._starts[index]) for index, mine in zip(visited, groups, strict=True)
+        ]
 
     # -- sampling ---------------------------------------------------------------------------------
 
@@ -340,13 +346,12 @@ class EventSolution:
 
     def _segments(self, times: Array) -> Iterator[Segment]:
         """Yield the segments up to the last of some times, in order."""
-        ends = np.append(self.segment_starts[1:], self.t_end)
         wanted = {index: (mine, tau) for index, mine, tau in self.visit(times)}
         nothing = np.empty(0, dtype=np.int64), np.empty(0)
         for index in range(max(wanted) + 1):
             start = self._starts[index]
             yield Segment(
-                float(ends[index] - start),
+                self._durations[index],
                 self._states[index][0],
                 self.motion(index),
                 self.load_pieces(start),
@@ -358,12 +363,11 @@ class EventSolution:
         """Growth of a perturbation along the run, in closed form."""
         laws = self.system.contacts
         traveller = Perturbation(self.space, laws)
-        ends = np.append(self.segment_starts[1:], self.t_end)
         growth = [0.0]
-        for index, end in enumerate(ends):
+        for index, duration in enumerate(self._durations):
             self._await(index)
             status, _, _ = self._states[index]
-            traveller.drift(self._spectra[status], float(end - self._starts[index]))
+            traveller.drift(self._spectra[status], duration)
             if index + 1 < len(self._states):
                 after, _, velocity = self._states[index + 1]
                 changed = np.flatnonzero(after != status)

@@ -11,6 +11,7 @@ import numpy as np
 
 from vofem._validate import nearest
 from vofem.bodies import Beam, BeamPoint, Body, Mass
+from vofem.effects.approximated import Approximated
 from vofem.effects.time_functions import Arbitrary, TimeFunction, as_time_function
 from vofem.errors import ArgumentError
 from vofem.io.scenes.entry import Entry
@@ -204,7 +205,7 @@ class FunctionOfTime:
         function = as_time_function(value)
         if type(function) is self.constant:
             return float(function.value)  # type: ignore[attr-defined]
-        if isinstance(function, Arbitrary):
+        if isinstance(function, (Approximated, Arbitrary)):
             raise Unwritable(
                 f"{function!r} is a callable, which has no form in TOML; use one of {self.functions.names()}"
             )

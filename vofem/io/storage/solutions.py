@@ -44,9 +44,10 @@ def solution_record(solution: Solution) -> dict[str, Any]:
 
 
 def write_segments(blocks: Blocks, group: h5py.Group, solution: Any) -> None:
-    """Write begin and state of every segment of an event-driven run."""
-    starts, states = solution.segments
+    """Write begin, duration and state of every segment of an event-driven run."""
+    starts, durations, states = solution.segments
     write_array(group, "starts", np.array(starts))
+    write_array(group, "durations", np.array(durations))
     write_rows(blocks, group, "status", states, lambda state: state[0], np.int64)
     write_rows(blocks, group, "displacement", states, lambda state: state[1], np.float64)
     write_rows(blocks, group, "velocity", states, lambda state: state[2], np.float64)

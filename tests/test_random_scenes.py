@@ -1,0 +1,118 @@
+"""Random scenes against an independent integration: nothing missed, nothing found that is not there.
+
+`python tests/test_random_scenes.py FIRST LAST` checks the scenes of many seeds and prints what it finds.
+"""
+
+from __future__ import annotations
+
+import random
+import sys
+import traceback
+
+import numpy as np
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
+from random_scenes import scene as random_scene
+from reference_integration import Reference
+
+import vofem as vf
+
+#: Beyond so many events a run is cut short.
+MOST_EVENTS = 2_000
+
+
+def faults(scene, t_end, budget=40_000):
+    """Return what is wrong with the event-driven run of a scene, as a list of strings."""
+    for _ in range(8):
+        try:
+            result = vf.simulate(scene, t_end, times=np.linspace(0.0, t_end, 201), max_events=MOST_EVENTS)
+            break
+        except vf.EventStormError:
+            t_end /= 4.0  # a stiff contact that rattles all the time
+    else:
+        return ["storm of events"]
+    found = []
+    pins = [c.pinned[0, 0] for c in result.contacts.values() if c.pinned.size]
+    laws = scene.model.system.contacts
+    largest = np.max(np.abs(result.samples.q), axis=1)
+    # Pinning removes a stated remainder of motion; damped modes that nearly coincide are ill conditioned, which a
+    # thousand events may sum up.
+    allowed = 1e-6 if pins else 1e-10 if len(result.solution.events.time) < 500 else 1e-9
+    if laws is not None:
+        # Where the force jumps, the rounding of the gap at an event is work done: eps |b||q| K0 gap.
+        jumps = laws.jump * laws.stiffness * laws.gap * (abs(laws.rows) @ largest + laws.gap)
+        energy = result.energy
+        scale = max(np.max(np.abs(part)) for part in (energy.total, energy.dissipated, energy.work)) + 1e-300
+        allowed += 6e-14 * float(jumps[result.solution.events.contact].sum()) / scale
+    if result.energy.balance_error > allowed:
+        found.append(f"energy balance {result.energy.balance_error:.1e}, allowed {allowed:.1e}")
+    for contact in result.contacts.values():
+        law = laws.names.index(contact.name)
+        if np.any(contact.force[~contact.closed & ~np.isnan(contact.order)] != 0.0):
+            found.append(f"force of {contact.name} while open")
+        size = (abs(laws.rows) @ largest)[law] + abs(laws.gap[law])
+        if not laws.damping[law] and np.min(contact.force) < -1e-12 * size * laws.stiffness[law]:
+            found.append(f"force of {contact.name} is {np.min(contact.force):.1e}")
+        wrong = np.where(contact.closed, -contact.gap_function, contact.gap_function)[~np.isnan(contact.order)]
+        if wrong.size and np.max(wrong) > 1e-11 * size:
+            found.append(f"gap of {contact.name} by {np.max(wrong) / size:.1e}")
+    reference = Reference(scene, t_end).run(budget=budget)
+    # Rounding of both runs, amplified: M^-1 K alone spoils the velocity by eps omega^2 q a step.
+    error = 1e-11 * max(1.0, reference.quickest * t_end / 1e4)
+    limit = min([reference.until, *pins, result.solution.sensitivity.horizon(1e-7, error)])
+    kept = np.array(reference.times) <= limit
+    if np.any(kept):
+        times = np.array(reference.times)[kept]
+        samples = result.solution.sample(times)
+        swing = largest.max() + 1e-30
+        for name, got, exact, size in (
+            ("displacement", samples.q, reference.q, swing),
+            ("velocity", samples.v, reference.v, np.max(np.abs(result.samples.v)) + 1e-6 * reference.quickest * swing),
+        ):
+            worst = np.max(np.abs(got - np.array(exact)[kept].T)) / size
+            if worst > 1e-6:
+                found.append(f"{name} off by {worst:.1e}")
+    for j, name in enumerate(() if laws is None else laws.names):
+        contact = result.contacts[name]
+        ours = np.sort(np.concatenate([contact.closings[contact.closings > 0], contact.openings]))
+        # Events at a speed that is rounding are no matter: their forces are too.
+        fastest = (abs(laws.rows) @ np.max(np.abs(result.samples.v), axis=1))[j] + 1e-300
+        speeds = np.abs((laws.rows @ result.solution.sample(ours).v)[j]) if ours.size else ours
+        ours = ours[speeds > 1e-11 * fastest]
+        theirs = [event for event in reference.events if event.contact == j and event.rate > 1e-11 * fastest]
+        size = np.max(np.abs(result.samples.q)) + abs(laws.gap[j])
+        slack = [1e-8 * t_end + 1e-9 * size / max(event.rate, 1e-300) for event in theirs]
+        clear = [event.time for event, s in zip(theirs, slack, strict=True) if event.time + s < limit]
+        count = int(np.sum(ours < limit))
+        if len(clear) > count or int(np.sum(ours < limit - max(slack, default=0.0) - 1e-8 * t_end)) > len(theirs):
+            found.append(f"{name}: {count} events, expected {len(clear)}, until {limit:.6g} s")
+            continue
+        for time, event, s in zip(ours, theirs, slack, strict=False):
+            if event.time < limit - s and abs(time - event.time) > s:
+                found.append(f"{name}: event at {time!r}, expected {event.time!r}")
+                break
+    return found
+
+
+# A seed says everything and does not shrink; the campaign below runs through many.
+@settings(max_examples=60, phases=[Phase.explicit, Phase.generate])
+@given(st.integers(0, 2**32 - 1))
+def test_random_scenes_against_an_independent_integration(seed):
+    scene, t_end = random_scene(random.Random(seed))
+    assert not faults(scene, t_end, budget=8_000), vf.explain(scene)
+
+
+def campaign(first, last):
+    for seed in range(first, last):
+        try:
+            found = faults(*random_scene(random.Random(seed)))
+        except vf.SingularSystemError as error:
+            found = [f"refused: {error}"]
+        except Exception:
+            found = [traceback.format_exc(limit=-3)]
+        if found:
+            print(seed, *found, sep="\n    ", flush=True)
+
+
+if __name__ == "__main__":
+    campaign(int(sys.argv[1]), int(sys.argv[2]))

@@ -1,0 +1,233 @@
+"""Any callable of time as a closed form, to a stated tolerance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vofem._validate import array, number
+from vofem.effects.time_functions import Piece, TimeFunction, as_time_function
+from vofem.errors import ArgumentError, ConvergenceError
+
+Array = NDArray[np.float64]
+
+#: Phase that the slower harmonic of a piece covers, rad: a small one makes the fit lose digits, a large one makes it
+#: of second order in the length of the piece from some accuracy on.
+_PHASE = 0.2
+
+#: Where a piece takes and checks its values, as fractions of its length.
+_NODES = 0.5 - 0.5 * np.cos(np.pi * np.arange(6) / 5)
+_CHECKS = np.array([0.03, 0.17, 0.41, 0.62, 0.79, 0.96])
+
+#: The largest error of a piece over that at the points of check.
+_SAFETY = 2.0
+
+#: Parts into which the time is cut before any look at the function.
+_FIRST = 16
+
+
+def _basis(tau: Array, length: Any) -> Array:
+    """Return 1, tau/h, and cos, sin of one and of two harmonics of a piece of length h, shape (..., 6)."""
+    x = tau / length
+    angle = _PHASE * x
+    return np.stack(
+        [np.ones_like(x), x, np.cos(angle), np.sin(angle), np.cos(2.0 * angle), np.sin(2.0 * angle)], axis=-1
+    )
+
+
+_TAKE = _basis(_NODES, 1.0)
+_CHECK = _basis(_CHECKS, 1.0)
+
+
+@dataclass(frozen=True, eq=False, init=False, repr=False)
+class Approximated(TimeFunction):
+    """A callable of time, replaced by closed forms on pieces, within a tolerance on [0, t_end].
+
+    A piece is ``c0 + c1 tau`` plus two slow harmonics, which integrate in
+    closed form. It takes the function's values at six points, among them its
+    ends, and is halved until values at six other points agree within the
+    tolerance: an estimate, no proof. Jumps are narrowed down to the resolution of time and become
+    breakpoints. What is narrower than ``t_end / 16`` between two `breaks` may
+    go unseen.
+
+    Parameters
+    ----------
+    function : callable of t
+        Takes one time in s, returns a finite number in the unit of the load.
+    t_end : float
+        In s; a run beyond it is refused.
+    tolerance : float
+        Largest error, relative to the largest magnitude of the function.
+    absolute : float
+        Added to the largest error, in the unit of the load.
+    breaks : array_like, shape (k,)
+        Times of known corners, jumps and short features, s; fewer pieces then do.
+    max_pieces : int
+        After so many pieces the approximation gives up.
+
+    Attributes
+    ----------
+    name : str
+        Of the callable, which is not kept.
+    error : float
+        Estimate of the largest error, in the unit of the load.
+    starts : ndarray, shape (n,)
+        Where the pieces begin, s.
+    lengths : ndarray, shape (n,)
+        In s.
+    coefficients : ndarray, shape (n, 6)
+        Of 1, tau/length, and cosine and sine of one and of two harmonics.
+
+    Raises
+    ------
+    LoadError
+        If the function raises, or returns something that is not a finite number; the message says when.
+    ConvergenceError
+        If the tolerance is not reached with `max_pieces` pieces.
+
+    Examples
+    --------
+    >>> import math
+    >>> import vofem as vf
+    >>> gust = vf.Approximated(lambda t: math.exp(-((t - 3.0) ** 2)), t_end=10.0, tolerance=1e-9)
+    >>> load = vf.PointLoad(vf.Mass(1.0, stiffness=1.0), gust)
+    """
+
+    name: str
+    t_end: float
+    tolerance: float
+    absolute: float
+    error: float
+    starts: Array
+    lengths: Array
+    coefficients: Array
+
+    def __init__(
+        self,
+        function: Any,
+        t_end: float,
+        tolerance: float,
+        *,
+        absolute: float = 0.0,
+        breaks: ArrayLike = (),
+        max_pieces: int = 20_000,
+    ) -> None:
+        if not callable(function):
+            raise ArgumentError(f"Approximated: function is {function!r}, expected a callable of t")
+        watched = as_time_function(function)
+        self._set("name", repr(watched))
+        self._set("t_end", number("Approximated: t_end", t_end, positive=True))
+        self._set("tolerance", number("Approximated: tolerance", tolerance, positive=True))
+        self._set("absolute", number("Approximated: absolute", absolute, minimum=0))
+        if self.tolerance < 1e-13:
+            raise ArgumentError(
+                f"Approximated: tolerance is {self.tolerance:g}, expected 1e-13 or more: below is rounding"
+            )
+        if isinstance(max_pieces, bool) or not isinstance(max_pieces, (int, np.integer)) or max_pieces < 1:
+            raise ArgumentError(f"Approximated: max_pieces is {max_pieces!r}, expected a positive whole number")
+        known = np.atleast_1d(array("Approximated: breaks", breaks)) if np.size(breaks) else np.empty(0)
+        if known.ndim != 1:
+            raise ArgumentError(f"Approximated: breaks has shape {known.shape}, expected a list of times")
+        starts, coefficients, error = self._cover(watched, known, int(max_pieces))
+        self._set("starts", starts)
+        self._set("lengths", np.diff(np.append(starts, self.t_end)))
+        self._set("coefficients", coefficients)
+        self._set("error", error)
+
+    def _set(self, name: str, value: Any) -> None:
+        object.__setattr__(self, name, value)
+
+    def __repr__(self) -> str:
+        return f"Approximated({self.name}, {self.starts.size} pieces, error {self.error:.2g})"
+
+    def _cover(self, function: TimeFunction, known: Array, most: int) -> tuple[Array, Array, float]:
+        """Return the starts of the pieces, their coefficients (n, 6) and the largest error found."""
+        grid = self.t_end * np.arange(_FIRST + 1) / _FIRST
+        edges = np.unique(np.concatenate([grid, known[(known > 0.0) & (known < self.t_end)]]))
+        waiting = list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
+        resolution = 4.0 * float(np.spacing(self.t_end))
+        fits = [_fit(function, *piece) for piece in waiting]
+        largest = max(fit[2] for fit in fits)
+        done: list[tuple[float, Array, float]] = []
+        stack = list(zip(waiting, fits, strict=True))
+        while stack:
+            (left, right), (coefficients, error, size) = stack.pop()
+            largest = max(largest, size)
+            if error <= self.absolute + self.tolerance * largest:
+                done.append((left, coefficients, error))
+                continue
+            if right - left <= resolution:
+                # A jump, narrowed down to the resolution of time.
+                done.append((left, np.array([float(function(left)), 0.0, 0.0, 0.0, 0.0, 0.0]), 0.0))
+                continue
+            if len(done) + len(stack) + 2 > most:
+                raise ConvergenceError(
+                    f"Approximated: {self.name} needs more than max_pieces = {most} pieces to reach the "
+                    f"tolerance {self.tolerance:g} on [0, {self.t_end:g}] s; "
+                    f"near t = {left:g} s the error is {error:.2g}. "
+                    "Noise and jumps are the usual causes: name corners and jumps by breaks, or raise tolerance"
+                )
+            middle = 0.5 * (left + right)
+            for part in ((left, middle), (middle, right)):
+                stack.append((part, _fit(function, *part)))
+        done.sort(key=lambda piece: piece[0])
+        starts, rows, errors = zip(*done, strict=True)
+        return np.array(starts), np.array(rows), max(errors)
+
+    def _locate(self, t: ArrayLike) -> tuple[NDArray[np.int64], Array]:
+        times = np.asarray(t, dtype=float)
+        if np.any(times < 0.0) or np.any(times > self.t_end * (1.0 + 1e-12)):
+            worst = float(times.min() if np.any(times < 0.0) else times.max())
+            raise ArgumentError(
+                f"{self!r} was asked for t = {worst:g} s, but ends at {self.t_end:g} s; build it with a larger t_end"
+            )
+        index = np.maximum(np.searchsorted(self.starts, times, side="right") - 1, 0)
+        return index, times - self.starts[index]
+
+    def __call__(self, t: ArrayLike) -> Array:
+        """Return the approximate values at times t in [0, t_end]."""
+        return self.derivative(t, 0)
+
+    def derivative(self, t: ArrayLike, order: int = 1) -> Array:
+        """Return the exact derivative of the approximation; it loses an order of accuracy each time."""
+        if isinstance(order, bool) or not isinstance(order, (int, np.integer)) or order < 0:
+            raise ArgumentError(f"the order of a derivative is {order!r}, expected 0, 1, 2, ...")
+        index, tau = self._locate(t)
+        c, length = self.coefficients[index], self.lengths[index]
+        result = c[..., 0] + c[..., 1] * tau / length if order == 0 else np.zeros(np.shape(tau))
+        if order == 1:
+            result = result + c[..., 1] / length
+        for k in (1, 2):
+            w = k * _PHASE / length
+            amplitude = (c[..., 2 * k] - 1j * c[..., 2 * k + 1]) * (1j * w) ** order
+            result = result + (amplitude * np.exp(1j * w * tau)).real
+        return np.asarray(result)
+
+    def breakpoints(self, t_end: float) -> Array:
+        """Return the starts of the pieces in (0, t_end)."""
+        if t_end > self.t_end * (1.0 + 1e-12):
+            raise ArgumentError(f"{self!r} ends at {self.t_end:g} s, before {t_end:g} s; build it with a larger t_end")
+        return self.starts[(self.starts > 0.0) & (self.starts < t_end)]
+
+    def piece(self, t0: float) -> Piece:
+        """Return the closed form that holds from t0 to the next breakpoint."""
+        index, tau = self._locate(t0)
+        c, length, shift = self.coefficients[index], float(self.lengths[index]), float(tau)
+        harmonics = []
+        for k in (1, 2):
+            w = k * _PHASE / length
+            harmonics.append((w, complex(c[2 * k], -c[2 * k + 1]) * complex(np.exp(1j * w * shift))))
+        return Piece(tuple(harmonics), float(c[0] + c[1] * shift / length), float(c[1] / length))
+
+
+def _fit(function: TimeFunction, left: float, right: float) -> tuple[Array, float, float]:
+    """Return coefficients, error at the points of check and size of the values on one piece."""
+    # The value at the right end is that before a jump there.
+    inside = np.minimum(left + (right - left) * _NODES, np.nextafter(right, left))
+    values, checks = function(inside), function(left + (right - left) * _CHECKS)
+    coefficients = np.asarray(np.linalg.solve(_TAKE, values), dtype=float)
+    error = _SAFETY * float(np.max(np.abs(_CHECK @ coefficients - checks)))
+    return coefficients, error, float(max(np.max(np.abs(values)), np.max(np.abs(checks))))
