@@ -26,9 +26,11 @@ def test_dissipation_grows_with_the_step_and_follows_rho():
     for rho in (0.0, 0.5, 0.8):
         mass = vf.Mass(1.0, stiffness=1.0)
         scene = vf.Scene([mass], initial={mass: (1.0, 0.0)})
-        fast = vf.simulate(scene, 40e6, dt=1e6, rho_infinity=rho, **METHOD)
-        # Jordan blocks at infinity: rho^n times a polynomial in n.
-        assert np.abs(fast.displacement(mass)[-1]) <= 1e4 * max(rho, 1e-3) ** 38
+        fast = vf.simulate(scene, 200e3, dt=1e3, rho_infinity=rho, **METHOD)
+        # A double root at infinity: rho^n times a line in n, after an overshoot of (omega dt)^2.
+        size = np.abs(fast.displacement(mass))
+        assert size[100] <= 1e8 * 100 * max(rho, 0.1) ** 100
+        assert rho < 0.5 or size[100] >= 1e-3 * rho**100
         slow = vf.simulate(scene, 20.0, dt=0.02, rho_infinity=rho, **METHOD)
         assert slow.energy.total[-1] == pytest.approx(0.5, rel=1e-3)
     still = vf.simulate(scene, 40e2, dt=1e2, rho_infinity=1.0, **METHOD)
@@ -82,8 +84,8 @@ def test_a_load_between_both_equilibria_holds_the_contact_at_its_gap():
         result = vf.simulate(scene, 20.0, dt=dt, rho_infinity=0.5, **METHOD)
         ends.append(np.max(np.abs(result.displacement(mass)[-200:] - 0.1)))
         assert any("chatter" in note for note in result.notes)
-    assert ends[0] < 0.01
-    assert ends[1] < 0.2 * ends[0]
+    assert ends[0] < 1e-2
+    assert ends[1] < 1e-3
 
 
 @pytest.mark.parametrize(

@@ -155,15 +155,16 @@ def _smooth_mean(address: IntArray, u0: float, u1: float) -> float:
 @jit
 def mean_and_slope(laws: Laws, j: int, u0: float, u1: float) -> tuple[float, float]:
     """Return the mean force over the path from u0 to u1 and its derivative by u1."""
-    mean = mean_force(laws, j, u0, u1)
-    if laws.kind[j] == PENETRATION:
-        gap, k = laws.gap[j], laws.stiffness[j]
-        if u0 >= gap and u1 >= gap:
-            return mean, 0.5 * k
-        if u0 <= gap and u1 <= gap:
+    mean, kind = mean_force(laws, j, u0, u1), laws.kind[j]
+    if kind in (PENETRATION, JUMP):
+        s0, s1 = u0 - laws.gap[j], u1 - laws.gap[j]
+        ramp = _RAMP * laws.gap[j] if kind == JUMP else 0.0
+        if s0 >= ramp and s1 >= ramp:
+            return mean, 0.5 * laws.stiffness[j]
+        if s0 <= 0.0 and s1 <= 0.0:
             return mean, 0.0
-        force = k * max(u1 - gap, 0.0)
-        return mean, (force - mean) / (u1 - u0)
+        force, tangent = end_force(laws, j, u1)
+        return mean, (force - mean) / (u1 - u0) if u1 != u0 else 0.5 * tangent
     force, tangent = end_force(laws, j, u1)
     if abs(u1 - u0) <= 1e-6 * max(abs(u0), abs(u1)):
         return mean, 0.5 * tangent

@@ -32,7 +32,8 @@ def compressed(rows: csr_matrix | None, order: IntArray) -> Rows:
         return Rows(np.zeros(1, dtype=np.int64), np.empty(0, dtype=np.int64), np.empty(0))
     place = np.empty(order.size, dtype=np.int64)
     place[order] = np.arange(order.size)
-    return Rows(rows.indptr.astype(np.int64), place[rows.indices], rows.data)
+    # Copies: operations of scipy sort the entries of a matrix in place.
+    return Rows(rows.indptr.astype(np.int64), place[rows.indices], rows.data.copy())
 
 
 def all_rows(system: System) -> csr_matrix | None:
