@@ -28,6 +28,7 @@ LAYERS = [
     "integrators",
     "reactions",
     "result",
+    "progress",
     "statics",
     "modes",
     "simulate",
@@ -36,7 +37,10 @@ LAYERS = [
 ]
 
 # Imports against the direction: inside a function, so that what they bring is loaded when it is called.
-DOORS = {("result.py", "vofem.io.storage.run_file"): "Result.save"}
+DOORS = {
+    ("result.py", "vofem.io.storage.run_file"): "Result.save",
+    ("simulate.py", "vofem.io.storage.checkpoint"): "simulate(checkpoint=...)",
+}
 
 # What only some layers may import.
 RESERVED = {

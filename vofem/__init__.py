@@ -113,6 +113,7 @@ __all__ = [
     "load",
     "load_scene",
     "modes",
+    "resume",
     "simulate",
 ]
 
@@ -121,6 +122,7 @@ _LATER = {
     "dump_scene": "vofem.io.scene_file",
     "load": "vofem.io.storage.run_file",
     "load_scene": "vofem.io.scene_file",
+    "resume": "vofem.io.storage.checkpoint",
 }
 
 

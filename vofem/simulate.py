@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import array, nearest, number, one_of
 from vofem.errors import ArgumentError
+from vofem.progress import Progress, Watcher
 from vofem.result import Result
 from vofem.scene import Scene, as_scene
 from vofem.system import System
@@ -42,6 +44,9 @@ def simulate(
     dt: float | None = None,
     tol: float | None = None,
     times: ArrayLike | None = None,
+    progress: Progress = None,
+    checkpoint: str | os.PathLike[str] | None = None,
+    checkpoint_every: float = 60.0,
     **options: Any,
 ) -> Result:
     """Simulate a scene from t = 0 to t_end.
@@ -64,6 +69,16 @@ def simulate(
     times : array_like, shape (n_times,), optional
         Where results are wanted, increasing, within [0, t_end]. Without it:
         1001 uniform times for event_driven and with `tol`, else every step.
+    progress : bool or callable, optional
+        A bar on the standard error stream: True always, False never, None
+        (the default) where that is a terminal and the run takes longer than a
+        second. A function is called with the time reached and t_end, in s.
+    checkpoint : path, optional
+        File, ending in .checkpoint, to which the run is saved at intervals;
+        `vofem.resume` goes on from it. Runs in Ritz vectors, which take
+        seconds, save none.
+    checkpoint_every : float
+        Seconds of wall time between two checkpoints.
     **options
         Of event_driven: ``max_events`` (a million); ``pin_fraction``, the
         fraction of the gap below which chatter counts as rest (1e-7); and
@@ -87,6 +102,13 @@ def simulate(
         If dt is beyond the critical step.
     InstabilityError, EventStormError
         If the run goes wrong.
+    OutputError
+        If the checkpoint exists already or cannot be written.
+
+    Notes
+    -----
+    Ctrl-C ends a run between two steps: what was computed until then is
+    returned, and a note says so. A second Ctrl-C interrupts at once.
     """
     t_end = number("simulate: t_end", t_end, positive=True)
     wanted = None if times is None else _times(times, t_end)
@@ -101,26 +123,70 @@ def simulate(
             f"simulate: method {chosen!r} does not know the option {unknown[0]!r}"
             f"{nearest(unknown[0], (*_OPTIONS[chosen], 'dt', 'times', 'method'))}; it takes {list(_OPTIONS[chosen])}"
         )
-    start = scene.initial_state()
     if chosen == "event_driven":
-        from vofem.integrators import event_driven
-
         if dt is not None:
             raise ArgumentError("simulate: dt was given, but event_driven has no step; leave it out")
         if tol is not None:
             number("simulate: tol", tol, positive=True)
-        sampled = np.linspace(0.0, t_end, 1001) if wanted is None else wanted
-        return Result(scene, chosen, event_driven.run(system, start, t_end, sampled, **options))
-    stepping = import_module(f"vofem.integrators.{chosen}")
-    step = None if dt is None else number("simulate: dt", dt, positive=True)
-    if tol is not None:
+            tol = None
+        wanted = np.linspace(0.0, t_end, 1001) if wanted is None else wanted
+    elif tol is not None:
         if chosen != "energy_conserving":
             raise ArgumentError(
                 f"simulate: tol was given, but {chosen} has no steps that follow a tolerance; "
                 "choose method='energy_conserving', or leave it out"
             )
         options["tol"] = number("simulate: tol", tol, positive=True)
-    return Result(scene, chosen, stepping.run(system, start, t_end, wanted, step, **options))
+    step = None if dt is None else number("simulate: dt", dt, positive=True)
+    plan = Plan(chosen, t_end, wanted, step, options)
+    every = number("simulate: checkpoint_every", checkpoint_every, minimum=0)
+    save = None
+    if checkpoint is not None:
+        from vofem.io.storage.checkpoint import checkpoint_writer
+
+        save = checkpoint_writer(checkpoint, scene, plan)
+    return run_plan(scene, plan, progress, save, every, None)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is to be run, arguments checked.
+
+    Attributes
+    ----------
+    method : str
+    t_end : float
+        In s.
+    times : ndarray, optional
+    dt : float, optional
+        In s.
+    options : dict
+    """
+
+    method: str
+    t_end: float
+    times: Array | None
+    dt: float | None
+    options: dict[str, Any]
+
+
+def run_plan(
+    scene: Scene,
+    plan: Plan,
+    progress: Progress,
+    save: Callable[[dict[str, Any]], None] | None,
+    every: float,
+    snapshot: dict[str, Any] | None,
+) -> Result:
+    """Run a plan from the start or from a snapshot, watched as asked for."""
+    integrator = import_module(f"vofem.integrators.{plan.method}")
+    arguments = plan.options if plan.method == "event_driven" else {"dt": plan.dt, **plan.options}
+    with Watcher(plan.t_end, progress, save, every) as watcher:
+        solution = integrator.run(
+            scene.model.system, scene.initial_state(), plan.t_end, plan.times,
+            watch=None if watcher.idle else watcher, resume=snapshot, **arguments,
+        )  # fmt: skip
+    return Result(scene, plan.method, solution)
 
 
 def _times(times: ArrayLike, t_end: float) -> Array:

@@ -31,10 +31,11 @@ from vofem.integrators.stepped import SteppedSolution, storage_times
 from vofem.integrators.stepping.callbacks import Callbacks, call
 from vofem.integrators.stepping.energies import kinetic_energy
 from vofem.integrators.stepping.laws import SMOOTH, Laws, build_laws
-from vofem.integrators.stepping.march import Banded, Progress, chunk, march, note_chatter, stored_energy
+from vofem.integrators.stepping.march import Banded, chunk, march, note_chatter, stored_energy
 from vofem.integrators.stepping.record import Output, Trail, leave, log_event, output, store, switched, trail
 from vofem.integrators.stepping.rows import Rows, all_rows, compressed, dot, subtract_row
 from vofem.integrators.switch import contact_stiffness
+from vofem.integrators.watching import Snapshot, Watch
 from vofem.linalg.banded import factor, solve, subtract_product, to_band, widen
 from vofem.linalg.jit import jit
 from vofem.system import CLOSED, Counters, State, System
@@ -80,7 +81,8 @@ def run(
     t_end: float,
     times: Array | None,
     dt: float | None = None,
-    progress: Progress | None = None,
+    watch: Watch | None = None,
+    resume: Snapshot | None = None,
 ) -> SteppedSolution:
     """Simulate from the start state at t = 0 to t_end.
 
@@ -94,8 +96,10 @@ def run(
         Where to store; every step where not given.
     dt : float, optional
         In s; half the critical step where not given.
-    progress : callable, optional
+    watch : callable, optional
         Told the time reached.
+    resume : dict, optional
+        A snapshot of the same run, from which to go on.
 
     Raises
     ------
@@ -138,7 +142,7 @@ def run(
     first = stored_energy(system, start.q, start.v) - 0.125 * dt**2 * float(acceleration @ (system.mass @ acceleration))
     return march(
         kernel, "central_difference", start, initial, t_end, dt, output(stored, system.size), notes,
-        first_energy=first, blow_up=_BLOW_UP, progress=progress,
+        first_energy=first, blow_up=_BLOW_UP, watch=watch, resume=resume,
     )  # fmt: skip
 
 
@@ -152,6 +156,8 @@ def _tangents(system: System, start: State) -> Array | None:
 
 class _CentralDifference:
     """One run: matrices in band storage, laws in compressed rows."""
+
+    place: tuple[str, ...] = ("done",)
 
     def __init__(self, system: System, start: State, dt: float, steps: int, counters: Counters) -> None:
         self.dt, self.steps, self.done = dt, steps, 0

@@ -38,9 +38,10 @@ from vofem.integrators.stepping.callbacks import Callbacks
 from vofem.integrators.stepping.contact_solve import compliance, law, solve_reactions
 from vofem.integrators.stepping.energies import kinetic_energy
 from vofem.integrators.stepping.laws import Laws, build_laws, closed_share
-from vofem.integrators.stepping.march import Banded, Progress, chunk, march, note_chatter, stored_energy
+from vofem.integrators.stepping.march import Banded, chunk, march, note_chatter, stored_energy
 from vofem.integrators.stepping.record import Output, Trail, leave, log_event, output, store, switched, trail
 from vofem.integrators.stepping.rows import Rows, all_rows, compressed, dot, subtract_row
+from vofem.integrators.watching import Snapshot, Watch
 from vofem.linalg.banded import factor, solve, subtract_product, to_band, widen
 from vofem.linalg.jit import jit
 from vofem.system import Counters, State, System
@@ -125,7 +126,8 @@ def run(
     t_end: float,
     times: Array | None,
     dt: float | None = None,
-    progress: Progress | None = None,
+    watch: Watch | None = None,
+    resume: Snapshot | None = None,
     **options: float,
 ) -> SteppedSolution:
     """Simulate from the start state at t = 0 to t_end.
@@ -140,8 +142,10 @@ def run(
         Where to store; every step where not given.
     dt : float, optional
         In s; a thousandth of t_end where not given.
-    progress : callable, optional
+    watch : callable, optional
         Told the time reached.
+    resume : dict, optional
+        A snapshot of the same run, from which to go on.
     **options
         As `parameters` takes them.
 
@@ -163,12 +167,14 @@ def run(
     kernel = _GeneralizedAlpha(system, start, dt, steps, chosen, counters)
     return march(
         kernel, "generalized_alpha", start, kernel.state.status.copy(), t_end, dt, output(stored, system.size), notes,
-        first_energy=stored_energy(system, start.q, start.v), blow_up=_BLOW_UP, progress=progress,
+        first_energy=stored_energy(system, start.q, start.v), blow_up=_BLOW_UP, watch=watch, resume=resume,
     )  # fmt: skip
 
 
 class _GeneralizedAlpha:
     """One run at a fixed step."""
+
+    place: tuple[str, ...] = ("done",)
 
     def __init__(
         self, system: System, start: State, dt: float, steps: int, chosen: Parameters, counters: Counters
@@ -214,7 +220,6 @@ class _GeneralizedAlpha:
         self.state = _State(start.q[order].copy(), start.v[order].copy(), acceleration, reaction, dampers, status)
         self.trail = trail(n)
         leave(self.trail, self.state.q, self.state.v, self.state.a)
-        self._before = self.bands.load_values(np.zeros(1))
 
     @property
     def finished(self) -> bool:
@@ -235,9 +240,7 @@ class _GeneralizedAlpha:
         count = min(chunk(self.state.q.size), self.steps - first)
         if first == 0:
             cursor = store(out, 0, 0.0, self.dt, True, self.trail, self.state.q, self.state.v, self.state.a)
-        values = self.bands.load_values(np.arange(first + 1, first + count + 1, dtype=float) * self.dt)
-        values = np.concatenate([self._before, values], axis=1)
-        self._before = values[:, -1:]
+        values = self.bands.load_values(np.arange(first, first + count + 1, dtype=float) * self.dt)
         cursor, events, solves, failed = _advance(
             self.matrices, self.parameters, self.rows, self.laws, self.bands.loads, values, self.dt, first, count,
             self.state, self.trail, out, cursor,

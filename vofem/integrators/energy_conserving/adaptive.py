@@ -47,6 +47,8 @@ _CHUNK = 256
 class AdaptiveSteps(Setting):
     """A run of steps chosen by their error."""
 
+    place: tuple[str, ...] = ("now", "rung", "steps", "coarsest", "forced", "beyond", "size")
+
     def plan(self, t_end: float, tolerance: float) -> None:
         """Set the end in s and the tolerance."""
         self.t_end, self.tolerance = t_end, tolerance

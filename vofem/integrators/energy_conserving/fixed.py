@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 class FixedSteps(Setting):
     """A run of equal steps. A state is complete, and stored, when the step after it is done."""
 
+    place: tuple[str, ...] = ("done",)
     dt: float
     steps: int
 

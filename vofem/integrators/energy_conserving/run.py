@@ -28,8 +28,9 @@ from vofem.errors import ArgumentError
 from vofem.integrators.energy_conserving.adaptive import AdaptiveSteps
 from vofem.integrators.energy_conserving.fixed import FixedSteps
 from vofem.integrators.stepped import SteppedSolution, storage_times
-from vofem.integrators.stepping.march import Progress, march, note_chatter, stored_energy
+from vofem.integrators.stepping.march import march, note_chatter, stored_energy
 from vofem.integrators.stepping.record import Output, output
+from vofem.integrators.watching import Snapshot, Watch
 from vofem.system import Counters, State, System
 
 Array = NDArray[np.float64]
@@ -47,7 +48,8 @@ def run(
     t_end: float,
     times: Array | None,
     dt: float | None = None,
-    progress: Progress | None = None,
+    watch: Watch | None = None,
+    resume: Snapshot | None = None,
     tol: float | None = None,
 ) -> SteppedSolution:
     """Simulate from the start state at t = 0 to t_end.
@@ -62,8 +64,10 @@ def run(
         Where to store; every step where not given, 1001 uniform times with `tol`.
     dt : float, optional
         In s; a thousandth of t_end where neither it nor `tol` is given.
-    progress : callable, optional
+    watch : callable, optional
         Told the time reached.
+    resume : dict, optional
+        A snapshot of the same run, from which to go on.
     tol : float, optional
         Chooses the steps: the errors of all steps together, estimated, stay
         below this fraction of the largest displacement, which a rough run of
@@ -81,8 +85,8 @@ def run(
             raise ArgumentError("simulate: dt and tol were both given; tol chooses the steps, leave out dt")
         kernel = AdaptiveSteps(system, start, counters)
         kernel.plan(t_end, tol)
-        pilot = _pilot(system, start, t_end, counters)
-        kernel.measure(pilot.q)
+        # A run that goes on knows the size already.
+        kernel.measure(start.q[:, None] if resume is not None else _pilot(system, start, t_end, counters).q)
         stored, step = np.linspace(0.0, t_end, 1001) if times is None else times, t_end
     else:
         step = t_end / _STEPS if dt is None else dt
@@ -98,7 +102,7 @@ def run(
     note_chatter(system, notes)
     solution = march(
         kernel, "energy_conserving", start, initial, t_end, step, output(stored, system.size), notes,
-        first_energy=stored_energy(system, start.q, start.v), blow_up=_BLOW_UP, progress=progress,
+        first_energy=stored_energy(system, start.q, start.v), blow_up=_BLOW_UP, watch=watch, resume=resume,
     )  # fmt: skip
     if isinstance(kernel, AdaptiveSteps):
         solution.dt = kernel.coarsest

@@ -24,6 +24,7 @@ from vofem.integrators.event_driven.truncated import (
     run_truncated,
     too_many_inputs,
 )
+from vofem.integrators.watching import Snapshot, Watch, deferred_interrupts
 from vofem.system import Counters, State, System
 
 Array = NDArray[np.float64]
@@ -83,6 +84,8 @@ def run(
     max_events: int = MOST_EVENTS,
     pin_fraction: float = PIN_FRACTION,
     truncation: float | None = None,
+    watch: Watch | None = None,
+    resume: Snapshot | None = None,
 ) -> EventSolution | TruncatedSolution:
     """Simulate from the start state at t = 0 to t_end.
 
@@ -103,6 +106,10 @@ def run(
         Relative error of displacements for which Ritz vectors may stand for
         the system, see `truncated`; 0 keeps all modes. Without it `TOLERANCE`
         above `FULL_UNKNOWNS` degrees of freedom, else 0.
+    watch : callable, optional
+        Told the time reached; of a run in all modes only.
+    resume : dict, optional
+        A snapshot of the same run, from which to go on.
 
     Raises
     ------
@@ -122,7 +129,7 @@ def run(
     asked = truncation is not None
     if truncation is None:
         truncation = TOLERANCE if system.size > FULL_UNKNOWNS and too_many_inputs(system) is None else 0.0
-    if truncation > 0.0:
+    if truncation > 0.0 and resume is None:
 
         def follow(reduced: System, begin: State) -> EventSolution:
             return _follow(reduced, begin, t_end, times, max_events, pin_fraction)
@@ -133,7 +140,7 @@ def run(
             return truncated
     if system.size > MOST_UNKNOWNS:
         raise MethodError(_too_large(system))
-    solution = _follow(system, start, t_end, times, max_events, pin_fraction)
+    solution = _follow(system, start, t_end, times, max_events, pin_fraction, watch, resume)
     if system.size > _LOSSY:
         loss = loss_in_all_modes(system, solution.space.stiffness, solution.space.shapes)
         if loss is not None and loss > _WORTH_TELLING:
@@ -146,38 +153,53 @@ def run(
 
 
 def _follow(
-    system: System, start: State, t_end: float, times: Array, max_events: int, pin_fraction: float
-) -> EventSolution:
+    system: System, start: State, t_end: float, times: Array, max_events: int, pin_fraction: float,
+    watch: Watch | None = None, resume: Snapshot | None = None,
+) -> EventSolution:  # fmt: skip
     """Follow all modes of a system from event to event."""
     counters = Counters()
     space = modal_space(system, counters)
-    momentum = system.mass @ np.stack([start.q, start.v], axis=1)
-    displacement, velocity = (space.shapes.T @ momentum).T
     solution = EventSolution(system, space, t_end, times, counters)
-    status = solution.begin(start, displacement, velocity, pin_fraction)
+    if resume is None:
+        momentum = system.mass @ np.stack([start.q, start.v], axis=1)
+        displacement, velocity = (space.shapes.T @ momentum).T
+        t, status = 0.0, solution.begin(start, displacement, velocity, pin_fraction)
+    else:
+        t, status, displacement, velocity = solution.go_on(resume)
     breaks = [b for load in system.loads for b in load.function.breakpoints(t_end)]
     stops = [*np.unique(breaks), t_end]
-    t, stop = 0.0, 0
-    while t < t_end:
-        while stops[stop] <= t:
-            stop += 1
-        motion = solution.add_segment(t, status, displacement, velocity)
-        tau, duration = stops[stop] - t, stops[stop] - t
-        entered = None
-        if system.contacts is not None:
-            functions, owner, entering = solution.event_functions(motion)
-            tau, hits, evaluations = next_event(functions, motion, duration)
-            counters.gap_evaluations += evaluations * len(system.contacts)
-            if np.any(hits):
-                entered = dict(zip(owner[hits].tolist(), entering[hits].tolist(), strict=True))
-        solution.end_segment(tau)
-        z, v = motion.modes(np.array([tau]))
-        displacement, velocity = z[:, 0], v[:, 0]
-        t = stops[stop] if tau >= duration else t + tau
-        if entered is not None:
-            status = solution.enter(t, status, entered, displacement, velocity, pin_fraction)
-            if counters.events > max_events:
-                raise EventStormError(_storm(system, solution, t, max_events))
+    stop = 0
+
+    def snapshot() -> Snapshot:
+        return solution.snapshot(t, status, displacement, velocity)
+
+    with deferred_interrupts() as interrupted:
+        while t < t_end:
+            while stops[stop] <= t:
+                stop += 1
+            motion = solution.add_segment(t, status, displacement, velocity)
+            tau, duration = stops[stop] - t, stops[stop] - t
+            entered = None
+            if system.contacts is not None:
+                functions, owner, entering = solution.event_functions(motion)
+                tau, hits, evaluations = next_event(functions, motion, duration)
+                solution.counters.gap_evaluations += evaluations * len(system.contacts)
+                if np.any(hits):
+                    entered = dict(zip(owner[hits].tolist(), entering[hits].tolist(), strict=True))
+            solution.end_segment(tau)
+            z, v = motion.modes(np.array([tau]))
+            displacement, velocity = z[:, 0], v[:, 0]
+            t = stops[stop] if tau >= duration else t + tau
+            if entered is not None:
+                status = solution.enter(t, status, entered, displacement, velocity, pin_fraction)
+                if solution.counters.events > max_events:
+                    raise EventStormError(_storm(system, solution, t, max_events))
+            cut = interrupted() and t < t_end
+            if watch is not None:
+                watch(t, snapshot, cut)
+            if cut:
+                solution.cut(t)
+                break
     solution.conclude()
     return solution
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,6 +89,40 @@ class EventSolution:
     def segments(self) -> tuple[list[float], list[float], list[tuple[Status, Array, Array]]]:
         """Begin and duration, s, and state (contact status, modal displacement and velocity) of every segment."""
         return self._starts, self._durations, self._states
+
+    # -- stopping and going on --------------------------------------------------------------------
+
+    def snapshot(self, t: float, status: Status, displacement: Array, velocity: Array) -> dict[str, Any]:
+        """Return what the run goes on from at the end of a segment, as plain data."""
+        states = (np.array([state[k] for state in self._states]) for k in range(3))
+        return {
+            "segments": Segments(np.array(self._starts), np.array(self._durations), *states),
+            "log": np.array(self._event_log, dtype=float).reshape(-1, 3),
+            "initial": self._initial,
+            "now": (t, status, displacement, velocity),
+            "counters": self.counters,
+        }
+
+    def go_on(self, saved: dict[str, Any]) -> tuple[float, Status, Array, Array]:
+        """Take over a snapshot of the same run; return time and state to go on from."""
+        segments = saved["segments"]
+        self._starts, self._durations = segments.starts.tolist(), segments.durations.tolist()
+        self._states = list(zip(segments.status, segments.displacement, segments.velocity, strict=True))
+        self._event_log = [(float(t), int(contact), int(status)) for t, contact, status in saved["log"]]
+        self._initial = saved["initial"]
+        # Eigensystems are gained from each other: in the order of the run, for the same last bits.
+        for status in segments.status:
+            self._spectra[status]
+        for name, value in vars(saved["counters"]).items():
+            setattr(self.counters, name, value)
+        t, status, displacement, velocity = saved["now"]
+        return t, status, displacement, velocity
+
+    def cut(self, t: float) -> None:
+        """End the run at time t, before its end."""
+        self.notes.append(f"interrupted at t = {t:g} s of {self.t_end:g} s: what was computed until then is here")
+        self.t_end = t
+        self.times = self.times[self.times <= t]
 
     # -- recording --------------------------------------------------------------------------------
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,14 +12,12 @@ from vofem.integrators.base import Energies, Samples
 from vofem.integrators.stepped import SteppedSolution
 from vofem.integrators.stepping.energies import contact_energy, kinetic_energy, strain_energy
 from vofem.integrators.stepping.record import Output, Trail
+from vofem.integrators.watching import Snapshot, Watch, deferred_interrupts
 from vofem.linalg.banded import band_order
 from vofem.system import Counters, Events, State, System
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-
-#: Told the time reached, in s, from time to time.
-Progress = Callable[[float], None]
 
 #: Entries of states that are advanced between two looks at the outcome: some tenths of a second of work.
 _CHUNK_WORK = 1_000_000
@@ -48,10 +45,23 @@ class Banded:
 
 
 class Kernel(Protocol):
-    """A method with its matrices and its state, unknowns in band order."""
+    """A method with its matrices and its state, unknowns in band order.
+
+    Attributes
+    ----------
+    bands : Banded
+    trail : Trail
+    place : tuple of str
+        Attributes beside `state` and `trail` that say where the run stands.
+    """
 
     bands: Banded
     trail: Trail
+    place: tuple[str, ...]
+
+    @property
+    def state(self) -> Any:
+        """A named tuple of arrays, changed in place by `advance`."""
 
     @property
     def finished(self) -> bool:
@@ -79,7 +89,8 @@ def march(
     *,
     first_energy: float,
     blow_up: float,
-    progress: Progress | None,
+    watch: Watch | None,
+    resume: Snapshot | None,
 ) -> SteppedSolution:
     """Run a kernel to its end, or until it is interrupted, and return what it leaves behind.
 
@@ -99,7 +110,9 @@ def march(
         At t = 0, in the method's own form, J.
     blow_up : float
         Energy out of nowhere, over the energies at work, that ends a run.
-    progress : callable, optional
+    watch : callable, optional
+    resume : dict, optional
+        A snapshot of the same run, from which to go on.
 
     Raises
     ------
@@ -110,21 +123,30 @@ def march(
     energy = stored_energy(system, start.q, start.v)
     log: list[Array] = []
     cursor = 0
-    try:
+    if resume is not None:
+        cursor, log = _restore(kernel, out, resume, notes)
+
+    def snapshot() -> Snapshot:
+        return _snapshot(kernel, out, cursor, log, notes)
+
+    with deferred_interrupts() as interrupted:
         while not kernel.finished:
             cursor, new = kernel.advance(out, cursor)
             if new.size:
                 log.append(new)
             _check(kernel, method, energy, dt, blow_up)
-            if progress is not None:
-                progress(kernel.reached())
-    except KeyboardInterrupt:
-        reached = kernel.reached()
-        if cursor == 0:
-            raise
-        notes.append(f"interrupted at t = {reached:g} s of {t_end:g} s: what was computed until then is here")
-        t_end = float(out.times[cursor - 1])
-        out = Output(*(part[..., :cursor].copy() for part in out))
+            stop = interrupted() and not kernel.finished
+            if watch is not None:
+                watch(kernel.reached(), snapshot, stop)
+            if stop:
+                if cursor == 0:
+                    raise KeyboardInterrupt
+                notes.append(
+                    f"interrupted at t = {kernel.reached():g} s of {t_end:g} s: what was computed until then is here"
+                )
+                t_end = float(out.times[cursor - 1])
+                out = Output(*(part[..., :cursor].copy() for part in out))
+                break
     events = Events(initial=initial)
     if log:
         time, which, entered = np.concatenate(log).T
@@ -137,6 +159,43 @@ def march(
         out.dissipated, out.work,
     )  # fmt: skip
     return SteppedSolution(system, t_end, out.times, samples, parts, first_energy, dt, events, counters, notes)
+
+
+def _snapshot(kernel: Kernel, out: Output, cursor: int, log: list[Array], notes: list[str]) -> Snapshot:
+    """Return what a run goes on from, as plain data."""
+    return {
+        "state": kernel.state,
+        "trail": kernel.trail,
+        "place": {name: getattr(kernel, name) for name in kernel.place},
+        "output": {name: getattr(out, name)[..., :cursor] for name in out._fields},
+        "log": np.concatenate(log) if log else np.empty((0, 3)),
+        "counters": kernel.bands.counters,
+        "notes": list(notes),
+    }
+
+
+def _restore(kernel: Kernel, out: Output, saved: Snapshot, notes: list[str]) -> tuple[int, list[Array]]:
+    """Put a kernel and its output where a snapshot stands; return the output's cursor and the events until then."""
+    _fill(kernel.state, saved["state"])
+    _fill(kernel.trail, saved["trail"])
+    for name, value in saved["place"].items():
+        setattr(kernel, name, value)
+    cursor = int(saved["output"]["times"].size)
+    for name, part in saved["output"].items():
+        getattr(out, name)[..., :cursor] = part
+    for name, value in vars(saved["counters"]).items():
+        setattr(kernel.bands.counters, name, value)
+    notes[:] = saved["notes"]
+    return cursor, [saved["log"]] if saved["log"].size else []
+
+
+def _fill(target: Any, saved: Any) -> None:
+    """Copy arrays into those of a nest of tuples."""
+    for mine, other in zip(target, saved, strict=True):
+        if isinstance(mine, tuple):
+            _fill(mine, other)
+        else:
+            mine[...] = other
 
 
 def note_chatter(system: System, notes: list[str]) -> None:

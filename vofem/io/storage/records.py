@@ -11,9 +11,10 @@ import os
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vofem.assembly import Model
 from vofem.bodies import Beam, BeamPoint, Mass
@@ -21,6 +22,7 @@ from vofem.bodies.base import Body
 from vofem.effects import Resolved
 from vofem.effects.time_functions import Arbitrary, TimeFunction
 from vofem.errors import ArgumentError, MissingCallableError
+from vofem.integrators.base import Samples
 from vofem.io.scenes.schema import EFFECTS
 from vofem.io.storage.stand_ins import (
     StoredCallable,
@@ -38,6 +40,20 @@ from vofem.scene import Scene
 from vofem.system import NonlinearLaw
 
 
+class Taken(Protocol):
+    """A run, or its beginning: what tells which values of callables were taken."""
+
+    times: NDArray[np.float64]
+
+    @property
+    def model(self) -> Model:
+        """The compiled model."""
+
+    @property
+    def samples(self) -> Samples:
+        """The degrees of freedom at `times`."""
+
+
 class Encoder:
     """Says how the parts of a run are written; see `tree.write_tree`.
 
@@ -47,7 +63,7 @@ class Encoder:
         Tells which values of callables the run has taken.
     """
 
-    def __init__(self, result: Result) -> None:
+    def __init__(self, result: Result | Taken) -> None:
         self._result = result
 
     def __call__(self, value: Any) -> tuple[str, Any] | None:

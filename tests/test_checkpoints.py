@@ -1,0 +1,234 @@
+"""Stopping and going on: checkpoints, interruption, progress."""
+
+from __future__ import annotations
+
+import io
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+
+import numpy as np
+import pytest
+from scenes import paper_beam, two_masses
+
+import vofem as vf
+from vofem.io.storage import checkpoint as module
+
+RUNS = {
+    "event_driven": {"method": "event_driven"},
+    "energy_conserving": {"method": "energy_conserving", "dt": 1e-3},
+    "tolerance": {"method": "energy_conserving", "tol": 1e-3},
+    "generalized_alpha": {"method": "generalized_alpha", "dt": 1e-3},
+    "central_difference": {"method": "central_difference", "dt": 5e-4},
+}
+
+
+def scene_of(law="displacement"):
+    """The paper's beam with damping, a contact damper, and a spring that remembers nothing."""
+    beam, scene = paper_beam(law, elements=6, extra=(vf.RayleighDamping(0.1, 1e-5),))
+    return beam, scene
+
+
+class PowerLossError(Exception):
+    """Ends a run in its middle, as a lost machine would."""
+
+
+def small_steps(monkeypatch, size):
+    """Look at the outcome every few steps."""
+    monkeypatch.setattr("vofem.integrators.stepping.march._CHUNK_WORK", size)
+    monkeypatch.setattr("vofem.integrators.energy_conserving.adaptive._CHUNK", 170)
+
+
+def same(one, two, beam):
+    assert np.array_equal(one.times, two.times)
+    for kind in ("displacement", "velocity", "acceleration"):
+        assert np.array_equal(getattr(one, kind)(beam.at(1.0)), getattr(two, kind)(beam.at(1.0)))
+    for kind in ("kinetic", "strain", "contact", "dissipated", "work"):
+        assert np.array_equal(getattr(one.energy, kind), getattr(two.energy, kind))
+    for kind in ("closings", "openings", "force"):
+        assert np.array_equal(getattr(one.contacts["stop"], kind), getattr(two.contacts["stop"], kind))
+    assert one.notes == two.notes
+    assert one.counters.steps == two.counters.steps
+    assert one.counters.events == two.counters.events
+    assert one.counters.contact_solves == two.counters.contact_solves
+
+
+@pytest.mark.parametrize("kind", RUNS)
+@pytest.mark.parametrize("fraction", [0.2, 0.55, 0.9])
+def test_resumed_runs_are_bitwise_the_same(kind, fraction, tmp_path, monkeypatch):
+    small_steps(monkeypatch, 6000)
+    beam, scene = scene_of("penetration" if kind == "tolerance" else "displacement")
+    times = np.linspace(0.0, 12.0, 97)
+    path = tmp_path / "run.checkpoint"
+
+    def lose_power(t, t_end):
+        if t > fraction * t_end:
+            raise PowerLossError
+
+    whole = vf.simulate(scene, 12.0, times=times, **RUNS[kind])
+    with pytest.raises(PowerLossError):
+        vf.simulate(scene, 12.0, times=times, checkpoint=path, checkpoint_every=0.0, progress=lose_power, **RUNS[kind])
+    resumed = vf.resume(path)
+    assert whole.contacts["stop"].closings.size > 2
+    same(whole, resumed, beam)
+
+
+def test_a_load_that_is_a_callable_must_be_given_again(tmp_path, monkeypatch):
+    small_steps(monkeypatch, 6000)
+    path = tmp_path / "run.checkpoint"
+
+    def push(t):
+        return 0.1 * np.sin(t)
+
+    def build(load=push, gap=0.03):
+        return paper_beam("penetration", elements=4, load=load, gap=gap)
+
+    def lose_power(t, t_end):
+        if t > 1.0:
+            raise PowerLossError
+
+    beam, scene = build()
+    options = {"method": "energy_conserving", "dt": 1e-2}
+    with pytest.raises(PowerLossError):
+        vf.simulate(scene, 8.0, checkpoint=path, checkpoint_every=0.0, progress=lose_power, **options)
+    with pytest.raises(vf.VofemError, match="push"):
+        vf.resume(path)
+    with pytest.raises(vf.ArgumentError, match="another one than that of the checkpoint"):
+        vf.resume(path, scene=build(gap=0.04)[1])
+    same(vf.simulate(scene, 8.0, **options), vf.resume(path, scene=build()[1]), beam)
+
+
+def test_files_that_are_no_checkpoints(tmp_path):
+    _, scene = paper_beam("penetration", elements=2)
+    result = vf.simulate(scene, 0.1)
+    saved = result.save(tmp_path / "run.vtkhdf")
+    with pytest.raises(vf.StorageError, match=r"vofem\.load"):
+        vf.resume(tmp_path / "run.vtkhdf")
+    with pytest.raises(vf.StorageError, match=r"missing|no such|does not exist"):
+        vf.resume(tmp_path / "nowhere.checkpoint")
+    with pytest.raises(vf.ArgumentError, match="checkpoint"):
+        vf.simulate(scene, 0.1, checkpoint=tmp_path / "run.txt")
+    there = tmp_path / "old.checkpoint"
+    there.write_text("mine")
+    with pytest.raises(vf.OutputError, match=r"exists already; go on from it with vofem\.resume"):
+        vf.simulate(scene, 0.1, checkpoint=there)
+    assert there.read_text() == "mine"
+    assert saved.exists()
+
+
+def test_a_newer_format_is_refused(tmp_path, monkeypatch):
+    _, scene = paper_beam("penetration", elements=2)
+    path = tmp_path / "run.checkpoint"
+    monkeypatch.setattr(module, "FORMAT", 99)
+    vf.simulate(scene, 5.0, checkpoint=path, checkpoint_every=0.0)
+    monkeypatch.undo()
+    with pytest.raises(vf.StorageError, match="format 99"):
+        vf.resume(path)
+
+
+def test_a_full_disk_ends_the_run_and_leaves_the_last_checkpoint(tmp_path, monkeypatch):
+    small_steps(monkeypatch, 6000)
+    beam, scene = scene_of()
+    path = tmp_path / "run.checkpoint"
+    real, count = module.write_tree, []
+
+    def fails_at_the_fourth(*arguments):
+        count.append(1)
+        if len(count) == 4:
+            raise OSError(28, "No space left on device")
+        real(*arguments)
+
+    monkeypatch.setattr(module, "write_tree", fails_at_the_fourth)
+    with pytest.raises(vf.OutputError, match="No space left"):
+        vf.simulate(scene, 12.0, checkpoint=path, checkpoint_every=0.0, **RUNS["energy_conserving"])
+    monkeypatch.setattr(module, "write_tree", real)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["run.checkpoint"]
+    same(vf.simulate(scene, 12.0, **RUNS["energy_conserving"]), vf.resume(path), beam)
+
+
+@pytest.mark.parametrize("kind", RUNS)
+def test_interruption_returns_what_was_computed(kind, monkeypatch):
+    small_steps(monkeypatch, 6000)
+    beam, scene = scene_of()
+    times = np.linspace(0.0, 12.0, 97)
+
+    def press(t, t_end):
+        if 5.0 < t < 5.7:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    before = signal.getsignal(signal.SIGINT)
+    # A second signal would interrupt at once: one only.
+    pressed = []
+    result = vf.simulate(
+        scene, 12.0, times=times, progress=lambda t, e: (pressed or press(t, e), t > 5.0 and pressed.append(1)),
+        **RUNS[kind],
+    )  # fmt: skip
+    assert signal.getsignal(signal.SIGINT) is before
+    assert 4.0 < result.times[-1] < 11.0
+    assert any(note.startswith("interrupted at t = ") for note in result.notes)
+    whole = vf.simulate(scene, 12.0, times=times, **RUNS[kind])
+    count = result.times.size
+    assert result.displacement(beam.at(1.0)) == pytest.approx(whole.displacement(beam.at(1.0))[:count], abs=1e-9)
+    assert result.energy.total == pytest.approx(whole.energy.total[:count], rel=1e-6, abs=1e-12)
+
+
+def test_killed_at_any_moment(tmp_path):
+    """kill -9 while checkpoints are written as fast as they can be: the file is whole, and the outcome the same."""
+    path = tmp_path / "run.checkpoint"
+    program = textwrap.dedent(f"""
+        import vofem as vf
+        mass = vf.Mass(1.0, stiffness=1.0, name="mass")
+        stop = vf.Contact(mass, gap=0.1, stiffness=50.0, side="above", acts_on="penetration", name="stop")
+        scene = vf.Scene([mass], [stop], {{mass: (0.0, 1.0)}})
+        print("ready", flush=True)
+        vf.simulate(scene, 1000.0, dt=1e-3, times=[0.0, 1000.0], method="energy_conserving",
+                    checkpoint={str(path)!r}, checkpoint_every=0.0)
+    """)
+    for delay in (0.3, 0.7):
+        path.unlink(missing_ok=True)
+        process = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True)
+        assert process.stdout.readline() == "ready\n"
+        limit = time.monotonic() + 60.0
+        while not path.exists() and time.monotonic() < limit:
+            time.sleep(0.01)
+        time.sleep(delay)
+        process.kill()
+        process.wait()
+        result = vf.resume(path)
+        mass = vf.Mass(1.0, stiffness=1.0, name="mass")
+        stop = vf.Contact(mass, gap=0.1, stiffness=50.0, side="above", acts_on="penetration", name="stop")
+        whole = vf.simulate(
+            vf.Scene([mass], [stop], {mass: (0.0, 1.0)}), 1000.0, dt=1e-3, times=[0.0, 1000.0],
+            method="energy_conserving",
+        )  # fmt: skip
+        assert result.displacement(mass)[-1] == whole.displacement(mass)[-1]
+        assert np.array_equal(result.contacts["stop"].closings, whole.contacts["stop"].closings)
+
+
+def test_progress(monkeypatch):
+    """A function is told; a bar appears on a terminal and for long runs only."""
+    _, _, scene = two_masses("b", "penetration")
+    told = []
+    vf.simulate(scene, 100.0, progress=lambda t, t_end: told.append((t, t_end)))
+    times = [t for t, _ in told]
+    assert times == sorted(times)
+    assert told[-1] == (100.0, 100.0)
+
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    monkeypatch.setattr("vofem.progress._PATIENCE", 0.0)
+    screen = Terminal()
+    monkeypatch.setattr(sys, "stderr", screen)
+    vf.simulate(scene, 100.0, method="energy_conserving", dt=1e-2)
+    assert "100 s" in screen.getvalue()
+    quiet = io.StringIO()
+    monkeypatch.setattr(sys, "stderr", quiet)
+    vf.simulate(scene, 100.0, method="energy_conserving", dt=1e-2)
+    assert quiet.getvalue() == ""
+    with pytest.raises(vf.ArgumentError, match="progress is 'yes'"):
+        vf.simulate(scene, 1.0, progress="yes")

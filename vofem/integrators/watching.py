@@ -1,0 +1,47 @@
+"""How a run is looked at from outside, and how it is interrupted between two steps."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any, Protocol
+
+#: Plain data from which a run goes on as if it had never stopped.
+Snapshot = dict[str, Any]
+
+
+class Watch(Protocol):
+    """Looks at a run from time to time."""
+
+    def __call__(self, t: float, snapshot: Callable[[], Snapshot], last: bool = False) -> None:
+        """Be told the time reached in s; `snapshot` returns the run's state, `last` is true before an interruption."""
+
+
+@contextlib.contextmanager
+def deferred_interrupts() -> Iterator[Callable[[], bool]]:
+    """Let Ctrl-C wait for the end of a step; the function given tells whether it was pressed.
+
+    A second Ctrl-C interrupts at once. Outside the main thread nothing is deferred.
+    """
+    pressed = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield pressed.is_set
+        return
+    before = signal.getsignal(signal.SIGINT)
+
+    def handle(number: int, frame: Any) -> None:
+        if pressed.is_set():
+            raise KeyboardInterrupt
+        pressed.set()
+
+    try:
+        signal.signal(signal.SIGINT, handle)
+    except ValueError:  # an interpreter within another program
+        yield pressed.is_set
+        return
+    try:
+        yield pressed.is_set
+    finally:
+        signal.signal(signal.SIGINT, before if before is not None else signal.SIG_DFL)

@@ -1,0 +1,154 @@
+"""Checkpoints: a run that was stopped, in one file, and `resume`, which goes on as if it had never stopped."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem._version import __version__
+from vofem.assembly import Model
+from vofem.errors import ArgumentError, OutputError, StorageError
+from vofem.integrators.base import Samples
+from vofem.io.files import target, try_to_write
+from vofem.io.storage.hdf5 import reading, writing
+from vofem.io.storage.records import Encoder, decode, seed
+from vofem.io.storage.tree import read_tree, write_tree
+from vofem.progress import Progress
+from vofem.result import Result
+from vofem.scene import Scene, as_scene
+from vofem.simulate import Plan, run_plan
+
+_SUFFIXES = (".checkpoint", ".h5", ".hdf")
+
+#: Counts up when files of a new kind could not be read by this version.
+FORMAT = 1
+
+
+@dataclass
+class _Begun:
+    """What an `Encoder` asks of a run: at the beginning there is only the start."""
+
+    times: NDArray[np.float64]
+    model: Model
+    samples: Samples
+
+
+def checkpoint_writer(path: str | os.PathLike[str], scene: Scene, plan: Plan) -> Callable[[dict[str, Any]], None]:
+    """Return a function that writes snapshots of a run to a file, each whole or not at all.
+
+    Raises
+    ------
+    ArgumentError
+        For another suffix.
+    OutputError
+        If the folder is missing or cannot be written, or the file is there already.
+    """
+    goal = target(path, _SUFFIXES)
+    if goal.exists():
+        raise OutputError(
+            f"{goal} exists already; go on from it with vofem.resume({str(path)!r}), or remove it to begin anew"
+        )
+    try_to_write(goal)
+    return _writer(goal, scene, plan)
+
+
+def _writer(goal: Path, scene: Scene, plan: Plan) -> Callable[[dict[str, Any]], None]:
+    start = scene.initial_state()
+    columns = Samples(start.q[:, None], start.v[:, None], np.zeros((start.q.size, 1)))
+    encode = Encoder(_Begun(np.zeros(1), scene.model, columns))
+
+    def write(snapshot: dict[str, Any]) -> None:
+        with writing(goal, overwrite=True) as blocks:
+            own = blocks.file.create_group("vofem_checkpoint")
+            own.attrs["format"] = FORMAT
+            own.attrs["written_by"] = __version__
+            record = {"scene": scene, "model": scene.model, "plan": plan, "snapshot": snapshot}
+            write_tree(own.create_group("run"), record, encode)
+
+    return write
+
+
+def resume(
+    path: str | os.PathLike[str],
+    *,
+    scene: Scene | None = None,
+    progress: Progress = None,
+    checkpoint_every: float = 60.0,
+) -> Result:
+    """Go on with a run from its checkpoint, to the same outcome, bit for bit, as if it had never stopped.
+
+    The checkpoint is kept up to date on the way.
+
+    Parameters
+    ----------
+    path : path
+        What was given as ``checkpoint`` to `vofem.simulate`.
+    scene : Scene, optional
+        Needed where the scene holds Python callables, which no file can hold:
+        the same scene again.
+    progress : bool or callable, optional
+        As in `vofem.simulate`.
+    checkpoint_every : float
+        Seconds of wall time between two checkpoints.
+
+    Returns
+    -------
+    Result
+
+    Raises
+    ------
+    StorageError
+        If the file is missing, of another kind, damaged, or of a newer vofem.
+    ArgumentError
+        If the scene is another one.
+    MissingCallableError
+        If the scene holds callables and was not given.
+    """
+    with reading(path) as file:
+        if "vofem_checkpoint" not in file:
+            kind = "a saved run: read it with vofem.load" if "vofem" in file else "an HDF5 file of another program"
+            raise StorageError(f"{file.filename} is {kind}; expected a checkpoint of vofem.simulate")
+        own = file["vofem_checkpoint"]
+        if int(own.attrs["format"]) > FORMAT:
+            raise StorageError(
+                f"{file.filename} was written by vofem {own.attrs['written_by']} in format {own.attrs['format']}; this "
+                f"is vofem {__version__}, which reads formats up to {FORMAT}. Update vofem"
+            )
+        record = read_tree(own["run"], decode)
+    if scene is None:
+        scene = record["scene"]
+        seed(scene, record["model"])
+    else:
+        _check_same(as_scene("resume", scene), record["model"])
+    plan = record["plan"]
+    write = _writer(target(path, _SUFFIXES), scene, plan)
+    return run_plan(scene, plan, progress, write, checkpoint_every, record["snapshot"])
+
+
+def _check_same(scene: Scene, model: Model) -> None:
+    """Raise where a scene has other equations than a model, as far as these are matrices."""
+    mine, other = scene.model.system, model.system
+    same = mine.size == other.size
+    for name in ("mass", "stiffness"):
+        same = same and _equal(getattr(mine, name), getattr(other, name))
+    for one, two in ((mine.contacts, other.contacts),):
+        same = same and (one is None) == (two is None)
+        if same and one is not None and two is not None:
+            arrays = ("gap", "stiffness", "damping", "jump", "resolution")
+            same = all(np.array_equal(getattr(one, name), getattr(two, name)) for name in arrays)
+            same = same and _equal(one.rows, two.rows)
+    if not same or len(mine.loads) != len(other.loads):
+        raise ArgumentError(
+            "resume: the scene is another one than that of the checkpoint: masses, stiffnesses, contacts or loads "
+            "differ; give the scene that the run began with, or simulate anew"
+        )
+
+
+def _equal(one: Any, two: Any) -> bool:
+    return one.shape == two.shape and abs(one - two).max() == 0.0
