@@ -550,3 +550,20 @@ def test_command_line_saves_and_renders(tmp_path, monkeypatch, capsys):
     assert cli.main(["render", "ball.vtkhdf", "--times", "7.0"]) == 1
     assert cli.main(["render", "ball.toml"]) == 1
     assert "is no HDF5 file" in capsys.readouterr().err
+
+
+def test_a_truncated_run_is_read_whole(tmp_path):
+    beam = vf.Beam(1.0, 1.0, 1.0, 600, {"left": "clamped"})
+    stop = vf.Contact(beam.at(1.0), gap=0.03, stiffness=1.0, side="below", acts_on="penetration", name="stop")
+    scene = vf.Scene([beam], [stop, vf.PointLoad(beam.at(1.0), vf.Sine(0.1, 1.0))])
+    result = vf.simulate(scene, 6.0, times=np.linspace(0.0, 6.0, 25))
+    assert result.truncation is not None
+    loaded = vf.load(result.save(tmp_path / "run.vtkhdf"))
+    tip = beam.at(1.0)
+    assert loaded.truncation == result.truncation
+    assert loaded.notes == result.notes
+    assert np.array_equal(loaded.displacement(tip), result.displacement(tip))
+    assert np.array_equal(loaded.displacement(tip, [1.234, 5.678]), result.displacement(tip, [1.234, 5.678]))
+    assert np.array_equal(loaded.reaction(beam, "left").moment, result.reaction(beam, "left").moment)
+    assert np.array_equal(loaded.energy.total, result.energy.total)
+    assert np.array_equal(loaded.contacts["stop"].closings, result.contacts["stop"].closings)

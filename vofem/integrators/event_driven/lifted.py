@@ -111,6 +111,8 @@ class TruncatedSolution:
         self.reduced = reduced
         self.vectors = vectors
         self.truncation = truncation
+        self.tolerance = tolerance
+        self.beams = beams
         self.t_end = reduced.t_end
         self.times = times
         self.counters: Counters = reduced.counters

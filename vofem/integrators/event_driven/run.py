@@ -49,18 +49,18 @@ def refusal(system: System) -> str | None:
             return (
                 f"{load.name} has no closed form, which event_driven needs. Ways out: write it with Sine, Ramp, "
                 "Pulse, Tabulated and their sums; approximate it, vf.Approximated(f, t_end, tolerance); or "
-                "choose method='central_difference'"
+                "choose method='energy_conserving'"
             )
     if system.nonlinear is not None:
         return (
             f"NonlinearSpring {system.nonlinear.laws[0].name!r} is not piecewise linear, which event_driven needs. "
-            "Choose method='central_difference'"
+            "Choose method='energy_conserving'"
         )
     if system.contacts is not None and not system.contacts.ideal:
         k = int(np.argmax(np.isfinite(system.contacts.resolution)))
         return (
             f"Contact {system.contacts.names[k]!r} has a resolved switch, whose force is not piecewise linear; "
-            "event_driven needs switch='ideal'. Choose method='central_difference'"
+            "event_driven needs switch='ideal'. Choose method='energy_conserving'"
         )
     if system.size > MOST_UNKNOWNS and too_many_inputs(system) is not None:
         return _too_large(system)

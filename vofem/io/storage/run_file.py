@@ -136,7 +136,9 @@ def load(path: str | os.PathLike[str]) -> Result:
             record["solution"], own, history.samples, history.energy, history.events, history.times
         )
         result = Result(scene, str(own.attrs["method"]), solution)
-    result.__dict__["samples"] = history.samples
+    # Samples in Ritz vectors are summed in another order than those of the history: they are computed anew.
+    if getattr(solution, "truncation", None) is None:
+        result.__dict__["samples"] = history.samples
     result.__dict__["energy"] = history.energy
     if history.contacts is not None:
         result.__dict__["contact_samples"] = history.contacts

@@ -34,7 +34,12 @@ def solution_record(solution: Solution) -> dict[str, Any]:
         kept = [field.name for field in fields(solution) if field.name not in _ELSEWHERE]
         return {"kind": "stepped", **{name: getattr(solution, name) for name in kept}}
     from vofem.integrators.event_driven import EventSolution
+    from vofem.integrators.event_driven.lifted import TruncatedSolution
 
+    if isinstance(solution, TruncatedSolution):
+        kept = ["vectors", "truncation", "tolerance", "beams"]
+        lifted = {name: getattr(solution, name) for name in kept}
+        return {"kind": "truncated", "reduced": solution_record(solution.reduced), **lifted}
     if not isinstance(solution, EventSolution):
         raise ArgumentError(f"a run that ends in a {type(solution).__name__} cannot be saved")
     names = ("system", "space", "t_end", "counters", "notes")
@@ -45,7 +50,7 @@ def solution_record(solution: Solution) -> dict[str, Any]:
 
 def write_segments(blocks: Blocks, group: h5py.Group, solution: Any) -> None:
     """Write begin, duration and state of every segment of an event-driven run."""
-    starts, durations, states = solution.segments
+    starts, durations, states = getattr(solution, "reduced", solution).segments
     write_array(group, "starts", np.array(starts))
     write_array(group, "durations", np.array(durations))
     write_rows(blocks, group, "status", states, lambda state: state[0], np.int64)
@@ -63,6 +68,11 @@ def restored_solution(
         return SteppedSolution(**record, times=times, samples=samples, stored=Energies(*parts), events=events)
     from vofem.integrators.event_driven import EventSolution
 
+    if kind == "truncated":
+        from vofem.integrators.event_driven.lifted import TruncatedSolution
+
+        reduced: Any = restored_solution(record.pop("reduced"), group, samples, energy, events, times)
+        return TruncatedSolution(reduced, times=times, **record)
     sensitivity = record.pop("sensitivity")
     rows = group["segments"]
     segments = Segments(*(read_array(rows[name]) for name in Segments._fields))
@@ -74,4 +84,4 @@ def restored_solution(
 
 def has_segments(result: Result) -> bool:
     """Return whether a run is a sequence of segments."""
-    return hasattr(result.solution, "segments")
+    return hasattr(getattr(result.solution, "reduced", result.solution), "segments")
