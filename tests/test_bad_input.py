@@ -162,11 +162,11 @@ def test_start_from_outcomes_for_some_bodies():
 @pytest.mark.parametrize(("call", "message"), CASES)
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_bad_argument(call, message):
-    start = time.perf_counter()
+    start = time.process_time()
     with pytest.raises(vf.VofemError, match=message) as caught:
         call()
     assert isinstance(caught.value, ValueError)
-    assert time.perf_counter() - start < 2.0
+    assert time.process_time() - start < 2.0
 
 
 def test_bad_initial_states():
@@ -206,11 +206,11 @@ def bad_at_three(t):
 def test_load_function_that_returns_nan():
     vf.simulate(paper_beam("penetration", load=lambda t: 0.1)[1], 1e-3)  # compiles
     _, s = paper_beam("penetration", load=bad_at_three)
-    start = time.perf_counter()
+    start = time.process_time()
     with pytest.raises(vf.LoadError, match=r"'bad_at_three' returned nan at t = 3") as caught:
         vf.simulate(s, 5.0, dt=5e-5)
     assert "division by zero" in str(caught.value)
-    assert time.perf_counter() - start < 2.0
+    assert time.process_time() - start < 2.0
     _, s = paper_beam("penetration", load=lambda t: "much")
     with pytest.raises(vf.LoadError, match="expected a number"):
         vf.simulate(s, 1e-2, dt=1e-5)
@@ -238,7 +238,7 @@ def test_callable_load_and_event_driven():
     with pytest.raises(vf.MethodError, match="Ways out: write it with Sine, Ramp, Pulse, Tabulated") as caught:
         vf.simulate(s, 1.0, method="event_driven")
     assert "vf.Approximated" in str(caught.value)
-    assert "central_difference" in str(caught.value)
+    assert "energy_conserving" in str(caught.value)
 
 
 def test_resolved_switch_and_event_driven():

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import eigh, expm
 
+import vofem as vf
 from vofem.errors import SingularSystemError
 from vofem.linalg.banded import band_order, factor, solve, subtract_product, to_band
 from vofem.linalg.exponential import exponential_response, oscillator, ramp_response
@@ -108,3 +111,33 @@ def test_band_order_narrows_a_shuffled_chain():
 def test_indefinite_matrix_is_named():
     with pytest.raises(SingularSystemError, match="the mass matrix is not positive definite"):
         factor(np.array([[1.0, -1.0]]), "the mass matrix")
+
+
+def test_null_space_of_many_short_rows(monkeypatch):
+    """Rows of one or two entries are solved one by one, the rest as a dense matrix: the same space."""
+    from scipy.sparse import csr_matrix
+
+    from vofem.linalg import null_space as module
+
+    monkeypatch.setattr(module, "_FEW_COLUMNS", 0)
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        columns = int(rng.integers(1, 12))
+        rows = np.zeros((int(rng.integers(1, columns + 3)), columns))
+        for row in rows:
+            some = rng.choice(columns, min(int(rng.integers(1, 4)), columns), replace=False)
+            row[some] = rng.choice([-1.0, 1.0, 2.0, 0.5], some.size)
+        dense = module.null_space(rows, np.abs(rows))
+        sparse = module.sparse_null_space(csr_matrix(rows), csr_matrix(np.abs(rows)))
+        assert sparse.shape == dense.shape
+        assert np.max(np.abs(rows @ sparse), initial=0.0) < 1e-12
+        assert np.linalg.matrix_rank(sparse) == sparse.shape[1] if sparse.size else True
+
+
+def test_a_long_chain_is_assembled_without_large_arrays():
+    """20 000 free masses in a row: one rigid motion, found without a dense matrix of all bodies."""
+    masses = [vf.Mass(1.0) for _ in range(20_000)]
+    springs = [vf.Spring(a, b, stiffness=1.0) for a, b in pairwise(masses)]
+    system = vf.Scene(masses, springs, initial={masses[0]: (0.0, 1.0)}).model.system
+    assert system.rigid.shape == (20_000, 1)
+    assert system.rigid == pytest.approx(np.full((20_000, 1), system.rigid[0, 0]), rel=1e-12)

@@ -13,7 +13,7 @@ import numpy as np
 
 from vofem.bodies.base import Array, Body, BodyMatrices, IntArray, Point, Row
 from vofem.errors import ArgumentError
-from vofem.linalg.null_space import null_space
+from vofem.linalg.null_space import null_space, sparse_null_space
 from vofem.system import ContactLaws, Load, LoadFunction, NonlinearLaw, NonlinearLaws, System
 
 if TYPE_CHECKING:
@@ -98,6 +98,15 @@ class Model:
         return values
 
 
+def _entries(matrix: Any) -> tuple[IntArray, IntArray, Array]:
+    """Return rows, columns and values of a matrix, in csr form or small and dense."""
+    if isinstance(matrix, np.ndarray):
+        rows, columns = np.indices(matrix.shape).reshape(2, -1)
+        return rows, columns, matrix.ravel()
+    rows = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
+    return rows, matrix.indices.astype(np.int64), matrix.data
+
+
 class _Triplets:
     """Coordinate entries of one symmetric matrix over all degrees of freedom."""
 
@@ -106,11 +115,11 @@ class _Triplets:
         self.columns: list[IntArray] = []
         self.values: list[Array] = []
 
-    def add_matrix(self, matrix: Any, offset: int) -> None:
-        coo = matrix.tocoo()
-        self.rows.append(coo.row.astype(np.int64) + offset)
-        self.columns.append(coo.col.astype(np.int64) + offset)
-        self.values.append(coo.data)
+    def add_matrix(self, matrix: Any, row: int, column: int) -> None:
+        rows, columns, values = _entries(matrix)
+        self.rows.append(rows + row)
+        self.columns.append(columns + column)
+        self.values.append(values)
 
     def add_rank_one(self, row: Row, factor: float) -> None:
         k = row.indices.size
@@ -118,13 +127,13 @@ class _Triplets:
         self.columns.append(np.tile(row.indices, k))
         self.values.append(factor * np.outer(row.weights, row.weights).ravel())
 
-    def build(self, size: int) -> csr_matrix | None:
+    def build(self, size: int, columns: int | None = None) -> csr_matrix | None:
         from scipy.sparse import coo_matrix
 
         if not self.rows:
             return None
         entries = (np.concatenate(self.rows), np.concatenate(self.columns))
-        return coo_matrix((np.concatenate(self.values), entries), shape=(size, size)).tocsr()
+        return coo_matrix((np.concatenate(self.values), entries), shape=(size, columns or size)).tocsr()
 
 
 class SystemBuilder:
@@ -153,10 +162,10 @@ class SystemBuilder:
         for body in bodies:
             matrices = self._check(body, body.matrices())
             self.offsets[body] = self.size
-            self._mass.add_matrix(matrices.mass, self.size)
-            self._stiffness.add_matrix(matrices.stiffness, self.size)
+            self._mass.add_matrix(matrices.mass, self.size, self.size)
+            self._stiffness.add_matrix(matrices.stiffness, self.size, self.size)
             if matrices.damping is not None:
-                self._damping.add_matrix(matrices.damping, self.size)
+                self._damping.add_matrix(matrices.damping, self.size, self.size)
             supported.append(matrices.supported + self.size)
             scales.append(matrices.scale)
             self.size += body.size
@@ -167,7 +176,7 @@ class SystemBuilder:
     @staticmethod
     def _check(body: Body, matrices: BodyMatrices) -> BodyMatrices:
         for kind, matrix in (("mass", matrices.mass), ("stiffness", matrices.stiffness)):
-            if not np.all(np.isfinite(matrix.data)):
+            if not np.all(np.isfinite(_entries(matrix)[2])):
                 raise ArgumentError(
                     f"{body.label}: the {kind} matrix overflows; check the units of length, EI and rhoA"
                 )
@@ -197,7 +206,7 @@ class SystemBuilder:
 
     def add_strains(self, body: Body, strains: csr_matrix) -> None:
         """Add ``D'D`` to K, D being strain rows over one body's degrees of freedom, shape (k, body.size)."""
-        self._attached.add_matrix(strains.T @ strains, self.offsets[body])
+        self._attached.add_matrix((strains.T @ strains).tocsr(), self.offsets[body], self.offsets[body])
         self._strains.append((self.offsets[body], strains))
 
     def add_damping(self, row: Row, damping: float) -> None:
@@ -322,12 +331,16 @@ class SystemBuilder:
 
     def _strain_rows(self, attached: csr_matrix | None, free: IntArray) -> csr_matrix | None:
         """Return D with ``K = D'D`` over the free degrees of freedom, or None."""
-        from scipy.sparse import block_diag, vstack
+        from scipy.sparse import vstack
 
-        rows = [row for body in self.offsets if (row := body.strain_rows()) is not None]
-        if len(rows) < len(self.offsets):
-            return None
-        whole = rows[0] if len(rows) == 1 else block_diag(rows, format="csr")
+        parts, count = _Triplets(), 0
+        for body, start in self.offsets.items():
+            rows = body.strain_rows()
+            if rows is None:
+                return None
+            parts.add_matrix(rows, count, start)
+            count += rows.shape[0]
+        whole: Any = parts.build(count, self.size)
         if attached is not None:
             whole = vstack([whole, attached], format="csr")
         return whole[:, free] if free.size < self.size else whole
@@ -344,12 +357,17 @@ class SystemBuilder:
             held = self._supported[(self._supported >= start) & (self._supported < start + body.size)] - start
             motions = motions @ null_space(motions[held], np.ones_like(motions[held]))
             blocks.extend((start, motions[:, [k]]) for k in range(motions.shape[1]))
-        basis = np.zeros((self.size, len(blocks)))
-        for k, (start, motion) in enumerate(blocks):
-            basis[start : start + motion.shape[0], k] = motion[:, 0]
-        if attached is None or not blocks:
-            return basis
-        return basis @ null_space(np.asarray(attached @ basis), np.asarray(abs(attached) @ np.abs(basis)))
+        from scipy.sparse import csr_matrix
+
+        if not blocks:
+            return np.zeros((self.size, 0))
+        rows = np.concatenate([start + np.arange(motion.shape[0]) for start, motion in blocks])
+        columns = np.repeat(np.arange(len(blocks)), [motion.shape[0] for _, motion in blocks])
+        entries = np.concatenate([motion[:, 0] for _, motion in blocks])
+        basis = csr_matrix((entries, (rows, columns)), shape=(self.size, len(blocks)))
+        if attached is None:
+            return np.asarray(basis.toarray())
+        return np.asarray(basis @ sparse_null_space(attached @ basis, abs(attached) @ abs(basis)))
 
     def _build_contacts(self, free: IntArray) -> tuple[Any, ContactLaws | None]:
         entries = self._contacts

@@ -81,9 +81,10 @@ class Scene:
         self._check_names("contacts", [contact.name for contact in self.contacts])
         self._check_bases()
         self._check_initial()
+        present = set(self.bodies)
         for effect in self.effects:
             for point in effect.points():
-                if point.body not in self.bodies:
+                if point.body not in present:
                     known = ", ".join(body.label for body in self.bodies)
                     raise ArgumentError(
                         f"{effect.describe()}: its body is not in the scene, which holds {known}; add it to bodies"
@@ -110,8 +111,9 @@ class Scene:
                 f"Scene: initial is {self.initial!r}, expected a dict {{body: (displacement, velocity)}}, "
                 "an Equilibrium or a Result"
             )
+        present = {id(body) for body in self.bodies}
         for body, value in self.initial.items():
-            if not any(body is known for known in self.bodies):
+            if id(body) not in present:
                 cure = "; use the Beam or Mass object itself, not its name" if isinstance(body, str) else ""
                 raise ArgumentError(f"Scene: initial names {body!r}, which is not among the bodies{cure}")
             if not hasattr(value, "state_of") and not (isinstance(value, (tuple, list)) and len(value) == 2):

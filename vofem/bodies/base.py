@@ -39,9 +39,10 @@ class BodyMatrices:
 
     Attributes
     ----------
-    mass, stiffness : csr_matrix, shape (n, n)
+    mass, stiffness : csr_matrix or ndarray, shape (n, n)
         Symmetric; kg and N/m where the degree of freedom is a displacement.
-    damping : csr_matrix, shape (n, n), optional
+        An array where n is small: many masses would feel the cost of sparse objects.
+    damping : csr_matrix or ndarray, shape (n, n), optional
         None where the body has no dashpot of its own.
     supported : ndarray of int
         Degrees of freedom that are held at zero.
@@ -50,9 +51,9 @@ class BodyMatrices:
         displacement (1 for displacements, the element length for slopes).
     """
 
-    mass: csr_matrix
-    stiffness: csr_matrix
-    damping: csr_matrix | None
+    mass: csr_matrix | Array
+    stiffness: csr_matrix | Array
+    damping: csr_matrix | Array | None
     supported: IntArray
     scale: Array
 
@@ -70,7 +71,7 @@ class Body(Protocol):
     def matrices(self) -> BodyMatrices:
         """Return mass, stiffness, damping and supports."""
 
-    def strain_rows(self) -> csr_matrix | None:
+    def strain_rows(self) -> csr_matrix | Array | None:
         """Return D, shape (n_strains, size), with stiffness ``D'D``; None where K is no sum of squares."""
 
     def translation(self) -> Array:

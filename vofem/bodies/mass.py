@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from vofem._validate import TINY, number
 from vofem.bodies.base import Array, BodyMatrices, Row, automatic_name
 from vofem.errors import ArgumentError
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_matrix
 
 
 class Mass:
@@ -64,12 +61,10 @@ class Mass:
 
     def matrices(self) -> BodyMatrices:
         """Return the 1 x 1 matrices."""
-        from scipy.sparse import csr_matrix
-
         return BodyMatrices(
-            mass=csr_matrix([[self.mass]]),
-            stiffness=csr_matrix([[self.stiffness]]),
-            damping=csr_matrix([[self.damping]]) if self.damping else None,
+            mass=np.array([[self.mass]]),
+            stiffness=np.array([[self.stiffness]]),
+            damping=np.array([[self.damping]]) if self.damping else None,
             supported=np.empty(0, dtype=np.int64),
             scale=np.ones(1),
         )
@@ -82,11 +77,9 @@ class Mass:
         """Refuse: a mass has no slope."""
         raise ArgumentError(f"Mass {self.name!r} has no slope; moments and rotational springs need a beam")
 
-    def strain_rows(self) -> csr_matrix:
+    def strain_rows(self) -> Array:
         """Return the root of the stiffness."""
-        from scipy.sparse import csr_matrix
-
-        return csr_matrix([[np.sqrt(self.stiffness)]])
+        return np.array([[np.sqrt(self.stiffness)]])
 
     def translation(self) -> Array:
         """Return one."""
