@@ -268,6 +268,7 @@ _KINDS: tuple[tuple[str, Callable[[System], bool]], ...] = (
     ),
     ("damping", lambda system: system.damped),
     ("nonlinear springs", lambda system: system.nonlinear is not None),
+    ("springs with memory", lambda system: bool(system.springs)),
     ("loads", lambda system: bool(system.loads)),
 )
 

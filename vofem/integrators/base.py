@@ -101,6 +101,25 @@ class Energies:
     work: Array
 
 
+@dataclass(frozen=True)
+class SpringSamples:
+    """Springs with memory at some times, each of shape (n_springs, n_times).
+
+    Attributes
+    ----------
+    force : ndarray
+        In N, positive in tension.
+    stored : ndarray
+        Energy that would be given back, J.
+    dissipated : ndarray
+        Since t = 0, J.
+    """
+
+    force: Array
+    stored: Array
+    dissipated: Array
+
+
 class Solution(Protocol):
     """What a run leaves behind."""
 
@@ -178,6 +197,7 @@ __all__ = [
     "Sampled",
     "Samples",
     "Solution",
+    "SpringSamples",
     "initial_status",
     "spring_force",
     "spring_potential",
