@@ -61,7 +61,7 @@ from vofem.polynomial import Polynomial
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.simulate import explain, simulate
-from vofem.statics import Equilibrium, equilibrium
+from vofem.statics import Equilibrium, QuasiStatic, equilibrium, quasi_static
 
 if TYPE_CHECKING:
     from vofem.io.scene_file import dump_scene, load_scene
@@ -102,6 +102,7 @@ __all__ = [
     "PointMoment",
     "Polynomial",
     "Pulse",
+    "QuasiStatic",
     "Ramp",
     "RayleighDamping",
     "Resolved",
@@ -125,6 +126,7 @@ __all__ = [
     "load",
     "load_scene",
     "modes",
+    "quasi_static",
     "resume",
     "simulate",
 ]

@@ -337,3 +337,9 @@ def memory_energy(memory: Memory, state: Array, rows: Rows, q: Array) -> tuple[f
         stored += memory_stored(memory, state, i, u)
         lost += state[memory.start[i]] + memory_loss(memory, state, i, u)
     return stored, lost
+
+
+def memory_energy_of(memory: Memory, state: Array, u: Array) -> tuple[Array, Array]:
+    """Return the energies in J that each law holds at its elongation and has dissipated before, each (n_laws,)."""
+    stored = [memory_stored(memory, state, i, x) for i, x in enumerate(u.tolist())]
+    return np.array(stored), state[memory.start[:-1]].copy()
