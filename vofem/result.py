@@ -19,6 +19,7 @@ from vofem.errors import ArgumentError
 from vofem.fractional.orders import exponential_order
 from vofem.integrators.base import ContactSamples, Sampled, Solution, SpringSamples
 from vofem.lookup import body_named, row_of, the_beam
+from vofem.memory import past_of
 from vofem.scene import Scene
 from vofem.system import CLOSED, PINNED, Counters
 
@@ -325,6 +326,13 @@ class Result:
         body = body_named(self.scene.bodies, body_name)
         q, v = self.samples.last()
         return self.model.of_body(body, q), self.model.of_body(body, v)
+
+    def spring_state(self, name: str) -> Array | None:
+        """Return the state of a spring with memory at the last time, with which another scene can start, or None."""
+        memory, springs = self.model.system.memory, getattr(self.solution, "springs", None)
+        if memory is None or springs is None:
+            return None
+        return past_of(memory.laws, springs.past, name)
 
     # -- fields -----------------------------------------------------------------------------------
 

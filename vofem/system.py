@@ -237,10 +237,11 @@ class System:
 
 @dataclass(frozen=True)
 class State:
-    """Displacements and velocities at one time, each of shape (n,)."""
+    """Displacements and velocities at one time, each (n,), and the state of springs with memory that have a past."""
 
     q: Array
     v: Array
+    memory: Array | None = None
 
 
 @dataclass

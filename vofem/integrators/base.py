@@ -113,11 +113,14 @@ class SpringSamples:
         Energy that would be given back, J.
     dissipated : ndarray
         Since t = 0, J.
+    past : ndarray
+        The state of all springs at the last of the times.
     """
 
     force: Array
     stored: Array
     dissipated: Array
+    past: Array
 
 
 class Solution(Protocol):

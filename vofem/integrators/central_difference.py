@@ -142,7 +142,7 @@ def run(
     kernel = _CentralDifference(system, start, dt, steps, counters)
     initial, acceleration = kernel.state.status.copy(), kernel.start_acceleration
     first = stored_energy(system, start.q, start.v) - 0.125 * dt**2 * float(acceleration @ (system.mass @ acceleration))
-    out = output(stored, system.size, kernel.laws.memory.kind.size)
+    out = output(stored, system.size, kernel.laws.memory.kind.size, kernel.laws.state.size)
     return march(
         kernel, "central_difference", start, initial, t_end, dt, out, notes,
         first_energy=first, blow_up=_BLOW_UP, watch=watch, resume=resume,
@@ -186,7 +186,8 @@ class _CentralDifference:
             rows = system.contacts.rows
             status = initial_status(system.contacts, rows @ start.q, rows @ start.v, abs(rows) @ np.abs(start.q))
         every = all_rows(system)
-        self.laws = loaded(self.laws, np.zeros(0) if every is None else np.asarray(every @ start.q))
+        u = np.zeros(0) if every is None else np.asarray(every @ start.q)
+        self.laws = loaded(self.laws, u, start.memory)
         self.start_acceleration = self._start_acceleration(start, status)
         # Second-order start: half a step back with the acceleration of the initial conditions.
         half = start.v[order] - 0.5 * dt * self.start_acceleration[order]

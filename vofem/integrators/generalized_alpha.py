@@ -167,7 +167,7 @@ def run(
     stored = storage_times(times, t_end, dt, steps, system.size, notes)
     note_chatter(system, notes)
     kernel = _GeneralizedAlpha(system, start, dt, steps, chosen, counters)
-    out = output(stored, system.size, kernel.laws.memory.kind.size)
+    out = output(stored, system.size, kernel.laws.memory.kind.size, kernel.laws.state.size)
     return march(
         kernel, "generalized_alpha", start, kernel.state.status.copy(), t_end, dt, out, notes,
         first_energy=stored_energy(system, start.q, start.v), blow_up=_BLOW_UP, watch=watch, resume=resume,
@@ -207,7 +207,7 @@ class _GeneralizedAlpha:
         rows = all_rows(system)
         if rows is not None:
             u, rate = np.asarray(rows @ start.q), np.asarray(rows @ start.v)
-        self.laws = loaded(self.laws, u)
+        self.laws = loaded(self.laws, u, start.memory)
         if system.contacts is not None:
             size = np.asarray(abs(system.contacts.rows) @ np.abs(start.q))
             count = len(system.contacts)

@@ -107,3 +107,14 @@ class PrintedLaw:
     linear_limit: float
     level: Callable[[float], float]
     limit: float
+
+
+def past_of(laws: tuple[MemoryLaw, ...], states: Array, name: str) -> Array | None:
+    """Return the state of the law of that name among those of all, one after the other, or None."""
+    start = 0
+    for law in laws:
+        size = law.virgin().size
+        if law.name == name:
+            return states[start : start + size].copy()
+        start += size
+    return None

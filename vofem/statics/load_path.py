@@ -84,7 +84,7 @@ def _linear(model: Model, force: Array, factors: Array) -> QuasiStatic:
 
     check_held(model, None)
     q = solver_of(model.system, np.zeros(0))(force)
-    return QuasiStatic(model, factors, q[:, None] * factors, {}, {}, 0)
+    return QuasiStatic(model, factors, q[:, None] * factors, {}, {}, 0, np.zeros(0))
 
 
 def _printed(model: Model, law: PrintedLaw, force: float, factors: Array) -> QuasiStatic:
@@ -95,7 +95,7 @@ def _printed(model: Model, law: PrintedLaw, force: float, factors: Array) -> Qua
     way, pull = np.diff(xi, prepend=0.0), np.concatenate([[0.0], forces])
     work = np.cumsum(0.5 * (pull[1:] + pull[:-1]) * way)
     springs = {law.name: SpringPath(xi, forces, stored, work - stored)}
-    return QuasiStatic(model, factors, xi[None, :], {}, springs, 0)
+    return QuasiStatic(model, factors, xi[None, :], {}, springs, 0, np.zeros(0))
 
 
 def _path(model: Model, force: Array, factors: Array) -> QuasiStatic:
@@ -125,7 +125,7 @@ def _path(model: Model, force: Array, factors: Array) -> QuasiStatic:
             )
     for j, law in enumerate(() if system.memory is None else system.memory.laws):
         springs[law.name] = SpringPath(u[count + j], reactions[count + j], energies[0, j], energies[1, j])
-    return QuasiStatic(model, factors, q, contacts, springs, solver.iterations)
+    return QuasiStatic(model, factors, q, contacts, springs, solver.iterations, solver.state)
 
 
 def _bearing(solver: Any, status: NDArray[np.int64]) -> Array | None:

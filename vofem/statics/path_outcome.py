@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import Named
 from vofem.assembly import Model
-from vofem.lookup import row_of, the_beam
+from vofem.lookup import body_named, row_of, the_beam
+from vofem.memory import past_of
 
 Array = NDArray[np.float64]
 
@@ -58,7 +59,7 @@ class SpringPath:
 
 
 class QuasiStatic:
-    """The outcome of `quasi_static`.
+    """The outcome of `quasi_static`; a scene can start from it, at rest in the last equilibrium.
 
     Attributes
     ----------
@@ -78,9 +79,11 @@ class QuasiStatic:
         contacts: dict[str, ContactPath],
         springs: dict[str, SpringPath],
         iterations: int,
+        past: Array,
     ) -> None:
         self._model = model
         self._q = q
+        self._past = past
         self.load_factors = load_factors
         self.contacts = Named(contacts)
         self.springs = Named(springs, "spring with memory")
@@ -88,6 +91,16 @@ class QuasiStatic:
 
     def __repr__(self) -> str:
         return f"QuasiStatic({self.load_factors.size} load factors, {self.iterations} iterations)"
+
+    def state_of(self, body_name: str) -> tuple[Array, Array]:
+        """Return a body's degrees of freedom at the last factor and zero rates, each (size,); starts a scene."""
+        values = self._model.of_body(body_named(self._model.offsets, body_name), self._q[:, -1])
+        return values, np.zeros_like(values)
+
+    def spring_state(self, name: str) -> Array | None:
+        """Return the state of a spring with memory at the last factor, with which a scene can start, or None."""
+        memory = self._model.system.memory
+        return None if memory is None else past_of(memory.laws, self._past, name)
 
     def displacement(self, point: Any) -> Array:
         """Return the displacement of a point in m, shape (n_factors,)."""

@@ -42,7 +42,7 @@ class Setting:
         m = self.laws.kind.size
         u = np.zeros(0) if rows is None else np.asarray(rows @ start.q)
         q, v = start.q[order].copy(), start.v[order].copy()
-        self.laws = loaded(self.laws, u)
+        self.laws = loaded(self.laws, u, start.memory)
         past = self.laws.state
         self.state = State(q, v, np.zeros(n), v.copy(), v.copy(), u, np.zeros(m), status, np.zeros(1), past)
         self.space = scratch(n, m)

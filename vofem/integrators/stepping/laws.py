@@ -100,9 +100,11 @@ def build_laws(system: System, callbacks: Callbacks | None) -> Laws:
     return laws
 
 
-def loaded(laws: Laws, u: Array) -> Laws:
-    """Return laws whose springs with memory were taken to the elongations u at the start; nothing is lost yet."""
+def loaded(laws: Laws, u: Array, past: Array | None) -> Laws:
+    """Return laws whose springs with memory come from a past to the elongations u at the start; nothing is lost yet."""
     if laws.state.size:
+        if past is not None:
+            laws.state[:] = past
         commit_all(laws.memory, laws.state, u)
         laws.state[laws.memory.start[:-1]] = 0.0
     return laws

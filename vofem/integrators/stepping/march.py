@@ -162,7 +162,7 @@ def march(
     samples = Samples(out.q[back], out.v[back], out.a[back])
     strain, dissipated, springs = strain_energy(system, samples.q), out.dissipated, None
     if system.memory is not None:
-        springs = SpringSamples(*out.memory)
+        springs = SpringSamples(out.memory[0], out.memory[1], out.memory[2], out.past[:, 0])
         strain = strain + springs.stored.sum(axis=0)
         dissipated = dissipated + springs.dissipated.sum(axis=0)
     contact = contact_energy(system.contacts, samples.q)

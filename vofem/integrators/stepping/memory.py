@@ -325,6 +325,11 @@ def remember(memory: Memory, state: Array, rows: Rows, out: Output, first: int, 
             out.memory[0, i, c] = memory_force(memory, state, i, u)[0]
             out.memory[1, i, c] = memory_stored(memory, state, i, u)
             out.memory[2, i, c] = state[memory.start[i]] + memory_loss(memory, state, i, u)
+    if first < cursor:
+        past = state.copy()
+        for i in range(n):
+            commit(memory, past, i, dot(rows, offset + i, out.q[:, cursor - 1]))
+        out.past[:, 0] = past
 
 
 @jit

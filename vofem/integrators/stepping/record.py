@@ -34,7 +34,8 @@ def trail(n: int, memory: Array) -> Trail:
 class Output(NamedTuple):
     """Wanted times and what is stored there: q, v, a of shape (n, n_times), and work and dissipation.
 
-    `memory` holds force, stored energy and loss of the laws with memory, shape (3, n_laws, n_times).
+    `memory` holds force, stored energy and loss of the laws with memory, shape (3, n_laws, n_times), `past` their
+    state at the last time, shape (size, 1).
     """
 
     times: Array
@@ -44,13 +45,14 @@ class Output(NamedTuple):
     work: Array
     dissipated: Array
     memory: Array
+    past: Array
 
 
-def output(times: Array, n: int, laws: int = 0) -> Output:
-    """Return an empty record of n unknowns and some laws with memory."""
+def output(times: Array, n: int, laws: int = 0, past: int = 0) -> Output:
+    """Return an empty record of n unknowns and some laws with memory, whose state is `past` numbers."""
     q, v, a = np.full((3, n, times.size), np.nan)
     work, dissipated = np.zeros((2, times.size))
-    return Output(times, q, v, a, work, dissipated, np.zeros((3, laws, times.size)))
+    return Output(times, q, v, a, work, dissipated, np.zeros((3, laws, times.size)), np.zeros((past, 1)))
 
 
 @jit
