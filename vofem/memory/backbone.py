@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ Array = NDArray[np.float64]
 _REACH = 1e4
 
 #: Largest force, in forces at the linear limit, up to which a limit load is looked for.
-_LARGEST = 1e6
+_LARGEST = 1e4
 
 #: Error of a tabulated force that is allowed, relative.
 _ACCURACY = 1e-11
@@ -81,42 +82,64 @@ def tabulate(label: str, level: Callable[[float], float], stiffness: float, onse
     The force is a monotone cubic between knots; knots are added until it is
     right to 1e-11 between them, or they lie together at a kink.
     """
-    top = limit * (1.0 - 1e-15) if np.isfinite(limit) else stiffness * (onset / stiffness) * _REACH
-
-    def elongation(force: float) -> float:
-        secant = 1.0 - checked_level(label, level, force)
-        return force / (stiffness * secant) if secant > 0.0 else float("inf")
-
-    def at(w: float) -> float:
-        return _where(elongation, w, onset, top)
-
-    def slope(w: float) -> float:
-        h = 1e-4 * w
-        # From the right at the linear limit, where the slope may have a kink.
-        if w - 2.0 * h < reach:
-            near = -25.0 * at(w) + 48.0 * at(w + h) - 36.0 * at(w + 2 * h) + 16.0 * at(w + 3 * h) - 3.0 * at(w + 4 * h)
-            return near / (12.0 * h)
-        return (8.0 * (at(w + h) - at(w - h)) - (at(w + 2.0 * h) - at(w - 2.0 * h))) / (12.0 * h)
-
+    curve = _Curve(label, level, stiffness, onset, limit)
     reach = onset / stiffness
-    first = np.geomspace(reach, _REACH * reach, 160)
-    knots = {float(w): (at(float(w)), slope(float(w))) for w in first}
-    todo = list(zip(first[:-1].tolist(), first[1:].tolist(), strict=True))
+    targets = np.geomspace(reach, _REACH * reach, 160)[1:]
+    forces = [onset, *(curve.roughly(w) for w in targets.tolist())]
+    knots = {force: (curve.elongation(force), curve.slope(force)) for force in forces}
+    todo = list(pairwise(sorted(knots)))
     while todo and len(knots) < _MOST_KNOTS:
         left, right = todo.pop()
         middle = 0.5 * (left + right)
-        (f0, s0), (f1, s1) = knots[left], knots[right]
-        h = right - left
-        exact = at(middle)
-        if abs(0.5 * (f0 + f1) + 0.125 * h * (s0 - s1) - exact) > _ACCURACY * exact and h > 1e-8 * right:
-            knots[middle] = exact, slope(middle)
+        w, (w0, s0), (w1, s1) = curve.elongation(middle), knots[left], knots[right]
+        h = w1 - w0
+        x = (w - w0) / h
+        rise = right - left
+        found = left + x * (h * s0 + x * (3.0 * rise - h * (2.0 * s0 + s1) + x * (h * (s0 + s1) - 2.0 * rise)))
+        if abs(found - middle) > _ACCURACY * middle and h > 1e-8 * w1 and left < middle < right:
+            knots[middle] = w, curve.slope(middle)
             todo += [(left, middle), (middle, right)]
-    w = np.array(sorted(knots))
-    force, rate = np.array([knots[x] for x in w.tolist()]).T
+    force = np.array(sorted(knots))
+    w, rate = np.array([knots[f] for f in force.tolist()]).T
     rate = _monotone(w, force, np.clip(rate, 0.0, stiffness))
     h = np.diff(w)
     parts = 0.5 * h * (force[:-1] + force[1:]) + h**2 / 12.0 * (rate[:-1] - rate[1:])
     return np.concatenate([w, force, rate, [0.0], np.cumsum(parts)])
+
+
+class _Curve:
+    """A backbone as elongation over force."""
+
+    def __init__(
+        self, label: str, level: Callable[[float], float], stiffness: float, onset: float, limit: float
+    ) -> None:
+        self._label, self._level, self._stiffness, self._onset = label, level, stiffness, onset
+        self._top = limit if np.isfinite(limit) else onset * _REACH
+
+    def elongation(self, force: float) -> float:
+        """Return the elongation at a force, inf from the limit load on."""
+        secant = 1.0 - checked_level(self._label, self._level, force)
+        return force / (self._stiffness * secant) if secant > 0.0 else float("inf")
+
+    def roughly(self, w: float) -> float:
+        """Return a force at which the elongation is about w."""
+        low, high = self._onset, self._top
+        while high - low > 1e-3 * min(low, self._top - low):
+            middle = 0.5 * (low + high)
+            low, high = (low, middle) if self.elongation(middle) >= w else (middle, high)
+        return low + 0.5 * (high - low)
+
+    def slope(self, force: float) -> float:
+        """Return force over elongation by differences of fourth order; from the right where the curve begins."""
+        h = 1e-3 * min(force, self._top - force)
+        if force - 2.0 * h < self._onset:
+            values = [self.elongation(force + k * h) for k in range(5)]
+            weights = [-25.0, 48.0, -36.0, 16.0, -3.0]
+        else:
+            values = [self.elongation(force + k * h) for k in (-2, -1, 1, 2)]
+            weights = [1.0, -8.0, 8.0, -1.0]
+        rate = float(np.dot(weights, values)) / (12.0 * h)
+        return 1.0 / rate if rate > 0.0 else self._stiffness
 
 
 def _monotone(w: Array, force: Array, rate: Array) -> Array:

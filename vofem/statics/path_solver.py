@@ -22,6 +22,9 @@ Status = NDArray[np.int64]
 
 _MOST_ITERATIONS = 200
 
+#: Elongations in m, and over the last ones, beyond which an equilibrium is not looked for.
+_BEYOND = 1e40
+
 #: Widths, as fractions of the gap, over which the jump of a contact that acts on the displacement is spread.
 _RAMPS = (1e-6, 1e-9, 1e-12)
 
@@ -83,17 +86,21 @@ class PathSolver:
     def _linear(self, factor: float, tangent: Array, intercept: Array) -> tuple[Array, Array]:
         """Return u and the forces w for ``R = tangent u + intercept``."""
         m, k = self._moves.shape
-        # What carries nothing keeps a trace of stiffness, so that a loose structure stays solvable.
-        slope = np.where(tangent == 0.0, 1e-12 * self.stiffness, tangent) if k else tangent
-        matrix = np.zeros((m + k, m + k))
-        matrix[:m, :m] = np.eye(m) + self._compliance * slope
-        matrix[:m, m:] = -self._moves
-        matrix[m:, :m] = self._moves.T * slope
         right = [factor * self._free - self._compliance @ intercept, factor * self._push - self._moves.T @ intercept]
-        solution = np.linalg.solve(matrix, np.concatenate(right))
-        u: Array = solution[:m]
-        self._amplitude = solution[m:]
-        return u, slope * u + intercept
+        # Where a structure is loose, what carries nothing is given a trace of stiffness.
+        for slope in (tangent, np.where(tangent == 0.0, 1e-12 * self.stiffness, tangent)):
+            matrix = np.zeros((m + k, m + k))
+            matrix[:m, :m] = np.eye(m) + self._compliance * slope
+            matrix[:m, m:] = -self._moves
+            matrix[m:, :m] = self._moves.T * slope
+            try:
+                solution = np.linalg.solve(matrix, np.concatenate(right))
+            except np.linalg.LinAlgError:
+                continue
+            u: Array = solution[:m]
+            self._amplitude = solution[m:]
+            return u, slope * u + intercept
+        return np.full(m, np.inf), np.full(m, np.inf)
 
     def step(self, factor: float) -> tuple[Status, Array, bool]:
         """Go on to a load factor, without making it part of the past; return status, reactions and success."""
@@ -121,11 +128,9 @@ class PathSolver:
             a, before = self._amplitude, status
             settled = self._settled(u, w, before, width)
             _, tangent, intercept, status = self._law(u, width)
-            try:
-                u_new, w_new = self._linear(factor, tangent, intercept)
-            except np.linalg.LinAlgError:
-                return u, settled
-            if not np.all(np.isfinite(u_new)):
+            u_new, w_new = self._linear(factor, tangent, intercept)
+            if not np.all(np.abs(u_new) < _BEYOND * (1.0 + np.abs(self.u))):
+                self._amplitude = a
                 return u, settled
             # One more step where the forces agree: soft springs turn their last digits into many of u.
             if settled or self._settled(u_new, w_new, status, width):

@@ -31,6 +31,9 @@ _RAMP = 1e-12
 
 _GAUSS = np.sqrt(0.6)
 
+#: For systems without laws that remember.
+_NOTHING = build_memory(())[0]
+
 
 class Laws(NamedTuple):
     """One law a row: contacts, nonlinear springs, springs with memory.
@@ -76,7 +79,7 @@ def build_laws(system: System, callbacks: Callbacks | None) -> Laws:
     smooth = 0 if callbacks is None else callbacks.addresses.shape[0]
     count = 0 if contacts is None else len(contacts)
     pasts = () if system.memory is None else system.memory.laws
-    memory, state = build_memory(pasts)
+    memory, state = build_memory(pasts) if pasts else (_NOTHING, np.zeros(0))
     size = count + smooth + len(pasts)
     laws = Laws(
         kind=np.full(size, SMOOTH, dtype=np.int64),

@@ -203,9 +203,9 @@ def _clipped_mean(k: float, place: float, slip: float, a: float, b: float) -> fl
 @jit
 def memory_mean(memory: Memory, state: Array, i: int, u0: float, u1: float) -> float:
     """Return work over length of the path from u0, where the state holds, to u1: a mean force in N."""
-    if u0 == u1:
-        return memory_force(memory, state, i, u0)[0]
     a, b = min(u0, u1) - memory.gap[i], max(u0, u1) - memory.gap[i]
+    if a == b:
+        return memory_force(memory, state, i, u1)[0]
     s, k = memory.start[i], memory.stiffness[i]
     if memory.kind[i] == JENKINS:
         first, count = memory.first[i], memory.start[i + 1] - s - 1
