@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import h5py
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -336,6 +337,9 @@ def test_runs_are_saved_and_loaded_whole(method, tmp_path):
         for what in ("elongation", "force", "stored", "dissipated"):
             assert np.array_equal(getattr(loaded.springs[name], what), getattr(history, what))
     assert loaded.energy.balance_error == result.energy.balance_error
+    with h5py.File(tmp_path / "run.vtkhdf") as file:
+        assert [name.decode() for name in file["history/spring"][()]] == list(result.springs)
+        assert np.array_equal(file["history/spring_force"][:, 1], result.springs[effects[1].name].force)
     again = vf.simulate(loaded.scene, 2.0, method=method, dt=1e-3)
     assert np.array_equal(again.displacement(beam.at(1.0)), result.displacement(beam.at(1.0)))
     follow = [vf.simulate(vf.Scene([beam], effects, run), 1.0, method=method, dt=1e-3) for run in (result, loaded)]
