@@ -32,7 +32,8 @@ from vofem.integrators.stepping.callbacks import Callbacks, call
 from vofem.integrators.stepping.energies import kinetic_energy
 from vofem.integrators.stepping.laws import MEMORY, SMOOTH, Laws, build_laws, loaded, place_in_memory, with_state
 from vofem.integrators.stepping.march import Banded, chunk, march, note_chatter, stored_energy
-from vofem.integrators.stepping.memory import commit, memory_force, remember
+from vofem.integrators.stepping.memory import commit, memory_force
+from vofem.integrators.stepping.recall import remember
 from vofem.integrators.stepping.record import Output, Trail, leave, log_event, output, store, switched, trail
 from vofem.integrators.stepping.rows import Rows, all_rows, compressed, dot, subtract_row
 from vofem.integrators.switch import contact_stiffness

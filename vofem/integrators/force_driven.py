@@ -17,26 +17,25 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import ConvergenceError, LimitLoadError, MethodError
+from vofem.integrators.applied_force import AppliedForce
 from vofem.integrators.base import Energies, Samples, SpringSamples
 from vofem.integrators.damping_matrix import damping_matrix
 from vofem.integrators.stepped import SteppedSolution
+from vofem.integrators.watching import Snapshot, Watch, deferred_interrupts
 from vofem.memory import PrintedLaw
-from vofem.system import Counters, Events, LoadFunction, State, System
+from vofem.system import Counters, Events, State, System
 
 Array = NDArray[np.float64]
 
 #: Relative error of a step.
 _TOLERANCE = 3e-14
-
-#: Looks at the direction of the load in a run, and in a period of it.
-_LOOKS, _LOOKS_IN_A_PERIOD = 4096, 32
 
 
 @dataclass(frozen=True)
@@ -48,90 +47,14 @@ class _Regime:
     residual: float
 
 
-class _Force:
-    """The applied force and its direction."""
-
-    def __init__(self, system: System, counters: Counters) -> None:
-        self._parts: list[tuple[float, LoadFunction]] = [
-            (float(load.vector[0]), load.function) for load in system.loads
-        ]
-        self._counters = counters
-
-    def __call__(self, t: float) -> float:
-        """Return F in N."""
-        self._counters.load_evaluations += len(self._parts)
-        return sum(factor * float(function(t)) for factor, function in self._parts)
-
-    def corners(self, t_end: float) -> list[float]:
-        """Return the times at which the force or its rate jumps, and both ends."""
-        inner = [t for _, function in self._parts for t in function.breakpoints(t_end).tolist()]
-        return sorted({0.0, t_end, *inner})
-
-    def _rate(self, left: float, right: float) -> Callable[[float], float]:
-        """Return F' in N/s between two corners; of plain callables by differences that stay between them."""
-        step = 1e-7 * (right - left)
-
-        def rate(t: float) -> float:
-            total = 0.0
-            for factor, function in self._parts:
-                if function.closed_form:
-                    total += factor * float(function.derivative(t))  # type: ignore[attr-defined]
-                else:
-                    a = min(max(t, left), right - step)
-                    total += factor * (float(function(a + step)) - float(function(a))) / step
-            return total
-
-        return rate
-
-    def directions(self, t_end: float) -> list[tuple[float, float, bool]]:
-        """Return (begin, end, rising) of all spans in which the force keeps its direction and has no corner."""
-        from scipy.optimize import brentq
-
-        spans: list[tuple[float, float, bool]] = []
-        rising, before = True, 0.0
-        corners = self.corners(t_end)
-        for left, right in pairwise(corners):
-            rate, begin = self._rate(left, right), left
-            at_left = self(left)
-            if at_left != before and left > 0.0:
-                # A jump of the force is a very fast rise or fall.
-                rising = at_left > before
-            looks = np.linspace(left, right, self._looks(left, right, t_end) + 1)
-            # Rates within the span: at its end the one of the next span may be told.
-            looks[-1] = right - 1e-9 * (right - left)
-            rates = np.array([rate(t) for t in looks.tolist()])
-            small = 1e-14 * np.max(np.abs(rates))
-            for k, value in enumerate(rates.tolist()):
-                if abs(value) <= small or (value > 0.0) == rising:
-                    continue
-                turn = begin
-                if k and rates[k - 1] != 0.0 and (rates[k - 1] > 0.0) != (value > 0.0):
-                    turn = float(brentq(rate, looks[k - 1], looks[k], xtol=1e-15 * right, rtol=8.9e-16))
-                elif k:
-                    turn = float(looks[k - 1])
-                if turn > begin:
-                    spans.append((begin, turn, rising))
-                begin, rising = turn, not rising
-            spans.append((begin, right, rising))
-            before = self(np.nextafter(right, left))
-        return spans
-
-    def _looks(self, left: float, right: float, t_end: float) -> int:
-        count = max(8, int(np.ceil(_LOOKS * (right - left) / t_end)))
-        for _, function in self._parts:
-            if function.closed_form:
-                fastest = max((abs(w) for w, _ in function.piece(left).harmonics), default=0.0)  # type: ignore[attr-defined]
-                count = max(count, int(np.ceil(_LOOKS_IN_A_PERIOD * fastest * (right - left) / (2.0 * np.pi))))
-        return count
-
-
 def run(
     system: System,
     start: State,
     t_end: float,
     times: Array | None,
     dt: float | None = None,
-    progress: Callable[[float], None] | None = None,
+    watch: Watch | None = None,
+    resume: Snapshot | None = None,
 ) -> SteppedSolution:
     """Simulate from the start state at t = 0 to t_end.
 
@@ -145,8 +68,10 @@ def run(
         Where to store; every dt where not given.
     dt : float, optional
         In s; a thousandth of t_end where not given. Steps are chosen by their error, whatever dt.
-    progress : callable, optional
-        Told the time reached.
+    watch : callable, optional
+        Told the time reached at every turning point of the load.
+    resume : dict, optional
+        A snapshot of the same run, from which to go on.
 
     Raises
     ------
@@ -163,7 +88,7 @@ def run(
     if times is None:
         steps = 1000 if dt is None else max(1, int(np.ceil(t_end / dt - 1e-9)))
         times = np.minimum(np.arange(steps + 1) * (t_end / 1000 if dt is None else dt), t_end)
-    return _Run(system, system.printed, start, times).solve(t_end, progress)
+    return _Run(system, system.printed, start, times).solve(t_end, watch, resume)
 
 
 class _Run:
@@ -172,7 +97,7 @@ class _Run:
         self.counters = Counters()
         damping = damping_matrix(system, self.counters)
         self.mass, self.damping = float(system.mass[0, 0]), 0.0 if damping is None else float(damping[0, 0])
-        self.force = _Force(system, self.counters)
+        self.force = AppliedForce(system, self.counters)
         # Displacement and velocity; work of the load, of the damper and of the spring.
         self.y = np.array([start.q[0], start.v[0], 0.0, 0.0, 0.0])
         self.first_kinetic = 0.5 * self.mass * float(start.v[0]) ** 2
@@ -195,24 +120,67 @@ class _Run:
 
         return rates
 
-    def solve(self, t_end: float, progress: Callable[[float], None] | None) -> SteppedSolution:
+    def solve(self, t_end: float, watch: Watch | None, resume: Snapshot | None) -> SteppedSolution:
         """Return the whole motion."""
         regime = _Regime(True, abs(self.y[0]) > self.law.linear_limit, 0.0)
         # The spring has no past: what it holds at the start it was given before.
         held = self._pull(regime, self.force(0.0), float(self.y[0])) ** 2 / (2.0 * self.law.stiffness)
-        for begin, end, rising in self.force.directions(t_end):
-            x = float(self.y[0])
-            if regime.rising and not rising:
-                at = np.nextafter(begin, -1.0) if begin > 0.0 else begin
-                residual = x - self._pull(regime, self.force(at), x) / self.law.stiffness
-                regime = _Regime(False, False, residual)
-            elif rising and not regime.rising:
-                regime = _Regime(True, abs(x) > self.law.linear_limit, 0.0)
-            regime = self._span(regime, begin, end)
-            if progress is not None:
-                progress(end)
+        spans, first, notes = self.force.directions(t_end), 0, []
+        if resume is not None:
+            regime, first = self._restore(resume)
+        with deferred_interrupts() as interrupted:
+            for n, (begin, end, rising) in enumerate(spans[first:], first):
+                regime = self._span(self._turned(regime, begin, rising), begin, end)
+                stop = interrupted() and n + 1 < len(spans)
+                if watch is not None:
+                    watch(end, partial(self._snapshot, regime, n + 1), stop)
+                if stop:
+                    if not self.cursor:
+                        raise KeyboardInterrupt
+                    notes.append(f"interrupted at t = {end:g} s of {t_end:g} s: what was computed until then is here")
+                    t_end = self._cut()
+                    break
         self._store(lambda t: np.repeat(self.y[:, None], t.size, axis=1), regime, np.inf)
-        return self._solution(t_end, held)
+        return self._solution(t_end, held, notes)
+
+    def _turned(self, regime: _Regime, begin: float, rising: bool) -> _Regime:
+        """Return the regime of a span that begins."""
+        x = float(self.y[0])
+        if regime.rising and not rising:
+            # The force just before: it may jump.
+            at = np.nextafter(begin, -1.0) if begin > 0.0 else begin
+            return _Regime(False, False, x - self._pull(regime, self.force(at), x) / self.law.stiffness)
+        if rising and not regime.rising:
+            return _Regime(True, abs(x) > self.law.linear_limit, 0.0)
+        return regime
+
+    def _snapshot(self, regime: _Regime, spans: int) -> Snapshot:
+        """Return what a run goes on from, as plain data."""
+        return {
+            "regime": regime,
+            "spans": spans,
+            "y": self.y,
+            "output": np.vstack([self.out, self.acceleration, self.pull])[:, : self.cursor],
+            "longest": self.longest,
+            "counters": self.counters,
+        }
+
+    def _restore(self, saved: Snapshot) -> tuple[_Regime, int]:
+        """Put the run where a snapshot stands; return its regime and the number of spans until then."""
+        output = saved["output"]
+        self.y, self.cursor, self.longest = saved["y"], output.shape[1], saved["longest"]
+        self.out[:, : self.cursor] = output[:5]
+        self.acceleration[: self.cursor], self.pull[: self.cursor] = output[5], output[6]
+        for name, value in vars(saved["counters"]).items():
+            setattr(self.counters, name, value)
+        return saved["regime"], saved["spans"]
+
+    def _cut(self) -> float:
+        """Forget the times that were not reached; return the last one that was, s."""
+        n = self.cursor
+        self.times, self.out = self.times[:n], self.out[:, :n]
+        self.acceleration, self.pull = self.acceleration[:n], self.pull[:n]
+        return float(self.times[-1])
 
     def _span(self, regime: _Regime, begin: float, end: float) -> _Regime:
         """Go through one span; return the regime at its end."""
@@ -276,7 +244,7 @@ class _Run:
                 self.pull[k] = self._pull(regime, self.force(time), float(state[0]))
         self.cursor = max(self.cursor, last)
 
-    def _solution(self, t_end: float, held: float) -> SteppedSolution:
+    def _solution(self, t_end: float, held: float, notes: list[str]) -> SteppedSolution:
         x, v, work, damped, spring = self.out
         kinetic = 0.5 * self.mass * v**2
         stored = 0.5 * self.pull**2 / self.law.stiffness
@@ -289,5 +257,6 @@ class _Run:
         start = self.first_kinetic + held
         samples = Samples(x[None, :], v[None, :], self.acceleration[None, :])
         return SteppedSolution(
-            self.system, t_end, self.times, samples, energies, start, self.longest, Events(), self.counters, [], springs
+            self.system, t_end, self.times, samples, energies, start, self.longest, Events(), self.counters, notes,
+            springs,
         )  # fmt: skip

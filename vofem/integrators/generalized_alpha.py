@@ -39,7 +39,8 @@ from vofem.integrators.stepping.contact_solve import compliance, law, solve_reac
 from vofem.integrators.stepping.energies import kinetic_energy
 from vofem.integrators.stepping.laws import Laws, build_laws, closed_share, loaded, with_state
 from vofem.integrators.stepping.march import Banded, chunk, march, note_chatter, stored_energy
-from vofem.integrators.stepping.memory import commit_all, remember
+from vofem.integrators.stepping.memory import commit_all
+from vofem.integrators.stepping.recall import remember
 from vofem.integrators.stepping.record import Output, Trail, leave, log_event, output, store, switched, trail
 from vofem.integrators.stepping.rows import Rows, all_rows, compressed, dot, subtract_row
 from vofem.integrators.watching import Snapshot, Watch

@@ -11,9 +11,9 @@ from vofem.errors import ConvergenceError
 from vofem.integrators.stepping.memory import (
     build_memory,
     commit,
-    memory_energy_of,
     memory_force,
 )
+from vofem.integrators.stepping.recall import memory_energy_of
 from vofem.statics.solver import Solve, solver_of
 from vofem.system import CLOSED, OPEN, PINNED, System
 

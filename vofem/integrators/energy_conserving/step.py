@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from vofem.integrators.stepping.contact_solve import solve_reactions
 from vofem.integrators.stepping.laws import Laws, closed_share
-from vofem.integrators.stepping.memory import commit_all, remember
+from vofem.integrators.stepping.memory import commit_all
+from vofem.integrators.stepping.recall import remember
 from vofem.integrators.stepping.record import Output, Trail, leave, log_event, store, switched
 from vofem.integrators.stepping.rows import Rows, dot, subtract_row
 from vofem.linalg.banded import solve, subtract_product

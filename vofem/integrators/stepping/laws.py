@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import MethodError
+from vofem.integrators.stepping.backbone import Memory
 from vofem.integrators.stepping.callbacks import Callbacks, call
-from vofem.integrators.stepping.memory import Memory, build_memory, commit_all, memory_force, memory_mean
+from vofem.integrators.stepping.memory import build_memory, commit_all, memory_force, memory_mean
 from vofem.integrators.stepping.resolved import resolved_force, resolved_integrals
 from vofem.linalg.jit import jit
 from vofem.system import System

@@ -12,7 +12,7 @@ from vofem.integrators.base import Energies, Samples, SpringSamples
 from vofem.integrators.stepped import SteppedSolution
 from vofem.integrators.stepping.energies import contact_energy, kinetic_energy, strain_energy
 from vofem.integrators.stepping.laws import Laws
-from vofem.integrators.stepping.memory import memory_energy
+from vofem.integrators.stepping.recall import memory_energy
 from vofem.integrators.stepping.record import Output, Trail
 from vofem.integrators.stepping.rows import Rows
 from vofem.integrators.watching import Snapshot, Watch, deferred_interrupts

@@ -9,48 +9,17 @@ paths and fall along falling ones, so mean and end force are monotone in u1.
 
 from __future__ import annotations
 
-import math
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.integrators.stepping.record import Output
-from vofem.integrators.stepping.rows import Rows, dot
+from vofem.integrators.stepping.backbone import Memory, backbone, backbone_mean
 from vofem.linalg.jit import jit
-from vofem.memory import HYPERBOLIC, JENKINS, MemoryLaw
+from vofem.memory import JENKINS, MemoryLaw
 
 Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: Where a cyclic law's state holds what.
 _LOST, _UP_AT, _UP, _DOWN_AT, _DOWN, _RESIDUAL = 0, 1, 2, 3, 4, 5
-
-_SQRT = 1.0 / math.sqrt(3.0)
-
-
-class Memory(NamedTuple):
-    """Laws with memory, one after the other.
-
-    Attributes
-    ----------
-    kind, one_sided : ndarray of int, shape (n,)
-    stiffness, limit, gap : ndarray, shape (n,)
-    first : ndarray of int, shape (n + 1,)
-        Where the parameters of a law begin.
-    parameters : ndarray
-    start : ndarray of int, shape (n + 1,)
-        Where the state of a law begins.
-    """
-
-    kind: IntArray
-    one_sided: IntArray
-    stiffness: Array
-    limit: Array
-    gap: Array
-    first: IntArray
-    parameters: Array
-    start: IntArray
 
 
 def build_memory(laws: tuple[MemoryLaw, ...]) -> tuple[Memory, Array]:
@@ -68,84 +37,6 @@ def build_memory(laws: tuple[MemoryLaw, ...]) -> tuple[Memory, Array]:
         start=np.cumsum([0, *(state.size for state in states)], dtype=np.int64),
     )
     return memory, np.concatenate([np.zeros(0), *states])
-
-
-@jit
-def _knot(memory: Memory, i: int, w: float) -> tuple[int, int, int]:
-    """Return first parameter, number of knots and the interval of a tabulated backbone that holds w."""
-    a = memory.first[i]
-    n = (memory.first[i + 1] - a) // 4
-    low, high = 0, n - 1
-    while high - low > 1:
-        middle = (low + high) // 2
-        if memory.parameters[a + middle] <= w:
-            low = middle
-        else:
-            high = middle
-    return a, n, low
-
-
-@jit
-def _cubic(memory: Memory, a: int, n: int, k: int, w: float) -> tuple[float, float]:
-    """Return force and slope of the backbone at w in interval k; beyond the last knot it goes on straight."""
-    p = memory.parameters
-    if w >= p[a + n - 1]:
-        slope = p[a + 3 * n - 1]
-        return p[a + 2 * n - 1] + slope * (w - p[a + n - 1]), slope
-    h = p[a + k + 1] - p[a + k]
-    x = (w - p[a + k]) / h
-    rise = p[a + n + k + 1] - p[a + n + k]
-    s0, s1 = h * p[a + 2 * n + k], h * p[a + 2 * n + k + 1]
-    c, d = 3.0 * rise - 2.0 * s0 - s1, s0 + s1 - 2.0 * rise
-    return p[a + n + k] + x * (s0 + x * (c + x * d)), (s0 + x * (2.0 * c + 3.0 * x * d)) / h
-
-
-@jit
-def _backbone(memory: Memory, i: int, w: float) -> tuple[float, float]:
-    """Return force and slope of the backbone at an elongation w, counted along it."""
-    if memory.kind[i] == HYPERBOLIC:
-        k, limit, span = memory.stiffness[i], memory.limit[i], memory.parameters[memory.first[i]]
-        reach = span + k * w
-        return limit * (k * w / reach), limit * k * (span / reach) / reach
-    a, n, at = _knot(memory, i, w)
-    return _cubic(memory, a, n, at, w)
-
-
-@jit
-def _backbone_mean(memory: Memory, i: int, w0: float, w1: float) -> float:
-    """Return the mean force of the backbone between w0 < w1, without cancellation."""
-    if memory.kind[i] == HYPERBOLIC:
-        k, limit, span = memory.stiffness[i], memory.limit[i], memory.parameters[memory.first[i]]
-        reach = span + k * w0
-        x = k * (w1 - w0) / reach
-        # 1 - log(1 + x)/x.
-        if x < 0.1:
-            bend = 0.0
-            for n in range(16, 0, -1):
-                bend = x * (1.0 / (n + 1) - bend)
-        else:
-            bend = 1.0 - math.log1p(x) / x
-        return limit * (bend + (k * w0 / reach) * (1.0 - bend))
-    p = memory.parameters
-    a, n, first = _knot(memory, i, w0)
-    last = _knot(memory, i, w1)[2]
-    if first == last and not (w0 < p[a + n - 1] < w1):
-        return _inside(memory, a, n, first, w0, w1)
-    work = _inside(memory, a, n, first, w0, p[a + first + 1]) * (p[a + first + 1] - w0)
-    if last > first:
-        work += p[a + 3 * n + last] - p[a + 3 * n + first + 1]
-        middle = min(w1, p[a + n - 1])
-        work += _inside(memory, a, n, last, p[a + last], middle) * (middle - p[a + last])
-    if w1 > p[a + n - 1]:
-        work += _inside(memory, a, n, last, p[a + n - 1], w1) * (w1 - p[a + n - 1])
-    return work / (w1 - w0)
-
-
-@jit
-def _inside(memory: Memory, a: int, n: int, k: int, w0: float, w1: float) -> float:
-    """Return the mean of one cubic: Gauss's rule of two points is exact."""
-    middle, half = 0.5 * (w0 + w1), 0.5 * (w1 - w0) * _SQRT
-    return 0.5 * (_cubic(memory, a, n, k, middle - half)[0] + _cubic(memory, a, n, k, middle + half)[0])
 
 
 @jit
@@ -176,11 +67,11 @@ def memory_force(memory: Memory, state: Array, i: int, u: float) -> tuple[float,
         return force, tangent
     low, high = _edges(memory, state, i)
     if u > high:
-        return _backbone(memory, i, state[s + _UP_AT] + (u - high))
+        return backbone(memory, i, state[s + _UP_AT] + (u - high))
     if u < low:
         if memory.one_sided[i]:
             return 0.0, 0.0
-        force, tangent = _backbone(memory, i, state[s + _DOWN_AT] + (low - u))
+        force, tangent = backbone(memory, i, state[s + _DOWN_AT] + (low - u))
         return -force, tangent
     return k * (u - state[s + _RESIDUAL]), k
 
@@ -223,7 +114,7 @@ def memory_mean(memory: Memory, state: Array, i: int, u0: float, u1: float) -> f
         length += part
         if not memory.one_sided[i]:
             at = state[s + _DOWN_AT] + (low - a)
-            total -= part * _backbone_mean(memory, i, at - part, at)
+            total -= part * backbone_mean(memory, i, at - part, at)
     left, right = max(a, low), min(b, high)
     if right > left:
         total += k * (0.5 * (left + right) - state[s + _RESIDUAL]) * (right - left)
@@ -232,7 +123,7 @@ def memory_mean(memory: Memory, state: Array, i: int, u0: float, u1: float) -> f
         part = b - max(a, high)
         length += part
         at = state[s + _UP_AT] + (b - high)
-        total += part * _backbone_mean(memory, i, at - part, at)
+        total += part * backbone_mean(memory, i, at - part, at)
     return total / length
 
 
@@ -255,9 +146,9 @@ def memory_loss(memory: Memory, state: Array, i: int, u: float) -> float:
         at, before, way = state[s + _DOWN_AT], state[s + _DOWN], low - u
     else:
         return 0.0
-    after = _backbone(memory, i, at + way)[0]
+    after = backbone(memory, i, at + way)[0]
     stored = (after - before) * (0.5 * (after + before) / k)
-    return max(way * _backbone_mean(memory, i, at, at + way) - stored, 0.0)
+    return max(way * backbone_mean(memory, i, at, at + way) - stored, 0.0)
 
 
 @jit
@@ -293,12 +184,12 @@ def commit(memory: Memory, state: Array, i: int, u: float) -> None:
     u -= memory.gap[i]
     if u > high:
         state[s + _UP_AT] += u - high
-        force = _backbone(memory, i, state[s + _UP_AT])[0]
+        force = backbone(memory, i, state[s + _UP_AT])[0]
         state[s + _UP] = force
         state[s + _RESIDUAL] = u - force / k
     elif u < low and not memory.one_sided[i]:
         state[s + _DOWN_AT] += low - u
-        force = _backbone(memory, i, state[s + _DOWN_AT])[0]
+        force = backbone(memory, i, state[s + _DOWN_AT])[0]
         state[s + _DOWN] = force
         state[s + _RESIDUAL] = u + force / k
 
@@ -309,42 +200,3 @@ def commit_all(memory: Memory, state: Array, u: Array) -> None:
     n = memory.kind.size
     for i in range(n):
         commit(memory, state, i, u[u.size - n + i])
-
-
-@jit
-def remember(memory: Memory, state: Array, rows: Rows, out: Output, first: int, cursor: int) -> None:
-    """Store force, stored energy and loss of every law at the wanted times `first` to `cursor`.
-
-    `state` is that at the start of the step in which these times lie.
-    """
-    n = memory.kind.size
-    offset = rows.start.size - 1 - n
-    for c in range(first, cursor):
-        for i in range(n):
-            u = dot(rows, offset + i, out.q[:, c])
-            out.memory[0, i, c] = memory_force(memory, state, i, u)[0]
-            out.memory[1, i, c] = memory_stored(memory, state, i, u)
-            out.memory[2, i, c] = state[memory.start[i]] + memory_loss(memory, state, i, u)
-    if first < cursor:
-        past = state.copy()
-        for i in range(n):
-            commit(memory, past, i, dot(rows, offset + i, out.q[:, cursor - 1]))
-        out.past[:, 0] = past
-
-
-@jit
-def memory_energy(memory: Memory, state: Array, rows: Rows, q: Array) -> tuple[float, float]:
-    """Return the energies in J that all laws hold at q and have dissipated."""
-    n = memory.kind.size
-    stored, lost = 0.0, 0.0
-    for i in range(n):
-        u = dot(rows, rows.start.size - 1 - n + i, q)
-        stored += memory_stored(memory, state, i, u)
-        lost += state[memory.start[i]] + memory_loss(memory, state, i, u)
-    return stored, lost
-
-
-def memory_energy_of(memory: Memory, state: Array, u: Array) -> tuple[Array, Array]:
-    """Return the energies in J that each law holds at its elongation and has dissipated before, each (n_laws,)."""
-    stored = [memory_stored(memory, state, i, x) for i, x in enumerate(u.tolist())]
-    return np.array(stored), state[memory.start[:-1]].copy()
