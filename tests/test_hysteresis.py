@@ -116,6 +116,19 @@ def test_a_limit_load_is_an_error(memory, load):
     assert (caught.value.load, caught.value.time, caught.value.limit) == (load, load, 9.0)
 
 
+def test_sliders_slip_at_their_limit_load():
+    """Elastic, perfectly plastic: 2 N/m up to 1 N, and no equilibrium from there on; hardening has no limit."""
+    mass = vf.Mass(1.0, name="m")
+    plastic = vf.BilinearSpring(mass, stiffness=2.0, linear_limit=0.5, name="p")
+    scene = vf.Scene([mass], [plastic, vf.PointLoad(mass, 1.0)])
+    assert path(scene, mass, [0.5, 0.999, -0.999]) == pytest.approx([0.25, 0.4995, -0.4995], rel=1e-13)
+    for load in (1.0, 1.5, -2.0):
+        with pytest.raises(vf.LimitLoadError, match="BilinearSpring 'p'"):
+            vf.quasi_static(scene, [0.5, load])
+    firm = vf.BilinearSpring(mass, stiffness=2.0, linear_limit=0.5, hardening=0.1)
+    assert path(vf.Scene([mass], [firm, vf.PointLoad(mass, 1.0)]), mass, [3.0]) == pytest.approx([0.5 + 2.0 / 0.2])
+
+
 # -- softening --------------------------------------------------------------------------------------
 
 

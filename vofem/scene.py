@@ -167,8 +167,8 @@ class Scene:
     def _source_of(self, spring: str) -> Any:
         if not isinstance(self.initial, Mapping):
             return self.initial
-        body = next(effect.points()[0].body for effect in self.effects if getattr(effect, "name", None) == spring)
-        return self.initial.get(body)
+        bodies = [effect.points()[0].body for effect in self.effects if getattr(effect, "name", None) == spring]
+        return self.initial.get(bodies[0]) if bodies else None
 
     def _starting(self) -> tuple[Body, ...]:
         if self.initial is None:

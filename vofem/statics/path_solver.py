@@ -132,7 +132,11 @@ class PathSolver:
             if not np.all(np.abs(u_new) < _BEYOND * (1.0 + np.abs(self.u))):
                 self._amplitude = a
                 return u, settled
-            # One more step where the forces agree: soft springs turn their last digits into many of u.
+            # One more step where the forces agree: soft springs turn their last digits into many of u. Where
+            # nothing resists any more it would lead away.
+            if settled and np.max(np.abs(u_new - u)) > 1e-6 * np.max(np.abs(u)):
+                self._amplitude = a
+                return u, True
             if settled or self._settled(u_new, w_new, status, width):
                 return u_new, True
             du, dw = u_new - u, w_new - w
