@@ -12,6 +12,7 @@ import vofem as vf
 from vofem.assembly import SystemBuilder
 from vofem.integrators import central_difference, event_driven, generalized_alpha
 from vofem.integrators.energy_conserving import setting
+from vofem.integrators.stepping import laws
 
 METHODS = ("event_driven", "energy_conserving", "generalized_alpha", "central_difference")
 
@@ -54,6 +55,7 @@ def test_builders_of_absent_effects_are_never_called(method, monkeypatch):
     for name in (
         "add_stiffness", "add_strains", "add_damping", "add_mass", "add_rayleigh", "add_modal_damping",
         "add_point_load", "add_body_load", "add_acceleration", "add_contact", "add_nonlinear",
+        "add_memory", "add_printed",
     ):  # fmt: skip
         monkeypatch.setattr(SystemBuilder, name, refuse)
     monkeypatch.setitem(event_driven.run.__globals__, "next_event", refuse)
@@ -61,6 +63,7 @@ def test_builders_of_absent_effects_are_never_called(method, monkeypatch):
     for module in (central_difference, generalized_alpha, setting):
         monkeypatch.setattr(module, "initial_status", refuse)
         monkeypatch.setattr(module, "Callbacks", refuse)
+    monkeypatch.setattr(laws, "build_memory", refuse)
     beam = vf.Beam(1.0, 1.0, 1.0, 5, {"left": "clamped"})
     result = run(vf.Scene([beam], initial={beam: (lambda x: 0.01 * x**2, 0.0)}), method)
     assert np.max(np.abs(result.displacement(beam.at(1.0)))) > 0.0

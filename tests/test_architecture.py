@@ -19,6 +19,7 @@ LAYERS = [
     "polynomial",
     "fractional",
     "linalg",
+    "memory",
     "system",
     "bodies",
     "assembly",
@@ -102,7 +103,7 @@ def test_imports_against_the_direction_wait_until_they_are_needed(file, name):
 
 
 def test_integrators_know_nothing_of_bodies():
-    allowed = {"_validate", "errors", "linalg", "system", "integrators", "fractional", "effects"}
+    allowed = {"_validate", "errors", "linalg", "memory", "system", "integrators", "fractional", "effects"}
     for path, layer in modules():
         if layer != "integrators":
             continue

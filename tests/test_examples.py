@@ -149,10 +149,23 @@ def check_laws_on_constants(example, numbers, printed):
     assert "10^256.6 K0" in printed
 
 
+def check_hysteresis(example, paths, printed):
+    """Peaks 4, 8, 14 m; residual elongations 0, 2, 7 m; the jump from 10 to 3 m that the other law does not make."""
+    for name, peak, residual in (("a", 4.0, 0.0), ("b", 8.0, 2.0), ("c", 14.0, 7.0)):
+        assert paths["single"][name][[140, -1]] == pytest.approx([peak, residual], abs=1e-13)
+    xi = paths["reloading"]
+    step = example.RELOADING[201] - 3.0
+    assert xi["printed"][[200, 201]] == pytest.approx([10.0, 3.0 + step], abs=1e-12)
+    assert xi["cyclic"][[200, 201]] == pytest.approx([10.0, 10.0 + step], abs=1e-12)
+    assert xi["cyclic"][-1] == pytest.approx(12.5, abs=1e-11)
+    assert "printed  3.0450 m at 3.0450 N" in printed
+
+
 CHECKS = {
     "beam_shapes": check_beam_shapes,
     "cantilever_on_stop": check_cantilever,
     "chain_of_masses": check_chain_of_masses,
+    "hysteresis": check_hysteresis,
     "laws_on_constants": check_laws_on_constants,
     "one_sided_foundation": check_one_sided_foundation,
     "several_stops": check_several_stops,

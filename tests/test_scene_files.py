@@ -124,6 +124,12 @@ def every_effect():
         vf.PointLoad(ball, 1),
         vf.Foundation(deck, stiffness=vf.Polynomial([1.0, 0.1]), name="soil"),
         vf.Foundation(rod, stiffness=2.0, one_sided=True, gap=0.1),
+        vf.HystereticSpring(ball, deck.at(0.4), stiffness=1.0, linear_limit=5.0, memory="cyclic", name="link"),
+        vf.CrushingStop(
+            ball, gap=-0.1, side="above", stiffness=2.0, linear_limit=0.1, softening=vf.LinearSoftening(0.3)
+        ),
+        vf.BilinearSpring(ball, stiffness=1.0, linear_limit=5.0, hardening=0.1),
+        vf.IwanSpring(rod.at(0.7), elongation=[1.0, 1 / 3 + 1], force=[1.0, 1.2], name="joint"),
         vf.RayleighDamping(0.1, 0.01),
     ]
     initial = {ball: (0.1, -1 / 3), rod: (0.0, vf.Polynomial([0.49, -1.4, 1.0]))}
@@ -146,7 +152,7 @@ def test_every_effect_of_the_package_is_in_the_schema_or_refused():
         "TimeFunction",
         "Approximated",
         "NonlinearSpring",
-        "HystereticSpring",
+        "LinearSoftening",
         "MaterialDamping",
     }
     functions = {"Sine", "Constant", "Ramp", "Pulse", "Tabulated"}
@@ -640,7 +646,7 @@ def test_the_schema_and_the_classes_agree_on_signs(entry, key, value):
     beam = vf.Beam(1.0, 1.0, 1.0, 2, name="b")
     samples = {"name": "x", "gap": 3.0, "a": beam.at(1.0), "side": "above", "acts_on": "penetration", "beam": beam,
                "point": beam.at(1.0), "f": 1.0, "EI": 1.0, "rhoA": 1.0, "elements": 2,
-               "one_sided": True}  # fmt: skip
+               "one_sided": True, "memory": "cyclic", "elongation": [1.0, 2.0], "force": [2.0, 3.0]}  # fmt: skip
     needed = (*entry.required, "side", "length", "elements", "one_sided")
     given = {name: samples.get(name, 1.0) for name in entry.keys if name in needed}
     book = Book(Path())

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import vofem as vf
-from vofem.statics import _ContactSolver
+from vofem.statics.solver import ContactSolver
 from vofem.system import CLOSED, OPEN
 
 
@@ -88,7 +88,7 @@ def test_many_contacts_from_any_starting_set(acts_on, start):
     scene = stops_along_a_beam(gaps, acts_on)
     system = scene.model.system
     first = {"open": np.full(25, OPEN), "closed": np.full(25, CLOSED), "alternating": np.arange(25) % 2}[start]
-    solver = _ContactSolver(system, system.contacts, system.force(0.0))
+    solver = ContactSolver(system, system.contacts, system.force(0.0))
     status, steps, found = solver.solve(first)
     assert found
     assert steps <= 60

@@ -13,12 +13,17 @@ from vofem.bodies import Beam, Mass
 from vofem.effects import (
     Approximated,
     BaseMotion,
+    BilinearSpring,
     Constant,
     Contact,
+    CrushingStop,
     Dashpot,
     DistributedLoad,
     Foundation,
     Gravity,
+    HystereticSpring,
+    IwanSpring,
+    LinearSoftening,
     ModalDamping,
     NonlinearSpring,
     PointLoad,
@@ -39,6 +44,7 @@ from vofem.errors import (
     ConvergenceError,
     EventStormError,
     InstabilityError,
+    LimitLoadError,
     LoadError,
     MeshError,
     MethodError,
@@ -55,7 +61,7 @@ from vofem.polynomial import Polynomial
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.simulate import explain, simulate
-from vofem.statics import Equilibrium, equilibrium
+from vofem.statics import Equilibrium, QuasiStatic, equilibrium, quasi_static
 
 if TYPE_CHECKING:
     from vofem.io.scene_file import dump_scene, load_scene
@@ -66,16 +72,22 @@ __all__ = [
     "ArgumentError",
     "BaseMotion",
     "Beam",
+    "BilinearSpring",
     "Constant",
     "Contact",
     "ConvergenceError",
+    "CrushingStop",
     "Dashpot",
     "DistributedLoad",
     "Equilibrium",
     "EventStormError",
     "Foundation",
     "Gravity",
+    "HystereticSpring",
     "InstabilityError",
+    "IwanSpring",
+    "LimitLoadError",
+    "LinearSoftening",
     "LoadError",
     "Mass",
     "MeshError",
@@ -90,6 +102,7 @@ __all__ = [
     "PointMoment",
     "Polynomial",
     "Pulse",
+    "QuasiStatic",
     "Ramp",
     "RayleighDamping",
     "Resolved",
@@ -113,6 +126,7 @@ __all__ = [
     "load",
     "load_scene",
     "modes",
+    "quasi_static",
     "resume",
     "simulate",
 ]

@@ -21,16 +21,17 @@ T = TypeVar("T")
 
 
 class Named(Mapping[str, T]):
-    """Contacts by name, or by the `Contact` itself, in the order of the scene; a wrong name raises `ArgumentError`."""
+    """Contacts, or springs, by name or by the object itself, in the order of the scene; a wrong name raises."""
 
-    def __init__(self, things: dict[str, T]) -> None:
+    def __init__(self, things: dict[str, T], kind: str = "contact") -> None:
         self._things = things
+        self._kind = kind
 
     def __getitem__(self, name: Any) -> T:
         key = getattr(name, "name", name)
         if key not in self._things:
             known = tuple(self._things)
-            raise ArgumentError(f"no contact is named {key!r}; there are {list(known)}{nearest(key, known)}")
+            raise ArgumentError(f"no {self._kind} is named {key!r}; there are {list(known)}{nearest(key, known)}")
         return self._things[key]
 
     def __iter__(self) -> Iterator[str]:

@@ -14,7 +14,8 @@ import numpy as np
 from vofem.bodies.base import Array, Body, BodyMatrices, IntArray, Point, Row
 from vofem.errors import ArgumentError
 from vofem.linalg.null_space import null_space, sparse_null_space
-from vofem.system import ContactLaws, Load, LoadFunction, NonlinearLaw, NonlinearLaws, System
+from vofem.memory import MemoryLaw, PrintedLaw
+from vofem.system import ContactLaws, Load, LoadFunction, MemoryLaws, NonlinearLaw, NonlinearLaws, System
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -66,6 +67,7 @@ class Model:
         One per load of the system.
     contact_rows : csr_matrix, shape (n_contacts, N), optional
     nonlinear_rows : csr_matrix, shape (n_laws, N), optional
+    memory_rows : csr_matrix, shape (n_springs, N), optional
     """
 
     system: System
@@ -77,6 +79,7 @@ class Model:
     load_vectors: tuple[Array, ...]
     contact_rows: csr_matrix | None
     nonlinear_rows: csr_matrix | None
+    memory_rows: csr_matrix | None
 
     @property
     def size(self) -> int:
@@ -152,6 +155,8 @@ class SystemBuilder:
         self._springs: list[tuple[Row, float]] = []
         self._strains: list[tuple[int, csr_matrix]] = []
         self._nonlinear: list[tuple[Row, NonlinearLaw]] = []
+        self._memory: list[tuple[Row, MemoryLaw]] = []
+        self._printed: list[PrintedLaw] = []
         self._rayleigh: tuple[float, float] | None = None
         self._modal: float | None = None
         self._loads: list[Load] = []
@@ -247,6 +252,14 @@ class SystemBuilder:
         """Add a smooth scalar law on a row."""
         self._nonlinear.append((row, law))
 
+    def add_memory(self, row: Row, law: MemoryLaw) -> None:
+        """Add a law with memory on a row."""
+        self._memory.append((row, law))
+
+    def add_printed(self, law: PrintedLaw) -> None:
+        """Add Eq. 22 as it stands; the scene must hold nothing but one loaded mass on this spring, and dampers."""
+        self._printed.append(law)
+
     def add_contact(self, entry: ContactEntry) -> None:
         """Add a contact."""
         self._contacts.append(entry)
@@ -287,6 +300,9 @@ class SystemBuilder:
             self._loads.append(Load(value * (mass @ translation), function, name))
         contact_rows, contacts = self._build_contacts(free)
         nonlinear_rows = self._rows([row for row, _ in self._nonlinear]) if self._nonlinear else None
+        memory_rows, memory = self._build_memory(free)
+        if self._printed:
+            self._check_printed(stiffness)
         system = System(
             mass=restrict(mass),
             stiffness=restrict(stiffness),
@@ -296,12 +312,16 @@ class SystemBuilder:
             loads=tuple(Load(load.vector[free], load.function, load.name) for load in self._loads),
             contacts=contacts,
             nonlinear=self._nonlinear_laws(nonlinear_rows, free),
+            memory=memory,
+            printed=self._printed[0] if self._printed else None,
             scale=self._scale[free],
             strain=self._strain_rows(strains, free),
             rigid=self._rigid_motions(strains)[free],
         )
         vectors = tuple(load.vector for load in self._loads)
-        return Model(system, self.offsets, free, mass, stiffness, damping, vectors, contact_rows, nonlinear_rows)
+        return Model(
+            system, self.offsets, free, mass, stiffness, damping, vectors, contact_rows, nonlinear_rows, memory_rows
+        )
 
     def _rows(self, rows: Sequence[Row]) -> csr_matrix:
         """Return rows as one matrix over all degrees of freedom, shape (len(rows), N)."""
@@ -316,6 +336,37 @@ class SystemBuilder:
         if rows is None:
             return None
         return NonlinearLaws(rows[:, free].tocsr(), tuple(law for _, law in self._nonlinear))
+
+    def _build_memory(self, free: IntArray) -> tuple[Any, MemoryLaws | None]:
+        if not self._memory:
+            return None, None
+        rows = self._rows([row for row, _ in self._memory])
+        laws = MemoryLaws(rows[:, free].tocsr(), tuple(law for _, law in self._memory))
+        names = [law.name for law in laws.laws]
+        for law, row in zip(laws.laws, laws.rows, strict=True):
+            if names.count(law.name) > 1:
+                raise ArgumentError(f"springs named {law.name!r} occur more than once; give each its own name")
+            if not np.any(row.data):
+                raise ArgumentError(f"{law.label} can never move: its points lie on supports")
+        return rows, laws
+
+    def _check_printed(self, stiffness: Any) -> None:
+        """Raise where a spring follows the printed law beside anything else that bears load."""
+        label = self._printed[0].label
+        what = ""
+        if len(self._printed) > 1 or self._memory:
+            what = "another spring with memory"
+        elif self.size > 1:
+            what = f"{self.size} degrees of freedom"
+        elif self._contacts:
+            what = f"Contact {self._contacts[0].name!r}"
+        elif self._nonlinear or np.any(stiffness.data != 0.0):
+            what = "another spring"
+        if what:
+            raise ArgumentError(
+                f"{label} with memory='printed' is Eq. 22, which the applied force drives, so it holds for a spring "
+                f"that alone carries a single loaded mass; this scene has {what}. Use memory='cyclic'"
+            )
 
     def _attached_strains(self) -> csr_matrix | None:
         """Return the strain rows of springs and foundations over all degrees of freedom, or None."""

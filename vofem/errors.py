@@ -46,6 +46,27 @@ class InstabilityError(VofemError):
     """The energy of a run grew beyond what its loads can have done, or a state became non-finite."""
 
 
+class LimitLoadError(VofemError):
+    """A load reached what a spring that softens can carry: beyond it there is no equilibrium.
+
+    Attributes
+    ----------
+    load : float
+        In N.
+    time : float
+        In s; of a quasi-static path the load factor.
+    limit : float
+        In N.
+    """
+
+    def __init__(self, message: str, load: float, time: float, limit: float) -> None:
+        super().__init__(message)
+        self.load, self.time, self.limit = load, time, limit
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (str(self), self.load, self.time, self.limit)
+
+
 class EventStormError(VofemError):
     """More contact events than the run was allowed to treat."""
 

@@ -23,6 +23,7 @@ def support_reaction(
     samples: Sampled,
     contact_force: Array | None,
     modes: tuple[Array, Array] | None = None,
+    spring_force: Array | None = None,
 ) -> tuple[Array, Array]:
     """Return force (N) and moment (N m) that a support exerts, each of shape (n_times,).
 
@@ -30,6 +31,8 @@ def support_reaction(
     ----------
     modes : (ndarray, ndarray), optional
         Squared frequencies and shapes that modal damping acts on; all modes where not given.
+    spring_force : ndarray, shape (n_springs, n_times), optional
+        Of springs with memory, N.
 
     Raises
     ------
@@ -42,7 +45,9 @@ def support_reaction(
         raise ArgumentError(f"Beam {beam.name!r} has no support at {where!r}; its supports: {places}")
     result = np.zeros((2, times.size))
     for dof in SUPPORTS[beam.supports[node]]:
-        result[dof] = _residual(model, model.offsets[beam] + 2 * node + dof, times, samples, contact_force, modes)
+        result[dof] = _residual(
+            model, model.offsets[beam] + 2 * node + dof, times, samples, contact_force, modes, spring_force
+        )
     return result[0], result[1]
 
 
@@ -53,6 +58,7 @@ def _residual(
     samples: Sampled,
     contact_force: Array | None,
     modes: tuple[Array, Array] | None,
+    spring_force: Array | None,
 ) -> Array:
     """Return ``M a + C v + K q - f + contact forces`` of one supported degree of freedom."""
     system = model.system
@@ -86,6 +92,10 @@ def _residual(
         u = system.nonlinear.rows @ samples.q
         for k in np.flatnonzero(column):
             value = value + column[k] * np.array([system.nonlinear.laws[k].reaction(x) for x in u[k]])
+    if model.memory_rows is not None and spring_force is not None:
+        column = np.asarray(model.memory_rows[:, [dof]].todense())[:, 0]
+        if np.any(column):
+            value = value + column @ spring_force
     if model.contact_rows is not None and contact_force is not None:
         column = np.asarray(model.contact_rows[:, [dof]].todense())[:, 0]
         if np.any(column):

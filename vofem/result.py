@@ -17,8 +17,9 @@ from vofem.bodies.base import Body
 from vofem.bodies.beam import Beam
 from vofem.errors import ArgumentError
 from vofem.fractional.orders import exponential_order
-from vofem.integrators.base import ContactSamples, Sampled, Solution
+from vofem.integrators.base import ContactSamples, Sampled, Solution, SpringSamples
 from vofem.lookup import body_named, row_of, the_beam
+from vofem.memory import past_of
 from vofem.scene import Scene
 from vofem.system import CLOSED, PINNED, Counters
 
@@ -47,11 +48,11 @@ class Energy:
     Attributes
     ----------
     kinetic, strain : ndarray
-        Of bodies and linear attachments.
+        Of bodies and springs, those with memory included.
     contact : ndarray
         Stored in closed contacts: ``K0 (u^2 - gap^2)/2`` for ``acts_on="displacement"``.
     dissipated : ndarray
-        Taken by all dampers since t = 0.
+        Taken by all dampers and springs with memory since t = 0.
     work : ndarray
         Done by all loads since t = 0.
     start : float
@@ -178,6 +179,59 @@ class ContactHistory:
         return exponential_order(self.gap_function, s0)
 
 
+class SpringHistory:
+    """One spring with memory along a run; histories at the run's times, each of shape (n_times,).
+
+    Attributes
+    ----------
+    name : str
+    elongation : ndarray
+        ``u_a - u_b`` in m; of a crushing stop the approach.
+    force : ndarray
+        In N, positive in tension; of a crushing stop positive where it pushes back.
+    stored : ndarray
+        Energy that would be given back, J.
+    dissipated : ndarray
+        Energy lost since t = 0, J: the area of the loops.
+    """
+
+    def __init__(self, result: Result, index: int) -> None:
+        self._result, self._index = result, index
+        self.name = result.model.system.springs[index].name
+
+    def __repr__(self) -> str:
+        return f"SpringHistory({self.name!r}, {self.dissipated[-1]:g} J dissipated)"
+
+    @property
+    def _samples(self) -> SpringSamples:
+        samples = getattr(self._result.solution, "springs", None)
+        assert samples is not None
+        return samples
+
+    @property
+    def elongation(self) -> Array:
+        """Elongation in m, shape (n_times,)."""
+        memory = self._result.model.system.memory
+        # The printed law is that of a system of one degree of freedom.
+        row = np.ones((1, 1)) if memory is None else memory.rows[[self._index]]
+        return self._result.samples.along(row, "q")[0]
+
+    @property
+    def force(self) -> Array:
+        """Force in N, shape (n_times,)."""
+        return self._samples.force[self._index]
+
+    @property
+    def stored(self) -> Array:
+        """Stored energy in J, shape (n_times,)."""
+        return self._samples.stored[self._index]
+
+    @property
+    def dissipated(self) -> Array:
+        """Energy lost since t = 0, J, shape (n_times,)."""
+        return self._samples.dissipated[self._index]
+
+
 class Result:
     """The outcome of `vofem.simulate`.
 
@@ -273,6 +327,13 @@ class Result:
         q, v = self.samples.last()
         return self.model.of_body(body, q), self.model.of_body(body, v)
 
+    def spring_state(self, name: str) -> Array | None:
+        """Return the state of a spring with memory at the last time, with which another scene can start, or None."""
+        memory, springs = self.model.system.memory, getattr(self.solution, "springs", None)
+        if memory is None or springs is None:
+            return None
+        return past_of(memory.laws, springs.past, name)
+
     # -- fields -----------------------------------------------------------------------------------
 
     def _beam(self, body: Any) -> Beam:
@@ -333,6 +394,12 @@ class Result:
         names = () if laws is None else laws.names
         return Named({name: ContactHistory(self, j) for j, name in enumerate(names)})
 
+    @cached_property
+    def springs(self) -> Named[SpringHistory]:
+        """Histories of springs with memory by name; empty where the scene has none."""
+        names = [law.name for law in self.model.system.springs]
+        return Named({name: SpringHistory(self, j) for j, name in enumerate(names)}, "spring with memory")
+
     def reaction(self, body: Any, where: Any, t: ArrayLike | None = None) -> Reaction:
         """Return what a support does to a body at `times`, or at times t.
 
@@ -353,7 +420,19 @@ class Result:
         if self.model.system.contacts is not None:
             force = self.contact_samples.force if t is None else self.solution.contacts(times).force
         modes = getattr(self.solution, "modes", None) if self.model.system.modal_damping is not None else None
-        return Reaction(*support_reaction(self.model, beam, where, times, samples, force, modes))
+        pull = None if self.model.system.memory is None else self._spring_force(beam, where, t)
+        return Reaction(*support_reaction(self.model, beam, where, times, samples, force, modes, pull))
+
+    def _spring_force(self, beam: Beam, where: Any, t: ArrayLike | None) -> Array:
+        """Return the forces of springs with memory, which are known at the run's times only."""
+        if t is not None and not np.array_equal(np.atleast_1d(t), self.times):
+            raise ArgumentError(
+                f"reaction of Beam {beam.name!r} at {where!r}: springs with memory know their forces at the run's "
+                "times; name the times in times= when simulating"
+            )
+        springs = getattr(self.solution, "springs", None)
+        assert springs is not None
+        return np.asarray(springs.force)
 
     @property
     def sensitivity(self) -> Sensitivity:

@@ -43,7 +43,8 @@ class Scene:
         ``{body: (displacement, velocity)}``: numbers for a mass, callables of
         an array x (of any shape) for a beam. Zero where silent. The outcome of
         `vofem.equilibrium` or of an earlier run, of bodies with the same names,
-        serves for all bodies, or for one: ``{beam: outcome}``.
+        serves for all bodies, or for one: ``{beam: outcome}``; springs with
+        memory of the same names go on with their past.
 
     Raises
     ------
@@ -149,7 +150,27 @@ class Scene:
             start = model.offsets[body]
             part = slice(start, start + body.size)
             q[part], v[part] = self._start_of(body)
-        return State(q[model.free], v[model.free])
+        return State(q[model.free], v[model.free], self._past())
+
+    def _past(self) -> Any:
+        """Return the state of springs with memory in the outcome that the scene starts from, or None."""
+        memory = self.model.system.memory
+        if memory is None or self.initial is None:
+            return None
+        states, found = [], False
+        for law in memory.laws:
+            state, source = law.virgin(), self._source_of(law.name)
+            known = source.spring_state(law.name) if hasattr(source, "spring_state") else None
+            if known is not None and known.shape == state.shape:
+                state, found = known, True
+            states.append(state)
+        return np.concatenate(states) if found else None
+
+    def _source_of(self, spring: str) -> Any:
+        if not isinstance(self.initial, Mapping):
+            return self.initial
+        bodies = [effect.points()[0].body for effect in self.effects if getattr(effect, "name", None) == spring]
+        return self.initial.get(bodies[0]) if bodies else None
 
     def _starting(self) -> tuple[Body, ...]:
         if self.initial is None:

@@ -20,7 +20,7 @@ from vofem.system import System
 
 Array = NDArray[np.float64]
 
-METHODS = ("event_driven", "energy_conserving", "generalized_alpha", "central_difference")
+METHODS = ("event_driven", "energy_conserving", "generalized_alpha", "central_difference", "force_driven")
 
 #: Options that a method takes beside those of `simulate`.
 _OPTIONS: dict[str, tuple[str, ...]] = {
@@ -28,6 +28,7 @@ _OPTIONS: dict[str, tuple[str, ...]] = {
     "energy_conserving": (),
     "generalized_alpha": ("rho_infinity", "alpha_m", "alpha_f", "gamma", "newmark_beta"),
     "central_difference": (),
+    "force_driven": (),
 }
 
 
@@ -56,9 +57,10 @@ def simulate(
     scene : Scene
     t_end : float
         In s, positive.
-    method : {"auto", "event_driven", "energy_conserving", "generalized_alpha", "central_difference"}
+    method : {"auto", "event_driven", "energy_conserving", "generalized_alpha", "central_difference", "force_driven"}
         "auto" takes event_driven, which is exact up to rounding, where it
         applies, and else energy_conserving, which is stable at any step;
+        force_driven is for ``HystereticSpring(memory="printed")`` alone;
         `vofem.explain` says what it chooses and why.
     dt : float, optional
         Step size in s of a stepping method; chosen where not given.
@@ -218,6 +220,8 @@ class Choice:
 
 def choose(system: System) -> Choice:
     """Return the method that ``method="auto"`` takes: the most accurate one that applies."""
+    if system.printed is not None:
+        return Choice("force_driven", f"{system.printed.label} follows Eq. 22, which the applied force drives")
     from vofem.integrators import event_driven
 
     reason = event_driven.refusal(system)
@@ -268,6 +272,7 @@ _KINDS: tuple[tuple[str, Callable[[System], bool]], ...] = (
     ),
     ("damping", lambda system: system.damped),
     ("nonlinear springs", lambda system: system.nonlinear is not None),
+    ("springs with memory", lambda system: bool(system.springs)),
     ("loads", lambda system: bool(system.loads)),
 )
 

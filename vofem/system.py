@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vofem.memory import MemoryLaw, PrintedLaw
+
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix, csr_matrix
 
@@ -140,6 +142,20 @@ class NonlinearLaws:
 
 
 @dataclass(frozen=True)
+class MemoryLaws:
+    """Laws with memory, one per row.
+
+    Attributes
+    ----------
+    rows : csr_matrix, shape (n_laws, n)
+    laws : tuple of MemoryLaw
+    """
+
+    rows: csr_matrix
+    laws: tuple[MemoryLaw, ...]
+
+
+@dataclass(frozen=True)
 class System:
     """``M q'' + C q' + K q = sum_l F_l f_l(t) - sum_j b_j R_j(b_j.q, b_j.q')`` over the free degrees of freedom.
 
@@ -165,6 +181,9 @@ class System:
     loads : tuple of Load
     contacts : ContactLaws, optional
     nonlinear : NonlinearLaws, optional
+    memory : MemoryLaws, optional
+    printed : PrintedLaw, optional
+        Eq. 22 as it stands, on a system of one degree of freedom.
     scale : ndarray, shape (n,)
         Length that makes a degree of freedom a displacement; balances eigenproblems.
     """
@@ -177,6 +196,8 @@ class System:
     loads: tuple[Load, ...]
     contacts: ContactLaws | None
     nonlinear: NonlinearLaws | None
+    memory: MemoryLaws | None
+    printed: PrintedLaw | None
     scale: Array
     strain: csr_matrix | None
     rigid: Array
@@ -185,6 +206,13 @@ class System:
     def size(self) -> int:
         """Number of free degrees of freedom."""
         return int(self.scale.size)
+
+    @property
+    def springs(self) -> tuple[MemoryLaw | PrintedLaw, ...]:
+        """The springs with memory."""
+        if self.printed is not None:
+            return (self.printed,)
+        return () if self.memory is None else self.memory.laws
 
     @property
     def damped(self) -> bool:
@@ -209,10 +237,11 @@ class System:
 
 @dataclass(frozen=True)
 class State:
-    """Displacements and velocities at one time, each of shape (n,)."""
+    """Displacements and velocities at one time, each (n,), and the state of springs with memory that have a past."""
 
     q: Array
     v: Array
+    memory: Array | None = None
 
 
 @dataclass
@@ -243,6 +272,8 @@ class Counters:
         Solutions of equations in the contact coordinates.
     law_evaluations : int
         Evaluations of nonlinear springs.
+    memory_updates : int
+        Springs with memory, times the steps over which their past was carried on.
     rejected : int
         Steps that were tried and taken back.
     """
@@ -258,6 +289,7 @@ class Counters:
     damping_evaluations: int = 0
     contact_solves: int = 0
     law_evaluations: int = 0
+    memory_updates: int = 0
     rejected: int = 0
 
 

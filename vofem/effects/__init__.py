@@ -6,19 +6,27 @@ from vofem.effects.base_motion import BaseMotion
 from vofem.effects.contact import Contact, Resolved
 from vofem.effects.damping import ModalDamping, RayleighDamping
 from vofem.effects.foundation import Foundation
+from vofem.effects.hysteretic_spring import CrushingStop, HystereticSpring
+from vofem.effects.jenkins import BilinearSpring, IwanSpring
 from vofem.effects.loads import DistributedLoad, Gravity, PointLoad, PointMoment
 from vofem.effects.nonlinear_spring import NonlinearSpring
+from vofem.effects.softening import LinearSoftening
 from vofem.effects.time_functions import Constant, Pulse, Ramp, Sine, Tabulated, TimeFunction
 
 __all__ = [
     "Approximated",
     "BaseMotion",
+    "BilinearSpring",
     "Constant",
     "Contact",
+    "CrushingStop",
     "Dashpot",
     "DistributedLoad",
     "Foundation",
     "Gravity",
+    "HystereticSpring",
+    "IwanSpring",
+    "LinearSoftening",
     "ModalDamping",
     "NonlinearSpring",
     "PointLoad",

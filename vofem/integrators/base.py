@@ -101,6 +101,28 @@ class Energies:
     work: Array
 
 
+@dataclass(frozen=True)
+class SpringSamples:
+    """Springs with memory at some times, each of shape (n_springs, n_times).
+
+    Attributes
+    ----------
+    force : ndarray
+        In N, positive in tension.
+    stored : ndarray
+        Energy that would be given back, J.
+    dissipated : ndarray
+        Since t = 0, J.
+    past : ndarray
+        The state of all springs at the last of the times.
+    """
+
+    force: Array
+    stored: Array
+    dissipated: Array
+    past: Array
+
+
 class Solution(Protocol):
     """What a run leaves behind."""
 
@@ -178,6 +200,7 @@ __all__ = [
     "Sampled",
     "Samples",
     "Solution",
+    "SpringSamples",
     "initial_status",
     "spring_force",
     "spring_potential",

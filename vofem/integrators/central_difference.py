@@ -30,8 +30,10 @@ from vofem.integrators.damping_matrix import damping_matrix
 from vofem.integrators.stepped import SteppedSolution, storage_times
 from vofem.integrators.stepping.callbacks import Callbacks, call
 from vofem.integrators.stepping.energies import kinetic_energy
-from vofem.integrators.stepping.laws import SMOOTH, Laws, build_laws
+from vofem.integrators.stepping.laws import MEMORY, SMOOTH, Laws, build_laws, loaded, place_in_memory, with_state
 from vofem.integrators.stepping.march import Banded, chunk, march, note_chatter, stored_energy
+from vofem.integrators.stepping.memory import commit, memory_force
+from vofem.integrators.stepping.recall import remember
 from vofem.integrators.stepping.record import Output, Trail, leave, log_event, output, store, switched, trail
 from vofem.integrators.stepping.rows import Rows, all_rows, compressed, dot, subtract_row
 from vofem.integrators.switch import contact_stiffness
@@ -68,11 +70,12 @@ class _Matrices(NamedTuple):
 
 
 class _State(NamedTuple):
-    """Where a run stands: q at a step, v half a step before, and status of the contacts."""
+    """Where a run stands: q at a step, v half a step before, status of the contacts, and memory of laws."""
 
     q: Array
     half: Array
     status: IntArray
+    memory: Array
 
 
 def run(
@@ -140,8 +143,9 @@ def run(
     kernel = _CentralDifference(system, start, dt, steps, counters)
     initial, acceleration = kernel.state.status.copy(), kernel.start_acceleration
     first = stored_energy(system, start.q, start.v) - 0.125 * dt**2 * float(acceleration @ (system.mass @ acceleration))
+    out = output(stored, system.size, kernel.laws.memory.kind.size, kernel.laws.state.size)
     return march(
-        kernel, "central_difference", start, initial, t_end, dt, output(stored, system.size), notes,
+        kernel, "central_difference", start, initial, t_end, dt, out, notes,
         first_energy=first, blow_up=_BLOW_UP, watch=watch, resume=resume,
     )  # fmt: skip
 
@@ -182,11 +186,14 @@ class _CentralDifference:
         if system.contacts is not None:
             rows = system.contacts.rows
             status = initial_status(system.contacts, rows @ start.q, rows @ start.v, abs(rows) @ np.abs(start.q))
+        every = all_rows(system)
+        u = np.zeros(0) if every is None else np.asarray(every @ start.q)
+        self.laws = loaded(self.laws, u, start.memory)
         self.start_acceleration = self._start_acceleration(start, status)
         # Second-order start: half a step back with the acceleration of the initial conditions.
         half = start.v[order] - 0.5 * dt * self.start_acceleration[order]
-        self.state = _State(start.q[order].copy(), half, status)
-        self.trail = trail(n)
+        self.state = _State(start.q[order].copy(), half, status, self.laws.state)
+        self.trail = trail(n, self.laws.state)
         leave(self.trail, self.state.q, start.v[order], self.trail.a)
 
     @property
@@ -209,8 +216,8 @@ class _CentralDifference:
         count = min(chunk(self.state.q.size), self.steps + 1 - first)
         values = self.bands.load_values(np.arange(first, first + count, dtype=float) * self.dt)
         cursor, events = _advance(
-            self.matrices, self.rows, self.laws, self.bands.loads, values, self.dt, first, count, self.state,
-            self.trail, out, cursor,
+            self.matrices, self.rows, with_state(self.laws, self.state.memory), self.bands.loads, values, self.dt,
+            first, count, self.state, self.trail, out, cursor,
         )  # fmt: skip
         if self.callbacks is not None:
             self.callbacks.complain(self.dt)
@@ -218,6 +225,7 @@ class _CentralDifference:
         self.done += count
         counters.steps = min(self.done, self.steps)
         counters.gap_evaluations = self.state.status.size * self.done
+        counters.memory_updates = self.laws.memory.kind.size * self.done
         if self.bands.system.damped:
             counters.damping_evaluations = self.done
         return cursor, events
@@ -238,6 +246,10 @@ class _CentralDifference:
             u = system.nonlinear.rows @ start.q
             reactions = [law.reaction(float(x)) for law, x in zip(system.nonlinear.laws, u, strict=True)]
             force -= system.nonlinear.rows.T @ np.array(reactions)
+        if system.memory is not None:
+            u = system.memory.rows @ start.q
+            pulls = [memory_force(self.laws.memory, self.laws.state, i, float(x))[0] for i, x in enumerate(u)]
+            force -= system.memory.rows.T @ np.array(pulls)
         banded = force[self.bands.order]
         solve(factor(self.matrices.mass, "the mass matrix"), banded)
         return banded[self.bands.back]
@@ -282,6 +294,10 @@ def _advance(
         for j in range(contacts, m):
             if laws.kind[j] == SMOOTH:
                 subtract_row(rows, j, call(laws.address[j, 0], dot(rows, j, q)), a)
+            if laws.kind[j] == MEMORY:
+                i, u = place_in_memory(laws, j), dot(rows, j, q)
+                commit(laws.memory, state.memory, i, u)
+                subtract_row(rows, j, memory_force(laws.memory, state.memory, i, u)[0], a)
         subtract_product(matrices.stiffness, q, a)
         any_damper = False
         for j in range(contacts):
@@ -325,7 +341,11 @@ def _advance(
                 before.work[0] += 0.5 * dt * np.dot(half, load)
             if lossy:
                 before.dissipated[0] -= 0.5 * dt * np.dot(half, loss)
+        wanted = cursor
         cursor = store(out, cursor, t, dt, step == 0, before, q, v, a)
+        if state.memory.size > 0:
+            remember(laws.memory, before.memory, rows, out, wanted, cursor)
+            before.memory[:] = state.memory
         leave(before, q, v, a)
         for i in range(n):
             half[i] += dt * a[i]

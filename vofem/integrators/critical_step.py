@@ -31,6 +31,12 @@ def highest_frequency(system: System, tangents: Array | None = None) -> float:
 
         rows = system.nonlinear.rows
         stiffness = stiffness + rows.T @ diags(np.maximum(tangents, 0.0)) @ rows
+    if system.memory is not None:
+        from scipy.sparse import diags
+
+        rows = system.memory.rows
+        # No law with memory is ever stiffer than before its first load.
+        stiffness = stiffness + rows.T @ diags([law.stiffness for law in system.memory.laws]) @ rows
     n = system.size
     if n <= _DENSE:
         from scipy.linalg import eigh

@@ -37,8 +37,10 @@ from vofem.integrators.stepped import SteppedSolution, storage_times
 from vofem.integrators.stepping.callbacks import Callbacks
 from vofem.integrators.stepping.contact_solve import compliance, law, solve_reactions
 from vofem.integrators.stepping.energies import kinetic_energy
-from vofem.integrators.stepping.laws import Laws, build_laws, closed_share
+from vofem.integrators.stepping.laws import Laws, build_laws, closed_share, loaded, with_state
 from vofem.integrators.stepping.march import Banded, chunk, march, note_chatter, stored_energy
+from vofem.integrators.stepping.memory import commit_all
+from vofem.integrators.stepping.recall import remember
 from vofem.integrators.stepping.record import Output, Trail, leave, log_event, output, store, switched, trail
 from vofem.integrators.stepping.rows import Rows, all_rows, compressed, dot, subtract_row
 from vofem.integrators.watching import Snapshot, Watch
@@ -110,7 +112,7 @@ class _Matrices(NamedTuple):
 
 
 class _State(NamedTuple):
-    """Displacement, velocity, acceleration, reactions without dampers, dampers' mean forces, and status."""
+    """Displacement, velocity, acceleration, reactions without dampers, dampers' mean forces, status, laws' memory."""
 
     q: Array
     v: Array
@@ -118,6 +120,7 @@ class _State(NamedTuple):
     reaction: Array
     damper: Array
     status: IntArray
+    memory: Array
 
 
 def run(
@@ -165,8 +168,9 @@ def run(
     stored = storage_times(times, t_end, dt, steps, system.size, notes)
     note_chatter(system, notes)
     kernel = _GeneralizedAlpha(system, start, dt, steps, chosen, counters)
+    out = output(stored, system.size, kernel.laws.memory.kind.size, kernel.laws.state.size)
     return march(
-        kernel, "generalized_alpha", start, kernel.state.status.copy(), t_end, dt, output(stored, system.size), notes,
+        kernel, "generalized_alpha", start, kernel.state.status.copy(), t_end, dt, out, notes,
         first_energy=stored_energy(system, start.q, start.v), blow_up=_BLOW_UP, watch=watch, resume=resume,
     )  # fmt: skip
 
@@ -204,6 +208,7 @@ class _GeneralizedAlpha:
         rows = all_rows(system)
         if rows is not None:
             u, rate = np.asarray(rows @ start.q), np.asarray(rows @ start.v)
+        self.laws = loaded(self.laws, u, start.memory)
         if system.contacts is not None:
             size = np.asarray(abs(system.contacts.rows) @ np.abs(start.q))
             count = len(system.contacts)
@@ -217,8 +222,11 @@ class _GeneralizedAlpha:
             force -= rows.T @ (reaction + dampers)
         acceleration = force[order]
         solve(factor(mass, "the mass matrix"), acceleration)
-        self.state = _State(start.q[order].copy(), start.v[order].copy(), acceleration, reaction, dampers, status)
-        self.trail = trail(n)
+        past = self.laws.state
+        self.state = _State(
+            start.q[order].copy(), start.v[order].copy(), acceleration, reaction, dampers, status, past
+        )  # fmt: skip
+        self.trail = trail(n, past)
         leave(self.trail, self.state.q, self.state.v, self.state.a)
 
     @property
@@ -240,10 +248,12 @@ class _GeneralizedAlpha:
         count = min(chunk(self.state.q.size), self.steps - first)
         if first == 0:
             cursor = store(out, 0, 0.0, self.dt, True, self.trail, self.state.q, self.state.v, self.state.a)
+            if self.state.memory.size:
+                remember(self.laws.memory, self.state.memory, self.rows, out, 0, cursor)
         values = self.bands.load_values(np.arange(first, first + count + 1, dtype=float) * self.dt)
         cursor, events, solves, failed = _advance(
-            self.matrices, self.parameters, self.rows, self.laws, self.bands.loads, values, self.dt, first, count,
-            self.state, self.trail, out, cursor,
+            self.matrices, self.parameters, self.rows, with_state(self.laws, self.state.memory), self.bands.loads,
+            values, self.dt, first, count, self.state, self.trail, out, cursor,
         )  # fmt: skip
         if self.callbacks is not None:
             self.callbacks.complain(self.dt)
@@ -257,6 +267,7 @@ class _GeneralizedAlpha:
         counters.steps = self.done
         counters.contact_solves += solves
         counters.gap_evaluations = self.state.status.size * counters.steps
+        counters.memory_updates = self.laws.memory.kind.size * counters.steps
         if self.matrices.damping.size:
             counters.damping_evaluations = counters.steps
         return cursor, events
@@ -368,6 +379,11 @@ def _advance(
         q[:] = q1
         v[:] = v1
         a[:] = a1
+        wanted = cursor
         cursor = store(out, cursor, t, dt, False, before, q, v, a)
+        if state.memory.size > 0:
+            remember(laws.memory, before.memory, rows, out, wanted, cursor)
+            commit_all(laws.memory, state.memory, u1)
+            before.memory[:] = state.memory
         leave(before, q, v, a)
     return cursor, events[:happened], solves, -1

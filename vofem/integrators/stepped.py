@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import ArgumentError
-from vofem.integrators.base import ContactSamples, Energies, Samples
+from vofem.integrators.base import ContactSamples, Energies, Samples, SpringSamples
 from vofem.integrators.switch import contact_stiffness
 from vofem.linalg.jit import jit
 from vofem.system import CLOSED, OPEN, Counters, Events, System
@@ -32,6 +32,8 @@ class SteppedSolution:
         At t = 0, in the same form, J.
     dt : float
         Step size, s.
+    springs : SpringSamples, optional
+        Springs with memory at the stored times.
     """
 
     system: System
@@ -44,6 +46,7 @@ class SteppedSolution:
     events: Events
     counters: Counters
     notes: list[str]
+    springs: SpringSamples | None = None
 
     def _place(self, times: Array) -> tuple[NDArray[np.int64], Array]:
         """Return the stored interval of every time and the fraction of it."""

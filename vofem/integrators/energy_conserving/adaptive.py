@@ -23,7 +23,8 @@ from vofem.integrators.energy_conserving.step import (
     combine,
     step,
 )
-from vofem.integrators.stepping.laws import Laws
+from vofem.integrators.stepping.laws import Laws, with_state
+from vofem.integrators.stepping.memory import commit_all
 from vofem.integrators.stepping.record import Output, Trail
 from vofem.integrators.stepping.rows import Rows, dot
 from vofem.linalg.banded import solve, subtract_product
@@ -60,6 +61,7 @@ class AdaptiveSteps(Setting):
         self.ladder: dict[int, Factored] = {}
         n, m = self.state.q.size, self.state.u.size
         self.trial, self.tried = np.zeros((5, n)), np.zeros((3, m))
+        self.past = self.state.memory.copy()
 
     def measure(self, displacement: Array) -> None:
         """Set the size that errors are related to from a rough run, shape (n, n_times)."""
@@ -107,9 +109,10 @@ class AdaptiveSteps(Setting):
             t, dt = self.now * self.tick, whole.dt
             values = self.bands.load_values(t + dt * np.array([0.5, 0.25, 0.75]))
             state = self.state
+            laws = with_state(self.laws, state.memory)
             solves, rough, smooth = _try(
-                self.matrices, self._rung(max(self.rung - 3, 0)).band, whole, half, self.rows, self.laws,
-                self.bands.loads, values, state, self.trial, self.tried, self.weight, self.space,
+                self.matrices, self._rung(max(self.rung - 3, 0)).band, whole, half, self.rows, laws,
+                self.bands.loads, values, state, self.trial, self.tried, self.weight, self.space, self.past,
             )  # fmt: skip
             self.complain(dt)
             last = self.rung + 1 >= _RUNGS
@@ -125,7 +128,7 @@ class AdaptiveSteps(Setting):
                 continue
             self.forced += ratio > 1.0
             cursor, events = _take(
-                self.matrices, half.dt, self.rows, self.laws, self.bands.loads, values, t, state, self.trial,
+                self.matrices, half.dt, self.rows, laws, self.bands.loads, values, t, state, self.trial,
                 self.tried, self.trail, out, cursor, self.space,
             )  # fmt: skip
             self.beyond = self.now >= self.end
@@ -142,7 +145,7 @@ class AdaptiveSteps(Setting):
 @jit
 def _try(
     matrices: Matrices, filtering: Array, whole: Factored, half: Factored, rows: Rows, laws: Laws, loads: Array,
-    values: Array, state: State, trial: Array, tried: Array, weight: Array, space: Scratch,
+    values: Array, state: State, trial: Array, tried: Array, weight: Array, space: Scratch, past: Array,
 ) -> tuple[int, float, float]:  # fmt: skip
     """Take a step whole and in halves; return contact solves, and errors of displacements.
 
@@ -173,7 +176,13 @@ def _try(
         u[j] = dot(rows, j, q)
     combine(loads, values[:, 2], load)
     tried[1][:] = tried[0]
+    if past.size > 0:
+        # The second half begins with what the first one leaves, should it be taken.
+        past[:] = state.memory
+        commit_all(laws.memory, state.memory, u)
     c = step(matrices, half, rows, laws, load, q, v, u, second, tried[1], space)
+    if past.size > 0:
+        state.memory[:] = past
     if c < 0:
         return -1, 0.0, 0.0
     # Velocities are not asked: those of fast modes, which hardly move anything, would dictate the step.

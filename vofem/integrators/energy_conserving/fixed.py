@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from vofem.errors import ConvergenceError
 from vofem.integrators.energy_conserving.setting import Setting
 from vofem.integrators.energy_conserving.step import Factored, Matrices, Scratch, State, accept, combine, step
-from vofem.integrators.stepping.laws import Laws
+from vofem.integrators.stepping.laws import Laws, with_state
 from vofem.integrators.stepping.march import chunk
 from vofem.integrators.stepping.record import Output, Trail
 from vofem.integrators.stepping.rows import Rows
@@ -44,8 +44,8 @@ class FixedSteps(Setting):
         count = min(chunk(self.state.q.size), self.steps + 1 - first)
         values = self.bands.load_values((np.arange(first, first + count, dtype=float) + 0.5) * self.dt)
         cursor, events, solves, failed = _advance(
-            self.matrices, self.factored, self.rows, self.laws, self.bands.loads, values, first, count, self.state,
-            self.trail, out, cursor, self.space,
+            self.matrices, self.factored, self.rows, with_state(self.laws, self.state.memory), self.bands.loads, values,
+            first, count, self.state, self.trail, out, cursor, self.space,
         )  # fmt: skip
         self.complain(self.dt)
         if failed >= 0:

@@ -100,8 +100,9 @@ def run(
         kernel.plan(step, steps)
     initial = kernel.state.status.copy()
     note_chatter(system, notes)
+    out = output(stored, system.size, kernel.laws.memory.kind.size, kernel.laws.state.size)
     solution = march(
-        kernel, "energy_conserving", start, initial, t_end, step, output(stored, system.size), notes,
+        kernel, "energy_conserving", start, initial, t_end, step, out, notes,
         first_energy=stored_energy(system, start.q, start.v), blow_up=_BLOW_UP, watch=watch, resume=resume,
     )  # fmt: skip
     if isinstance(kernel, AdaptiveSteps):
@@ -118,7 +119,8 @@ def _pilot(system: System, start: State, t_end: float, counters: Counters) -> Ou
     """Return a rough run of equal steps, which tells how far things move."""
     kernel = FixedSteps(system, start, counters)
     kernel.plan(t_end / _STEPS, _STEPS)
-    out, cursor = output(np.linspace(0.0, t_end, _STEPS + 1), system.size), 0
+    out = output(np.linspace(0.0, t_end, _STEPS + 1), system.size, kernel.laws.memory.kind.size, kernel.laws.state.size)
+    cursor = 0
     while not kernel.finished:
         cursor, _ = kernel.advance(out, cursor)
     return out

@@ -11,7 +11,7 @@ from vofem.integrators.energy_conserving.step import Factored, Matrices, State, 
 from vofem.integrators.stepping.callbacks import Callbacks
 from vofem.integrators.stepping.contact_solve import compliance
 from vofem.integrators.stepping.energies import kinetic_energy
-from vofem.integrators.stepping.laws import build_laws
+from vofem.integrators.stepping.laws import build_laws, loaded
 from vofem.integrators.stepping.march import Banded
 from vofem.integrators.stepping.record import leave, trail
 from vofem.integrators.stepping.rows import all_rows, compressed
@@ -42,9 +42,11 @@ class Setting:
         m = self.laws.kind.size
         u = np.zeros(0) if rows is None else np.asarray(rows @ start.q)
         q, v = start.q[order].copy(), start.v[order].copy()
-        self.state = State(q, v, np.zeros(n), v.copy(), v.copy(), u, np.zeros(m), status, np.zeros(1))
+        self.laws = loaded(self.laws, u, start.memory)
+        past = self.laws.state
+        self.state = State(q, v, np.zeros(n), v.copy(), v.copy(), u, np.zeros(m), status, np.zeros(1), past)
         self.space = scratch(n, m)
-        self.trail = trail(n)
+        self.trail = trail(n, past)
         leave(self.trail, q, v, self.state.acceleration)
 
     def factor(self, dt: float) -> Factored:
@@ -75,5 +77,6 @@ class Setting:
         counters.gap_evaluations = self.state.status.size * steps
         if self.callbacks is not None:
             counters.law_evaluations = self.callbacks.calls
+        counters.memory_updates = self.laws.memory.kind.size * steps
         if self.matrices.damping.size:
             counters.damping_evaluations = steps

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from vofem.integrators.stepping.contact_solve import solve_reactions
 from vofem.integrators.stepping.laws import Laws, closed_share
+from vofem.integrators.stepping.memory import commit_all
+from vofem.integrators.stepping.recall import remember
 from vofem.integrators.stepping.record import Output, Trail, leave, log_event, store, switched
 from vofem.integrators.stepping.rows import Rows, dot, subtract_row
 from vofem.linalg.banded import solve, subtract_product
@@ -52,6 +54,8 @@ class State(NamedTuple):
     status : ndarray of int, shape (n_contacts,)
     width : ndarray, shape (1,)
         Size of the last step in s; 0 at the start.
+    memory : ndarray
+        State of the laws with memory.
     """
 
     q: Array
@@ -63,6 +67,7 @@ class State(NamedTuple):
     reaction: Array
     status: IntArray
     width: Array
+    memory: Array
 
 
 class Scratch(NamedTuple):
@@ -156,7 +161,11 @@ def accept(
         rate = 2.0 * (p[i] - v[i]) / dt
         now[i] = rate if last == 0.0 else (dt * state.acceleration[i] + last * rate) / (dt + last)
         state.acceleration[i] = rate
+    wanted = cursor
     cursor = store(out, cursor, t, last if last > 0.0 else dt, last == 0.0, before, q, v, now)
+    if state.memory.size > 0:
+        remember(laws.memory, before.memory, rows, out, wanted, cursor)
+        before.memory[:] = state.memory
     leave(before, q, v, now)
     taken = 0.0
     if matrices.damping.shape[0] > 0:
@@ -183,6 +192,8 @@ def accept(
                 state.status[j] = int(events[happened, 2])
                 happened += 1
         state.u[j] = u1
+    if state.memory.size > 0:
+        commit_all(laws.memory, state.memory, state.u)
     before.dissipated[0] += taken
     state.width[0] = dt
     return cursor, events, happened

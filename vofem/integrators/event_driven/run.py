@@ -51,6 +51,16 @@ def refusal(system: System) -> str | None:
                 "Pulse, Tabulated and their sums; approximate it, vf.Approximated(f, t_end, tolerance); or "
                 "choose method='energy_conserving'"
             )
+    if system.memory is not None:
+        return (
+            f"{system.memory.laws[0].label} remembers its past, and event_driven needs laws that are piecewise linear "
+            "in the displacement. Use method='energy_conserving', 'generalized_alpha' or 'central_difference'"
+        )
+    if system.printed is not None:
+        return (
+            f"{system.printed.label} follows Eq. 22, whose stiffness varies with the applied force. "
+            "Use method='force_driven'"
+        )
     if system.nonlinear is not None:
         return (
             f"NonlinearSpring {system.nonlinear.laws[0].name!r} is not piecewise linear, which event_driven needs. "

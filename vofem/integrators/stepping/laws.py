@@ -1,6 +1,7 @@
 """Scalar laws on rows in compiled form: forces at a displacement, and mean forces over a step.
 
-Every law is a force over a monotone path of its coordinate from u0 to u1. The
+Every law is a force over a monotone path of its coordinate from u0 to u1; that
+of a spring with memory depends on its state at u0 too. The
 mean force over the path, work over length, is the discrete gradient of the
 law's potential: a step that uses it conserves energy whatever its size. All
 laws of contacts are monotone in u1, so a step has one solution.
@@ -13,7 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.errors import MethodError
+from vofem.integrators.stepping.backbone import Memory
 from vofem.integrators.stepping.callbacks import Callbacks, call
+from vofem.integrators.stepping.memory import build_memory, commit_all, memory_force, memory_mean
 from vofem.integrators.stepping.resolved import resolved_force, resolved_integrals
 from vofem.linalg.jit import jit
 from vofem.system import System
@@ -21,16 +25,19 @@ from vofem.system import System
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-PENETRATION, JUMP, RESOLVED, SMOOTH = 0, 1, 2, 3
+PENETRATION, JUMP, RESOLVED, SMOOTH, MEMORY = 0, 1, 2, 3, 4
 
 #: Width, as a fraction of the gap, over which the jump of a contact that acts on the displacement is spread.
 _RAMP = 1e-12
 
 _GAUSS = np.sqrt(0.6)
 
+#: For systems without laws that remember.
+_NOTHING = build_memory(())[0]
+
 
 class Laws(NamedTuple):
-    """One law a row, contacts first.
+    """One law a row: contacts, nonlinear springs, springs with memory.
 
     Attributes
     ----------
@@ -39,6 +46,10 @@ class Laws(NamedTuple):
         As in `ContactLaws`; zeros for other laws.
     address : ndarray of int, shape (n_laws, 2)
         Of force and potential of a smooth law.
+    memory : Memory
+        The laws of the last rows.
+    state : ndarray
+        Of the laws with memory, at the start of a step.
     """
 
     kind: IntArray
@@ -48,14 +59,29 @@ class Laws(NamedTuple):
     damping: Array
     resolution: Array
     address: IntArray
+    memory: Memory
+    state: Array
 
 
 def build_laws(system: System, callbacks: Callbacks | None) -> Laws:
-    """Return the laws of a system's contacts and nonlinear springs."""
+    """Return the laws of a system's contacts, nonlinear springs and springs with memory, the latter without a past.
+
+    Raises
+    ------
+    MethodError
+        For the law that is printed in the paper, which the applied force drives.
+    """
+    if system.printed is not None:
+        raise MethodError(
+            f"{system.printed.label} with memory='printed' is Eq. 22, which the applied force drives; "
+            "method='force_driven' follows it, and methods that step in time take memory='cyclic'"
+        )
     contacts = system.contacts
     smooth = 0 if callbacks is None else callbacks.addresses.shape[0]
     count = 0 if contacts is None else len(contacts)
-    size = count + smooth
+    pasts = () if system.memory is None else system.memory.laws
+    memory, state = build_memory(pasts) if pasts else (_NOTHING, np.zeros(0))
+    size = count + smooth + len(pasts)
     laws = Laws(
         kind=np.full(size, SMOOTH, dtype=np.int64),
         gap=np.zeros(size),
@@ -64,6 +90,8 @@ def build_laws(system: System, callbacks: Callbacks | None) -> Laws:
         damping=np.zeros(size),
         resolution=np.full(size, np.inf),
         address=np.zeros((size, 2), dtype=np.int64),
+        memory=memory,
+        state=state,
     )
     if contacts is not None:
         laws.kind[:count] = np.where(np.isfinite(contacts.resolution), RESOLVED, np.where(contacts.jump, JUMP, 0))
@@ -71,14 +99,38 @@ def build_laws(system: System, callbacks: Callbacks | None) -> Laws:
         laws.stiffness[:count], laws.damping[:count] = contacts.stiffness, contacts.damping
         laws.resolution[:count] = contacts.resolution
     if callbacks is not None:
-        laws.address[count:] = callbacks.addresses
+        laws.address[count : count + smooth] = callbacks.addresses
+    laws.kind[count + smooth :] = MEMORY
     return laws
+
+
+def loaded(laws: Laws, u: Array, past: Array | None) -> Laws:
+    """Return laws whose springs with memory come from a past to the elongations u at the start; nothing is lost yet."""
+    if laws.state.size:
+        if past is not None:
+            laws.state[:] = past
+        commit_all(laws.memory, laws.state, u)
+        laws.state[laws.memory.start[:-1]] = 0.0
+    return laws
+
+
+def with_state(laws: Laws, state: Array) -> Laws:
+    """Return the same laws with another array as their memory."""
+    return laws._replace(state=state) if state.size else laws
+
+
+@jit
+def place_in_memory(laws: Laws, j: int) -> int:
+    """Return the number of law j among those with memory."""
+    return j - (laws.kind.size - laws.memory.kind.size)
 
 
 @jit
 def end_force(laws: Laws, j: int, u: float) -> tuple[float, float]:
     """Return force and tangent at u, contact dampers left out."""
     kind = laws.kind[j]
+    if kind == MEMORY:
+        return memory_force(laws.memory, laws.state, place_in_memory(laws, j), u)
     if kind == SMOOTH:
         width = 1e-6 * max(1.0, abs(u))
         address = laws.address[j, 0]
@@ -114,6 +166,8 @@ def mean_force(laws: Laws, j: int, u0: float, u1: float) -> float:
     kind = laws.kind[j]
     if kind == SMOOTH:
         return _smooth_mean(laws.address[j], u0, u1)
+    if kind == MEMORY:
+        return memory_mean(laws.memory, laws.state, place_in_memory(laws, j), u0, u1)
     gap, k = laws.gap[j], laws.stiffness[j]
     s0, s1 = u0 - gap, u1 - gap
     if s0 <= 0.0 and s1 <= 0.0:

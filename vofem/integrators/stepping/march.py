@@ -8,10 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import InstabilityError
-from vofem.integrators.base import Energies, Samples
+from vofem.integrators.base import Energies, Samples, SpringSamples
 from vofem.integrators.stepped import SteppedSolution
 from vofem.integrators.stepping.energies import contact_energy, kinetic_energy, strain_energy
+from vofem.integrators.stepping.laws import Laws
+from vofem.integrators.stepping.recall import memory_energy
 from vofem.integrators.stepping.record import Output, Trail
+from vofem.integrators.stepping.rows import Rows
 from vofem.integrators.watching import Snapshot, Watch, deferred_interrupts
 from vofem.linalg.banded import band_order
 from vofem.system import Counters, Events, State, System
@@ -57,6 +60,8 @@ class Kernel(Protocol):
 
     bands: Banded
     trail: Trail
+    rows: Rows
+    laws: Laws
     place: tuple[str, ...]
 
     @property
@@ -107,7 +112,7 @@ def march(
     out : Output
     notes : list of str
     first_energy : float
-        At t = 0, in the method's own form, J.
+        At t = 0, in the method's own form and without springs with memory, J.
     blow_up : float
         Energy out of nowhere, over the energies at work, that ends a run.
     watch : callable, optional
@@ -120,7 +125,8 @@ def march(
         If energy grows beyond what the loads can have done, or a state is no longer finite.
     """
     system, counters = kernel.bands.system, kernel.bands.counters
-    energy = stored_energy(system, start.q, start.v)
+    held = _held(kernel)[0]
+    energy = stored_energy(system, start.q, start.v) + held
     log: list[Array] = []
     cursor = 0
     if resume is not None:
@@ -154,11 +160,26 @@ def march(
     counters.events = events.time.size
     back = kernel.bands.back
     samples = Samples(out.q[back], out.v[back], out.a[back])
-    parts = Energies(
-        kernel.kinetic(samples), strain_energy(system, samples.q), contact_energy(system.contacts, samples.q),
-        out.dissipated, out.work,
+    strain, dissipated, springs = strain_energy(system, samples.q), out.dissipated, None
+    if system.memory is not None:
+        springs = SpringSamples(out.memory[0], out.memory[1], out.memory[2], out.past[:, 0])
+        strain = strain + springs.stored.sum(axis=0)
+        dissipated = dissipated + springs.dissipated.sum(axis=0)
+    contact = contact_energy(system.contacts, samples.q)
+    parts = Energies(kernel.kinetic(samples), strain, contact, dissipated, out.work)
+    first_energy += held
+    return SteppedSolution(
+        system, t_end, out.times, samples, parts, first_energy, dt, events, counters, notes, springs
     )  # fmt: skip
-    return SteppedSolution(system, t_end, out.times, samples, parts, first_energy, dt, events, counters, notes)
+
+
+def _held(kernel: Kernel) -> tuple[float, float]:
+    """Return the energies in J that springs with memory hold, and have dissipated, at the state on the trail."""
+    if kernel.bands.system.memory is None:
+        return 0.0, 0.0
+    trail = kernel.trail
+    stored, lost = memory_energy(kernel.laws.memory, trail.memory, kernel.rows, trail.q)
+    return float(stored), float(lost)
 
 
 def _snapshot(kernel: Kernel, out: Output, cursor: int, log: list[Array], notes: list[str]) -> Snapshot:
@@ -216,8 +237,9 @@ def stored_energy(system: System, q: Array, v: Array) -> float:
 
 def _check(kernel: Kernel, method: str, first: float, dt: float, blow_up: float) -> None:
     trail, back = kernel.trail, kernel.bands.back
-    now = stored_energy(kernel.bands.system, trail.q[back], trail.v[back])
-    work, dissipated = float(trail.work[1]), float(trail.dissipated[1])
+    held, lost = _held(kernel)
+    now = stored_energy(kernel.bands.system, trail.q[back], trail.v[back]) + held
+    work, dissipated = float(trail.work[1]), float(trail.dissipated[1]) + lost
     scale = abs(first) + abs(work) + abs(dissipated)
     if not now - first - work + dissipated <= blow_up * scale + 1e-300:
         raise InstabilityError(

@@ -16,22 +16,27 @@ IntArray = NDArray[np.int64]
 
 
 class Trail(NamedTuple):
-    """The step before: its state, and (now, before) of the totals of work and dissipation."""
+    """The step before: its state with that of laws with memory, and (now, before) of work and dissipation in total."""
 
     q: Array
     v: Array
     a: Array
     work: Array
     dissipated: Array
+    memory: Array
 
 
-def trail(n: int) -> Trail:
-    """Return a trail of n unknowns with nothing on it."""
-    return Trail(np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(2), np.zeros(2))
+def trail(n: int, memory: Array) -> Trail:
+    """Return a trail of n unknowns with nothing on it but the state of laws with memory."""
+    return Trail(np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(2), np.zeros(2), memory.copy())
 
 
 class Output(NamedTuple):
-    """Wanted times and what is stored there: q, v, a of shape (n, n_times), and work and dissipation."""
+    """Wanted times and what is stored there: q, v, a of shape (n, n_times), and work and dissipation.
+
+    `memory` holds force, stored energy and loss of the laws with memory, shape (3, n_laws, n_times), `past` their
+    state at the last time, shape (size, 1).
+    """
 
     times: Array
     q: Array
@@ -39,11 +44,15 @@ class Output(NamedTuple):
     a: Array
     work: Array
     dissipated: Array
+    memory: Array
+    past: Array
 
 
-def output(times: Array, n: int) -> Output:
-    """Return an empty record of n unknowns."""
-    return Output(times, *np.full((3, n, times.size), np.nan), *np.zeros((2, times.size)))
+def output(times: Array, n: int, laws: int = 0, past: int = 0) -> Output:
+    """Return an empty record of n unknowns and some laws with memory, whose state is `past` numbers."""
+    q, v, a = np.full((3, n, times.size), np.nan)
+    work, dissipated = np.zeros((2, times.size))
+    return Output(times, q, v, a, work, dissipated, np.zeros((3, laws, times.size)), np.zeros((past, 1)))
 
 
 @jit

@@ -37,8 +37,8 @@ def compressed(rows: csr_matrix | None, order: IntArray) -> Rows:
 
 
 def all_rows(system: System) -> csr_matrix | None:
-    """Return the rows of contacts, then of nonlinear springs, or None where there are none."""
-    parts = [part.rows for part in (system.contacts, system.nonlinear) if part is not None]
+    """Return the rows of contacts, of nonlinear springs, and of springs with memory, or None where there are none."""
+    parts = [part.rows for part in (system.contacts, system.nonlinear, system.memory) if part is not None]
     if len(parts) < 2:
         return parts[0] if parts else None
     from scipy.sparse import vstack

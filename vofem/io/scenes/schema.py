@@ -61,6 +61,7 @@ _POLYNOMIAL = OneOf(
 FIELD = OrNumber(_POLYNOMIAL)
 _COEFFICIENT = Coefficient(OrNumber(_POLYNOMIAL, POSITIVE))
 
+_SOFTENING = OneOf("{ linear = { span = 4.0 } }", _table(Entry("linear", effects.LinearSoftening, {"span": POSITIVE})))
 _POINT = PointByName()
 _BEAM = BodyByName(beam=True)
 _SWITCH = Switch(Entry("resolved", effects.Resolved, {"s0": POSITIVE}))
@@ -113,6 +114,51 @@ EFFECTS = _table(
         needed=("acts_on",),
     ),
     Entry("spring", effects.Spring, {"a": _POINT, "b": _POINT, "stiffness": NOT_NEGATIVE}),
+    Entry(
+        "hysteretic_spring",
+        effects.HystereticSpring,
+        {
+            "name": NAME,
+            "a": _POINT,
+            "b": _POINT,
+            "stiffness": POSITIVE,
+            "linear_limit": POSITIVE,
+            "softening": _SOFTENING,
+            "memory": Choice(("printed", "cyclic")),
+        },
+        needed=("memory",),
+    ),
+    Entry(
+        "crushing_stop",
+        effects.CrushingStop,
+        {
+            "name": NAME,
+            "a": _POINT,
+            "b": _POINT,
+            "gap": NUMBER,
+            "side": Choice(("below", "above")),
+            "stiffness": POSITIVE,
+            "linear_limit": POSITIVE,
+            "softening": _SOFTENING,
+        },
+    ),
+    Entry(
+        "bilinear_spring",
+        effects.BilinearSpring,
+        {
+            "name": NAME,
+            "a": _POINT,
+            "b": _POINT,
+            "stiffness": POSITIVE,
+            "linear_limit": POSITIVE,
+            "hardening": NOT_NEGATIVE,
+        },
+    ),
+    Entry(
+        "iwan_spring",
+        effects.IwanSpring,
+        {"name": NAME, "a": _POINT, "b": _POINT, "elongation": Numbers(), "force": Numbers()},
+    ),
     Entry("dashpot", effects.Dashpot, {"a": _POINT, "b": _POINT, "damping": NOT_NEGATIVE}),
     Entry("rotational_spring", effects.RotationalSpring, {"point": _POINT, "other": _POINT, "stiffness": NOT_NEGATIVE}),
     Entry("point_mass", effects.PointMass, {"point": _POINT, "mass": NOT_NEGATIVE, "inertia": NOT_NEGATIVE}),

@@ -124,12 +124,22 @@ def write_history(blocks: Blocks, group: h5py.Group, result: Result) -> None:
     _energies(file, result, group)
     if result.model.system.contacts is not None:
         _contacts(file, result)
+    if result.springs:
+        _springs(file, result)
     events = result.solution.events
     file.dimension("event", events.time.size)
     file.variable("event_time", "event", events.time, units="s")
     file.variable("event_contact", "event", events.contact, long_name="number of the contact")
     file.variable("event_status", "event", events.status, long_name="status entered: 0 open, 1 closed, 2 pinned")
     _reactions(file, result)
+
+
+def _springs(file: _Group, result: Result) -> None:
+    springs = list(result.springs.values())
+    file.coordinate("spring", [spring.name for spring in springs], long_name="spring with memory")
+    for what, unit in (("elongation", "m"), ("force", "N"), ("stored", "J"), ("dissipated", "J")):
+        values = np.array([getattr(spring, what) for spring in springs])
+        file.series(f"spring_{what}", "spring", values, units=unit)
 
 
 def _degrees_of_freedom(file: _Group, result: Result) -> None:

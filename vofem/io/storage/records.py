@@ -34,6 +34,7 @@ from vofem.io.storage.stand_ins import (
 )
 from vofem.io.storage.stored_field import StoredField
 from vofem.io.storage.tree import is_data
+from vofem.memory import past_of
 from vofem.polynomial import Polynomial
 from vofem.result import Result
 from vofem.scene import Scene
@@ -136,9 +137,12 @@ class Encoder:
             if all(isinstance(part, (int, float, np.number, Polynomial)) for part in parts):
                 return {body: tuple(state) for body, state in initial.items()}
         state, model = scene.initial_state(), scene.model
-        return StoredState(
-            {body.name: (model.of_body(body, state.q), model.of_body(body, state.v)) for body in scene.bodies}
-        )
+        states = {body.name: (model.of_body(body, state.q), model.of_body(body, state.v)) for body in scene.bodies}
+        if state.memory is None or model.system.memory is None:
+            return StoredState(states, {})
+        laws = model.system.memory.laws
+        pasts = {law.name: past for law in laws if (past := past_of(laws, state.memory, law.name)) is not None}
+        return StoredState(states, pasts)
 
 
 def _callables(effect: Any) -> str:

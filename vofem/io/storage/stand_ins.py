@@ -202,12 +202,19 @@ class StoredState:
     ----------
     states : dict of str to (ndarray, ndarray)
         Degrees of freedom and rates by the name of the body, each (size,).
+    springs : dict of str to ndarray
+        States of springs with memory by name.
     """
 
     states: dict[str, tuple[Array, Array]]
+    springs: dict[str, Array]
 
     def state_of(self, body_name: str) -> tuple[Array, Array]:
         """Return a body's degrees of freedom and their rates, each (size,)."""
         if body_name not in self.states:
             raise ArgumentError(f"the saved state holds no body {body_name!r}; there are {list(self.states)}")
         return self.states[body_name]
+
+    def spring_state(self, name: str) -> Array | None:
+        """Return the state of a spring with memory, or None."""
+        return self.springs.get(name)

@@ -1,28 +1,21 @@
-"""Static equilibrium with contact, from any starting set of closed contacts.
+"""Equilibrium in the space of the contact coordinates, from any starting set of closed contacts.
 
 The energy of a structure on contacts is convex, under both force laws. It is
-minimised in the space of the contact coordinates by Newton's method with an
-exact line search, which ends after finitely many steps; the vertical part of
-the jump law (the reaction may lie anywhere in [0, K0 gap] at the gap) is
-given a steep slope on the way and treated exactly at the end.
+minimised by Newton's method with an exact line search, which ends after
+finitely many steps; the vertical part of the jump law (the reaction may lie
+anywhere in [0, K0 gap] at the gap) is given a steep slope on the way and
+treated exactly at the end.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from vofem._validate import Named, number
-from vofem.assembly import Model
-from vofem.bodies.beam import Beam
-from vofem.errors import ArgumentError, ConvergenceError, SingularSystemError
-from vofem.linalg.null_space import null_space
-from vofem.lookup import body_named, row_of, the_beam
-from vofem.scene import Scene, as_scene
+from vofem.errors import SingularSystemError
 from vofem.system import CLOSED, OPEN, PINNED, ContactLaws, System
 
 Array = NDArray[np.float64]
@@ -35,169 +28,6 @@ _MOST_ITERATIONS = 500
 _MANY_UNKNOWNS = 400
 
 
-@dataclass(frozen=True)
-class StaticContact:
-    """A contact in equilibrium.
-
-    Attributes
-    ----------
-    force : float
-        In N, positive pushes the bodies apart.
-    status : str
-        "open", "closed" or "pinned": held at the gap between both force laws.
-    gap_function : float
-        s in m; positive is penetration.
-    """
-
-    force: float
-    status: str
-    gap_function: float
-
-    @property
-    def closed(self) -> bool:
-        """Whether the contact is closed."""
-        return self.status == "closed"
-
-    @property
-    def pinned(self) -> bool:
-        """Whether the contact is pinned."""
-        return self.status == "pinned"
-
-
-class Equilibrium:
-    """The outcome of `equilibrium`.
-
-    Attributes
-    ----------
-    contacts : dict of str to StaticContact
-    iterations : int
-        Newton steps of the contact solution.
-    notes : list of str
-    """
-
-    def __init__(self, model: Model, q: Array, contacts: Mapping[str, StaticContact], iterations: int) -> None:
-        self._model = model
-        self._q = q
-        self.contacts = Named(dict(contacts))
-        self.iterations = iterations
-        self.notes = [
-            f"contact {name!r} is pinned at its gap with a reaction of {contact.force:.6g} N: the load lies between "
-            "the open and the closed equilibrium of acts_on='displacement'"
-            for name, contact in self.contacts.items()
-            if contact.pinned
-        ]
-
-    def state_of(self, body_name: str) -> tuple[Array, Array]:
-        """Return a body's degrees of freedom and their rates (zero), each (size,); starts a scene from rest."""
-        cure = "; as the start of a scene give the outcome for the bodies that it holds: initial={body: outcome}"
-        values = self._model.of_body(body_named(self._model.offsets, body_name, cure), self._q)
-        return values, np.zeros_like(values)
-
-    def displacement(self, point: Any) -> float:
-        """Return the displacement of a point in m."""
-        body, row = row_of(self._model.offsets, point)
-        return float(row.weights @ self._model.of_body(body, self._q)[row.indices])
-
-    def _field(self, x: ArrayLike, body: Any, derivative: int) -> tuple[Beam, Array]:
-        beam = the_beam(self._model.offsets, body)
-        # Of the shape of x, so that a field serves as the initial state of another scene.
-        values = beam.field_matrix(np.ravel(np.asarray(x)), derivative) @ self._model.of_body(beam, self._q)
-        return beam, np.reshape(values, np.shape(x) or (1,))
-
-    def deflection(self, x: ArrayLike, body: Any = None) -> Array:
-        """Return eta in m, in the shape of x."""
-        return self._field(x, body, 0)[1]
-
-    def slope(self, x: ArrayLike, body: Any = None) -> Array:
-        """Return d(eta)/dx, shape (len(x),)."""
-        return self._field(x, body, 1)[1]
-
-    def bending_moment(self, x: ArrayLike, body: Any = None) -> Array:
-        """Return ``M = EI eta''`` in N m, shape (len(x),)."""
-        beam, curvature = self._field(x, body, 2)
-        return np.reshape(beam.bending_stiffness(np.ravel(x))[0], curvature.shape) * curvature
-
-    def shear_force(self, x: ArrayLike, body: Any = None) -> Array:
-        """Return ``V = (EI eta'')'`` in N, shape (len(x),)."""
-        beam, curvature = self._field(x, body, 2)
-        stiffness, change = (np.reshape(part, curvature.shape) for part in beam.bending_stiffness(np.ravel(x)))
-        return np.asarray(stiffness * self._field(x, beam, 3)[1] + change * curvature)
-
-
-def equilibrium(scene: Scene, t: float = 0.0) -> Equilibrium:
-    """Return the static equilibrium of a scene under its loads at time t.
-
-    Under ``acts_on="displacement"`` a load between the open and the closed
-    equilibrium pins the contact; it is returned so, with its reaction.
-
-    Parameters
-    ----------
-    scene : Scene
-    t : float
-        In s.
-
-    Raises
-    ------
-    SingularSystemError
-        If the structure, held by its supports and by the contacts that carry
-        load, can still move freely.
-    """
-    t = number("equilibrium: t", t)
-    model = as_scene("equilibrium", scene).model
-    system = model.system
-    if system.nonlinear is not None:
-        raise ArgumentError(
-            f"equilibrium: NonlinearSpring {system.nonlinear.laws[0].name!r} may have several equilibria or none; "
-            "let a damped simulation settle instead"
-        )
-    force = system.force(t)
-    laws = system.contacts
-    if laws is None:
-        _check_held(scene, model, None)
-        return Equilibrium(model, _solver(system, np.zeros(0))(force), {}, 0)
-    if not laws.ideal:
-        k = int(np.argmax(np.isfinite(laws.resolution)))
-        raise ArgumentError(f"equilibrium needs ideal switches; Contact {laws.names[k]!r} has a resolved one")
-    _check_held(scene, model, laws.rows.toarray())
-    solver = _ContactSolver(system, laws, force)
-    status, iterations, found = solver.solve(np.full(len(laws), CLOSED if system.rigid.shape[1] else OPEN))
-    active = status != OPEN
-    _check_held(scene, model, laws.rows[active].toarray() if np.any(active) else None)
-    if not found:
-        raise ConvergenceError(
-            f"the contact equilibrium was not found in {iterations} steps; contacts {laws.names} with stiffness "
-            f"{laws.stiffness.tolist()} N/m may differ too much in magnitude"
-        )
-    u, reaction = solver.exact(status)
-    q = solver.displacement(u, reaction)
-    names = {OPEN: "open", CLOSED: "closed", PINNED: "pinned"}
-    contacts = {
-        name: StaticContact(float(reaction[j]), names[int(status[j])], float(u[j] - laws.gap[j]))
-        for j, name in enumerate(laws.names)
-    }
-    return Equilibrium(model, q, contacts, iterations)
-
-
-def _check_held(scene: Scene, model: Model, rows: Array | None) -> None:
-    """Raise where a rigid motion is resisted neither by supports nor by the given contact rows."""
-    rigid = model.system.rigid
-    if not rigid.shape[1]:
-        return
-    contacts = np.zeros((0, rigid.shape[0])) if rows is None else rows
-    free = null_space(contacts @ rigid, np.abs(contacts) @ np.abs(rigid))
-    if not free.shape[1]:
-        return
-    loose = rigid @ free[:, 0]
-    full = np.abs(model.expand(loose[:, None])[:, 0])
-    weights = {body: full[start : start + body.size].max() for body, start in model.offsets.items()}
-    body = max(weights, key=lambda b: float(weights[b]))
-    by = "its supports" if model.system.contacts is None else "its supports and the contacts that carry load"
-    raise SingularSystemError(
-        f"{body.label} can move freely: {by} do not hold it, so it has no equilibrium. "
-        "Add a support or a spring; its motion in time can be simulated"
-    )
-
-
 def _factorize(matrix: Any) -> Any:
     """Return a function that solves with a sparse symmetric matrix."""
     from scipy.sparse.linalg import splu
@@ -208,7 +38,7 @@ def _factorize(matrix: Any) -> Any:
         raise SingularSystemError(f"the stiffness matrix is singular ({error}); hold the structure better") from None
 
 
-def _solver(system: System, shift: Array) -> Solve:
+def solver_of(system: System, shift: Array) -> Solve:
     """Return a function that solves with K and contacts closed by springs `shift`, (n_contacts,); zero leaves one open.
 
     Large systems are solved by the strains, as K holds too few digits of them.
@@ -232,7 +62,7 @@ def _solver(system: System, shift: Array) -> Solve:
     return solve
 
 
-class _ContactSolver:
+class ContactSolver:
     """Equilibrium in the contact coordinates: ``u = u_f - G (R - shift u)``, R a law of u.
 
     Where the structure is loose without contacts, all of them are first
@@ -243,7 +73,7 @@ class _ContactSolver:
     def __init__(self, system: System, laws: ContactLaws, force: Array) -> None:
         self.laws = laws
         self.shift = laws.stiffness if system.rigid.shape[1] else np.zeros(len(laws))
-        self._solve = _solver(system, self.shift)
+        self._solve = solver_of(system, self.shift)
         self._force = force
         self._columns = self._solve(laws.rows.T.toarray())
         self.compliance = np.asarray(laws.rows @ self._columns)

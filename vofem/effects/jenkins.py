@@ -1,0 +1,164 @@
+"""Springs of parallel Jenkins elements, each a spring that slips at a force: bilinear, and Prandtl and Iwan's."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vofem._validate import array, number
+from vofem.assembly import SystemBuilder
+from vofem.bodies.base import Point, as_point, automatic_name
+from vofem.errors import ArgumentError
+from vofem.memory import JENKINS, MemoryLaw
+
+Array = NDArray[np.float64]
+
+
+class IwanSpring:
+    """A spring that follows a measured first loading, and Masing's rules after every reversal.
+
+    The curve of the first loading, piecewise linear from the origin through
+    the given points, is that of parallel Jenkins elements, one for each bend,
+    beside a spring of the last slope. After a reversal the curve is the first
+    one, doubled in both directions; closed loops are the same in every cycle.
+
+    Parameters
+    ----------
+    a, b : points
+    elongation : array_like, shape (n,)
+        Points of the first loading in m, positive, increasing.
+    force : array_like, shape (n,)
+        In N. Slopes decrease and are not negative. Beyond the last point the
+        curve goes on with the last slope.
+    name : str, optional
+
+    Raises
+    ------
+    ArgumentError
+        For a curve that stiffens or falls.
+
+    References
+    ----------
+    W. D. Iwan, A distributed-element model for hysteresis and its steady-state dynamic response,
+    J. Appl. Mech. 33 (1966) 893-900, https://doi.org/10.1115/1.3625199.
+    """
+
+    def __init__(
+        self, a: Any, b: Any = None, *, elongation: ArrayLike, force: ArrayLike, name: str | None = None
+    ) -> None:
+        self.name = automatic_name(name, "IwanSpring")
+        label = f"IwanSpring {self.name!r}"
+        self.a: Point = as_point(f"{label}: a", a)
+        self.b: Point | None = None if b is None else as_point(f"{label}: b", b)
+        self.elongation = np.atleast_1d(array(f"{label}: elongation", elongation))
+        self.force = np.atleast_1d(array(f"{label}: force", force))
+        self._law = _law(label, self.name, self.elongation, self.force)
+
+    @property
+    def limit_load(self) -> float:
+        """The largest force in N; inf where the last slope is not zero."""
+        return self._law.limit
+
+    def points(self) -> tuple[Point, ...]:
+        """Return a, and b where there is one."""
+        return (self.a,) if self.b is None else (self.a, self.b)
+
+    def compile(self, builder: SystemBuilder) -> None:
+        """Add row and law."""
+        builder.add_memory(builder.difference(self.a, self.b), self._law)
+
+    def describe(self) -> str:
+        """Return name, points and numbers."""
+        end = "ground" if self.b is None else self.b.describe()
+        return (
+            f"{type(self).__name__} {self.name!r} from {self.a.describe()} to {end}: {self._law.stiffness:g} N/m at "
+            f"first, {(self._law.parameters.size - 1) // 2} Jenkins elements"
+        )
+
+
+class BilinearSpring(IwanSpring):
+    """A spring of two slopes: one Jenkins element beside a spring, which is kinematic hardening.
+
+    Parameters
+    ----------
+    a, b : points
+    stiffness : float
+        Before yielding, N/m, positive.
+    linear_limit : float
+        Elongation at which it first yields, m, positive.
+    hardening : float
+        Slope after yielding over `stiffness`, from 0 (elastic, perfectly plastic) to below 1.
+    name : str, optional
+
+    Raises
+    ------
+    ArgumentError
+        For arguments out of range.
+    """
+
+    def __init__(
+        self,
+        a: Any,
+        b: Any = None,
+        *,
+        stiffness: float,
+        linear_limit: float,
+        hardening: float = 0.0,
+        name: str | None = None,
+    ) -> None:
+        name = automatic_name(name, "BilinearSpring")
+        label = f"BilinearSpring {name!r}"
+        self.stiffness = number(f"{label}: stiffness", stiffness, positive=True)
+        self.linear_limit = number(f"{label}: linear_limit", linear_limit, positive=True)
+        self.hardening = number(f"{label}: hardening", hardening, minimum=0)
+        if not self.hardening < 1.0:
+            raise ArgumentError(f"{label}: hardening is {self.hardening:g}, expected a number from 0 to below 1")
+        reach = np.array([1.0, 2.0]) * self.linear_limit
+        pull = self.stiffness * self.linear_limit * np.array([1.0, 1.0 + self.hardening])
+        super().__init__(a, b, elongation=reach, force=pull, name=name)
+        self._law = _jenkins(label, name, self.stiffness * np.array([1.0, self.hardening]), reach[:1])
+
+
+def _law(label: str, name: str, elongation: Array, force: Array) -> MemoryLaw:
+    """Return the law of a curve through the origin and some points."""
+    if elongation.ndim != 1 or elongation.shape != force.shape:
+        raise ArgumentError(
+            f"{label}: elongation and force have shapes {elongation.shape} and {force.shape}, expected two lists of "
+            "the same length"
+        )
+    steps = np.diff(elongation, prepend=0.0)
+    if not np.all(steps > 0.0):
+        k = int(np.argmax(~(steps > 0.0)))
+        raise ArgumentError(
+            f"{label}: elongation[{k}] is {elongation[k]:g} m, expected numbers that increase from above zero"
+        )
+    slopes = np.diff(force, prepend=0.0) / steps
+    # What differences of forces given to some digits cannot tell is no bend.
+    noise = 1e-12 * slopes[0]
+    slopes[np.abs(slopes) <= noise] = 0.0
+    if slopes[-1] < 0.0 or slopes[0] <= 0.0:
+        raise ArgumentError(
+            f"{label}: force falls to {force[-1]:g} N at {elongation[-1]:g} m, expected a curve that rises from the "
+            "origin and does not fall"
+        )
+    bends = slopes[:-1] - slopes[1:]
+    if np.any(bends < -noise):
+        k = int(np.argmax(bends < -noise))
+        raise ArgumentError(
+            f"{label}: force bends upward at {elongation[k]:g} m, from {slopes[k]:g} to {slopes[k + 1]:g} N/m, "
+            "expected slopes that do not increase; leave out points, or smooth them"
+        )
+    return _jenkins(label, name, slopes, elongation[:-1])
+
+
+def _jenkins(label: str, name: str, slopes: Array, bends: Array) -> MemoryLaw:
+    """Return the law of given slopes, shape (n + 1,), with bends between them, shape (n,)."""
+    stiffness = slopes[:-1] - slopes[1:]
+    kept = stiffness > 1e-12 * slopes[0]
+    slip = stiffness * bends
+    limit = float(np.sum(slip[kept])) if slopes[-1] == 0.0 else float("inf")
+    onset = float(slopes[0] * bends[kept][0]) if np.any(kept) else float("inf")
+    parameters = np.concatenate([slopes[-1:], stiffness[kept], slip[kept]])
+    return MemoryLaw(label, name, JENKINS, float(slopes[0]), onset, limit, False, 0.0, parameters)

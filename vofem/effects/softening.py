@@ -1,0 +1,85 @@
+"""Softening: how far the secant stiffness of a spring has fallen, as a function of force."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from vofem._validate import number
+from vofem.errors import ArgumentError
+from vofem.memory import HYPERBOLIC, TABULATED, LinearLevel, MemoryLaw
+from vofem.memory.backbone import checked_level, limit_load, tabulate
+
+
+@dataclass(frozen=True)
+class LinearSoftening:
+    """A secant stiffness that falls linearly with force: Eq. 24, with 4 N.
+
+    Beyond the linear limit the secant stiffness is ``K (1 - (|F| - F_Y)/span)``,
+    ``F_Y = K d0``: a hyperbola with the asymptote ``F_Y + span``.
+
+    Parameters
+    ----------
+    span : float
+        In N, positive.
+    """
+
+    span: float = 4.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "span", number("LinearSoftening: span", self.span, positive=True))
+
+
+#: `LinearSoftening`, or the softening number as a function of the magnitude of the force in N.
+Softening = LinearSoftening | Callable[[float], float]
+
+
+class Backbone:
+    """The curve of a first loading: ``F = K (1 - softening(F)) u`` beyond the linear limit.
+
+    Parameters
+    ----------
+    label : str
+        For messages.
+    stiffness, linear_limit : float
+        In N/m and m.
+    softening : LinearSoftening or callable, optional
+        Eq. 24 where not given.
+    """
+
+    def __init__(self, label: str, stiffness: float, linear_limit: float, softening: Softening | None) -> None:
+        self.label = label
+        self.stiffness, self.linear_limit = stiffness, linear_limit
+        self.onset = stiffness * linear_limit
+        self.softening: Softening = LinearSoftening() if softening is None else softening
+        self.level: Callable[[float], float]
+        if isinstance(self.softening, LinearSoftening):
+            self.limit = self.onset + self.softening.span
+            self.level = LinearLevel(self.onset, self.softening.span)
+        elif callable(self.softening):
+            self.level = self._called
+            self.limit = limit_load(label, self.level, self.onset)
+        else:
+            raise ArgumentError(
+                f"{label}: softening is {softening!r}, expected a LinearSoftening or a callable of the force in N"
+            )
+
+    def _called(self, force: float) -> float:
+        """Return what the callable says at a force of a magnitude in N; 0 up to the linear limit."""
+        if force <= self.onset * (1.0 - 1e-12):
+            return 0.0
+        assert not isinstance(self.softening, LinearSoftening)
+        return checked_level(self.label, self.softening, force)
+
+    def law(self, name: str, one_sided: bool = False, gap: float = 0.0) -> MemoryLaw:
+        """Return the cyclic law on this backbone."""
+        if isinstance(self.softening, LinearSoftening):
+            kind, parameters = HYPERBOLIC, np.array([self.softening.span])
+        else:
+            kind = TABULATED
+            parameters = tabulate(self.label, self.level, self.stiffness, self.onset, self.limit)
+        return MemoryLaw(
+            self.label, name, kind, self.stiffness, self.onset, self.limit, one_sided, gap, parameters
+        )  # fmt: skip

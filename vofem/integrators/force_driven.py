@@ -1,0 +1,262 @@
+"""Eq. 22 of the paper for a single loaded mass: a stiffness that follows the applied force.
+
+    M x'' + C x' + K_eq (x - gamma) = F(t)
+
+While F rises, gamma is zero and K_eq is K up to the linear limit and
+``K (1 - softening(|F|))`` beyond it; while F falls, K_eq is K and gamma the
+residual elongation, fixed once at the reversal so that the spring force is
+continuous there. (Taken literally, Eq. 22f's running `sup` would let the mass
+coast for ever.) Where F is held, its direction stays the last one. Dormand
+and Prince's method of order 8 is restarted at reversals, at corners of the
+load and where the linear limit is passed; the load alone says when it turns.
+
+E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed., 1993, section II.10.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.errors import ConvergenceError, LimitLoadError, MethodError
+from vofem.integrators.applied_force import AppliedForce
+from vofem.integrators.base import Energies, Samples, SpringSamples
+from vofem.integrators.damping_matrix import damping_matrix
+from vofem.integrators.stepped import SteppedSolution
+from vofem.integrators.watching import Snapshot, Watch, deferred_interrupts
+from vofem.memory import PrintedLaw
+from vofem.system import Counters, Events, State, System
+
+Array = NDArray[np.float64]
+
+#: Relative error of a step.
+_TOLERANCE = 3e-14
+
+
+@dataclass(frozen=True)
+class _Regime:
+    """What holds between two events: direction of the load, whether the linear limit is passed, and gamma in m."""
+
+    rising: bool
+    beyond: bool
+    residual: float
+
+
+def run(
+    system: System,
+    start: State,
+    t_end: float,
+    times: Array | None,
+    dt: float | None = None,
+    watch: Watch | None = None,
+    resume: Snapshot | None = None,
+) -> SteppedSolution:
+    """Simulate from the start state at t = 0 to t_end.
+
+    Parameters
+    ----------
+    system : System
+    start : State
+    t_end : float
+        In s.
+    times : ndarray, optional
+        Where to store; every dt where not given.
+    dt : float, optional
+        In s; a thousandth of t_end where not given. Steps are chosen by their error, whatever dt.
+    watch : callable, optional
+        Told the time reached at every turning point of the load.
+    resume : dict, optional
+        A snapshot of the same run, from which to go on.
+
+    Raises
+    ------
+    MethodError
+        For a system without a printed law.
+    LimitLoadError
+        If the applied force reaches what the spring can carry.
+    """
+    if system.printed is None:
+        raise MethodError(
+            "force_driven follows Eq. 22 of the paper, HystereticSpring(..., memory='printed'), which this scene does "
+            "not hold; choose method='auto'"
+        )
+    if times is None:
+        steps = 1000 if dt is None else max(1, int(np.ceil(t_end / dt - 1e-9)))
+        times = np.minimum(np.arange(steps + 1) * (t_end / 1000 if dt is None else dt), t_end)
+    return _Run(system, system.printed, start, times).solve(t_end, watch, resume)
+
+
+class _Run:
+    def __init__(self, system: System, law: PrintedLaw, start: State, times: Array) -> None:
+        self.system, self.law, self.times = system, law, times
+        self.counters = Counters()
+        damping = damping_matrix(system, self.counters)
+        self.mass, self.damping = float(system.mass[0, 0]), 0.0 if damping is None else float(damping[0, 0])
+        self.force = AppliedForce(system, self.counters)
+        # Displacement and velocity; work of the load, of the damper and of the spring.
+        self.y = np.array([start.q[0], start.v[0], 0.0, 0.0, 0.0])
+        self.first_kinetic = 0.5 * self.mass * float(start.v[0]) ** 2
+        self.out = np.empty((5, times.size))
+        self.acceleration, self.pull = np.empty((2, times.size))
+        self.cursor, self.longest = 0, 0.0
+
+    def _pull(self, regime: _Regime, force: float, x: float) -> float:
+        """Return the spring force in N."""
+        if not regime.rising:
+            return self.law.stiffness * (x - regime.residual)
+        softened = self.law.level(abs(force)) if regime.beyond else 0.0
+        return self.law.stiffness * (1.0 - softened) * x
+
+    def _rates(self, regime: _Regime) -> Callable[[float, Array], list[float]]:
+        def rates(t: float, y: Array) -> list[float]:
+            force, x, v = self.force(t), float(y[0]), float(y[1])
+            pull = self._pull(regime, force, x)
+            return [v, (force - self.damping * v - pull) / self.mass, force * v, self.damping * v * v, pull * v]
+
+        return rates
+
+    def solve(self, t_end: float, watch: Watch | None, resume: Snapshot | None) -> SteppedSolution:
+        """Return the whole motion."""
+        regime = _Regime(True, abs(self.y[0]) > self.law.linear_limit, 0.0)
+        # The spring has no past: what it holds at the start it was given before.
+        held = self._pull(regime, self.force(0.0), float(self.y[0])) ** 2 / (2.0 * self.law.stiffness)
+        spans, first, notes = self.force.directions(t_end), 0, []
+        if resume is not None:
+            regime, first = self._restore(resume)
+        with deferred_interrupts() as interrupted:
+            for n, (begin, end, rising) in enumerate(spans[first:], first):
+                regime = self._span(self._turned(regime, begin, rising), begin, end)
+                stop = interrupted() and n + 1 < len(spans)
+                if watch is not None:
+                    watch(end, partial(self._snapshot, regime, n + 1), stop)
+                if stop:
+                    if not self.cursor:
+                        raise KeyboardInterrupt
+                    notes.append(f"interrupted at t = {end:g} s of {t_end:g} s: what was computed until then is here")
+                    t_end = self._cut()
+                    break
+        self._store(lambda t: np.repeat(self.y[:, None], t.size, axis=1), regime, np.inf)
+        return self._solution(t_end, held, notes)
+
+    def _turned(self, regime: _Regime, begin: float, rising: bool) -> _Regime:
+        """Return the regime of a span that begins."""
+        x = float(self.y[0])
+        if regime.rising and not rising:
+            # The force just before: it may jump.
+            at = np.nextafter(begin, -1.0) if begin > 0.0 else begin
+            return _Regime(False, False, x - self._pull(regime, self.force(at), x) / self.law.stiffness)
+        if rising and not regime.rising:
+            return _Regime(True, abs(x) > self.law.linear_limit, 0.0)
+        return regime
+
+    def _snapshot(self, regime: _Regime, spans: int) -> Snapshot:
+        """Return what a run goes on from, as plain data."""
+        return {
+            "regime": regime,
+            "spans": spans,
+            "y": self.y,
+            "output": np.vstack([self.out, self.acceleration, self.pull])[:, : self.cursor],
+            "longest": self.longest,
+            "counters": self.counters,
+        }
+
+    def _restore(self, saved: Snapshot) -> tuple[_Regime, int]:
+        """Put the run where a snapshot stands; return its regime and the number of spans until then."""
+        output = saved["output"]
+        self.y, self.cursor, self.longest = saved["y"], output.shape[1], saved["longest"]
+        self.out[:, : self.cursor] = output[:5]
+        self.acceleration[: self.cursor], self.pull[: self.cursor] = output[5], output[6]
+        for name, value in vars(saved["counters"]).items():
+            setattr(self.counters, name, value)
+        return saved["regime"], saved["spans"]
+
+    def _cut(self) -> float:
+        """Forget the times that were not reached; return the last one that was, s."""
+        n = self.cursor
+        self.times, self.out = self.times[:n], self.out[:, :n]
+        self.acceleration, self.pull = self.acceleration[:n], self.pull[:n]
+        return float(self.times[-1])
+
+    def _span(self, regime: _Regime, begin: float, end: float) -> _Regime:
+        """Go through one span; return the regime at its end."""
+        from scipy.integrate import solve_ivp
+
+        while begin < end:
+            if regime.rising and regime.beyond and abs(self.force(begin)) >= self.law.limit:
+                raise self._limit(begin)
+            found = solve_ivp(
+                self._rates(regime), (begin, end), self.y, method="DOP853", rtol=_TOLERANCE,
+                atol=1e-14 * max(self.law.linear_limit, float(np.max(np.abs(self.y[:1])))), dense_output=True,
+                events=self._events(regime),
+            )  # fmt: skip
+            if found.status < 0:
+                raise ConvergenceError(f"force_driven found no way on from t = {found.t[-1]:g} s: {found.message}")
+            self.counters.steps += found.t.size - 1
+            self.longest = max(self.longest, float(np.max(np.diff(found.t))))
+            self.y, begin = found.y[:, -1], float(found.t[-1])
+            self._store(found.sol, regime, begin)
+            if found.status == 1:
+                if regime.beyond and found.t_events[1].size:
+                    raise self._limit(begin)
+                regime = _Regime(True, not regime.beyond, 0.0)
+        return regime
+
+    def _events(self, regime: _Regime) -> list[Any]:
+        """Return what ends a step: the linear limit is passed, or the limit load is reached."""
+        if not regime.rising:
+            return []
+
+        def passed(t: float, y: Array) -> float:
+            return abs(float(y[0])) - self.law.linear_limit
+
+        def reached(t: float, y: Array) -> float:
+            return abs(self.force(t)) - self.law.limit if np.isfinite(self.law.limit) else -1.0
+
+        passed.terminal, passed.direction = True, -1.0 if regime.beyond else 1.0  # type: ignore[attr-defined]
+        reached.terminal, reached.direction = True, 1.0  # type: ignore[attr-defined]
+        return [passed, reached] if regime.beyond else [passed]
+
+    def _limit(self, t: float) -> LimitLoadError:
+        load, limit = self.force(t), self.law.limit
+        return LimitLoadError(
+            f"{self.law.label}: the load reaches {load:.6g} N at t = {t:.6g} s, and the spring carries less than "
+            f"{limit:.6g} N: there its secant stiffness falls to zero. Load it less, or change its softening",
+            load, t, limit,
+        )  # fmt: skip
+
+    def _store(self, states: Callable[[Array], Array], regime: _Regime, before: float) -> None:
+        """Store all wanted times before one; the regime that begins at an event holds there already."""
+        last = int(np.searchsorted(self.times, before, side="left"))
+        part = slice(self.cursor, last)
+        if last > self.cursor:
+            t = self.times[part]
+            y = states(t)
+            rates = self._rates(regime)
+            self.out[:, part] = y
+            for k, time in enumerate(t.tolist(), self.cursor):
+                state = self.out[:, k]
+                self.acceleration[k] = rates(time, state)[1]
+                self.pull[k] = self._pull(regime, self.force(time), float(state[0]))
+        self.cursor = max(self.cursor, last)
+
+    def _solution(self, t_end: float, held: float, notes: list[str]) -> SteppedSolution:
+        x, v, work, damped, spring = self.out
+        kinetic = 0.5 * self.mass * v**2
+        stored = 0.5 * self.pull**2 / self.law.stiffness
+        lost = spring + held - stored
+        if self.damping:
+            self.counters.damping_evaluations = self.counters.steps
+        self.counters.memory_updates = self.counters.steps
+        springs = SpringSamples(self.pull[None, :], stored[None, :], lost[None, :], np.zeros(0))
+        energies = Energies(kinetic, stored, np.zeros(x.size), damped + lost, work)
+        start = self.first_kinetic + held
+        samples = Samples(x[None, :], v[None, :], self.acceleration[None, :])
+        return SteppedSolution(
+            self.system, t_end, self.times, samples, energies, start, self.longest, Events(), self.counters, notes,
+            springs,
+        )  # fmt: skip

@@ -1,0 +1,8 @@
+"""Statics: equilibrium with contact, and paths of equilibria with memory."""
+
+from vofem.statics.contact_equilibrium import equilibrium
+from vofem.statics.load_path import quasi_static
+from vofem.statics.outcome import Equilibrium, StaticContact
+from vofem.statics.path_outcome import ContactPath, QuasiStatic, SpringPath
+
+__all__ = ["ContactPath", "Equilibrium", "QuasiStatic", "SpringPath", "StaticContact", "equilibrium", "quasi_static"]

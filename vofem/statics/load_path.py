@@ -1,0 +1,154 @@
+"""Paths of equilibria under a load that changes slowly."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vofem._validate import array
+from vofem.assembly import Model
+from vofem.errors import ArgumentError, LimitLoadError
+from vofem.memory import PrintedLaw
+from vofem.scene import Scene, as_scene
+from vofem.statics.held import check_held
+from vofem.statics.path_outcome import ContactPath, QuasiStatic, SpringPath
+from vofem.statics.printed_path import printed_path
+from vofem.system import CLOSED, PINNED
+
+Array = NDArray[np.float64]
+
+#: A spring that bears more than this fraction of its limit load has reached it.
+_AT_LIMIT = 1.0 - 1e-12
+
+
+def quasi_static(scene: Scene, load_factors: ArrayLike) -> QuasiStatic:
+    """Return the equilibria of a scene along a path of loads, springs with memory and contacts together.
+
+    The path begins without load, with springs that have no past. From one
+    factor to the next all elongations are taken to change monotonically:
+    give as many factors as turning points ask for, and more where springs and
+    contacts interact.
+
+    Parameters
+    ----------
+    scene : Scene
+    load_factors : array_like, shape (n_factors,)
+        They multiply the loads' values at t = 0.
+
+    Returns
+    -------
+    QuasiStatic
+
+    Raises
+    ------
+    ArgumentError
+        For factors that are not numbers, loads that are zero at t = 0, nonlinear springs, resolved switches.
+    LimitLoadError
+        If a load is reached that springs which soften cannot carry.
+    SingularSystemError
+        If the structure can move freely.
+    """
+    factors = np.atleast_1d(array("quasi_static: load_factors", load_factors))
+    if factors.ndim != 1 or not factors.size:
+        raise ArgumentError(f"quasi_static: load_factors has shape {factors.shape}, expected a list of numbers")
+    model = as_scene("quasi_static", scene).model
+    system = model.system
+    if system.nonlinear is not None:
+        raise ArgumentError(
+            f"quasi_static: NonlinearSpring {system.nonlinear.laws[0].name!r} may have several equilibria or none; "
+            "let a damped simulation settle instead"
+        )
+    if system.contacts is not None and not system.contacts.ideal:
+        k = int(np.argmax(np.isfinite(system.contacts.resolution)))
+        raise ArgumentError(
+            f"quasi_static needs ideal switches; Contact {system.contacts.names[k]!r} has a resolved one"
+        )
+    force = system.force(0.0)
+    if not np.any(force):
+        what = f"the loads, {system.loads[0].name} first, are zero" if system.loads else "the scene has no loads"
+        raise ArgumentError(
+            f"quasi_static: {what} at t = 0, whose values the load factors multiply; use a constant load such as "
+            "PointLoad(point, 1.0)"
+        )
+    if system.printed is not None:
+        return _printed(model, system.printed, float(force[0]), factors)
+    if system.memory is None and system.contacts is None:
+        return _linear(model, force, factors)
+    return _path(model, force, factors)
+
+
+def _linear(model: Model, force: Array, factors: Array) -> QuasiStatic:
+    from vofem.statics.solver import solver_of
+
+    check_held(model, None)
+    q = solver_of(model.system, np.zeros(0))(force)
+    return QuasiStatic(model, factors, q[:, None] * factors, {}, {}, 0, np.zeros(0))
+
+
+def _printed(model: Model, law: PrintedLaw, force: float, factors: Array) -> QuasiStatic:
+    """Return the path of Eq. 25; energies are those of the chords between its points."""
+    forces = force * factors
+    xi = printed_path(law, forces, factors)
+    stored = 0.5 * forces**2 / law.stiffness
+    way, pull = np.diff(xi, prepend=0.0), np.concatenate([[0.0], forces])
+    work = np.cumsum(0.5 * (pull[1:] + pull[:-1]) * way)
+    springs = {law.name: SpringPath(xi, forces, stored, work - stored)}
+    return QuasiStatic(model, factors, xi[None, :], {}, springs, 0, np.zeros(0))
+
+
+def _path(model: Model, force: Array, factors: Array) -> QuasiStatic:
+    from vofem.statics.path_solver import PathSolver
+
+    system = model.system
+    solver_rows = [part.rows for part in (system.contacts, system.memory) if part is not None]
+    check_held(model, np.concatenate([rows.toarray() for rows in solver_rows]))
+    solver = PathSolver(system, force)
+    n, m, count = factors.size, solver.stiffness.size, solver.count
+    q, u, reactions = np.empty((system.size, n)), np.empty((m, n)), np.empty((m, n))
+    status = np.empty((m, n), dtype=np.int64)
+    energies = np.zeros((2, m - count, n))
+    for k, factor in enumerate(factors.tolist()):
+        status[:, k], reactions[:, k], found = solver.step(factor)
+        _check_limit(model, solver, reactions[count:, k], factor, force, found)
+        if not found:
+            raise solver.stuck(factor)
+        check_held(model, _bearing(solver, status[:, k]))
+        u[:, k], q[:, k] = solver.u, solver.displacement(factor, reactions[:, k])
+        energies[:, :, k] = solver.accept()
+    contacts, springs = {}, {}
+    if system.contacts is not None:
+        for j, name in enumerate(system.contacts.names):
+            contacts[name] = ContactPath(
+                reactions[j], status[j] == CLOSED, status[j] == PINNED, u[j] - system.contacts.gap[j]
+            )
+    for j, law in enumerate(() if system.memory is None else system.memory.laws):
+        springs[law.name] = SpringPath(u[count + j], reactions[count + j], energies[0, j], energies[1, j])
+    return QuasiStatic(model, factors, q, contacts, springs, solver.iterations, solver.state)
+
+
+def _bearing(solver: Any, status: NDArray[np.int64]) -> Array | None:
+    """Return the rows of contacts and springs that resist a small motion, or None where there are none."""
+    bears = status != 0
+    bears[solver.count :] = solver.tangents() > 0.0
+    return solver.rows[bears].toarray() if np.any(bears) else None
+
+
+def _check_limit(model: Model, solver: Any, pulls: Array, factor: float, force: Array, found: bool) -> None:
+    """Raise where a spring has reached its limit load and nothing else holds the structure."""
+    memory = model.system.memory
+    if memory is None:
+        return
+    over = np.abs(pulls) >= _AT_LIMIT * solver.limits
+    if not np.any(over):
+        return
+    if found and not model.system.rigid.shape[1]:
+        return
+    law = memory.laws[int(np.argmax(over))]
+    load = factor * float(force[np.argmax(np.abs(force))])
+    raise LimitLoadError(
+        f"{law.label}: the load reaches {load:.6g} N at load factor {factor:g}, where the spring bears its limit "
+        f"load of {law.limit:.6g} N, and no equilibrium exists beyond it. Load it less, or change its softening",
+        load, factor, law.limit,
+    )  # fmt: skip

@@ -1,0 +1,106 @@
+"""The outcome of a static solution: displacements, fields of beams, contacts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vofem._validate import Named
+from vofem.assembly import Model
+from vofem.bodies.beam import Beam
+from vofem.lookup import body_named, row_of, the_beam
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class StaticContact:
+    """A contact in equilibrium.
+
+    Attributes
+    ----------
+    force : float
+        In N, positive pushes the bodies apart.
+    status : str
+        "open", "closed" or "pinned": held at the gap between both force laws.
+    gap_function : float
+        s in m; positive is penetration.
+    """
+
+    force: float
+    status: str
+    gap_function: float
+
+    @property
+    def closed(self) -> bool:
+        """Whether the contact is closed."""
+        return self.status == "closed"
+
+    @property
+    def pinned(self) -> bool:
+        """Whether the contact is pinned."""
+        return self.status == "pinned"
+
+
+class Equilibrium:
+    """The outcome of `equilibrium`.
+
+    Attributes
+    ----------
+    contacts : dict of str to StaticContact
+    iterations : int
+        Newton steps of the contact solution.
+    notes : list of str
+    """
+
+    def __init__(self, model: Model, q: Array, contacts: Mapping[str, StaticContact], iterations: int) -> None:
+        self._model = model
+        self._q = q
+        self.contacts = Named(dict(contacts))
+        self.iterations = iterations
+        self.notes = [
+            f"contact {name!r} is pinned at its gap with a reaction of {contact.force:.6g} N: the load lies between "
+            "the open and the closed equilibrium of acts_on='displacement'"
+            for name, contact in self.contacts.items()
+            if contact.pinned
+        ]
+
+    def state_of(self, body_name: str) -> tuple[Array, Array]:
+        """Return a body's degrees of freedom and their rates (zero), each (size,); starts a scene from rest."""
+        cure = "; as the start of a scene give the outcome for the bodies that it holds: initial={body: outcome}"
+        values = self._model.of_body(body_named(self._model.offsets, body_name, cure), self._q)
+        return values, np.zeros_like(values)
+
+    def displacement(self, point: Any) -> float:
+        """Return the displacement of a point in m."""
+        body, row = row_of(self._model.offsets, point)
+        return float(row.weights @ self._model.of_body(body, self._q)[row.indices])
+
+    def _field(self, x: ArrayLike, body: Any, derivative: int) -> tuple[Beam, Array]:
+        beam = the_beam(self._model.offsets, body)
+        # Of the shape of x, so that a field serves as the initial state of another scene.
+        values = beam.field_matrix(np.ravel(np.asarray(x)), derivative) @ self._model.of_body(beam, self._q)
+        return beam, np.reshape(values, np.shape(x) or (1,))
+
+    def deflection(self, x: ArrayLike, body: Any = None) -> Array:
+        """Return eta in m, in the shape of x."""
+        return self._field(x, body, 0)[1]
+
+    def slope(self, x: ArrayLike, body: Any = None) -> Array:
+        """Return d(eta)/dx, shape (len(x),)."""
+        return self._field(x, body, 1)[1]
+
+    def bending_moment(self, x: ArrayLike, body: Any = None) -> Array:
+        """Return ``M = EI eta''`` in N m, shape (len(x),)."""
+        beam, curvature = self._field(x, body, 2)
+        return np.reshape(beam.bending_stiffness(np.ravel(x))[0], curvature.shape) * curvature
+
+    def shear_force(self, x: ArrayLike, body: Any = None) -> Array:
+        """Return ``V = (EI eta'')'`` in N, shape (len(x),)."""
+        beam, curvature = self._field(x, body, 2)
+        stiffness, change = (np.reshape(part, curvature.shape) for part in beam.bending_stiffness(np.ravel(x)))
+        return np.asarray(stiffness * self._field(x, beam, 3)[1] + change * curvature)

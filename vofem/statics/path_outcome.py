@@ -1,0 +1,113 @@
+"""The outcome of a path of equilibria: histories over the load factors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vofem._validate import Named
+from vofem.assembly import Model
+from vofem.lookup import body_named, row_of, the_beam
+from vofem.memory import past_of
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ContactPath:
+    """A contact along a path of equilibria, each array of shape (n_factors,).
+
+    Attributes
+    ----------
+    force : ndarray
+        In N, positive pushes the bodies apart.
+    closed, pinned : ndarray of bool
+        Pinned: held at the gap between both force laws.
+    gap_function : ndarray
+        s in m; positive is penetration.
+    """
+
+    force: Array
+    closed: NDArray[np.bool_]
+    pinned: NDArray[np.bool_]
+    gap_function: Array
+
+
+@dataclass(frozen=True)
+class SpringPath:
+    """A spring with memory along a path of equilibria, each array of shape (n_factors,).
+
+    Attributes
+    ----------
+    elongation : ndarray
+        In m; of a crushing stop the approach.
+    force : ndarray
+        In N, positive in tension; of a crushing stop positive where it pushes back.
+    stored : ndarray
+        Energy that would be given back, J.
+    dissipated : ndarray
+        Energy lost since the path began, J.
+    """
+
+    elongation: Array
+    force: Array
+    stored: Array
+    dissipated: Array
+
+
+class QuasiStatic:
+    """The outcome of `quasi_static`; a scene can start from it, at rest in the last equilibrium.
+
+    Attributes
+    ----------
+    load_factors : ndarray, shape (n_factors,)
+    contacts : dict of str to ContactPath
+    springs : dict of str to SpringPath
+        Springs with memory.
+    iterations : int
+        Newton steps in all.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        load_factors: Array,
+        q: Array,
+        contacts: dict[str, ContactPath],
+        springs: dict[str, SpringPath],
+        iterations: int,
+        past: Array,
+    ) -> None:
+        self._model = model
+        self._q = q
+        self._past = past
+        self.load_factors = load_factors
+        self.contacts = Named(contacts)
+        self.springs = Named(springs, "spring with memory")
+        self.iterations = iterations
+
+    def __repr__(self) -> str:
+        return f"QuasiStatic({self.load_factors.size} load factors, {self.iterations} iterations)"
+
+    def state_of(self, body_name: str) -> tuple[Array, Array]:
+        """Return a body's degrees of freedom at the last factor and zero rates, each (size,); starts a scene."""
+        values = self._model.of_body(body_named(self._model.offsets, body_name), self._q[:, -1])
+        return values, np.zeros_like(values)
+
+    def spring_state(self, name: str) -> Array | None:
+        """Return the state of a spring with memory at the last factor, with which a scene can start, or None."""
+        memory = self._model.system.memory
+        return None if memory is None else past_of(memory.laws, self._past, name)
+
+    def displacement(self, point: Any) -> Array:
+        """Return the displacement of a point in m, shape (n_factors,)."""
+        body, row = row_of(self._model.offsets, point)
+        return np.asarray(row.weights @ self._model.of_body(body, self._q)[row.indices])
+
+    def deflection(self, x: ArrayLike, body: Any = None) -> Array:
+        """Return eta in m, shape (len(x), n_factors)."""
+        beam = the_beam(self._model.offsets, body)
+        return np.asarray(beam.field_matrix(np.ravel(np.asarray(x)), 0) @ self._model.of_body(beam, self._q))
