@@ -33,6 +33,7 @@ LAYERS = [
     "modes",
     "simulate",
     "io",
+    "verification",
     "cli",
 ]
 

@@ -20,6 +20,7 @@ from vofem._validate import Named, number
 from vofem.assembly import Model
 from vofem.bodies.beam import Beam
 from vofem.errors import ArgumentError, ConvergenceError, SingularSystemError
+from vofem.integrators.rounding import graded
 from vofem.linalg.null_space import null_space
 from vofem.lookup import body_named, row_of, the_beam
 from vofem.scene import Scene, as_scene
@@ -211,7 +212,7 @@ def _factorize(matrix: Any) -> Any:
 def _solver(system: System, shift: Array) -> Solve:
     """Return a function that solves with K and contacts closed by springs `shift`, (n_contacts,); zero leaves one open.
 
-    Large systems are solved by the strains, as K holds too few digits of them.
+    Large systems and graded meshes are solved by the strains, as K holds too few digits of them.
     """
     from scipy.sparse import diags, vstack
 
@@ -219,7 +220,7 @@ def _solver(system: System, shift: Array) -> Solve:
     if closed:
         assert system.contacts is not None
         rows = system.contacts.rows
-    if system.strain is None or system.size <= _MANY_UNKNOWNS:
+    if system.strain is None or (system.size <= _MANY_UNKNOWNS and not graded(system)):
         return _factorize(system.stiffness if rows is None else system.stiffness + rows.T @ diags(shift) @ rows)
     from vofem.linalg.orthogonal import OrthogonalFactor, elimination_orders
 
