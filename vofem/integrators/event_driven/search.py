@@ -132,9 +132,23 @@ def next_event(functions: EventFunctions, motion: Motion, duration: float) -> tu
 
 def _raise(watch: _Watch, flow: _Flow) -> float:
     """Return the power of two that brings tiny motions to the size of one, as their squares would underflow; else 1."""
-    parts = (flow.z0, flow.v0, watch.poly, watch.steady, watch.constant, flow.g1, flow.g2)
-    size = max(float(np.max(np.abs(part), initial=0.0)) for part in parts)
+    size = _largest(watch, flow)
     return float(np.ldexp(1.0, -int(np.frexp(size)[1]))) if 0.0 < size < _TINY else 1.0
+
+
+@jit
+def _largest(watch: _Watch, flow: _Flow) -> float:
+    """Return the largest magnitude of what the event functions are made of."""
+    size = 0.0
+    for k in range(flow.z0.size):
+        size = max(size, abs(flow.z0[k]), abs(flow.v0[k]))
+    for e in range(flow.g1.size):
+        size = max(size, abs(flow.g1[e]), abs(flow.g2[e]))
+    for j in range(watch.constant.size):
+        size = max(size, watch.constant[j], abs(watch.poly[j, 0]), abs(watch.poly[j, 1]))
+        for h in range(watch.steady.shape[1]):
+            size = max(size, abs(watch.steady[j, h]))
+    return size
 
 
 def _raised(watch: _Watch, flow: _Flow, factor: float) -> tuple[_Watch, _Flow]:
