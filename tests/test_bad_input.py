@@ -238,7 +238,7 @@ def test_callable_load_and_event_driven():
     with pytest.raises(vf.MethodError, match="Ways out: write it with Sine, Ramp, Pulse, Tabulated") as caught:
         vf.simulate(s, 1.0, method="event_driven")
     assert "vf.Approximated" in str(caught.value)
-    assert "central_difference" in str(caught.value)
+    assert "energy_conserving" in str(caught.value)
 
 
 def test_resolved_switch_and_event_driven():
