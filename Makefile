@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 JOBS ?= 2
 
-.PHONY: demo test lint types unit setup lock clean
+.PHONY: demo test lint types unit verification setup lock clean
 
 demo: setup
 	$(BIN)/vofem run examples/cantilever.toml --output output/cantilever
@@ -22,6 +22,10 @@ types: setup
 
 unit: setup
 	$(BIN)/python -m pytest -n $(JOBS)
+
+# Run the whole catalogue, a minute or two, and write the tables of the docs.
+verification: setup
+	$(BIN)/vofem verify --markdown docs/verification.md
 
 setup: $(STAMP)
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import vofem as vf
+from vofem.verification.published_data import entry as quantity
+from vofem.verification.published_data import published
+
+__all__ = ["LAWS", "paper_beam", "published", "quantity", "reference", "two_masses"]
 
 DATA = Path(__file__).parent / "data"
 LAWS = ("displacement", "penetration")
@@ -17,17 +20,6 @@ LAWS = ("displacement", "penetration")
 def reference(name: str) -> dict[str, np.ndarray]:
     with np.load(DATA / f"{name}.npz") as file:
         return {key: file[key] for key in file.files}
-
-
-def published(name: str) -> dict[str, Any]:
-    return json.loads((DATA / "published" / f"{name}.json").read_text())
-
-
-def quantity(case: dict[str, Any], name: str, at: str | None = None) -> dict[str, Any]:
-    """Return one published quantity: its value, tolerance and independent recomputation."""
-    found = [q for q in case["quantities"] if q["name"] == name and (at is None or q["at"] == at)]
-    assert len(found) == 1, (name, at)
-    return found[0]
 
 
 def paper_beam(

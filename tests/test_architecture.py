@@ -34,6 +34,7 @@ LAYERS = [
     "modes",
     "simulate",
     "io",
+    "verification",
     "cli",
 ]
 

@@ -181,6 +181,8 @@ def run_plan(
     snapshot: dict[str, Any] | None,
 ) -> Result:
     """Run a plan from the start or from a snapshot, watched as asked for."""
+    from vofem.integrators.coarse import unresolved_contacts
+
     integrator = import_module(f"vofem.integrators.{plan.method}")
     arguments = plan.options if plan.method == "event_driven" else {"dt": plan.dt, **plan.options}
     with Watcher(plan.t_end, progress, save, every) as watcher:
@@ -188,6 +190,7 @@ def run_plan(
             scene.model.system, scene.initial_state(), plan.t_end, plan.times,
             watch=None if watcher.idle else watcher, resume=snapshot, **arguments,
         )  # fmt: skip
+    solution.notes.extend(unresolved_contacts(scene.model.system))
     return Result(scene, plan.method, solution)
 
 

@@ -74,6 +74,13 @@ def replacing(path: Path, *, overwrite: bool = True) -> Iterator[Path]:
             temporary.unlink(missing_ok=True)
 
 
+def write_text(path: Path, text: str) -> Path:
+    """Write a text file whole, replacing what was there, and return its path; raise `OutputError` if it cannot be."""
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", newline="\n")
+    return path
+
+
 def try_to_write(path: Path) -> None:
     """Raise `OutputError` if no file can be made in the folder of `path`; what is there stays as it is."""
     temporary = _hidden_name(path)

@@ -61,7 +61,7 @@ def modal_basis(mass: Any, stiffness: Any, scale: Array, rigid: Array, strain: A
     if singles.size:
         m, k = mass.diagonal()[singles], stiffness.diagonal()[singles]
         if np.any(k < 0):
-            raise _indefinite()
+            raise _indefinite(strain is not None)
         values[singles] = k / m
         shapes[singles, singles] = 1.0 / np.sqrt(m)
     # What is left of other parts' rigid motions in a part is rounding, to be judged by the whole.
@@ -71,7 +71,9 @@ def modal_basis(mass: Any, stiffness: Any, scale: Array, rigid: Array, strain: A
             window = np.ix_(part, part)
             dense_m = mass[part][:, part].toarray() if count > 1 else mass.toarray()
             dense_k = stiffness[part][:, part].toarray() if count > 1 else stiffness.toarray()
-            values[part], shapes[window] = _coupled(dense_m, dense_k, scale[part], rigid[part], largest)
+            values[part], shapes[window] = _coupled(
+                dense_m, dense_k, scale[part], rigid[part], largest, strain is not None
+            )
     if strain is not None:
         energy = np.sum((strain @ shapes) ** 2, axis=0)
         values = np.where(values > 0.0, energy / np.sum(shapes * (mass @ shapes), axis=0), 0.0)
@@ -79,7 +81,13 @@ def modal_basis(mass: Any, stiffness: Any, scale: Array, rigid: Array, strain: A
     return values[order], shapes[:, order]
 
 
-def _indefinite() -> SingularSystemError:
+def _indefinite(squares: bool) -> SingularSystemError:
+    if squares:
+        return SingularSystemError(
+            "rounding has made the stiffness matrix indefinite: elements or springs differ too much in stiffness, as "
+            "on a mesh whose longest and shortest element differ by 1e5 or more. Make the mesh less graded; statics, "
+            "vf.equilibrium, keep their digits on it"
+        )
     return SingularSystemError(
         "the stiffness matrix is indefinite: the structure without contacts has buckled. "
         "The usual cause is a compressive axial force (tension < 0) beyond the critical one; "
@@ -87,8 +95,10 @@ def _indefinite() -> SingularSystemError:
     )
 
 
-def _coupled(mass: Array, stiffness: Array, scale: Array, rigid: Array, reference: float) -> tuple[Array, Array]:
-    """Solve one coupled part with dense matrices."""
+def _coupled(
+    mass: Array, stiffness: Array, scale: Array, rigid: Array, reference: float, squares: bool
+) -> tuple[Array, Array]:
+    """Solve one coupled part with dense matrices; `squares` says that the stiffness is a sum of squares."""
     from scipy.linalg import LinAlgError, eigh
 
     balance = 1.0 / scale
@@ -106,7 +116,7 @@ def _coupled(mass: Array, stiffness: Array, scale: Array, rigid: Array, referenc
         direct, high = eigh(k, m, driver="gvd")
         inverse, low = eigh(m, k, driver="gvd")
     except LinAlgError:
-        raise _indefinite() from None
+        raise _indefinite(squares) from None
     half = (n - r) // 2
     values = np.empty(n)
     vectors = np.empty((n, n))
@@ -115,7 +125,7 @@ def _coupled(mass: Array, stiffness: Array, scale: Array, rigid: Array, referenc
     vectors[:, r : r + half] = low[:, ::-1][:, :half] * np.sqrt(values[r : r + half])
     values[r + half :], vectors[:, r + half :] = direct[half : n - r], high[:, half : n - r]
     if np.any(values[r:] <= 0):
-        raise _indefinite()
+        raise _indefinite(squares)
     return values, vectors * balance[:, None]
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import SingularSystemError
+from vofem.integrators.rounding import graded
 from vofem.system import CLOSED, OPEN, PINNED, ContactLaws, System
 
 Array = NDArray[np.float64]
@@ -41,7 +42,7 @@ def _factorize(matrix: Any) -> Any:
 def solver_of(system: System, shift: Array) -> Solve:
     """Return a function that solves with K and contacts closed by springs `shift`, (n_contacts,); zero leaves one open.
 
-    Large systems are solved by the strains, as K holds too few digits of them.
+    Large systems and graded meshes are solved by the strains, as K holds too few digits of them.
     """
     from scipy.sparse import diags, vstack
 
@@ -49,7 +50,7 @@ def solver_of(system: System, shift: Array) -> Solve:
     if closed:
         assert system.contacts is not None
         rows = system.contacts.rows
-    if system.strain is None or system.size <= _MANY_UNKNOWNS:
+    if system.strain is None or (system.size <= _MANY_UNKNOWNS and not graded(system)):
         return _factorize(system.stiffness if rows is None else system.stiffness + rows.T @ diags(shift) @ rows)
     from vofem.linalg.orthogonal import OrthogonalFactor, elimination_orders
 

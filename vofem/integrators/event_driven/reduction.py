@@ -45,8 +45,8 @@ class Reduction:
         self.start = start
         self.loads = input_rows(system)
         self.states = [x for x in (start.q, start.v) if np.any(x)]
-        held = _holding(system)
-        solve, again = _two_solutions(system, held)
+        held = holding(system)
+        solve, again = two_solutions(system, held)
         loads = self.loads or ([] if self.states else [system.mass @ np.ones(system.size)])
         self.basis = RitzBasis(system.mass, solve, system.rigid, loads, self.states)
         #: Relative difference of static responses between two orders of elimination.
@@ -136,7 +136,7 @@ def loss_in_all_modes(system: System, squares: Array, shapes: Array) -> float | 
     loads = input_rows(system)[:4]
     if system.strain is None or not loads:
         return None
-    solve, _ = _two_solutions(system, _holding(system))
+    solve, _ = two_solutions(system, holding(system))
     rigid, elastic = shapes[:, squares == 0.0], shapes[:, squares > 0.0]
     worst = 0.0
     for load in loads:
@@ -162,7 +162,7 @@ def input_rows(system: System) -> list[Array]:
     return rows
 
 
-def _holding(system: System) -> Any:
+def holding(system: System) -> Any:
     """Return rows that hold r rigid motions at r degrees of freedom, stiff as their neighbours, shape (r, n)."""
     from scipy.linalg import qr
     from scipy.sparse import csr_matrix
@@ -177,7 +177,7 @@ def _holding(system: System) -> Any:
     return csr_matrix((root, (np.arange(r), pivots)), shape=(r, system.size))
 
 
-def _two_solutions(system: System, held: Any) -> tuple[Solve, Solve]:
+def two_solutions(system: System, held: Any) -> tuple[Solve, Solve]:
     """Return ``K^-1 f`` by two orders of elimination, rigid motions held; their difference tells what rounding does."""
     from scipy.sparse import vstack
 

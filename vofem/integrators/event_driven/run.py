@@ -24,6 +24,7 @@ from vofem.integrators.event_driven.truncated import (
     run_truncated,
     too_many_inputs,
 )
+from vofem.integrators.rounding import graded
 from vofem.integrators.watching import Snapshot, Watch, deferred_interrupts
 from vofem.system import Counters, State, System
 
@@ -151,7 +152,7 @@ def run(
     if system.size > MOST_UNKNOWNS:
         raise MethodError(_too_large(system))
     solution = _follow(system, start, t_end, times, max_events, pin_fraction, watch, resume)
-    if system.size > _LOSSY:
+    if system.size > _LOSSY or graded(system):
         loss = loss_in_all_modes(system, solution.space.stiffness, solution.space.shapes)
         if loss is not None and loss > _WORTH_TELLING:
             solution.notes.insert(

@@ -28,6 +28,10 @@ Complex = NDArray[np.complex128]
 _ROUNDING = 64.0 * float(np.finfo(float).eps)
 
 
+#: Motions smaller than this are searched after multiplication by a power of two.
+_TINY = 1e-100
+
+
 @dataclass(frozen=True)
 class EventFunctions:
     """What is watched: ``phi = w z + u v - constant + slope tau + sum Re(harmonic exp(i w tau))`` over block states.
@@ -120,7 +124,39 @@ def next_event(functions: EventFunctions, motion: Motion, duration: float) -> tu
         spectrum.delta, spectrum.p, spectrum.frequency, motion.z, motion.v, motion.omega,
         motion.special.block, motion.special.exponent, motion.special.g1, motion.special.g2, motion.special.ramp,
     )  # fmt: skip
+    factor = _raise(watch, flow)
+    if factor != 1.0:
+        watch, flow = _raised(watch, flow, factor)
     return _march(watch, flow, spectrum.levels, duration)
+
+
+def _raise(watch: _Watch, flow: _Flow) -> float:
+    """Return the power of two that brings tiny motions to the size of one, as their squares would underflow; else 1."""
+    size = _largest(watch, flow)
+    return float(np.ldexp(1.0, -int(np.frexp(size)[1]))) if 0.0 < size < _TINY else 1.0
+
+
+@jit
+def _largest(watch: _Watch, flow: _Flow) -> float:
+    """Return the largest magnitude of what the event functions are made of."""
+    size = 0.0
+    for k in range(flow.z0.size):
+        size = max(size, abs(flow.z0[k]), abs(flow.v0[k]))
+    for e in range(flow.g1.size):
+        size = max(size, abs(flow.g1[e]), abs(flow.g2[e]))
+    for j in range(watch.constant.size):
+        size = max(size, watch.constant[j], abs(watch.poly[j, 0]), abs(watch.poly[j, 1]))
+        for h in range(watch.steady.shape[1]):
+            size = max(size, abs(watch.steady[j, h]))
+    return size
+
+
+def _raised(watch: _Watch, flow: _Flow, factor: float) -> tuple[_Watch, _Flow]:
+    """Return the same motion, which is linear in its state and its loads, multiplied by a factor."""
+    return (
+        watch._replace(poly=factor * watch.poly, steady=factor * watch.steady, constant=factor * watch.constant),
+        flow._replace(z0=factor * flow.z0, v0=factor * flow.v0, g1=factor * flow.g1, g2=factor * flow.g2),
+    )
 
 
 @jit

@@ -9,18 +9,23 @@ from numpy.typing import NDArray
 
 from vofem.errors import InstabilityError
 from vofem.integrators.base import Energies, Samples, SpringSamples
+from vofem.integrators.rounding import static_loss
 from vofem.integrators.stepped import SteppedSolution
 from vofem.integrators.stepping.energies import contact_energy, kinetic_energy, strain_energy
 from vofem.integrators.stepping.laws import Laws
 from vofem.integrators.stepping.recall import memory_energy
 from vofem.integrators.stepping.record import Output, Trail
 from vofem.integrators.stepping.rows import Rows
+from vofem.integrators.stepping.telling import tell
 from vofem.integrators.watching import Snapshot, Watch, deferred_interrupts
 from vofem.linalg.banded import band_order
 from vofem.system import Counters, Events, State, System
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+#: Loss of static responses to rounding that a blow-up is put down to.
+_SPOILT = 1e-3
 
 #: Entries of states that are advanced between two looks at the outcome: some tenths of a second of work.
 _CHUNK_WORK = 1_000_000
@@ -168,6 +173,8 @@ def march(
     contact = contact_energy(system.contacts, samples.q)
     parts = Energies(kernel.kinetic(samples), strain, contact, dissipated, out.work)
     first_energy += held
+    # Steps that follow a tolerance have no size of their own, and come with that of the run.
+    notes += tell(system, method, out.times, samples, parts, first_energy, dt if dt < t_end else None)
     return SteppedSolution(
         system, t_end, out.times, samples, parts, first_energy, dt, events, counters, notes, springs
     )  # fmt: skip
@@ -242,8 +249,20 @@ def _check(kernel: Kernel, method: str, first: float, dt: float, blow_up: float)
     work, dissipated = float(trail.work[1]), float(trail.dissipated[1]) + lost
     scale = abs(first) + abs(work) + abs(dissipated)
     if not now - first - work + dissipated <= blow_up * scale + 1e-300:
+        loss = static_loss(kernel.bands.system)
+        if loss > _SPOILT:
+            cure = (
+                f"rounding spoils {min(loss, 1.0):.1g} of static responses on this mesh: use fewer elements or a mesh "
+                "less graded, or choose method='event_driven'"
+            )
+        elif method == "energy_conserving":
+            cure = f"reduce dt = {dt:g} s, or choose method='event_driven' where it applies"
+        else:
+            cure = (
+                f"reduce dt = {dt:g} s, or choose method='event_driven', or method='energy_conserving' where that does "
+                "not apply"
+            )
         raise InstabilityError(
             f"{method} blew up before t = {kernel.reached():g} s: energy {now:.3g} J, from {first:.3g} J at the start "
-            f"and {work:.3g} J of work; reduce dt = {dt:g} s, or choose method='event_driven', or "
-            "method='energy_conserving' where that does not apply"
+            f"and {work:.3g} J of work; {cure}"
         )

@@ -1,0 +1,139 @@
+"""What a case of the catalogue is: quantities with references, a measurement, and how every method is run on it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from vofem.modes import Modes, modes
+from vofem.result import Result
+from vofem.scene import Scene
+from vofem.simulate import METHODS, simulate
+from vofem.statics import Equilibrium, equilibrium
+
+#: Verdicts. "told": beyond its tolerance, and a note of the run says so.
+PASSED, TOLD, REFUSED, STOPPED, FAILED = "passed", "told", "refused", "stopped", "FAILED"
+
+# What follows the printed law of a single loaded mass has cases of its own among the tests of springs with memory.
+_GENERAL = tuple(method for method in METHODS if method != "force_driven")
+
+#: All that can be verified: the methods of `simulate`, and `equilibrium` and `modes`.
+SUBJECTS = (*_GENERAL, "equilibrium", "modes")
+
+EVENT_DRIVEN, CONSERVING, ALPHA, CENTRAL = _GENERAL
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A quantity with its right value.
+
+    Attributes
+    ----------
+    name : str
+        With its unit in brackets.
+    reference : float
+    relative : bool
+        Whether errors count relative to the reference.
+    """
+
+    name: str
+    reference: float
+    relative: bool = True
+
+    def error(self, got: float) -> float:
+        """Return the error of a value."""
+        difference = abs(got - self.reference)
+        return difference / abs(self.reference) if self.relative else difference
+
+
+@dataclass(frozen=True)
+class How:
+    """How a method is run on a case, and what is expected of it.
+
+    Attributes
+    ----------
+    tolerance : float or dict of str to float
+        For all quantities, or for those that are judged by name.
+    options : dict
+        Of `simulate`, such as dt.
+    expected : str
+        PASSED, TOLD, REFUSED or STOPPED.
+    says : str
+        Regular expression that the error message, or one of the notes, must match.
+    slow : bool
+        Left out in quick runs.
+    """
+
+    tolerance: float | Mapping[str, float] = 0.0
+    options: Mapping[str, Any] = field(default_factory=dict)
+    expected: str = PASSED
+    says: str = ""
+    slow: bool = False
+
+
+class Run:
+    """One method at work on one case; keeps the notes of all that it runs."""
+
+    def __init__(self, method: str, options: Mapping[str, Any]) -> None:
+        self.method = method
+        self.options = options
+        self.notes: list[str] = []
+
+    def simulate(self, scene: Scene, t_end: float, **more: Any) -> Result:
+        """Simulate with the method and its options."""
+        result = simulate(scene, t_end, method=self.method, **{**self.options, **more})
+        self.notes += result.notes
+        return result
+
+    def equilibrium(self, scene: Scene) -> Equilibrium:
+        """Return the equilibrium at t = 0."""
+        outcome = equilibrium(scene)
+        self.notes += outcome.notes
+        return outcome
+
+    def modes(self, scene: Scene, count: int, closed: tuple[str, ...] = ()) -> Modes:
+        """Return vibration modes."""
+        return modes(scene, count, closed=closed)
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A case of the catalogue.
+
+    Attributes
+    ----------
+    number : int or None
+        Of a hard case; None for a published one.
+    name : str
+        Unique.
+    source : str
+        Closed form, independent program, or test case and address of a publication.
+    quantities : tuple of Quantity
+    measure : callable
+        Takes a `Run`, returns values by the names of the quantities.
+    how : dict of str to How
+        By method; those that have nothing to do with the case are absent.
+    """
+
+    number: int | None
+    name: str
+    source: str
+    quantities: tuple[Quantity, ...]
+    measure: Callable[[Run], Mapping[str, float]]
+    how: Mapping[str, How]
+
+    @property
+    def label(self) -> str:
+        """Number and name."""
+        return self.name if self.number is None else f"{self.number}. {self.name}"
+
+
+def stepping(dt: float, tolerance: float | Mapping[str, float], **more: Any) -> dict[str, How]:
+    """Return how all stepping methods are run where they need the same step and reach the same tolerance."""
+    return {method: How(tolerance, {"dt": dt}, **more) for method in (CONSERVING, ALPHA, CENTRAL)}
+
+
+def exact(tolerance: float | Mapping[str, float], **more: Any) -> dict[str, How]:
+    """Return how event_driven is run."""
+    return {EVENT_DRIVEN: How(tolerance, **more)}
