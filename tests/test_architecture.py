@@ -31,6 +31,7 @@ LAYERS = [
     "statics",
     "modes",
     "simulate",
+    "studies",
     "io",
     "cli",
 ]
