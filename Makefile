@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 JOBS ?= 2
 
-.PHONY: demo test lint types unit setup lock clean
+.PHONY: demo test lint types unit setup accuracy lock clean
 
 demo: setup
 	$(BIN)/vofem run examples/cantilever.toml --output output/cantilever
@@ -22,6 +22,10 @@ types: setup
 
 unit: setup
 	$(BIN)/python -m pytest -n $(JOBS)
+
+# docs/accuracy.md and its figures anew, with all other programs that are installed (.venv/bin/pip install -e .[bench]).
+accuracy: setup
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/accuracy_page.py
 
 setup: $(STAMP)
 

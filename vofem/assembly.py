@@ -13,11 +13,14 @@ import numpy as np
 
 from vofem.bodies.base import Array, Body, BodyMatrices, IntArray, Point, Row
 from vofem.errors import ArgumentError
-from vofem.linalg.null_space import null_space
+from vofem.linalg.null_space import null_space, tied
 from vofem.system import ContactLaws, Load, LoadFunction, NonlinearLaw, NonlinearLaws, System
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
+
+#: Above so many rigid motions of the bodies, ties between them are followed one by one.
+_MANY_MOTIONS = 500
 
 
 class Effect(Protocol):
@@ -344,12 +347,29 @@ class SystemBuilder:
             held = self._supported[(self._supported >= start) & (self._supported < start + body.size)] - start
             motions = motions @ null_space(motions[held], np.ones_like(motions[held]))
             blocks.extend((start, motions[:, [k]]) for k in range(motions.shape[1]))
+        if attached is not None and len(blocks) > _MANY_MOTIONS:
+            return self._rigid_motions_of_many(attached, blocks)
         basis = np.zeros((self.size, len(blocks)))
         for k, (start, motion) in enumerate(blocks):
             basis[start : start + motion.shape[0], k] = motion[:, 0]
         if attached is None or not blocks:
             return basis
         return basis @ null_space(np.asarray(attached @ basis), np.asarray(abs(attached) @ np.abs(basis)))
+
+    def _rigid_motions_of_many(self, attached: csr_matrix, blocks: list[tuple[int, Array]]) -> Array:
+        """Do the same where the bodies are so many that a dense matrix of their motions would not fit: a chain."""
+        from scipy.sparse import csc_matrix
+
+        sizes = np.array([motion.shape[0] for _, motion in blocks])
+        dofs = np.concatenate([np.arange(start, start + motion.shape[0]) for start, motion in blocks])
+        values = np.concatenate([motion[:, 0] for _, motion in blocks])
+        sparse = csc_matrix((values, dofs, np.cumsum([0, *sizes])), shape=(self.size, len(blocks)))
+        strains, magnitude = (attached @ sparse).tocsr(), (abs(attached) @ abs(sparse)).tocsr()
+        few = tied(strains, magnitude)
+        basis = np.asarray(sparse @ few)
+        if not few.shape[1]:
+            return basis
+        return basis @ null_space(np.asarray(strains @ few), np.asarray(magnitude @ np.abs(few)))
 
     def _build_contacts(self, free: IntArray) -> tuple[Any, ContactLaws | None]:
         entries = self._contacts

@@ -81,9 +81,10 @@ class Scene:
         self._check_names("contacts", [contact.name for contact in self.contacts])
         self._check_bases()
         self._check_initial()
+        bodies = set(self.bodies)
         for effect in self.effects:
             for point in effect.points():
-                if point.body not in self.bodies:
+                if point.body not in bodies:
                     known = ", ".join(body.label for body in self.bodies)
                     raise ArgumentError(
                         f"{effect.describe()}: its body is not in the scene, which holds {known}; add it to bodies"
