@@ -392,7 +392,8 @@ def kernel_section() -> str:
         [
             "## Stepping kernels",
             "Microseconds per step, and in brackets over LAPACK's banded solve (pbtrs with the factor at hand) of the "
-            "same size. A step of the implicit methods holds one such solve, products with banded matrices, and the contacts.",
+            "same size. A step of the implicit methods holds one such solve, products with banded matrices, and the "
+            "contacts.",
             kernels.table(kernels.measure(say)),
         ]
     )
@@ -439,8 +440,8 @@ def main() -> None:
     head = "\n\n".join(
         [
             "# What accuracy costs in time",
-            "Written by `make accuracy` (`python benchmarks/accuracy_page.py`); change that, not the page. For your own "
-            "scene: `vofem accuracy SCENE.toml`, `vf.accuracy.work_precision` and `vf.accuracy.cheapest`.",
+            "Written by `make accuracy` (`python benchmarks/accuracy_page.py`); change that, not the page. For a scene "
+            "of yours: `vofem accuracy SCENE.toml`, `vf.accuracy.work_precision` and `vf.accuracy.cheapest`.",
             f"Measured on {where}; {(time.perf_counter() - begin) / 60:.0f} minutes for the page. Times vary with "
             "the machine and its load, ratios less so.",
         ]
