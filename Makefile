@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 JOBS ?= 2
 
-.PHONY: demo test lint types unit verification setup lock clean
+.PHONY: demo test lint types unit verification setup accuracy lock clean
 
 demo: setup
 	$(BIN)/vofem run examples/cantilever.toml --output output/cantilever
@@ -26,6 +26,10 @@ unit: setup
 # Run the whole catalogue, a minute or two, and write the tables of the docs.
 verification: setup
 	$(BIN)/vofem verify --markdown docs/verification.md
+
+# docs/accuracy.md and its figures anew, with all other programs that are installed (.venv/bin/pip install -e .[bench]).
+accuracy: setup
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/accuracy_page.py
 
 setup: $(STAMP)
 

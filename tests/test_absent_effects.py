@@ -114,3 +114,23 @@ def test_explain_says_what_is_left_out():
     explanation = vf.explain(vf.Scene([beam], [vf.PointLoad(beam.at(1.0), lambda t: t)]))
     assert explanation.method == "energy_conserving"
     assert "closed form" in explanation.why
+
+
+def test_displacements_do_not_cost_accelerations(monkeypatch):
+    """What is not asked of a run in modes is not computed, and parts of it have the bits of the whole."""
+    beam, scene = paper_beam("penetration", elements=5)
+    result = run(scene, "event_driven", 4.0)
+    monkeypatch.setattr(event_driven.EventSolution, "_acceleration", refuse)
+    point = beam.at(1.0)
+    whole = result.samples.q
+    np.testing.assert_array_equal(result.displacement(point), whole[-2])
+    np.testing.assert_array_equal(result.samples.take(np.array([3, 1])).v, result.samples.v[[3, 1]])
+    with pytest.raises(AssertionError, match="absent effect"):
+        result.acceleration(point)
+
+
+def test_ideal_switches_have_no_quadrature(monkeypatch):
+    monkeypatch.setattr(np.polynomial.legendre, "leggauss", refuse)
+    _, scene = paper_beam("penetration", elements=5)
+    for method in METHODS[1:]:
+        assert run(scene, method, 4.0).energy.contact.max() > 0.0

@@ -33,6 +33,7 @@ LAYERS = [
     "statics",
     "modes",
     "simulate",
+    "studies",
     "io",
     "verification",
     "cli",

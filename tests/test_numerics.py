@@ -113,27 +113,6 @@ def test_indefinite_matrix_is_named():
         factor(np.array([[1.0, -1.0]]), "the mass matrix")
 
 
-def test_null_space_of_many_short_rows(monkeypatch):
-    """Rows of one or two entries are solved one by one, the rest as a dense matrix: the same space."""
-    from scipy.sparse import csr_matrix
-
-    from vofem.linalg import null_space as module
-
-    monkeypatch.setattr(module, "_FEW_COLUMNS", 0)
-    rng = np.random.default_rng(0)
-    for _ in range(100):
-        columns = int(rng.integers(1, 12))
-        rows = np.zeros((int(rng.integers(1, columns + 3)), columns))
-        for row in rows:
-            some = rng.choice(columns, min(int(rng.integers(1, 4)), columns), replace=False)
-            row[some] = rng.choice([-1.0, 1.0, 2.0, 0.5], some.size)
-        dense = module.null_space(rows, np.abs(rows))
-        sparse = module.sparse_null_space(csr_matrix(rows), csr_matrix(np.abs(rows)))
-        assert sparse.shape == dense.shape
-        assert np.max(np.abs(rows @ sparse), initial=0.0) < 1e-12
-        assert np.linalg.matrix_rank(sparse) == sparse.shape[1] if sparse.size else True
-
-
 def test_a_long_chain_is_assembled_without_large_arrays():
     """20 000 free masses in a row: one rigid motion, found without a dense matrix of all bodies."""
     masses = [vf.Mass(1.0) for _ in range(20_000)]

@@ -64,6 +64,7 @@ from vofem.simulate import explain, simulate
 from vofem.statics import Equilibrium, QuasiStatic, equilibrium, quasi_static
 
 if TYPE_CHECKING:
+    import vofem.studies.accuracy as accuracy
     from vofem.io.scene_file import dump_scene, load_scene
     from vofem.io.storage.run_file import load
 
@@ -119,6 +120,7 @@ __all__ = [
     "TimeFunction",
     "VofemError",
     "__version__",
+    "accuracy",
     "dump_scene",
     "equilibrium",
     "explain",
@@ -133,6 +135,7 @@ __all__ = [
 
 #: What is imported when first asked for.
 _LATER = {
+    "accuracy": "vofem.studies.accuracy",
     "dump_scene": "vofem.io.scene_file",
     "load": "vofem.io.storage.run_file",
     "load_scene": "vofem.io.scene_file",
@@ -145,7 +148,8 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module 'vofem' has no attribute {name!r}")
     from importlib import import_module
 
-    return getattr(import_module(_LATER[name]), name)
+    module = import_module(_LATER[name])
+    return module if module.__name__.endswith(f".{name}") else getattr(module, name)
 
 
 def __dir__() -> list[str]:

@@ -75,6 +75,21 @@ def _parser() -> argparse.ArgumentParser:
     verify.add_argument("--quick", action="store_true", help="leave out runs that take long")
     verify.set_defaults(command=_verify)
 
+    accuracy = commands.add_parser("accuracy", help="measure what accuracy costs in time; write a table and a figure")
+    accuracy.add_argument("scene", type=Path, help="scene file, TOML")
+    accuracy.add_argument("--output", type=Path, help="folder for what is written (output/NAME of the scene file)")
+    accuracy.add_argument("--t-end", type=float, help="in s, instead of the file's")
+    accuracy.add_argument("--tolerance", type=float, default=1e-6, help="of the largest displacement, for the advice")
+    accuracy.add_argument("--methods", nargs="+", metavar="METHOD", help=", ".join(METHODS))
+    accuracy.add_argument("--dt", type=float, nargs="+", metavar="DT", help="steps in s")
+    accuracy.add_argument("--tol", type=float, nargs="+", default=[], metavar="TOL", help="of energy_conserving")
+    accuracy.add_argument("--elements", type=int, nargs="+", metavar="N", help="of all beams together")
+    accuracy.add_argument("--point", metavar="BODY@X", help="whose displacement is compared (the first contact's)")
+    accuracy.add_argument("--repeats", type=int, default=3, help="runs of which the shortest time counts (3)")
+    accuracy.add_argument("--cap", type=float, default=10.0, help="seconds that a run may take (10)")
+    accuracy.add_argument("--workers", type=int, default=1, help="processes for what is not timed (1)")
+    accuracy.set_defaults(command=_accuracy)
+
     doctor = commands.add_parser("doctor", help="show versions; say whether off-screen rendering works")
     doctor.set_defaults(command=_doctor)
     return parser
@@ -170,6 +185,39 @@ def _render(arguments: argparse.Namespace) -> int:
     written = _draw(result, output, folder)
     print("wrote " + "\n      ".join(str(path) for path in written))
     return FINE
+
+
+def _accuracy(arguments: argparse.Namespace) -> int:
+    from vofem.io.plot import work_precision as draw
+    from vofem.io.scene_file import load_scene, point_named
+    from vofem.io.study_tables import study_table, write_study
+    from vofem.studies.accuracy import work_precision
+
+    file = load_scene(arguments.scene)
+    t_end = arguments.t_end if arguments.t_end is not None else file.run.t_end if file.run is not None else None
+    if t_end is None:
+        raise ArgumentError(f"{file.path} does not say how long to run; add t_end to a table [run], or give --t-end")
+    folder = _made(arguments.output or Path("output") / arguments.scene.stem)
+    study = work_precision(
+        file.scene, t_end, methods=arguments.methods, dt=arguments.dt, tol=arguments.tol, elements=arguments.elements,
+        point=None if arguments.point is None else point_named(file.scene, arguments.point),
+        repeats=arguments.repeats, cap=arguments.cap, workers=arguments.workers,
+        progress=_show_progress if sys.stderr.isatty() else None,
+    )  # fmt: skip
+    print(study_table(study), end="\n\n")
+    print(study.advice(arguments.tolerance))
+    written = [write_study(study, folder / "accuracy.csv")]
+    if study.runs:
+        written += [draw(study, folder / f"accuracy.{kind}", arguments.scene.stem) for kind in ("png", "svg")]
+    print("\nwrote " + "\n      ".join(str(path) for path in written))
+    return FINE
+
+
+def _show_progress(done: int, total: int, what: str) -> None:
+    """Say on one line of the terminal how far a study is."""
+    text = f"{done} of {total}  {what}" if what else ""
+    sys.stderr.write(f"\r\x1b[K{text}")
+    sys.stderr.flush()
 
 
 def _made(folder: Path) -> Path:

@@ -10,11 +10,12 @@ from vofem.io.pictures.axes import goal_of
 from vofem.io.pictures.histories import time_history
 from vofem.io.pictures.profiles import shapes
 from vofem.io.pictures.space_time import space_time
+from vofem.io.pictures.work_precision import work_precision
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.statics import Equilibrium
 
-__all__ = ["draw_scene", "shapes", "space_time", "time_history"]
+__all__ = ["draw_scene", "shapes", "space_time", "time_history", "work_precision"]
 
 
 def draw_scene(

@@ -12,7 +12,8 @@ from typing import Any
 from vofem._validate import nearest
 from vofem.errors import ArgumentError, SceneFileError
 from vofem.io.files import replacing
-from vofem.io.scenes.place import Book
+from vofem.io.scenes.parts import PointByName
+from vofem.io.scenes.place import Book, Place
 from vofem.io.scenes.reader import read_tables
 from vofem.io.scenes.settings import OutputSettings, RunSettings, UniformTimes
 from vofem.io.scenes.writer import scene_to_toml
@@ -27,6 +28,7 @@ __all__ = [
     "UniformTimes",
     "dump_scene",
     "load_scene",
+    "point_named",
     "scene_to_toml",
 ]
 
@@ -124,6 +126,15 @@ def dump_scene(
     with replacing(file) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")
     return file
+
+
+def point_named(scene: Scene, text: str) -> Any:
+    """Return the point that a text such as 'beam@1.0' names, as scene files do; `ArgumentError` where there is none."""
+    book = Book(Path.cwd(), {body.name: body for body in scene.bodies})
+    point = PointByName().read(text, Place(book))
+    if book.problems:
+        raise ArgumentError(f"point: {book.problems[0][1]}")
+    return point
 
 
 def _path(path: Any) -> Path:

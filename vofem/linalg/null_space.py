@@ -96,7 +96,7 @@ def sparse_null_space(matrix: Any, magnitude: Any) -> Array:
         root, factor = chains.find(i)
         if factor != 0.0:
             full[i] = factor * small[place[root]]
-    return full
+    return full / np.linalg.norm(full, axis=0)
 
 
 class _Chains:

@@ -13,12 +13,12 @@ from vofem.effects.time_functions import Piece, TimeFunction
 from vofem.integrators.base import (
     ContactSamples,
     Energies,
-    Samples,
     initial_status,
     spring_force,
     spring_potential,
     status_at,
 )
+from vofem.integrators.event_driven.modal_samples import ModalSamples
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.integrators.event_driven.motion import Forcing, Motion, start_motion
 from vofem.integrators.event_driven.pinned import Reactions, may_pin, reactions, should_pin
@@ -34,6 +34,10 @@ Status = NDArray[np.int64]
 #: With fewer events growth is not looked at unasked: it would cost more than it tells.
 _MANY_EVENTS = 30
 
+
+#: Segments whose closed forms are kept, so that sampling a run with few events starts from them; only one, the
+#: last, in systems of more modes than these, since each keeps the eigensystem of its status in memory.
+_MOST_MOTIONS, _FEW_MODES = 32, 300
 
 #: Statuses whose event functions are kept.
 _MOST_PLAIN = 8
@@ -57,7 +61,7 @@ class EventSolution:
         self._initial = np.empty(0, dtype=np.int64)
         self._plain: dict[tuple[bytes, int], tuple[EventFunctions, NDArray[np.int64], Status]] = {}
         # Counters tell of the run; what sampling costs later is not counted.
-        self._last: tuple[int, Motion] | None = None
+        self._motions: dict[int, Motion] = {}
         # Statuses in the order of the run, each with its first segment, whose eigensystems are still to be computed.
         self._awaited: list[tuple[int, Status]] = []
 
@@ -271,14 +275,16 @@ class EventSolution:
         return [function.piece(t) for function in functions if isinstance(function, TimeFunction)]
 
     def motion(self, index: int) -> Motion:
-        """Return the closed form of a segment; the last one asked for is kept."""
-        if self._last is None or self._last[0] != index:
+        """Return the closed form of a segment; the last ones asked for are kept."""
+        if index not in self._motions:
             self._await(index)
             status, displacement, velocity = self._states[index]
             forcing = self._forcing(self._starts[index], status)
             spectrum = self._spectra[status]
-            self._last = index, start_motion(spectrum, displacement, velocity, forcing, self.t_end)
-        return self._last[1]
+            if len(self._motions) >= (_MOST_MOTIONS if self.space.size <= _FEW_MODES else 1):
+                del self._motions[next(iter(self._motions))]
+            self._motions[index] = start_motion(spectrum, displacement, velocity, forcing, self.t_end)
+        return self._motions[index]
 
     def _await(self, index: int) -> None:
         """Compute the eigensystems of a restored run up to a segment, in the order of the run.
@@ -329,12 +335,10 @@ class EventSolution:
             z[:, mine], v[:, mine] = self.motion(index).modes(tau)
         return z, v
 
-    def sample(self, times: Array) -> Samples:
+    def sample(self, times: Array) -> ModalSamples:
         """Return the motion at any times; the acceleration is that of the equation of motion."""
         z, v = self.modal(times)
-        return Samples(
-            self.space.shapes @ z, self.space.shapes @ v, self.space.shapes @ self._acceleration(times, z, v)
-        )
+        return ModalSamples(self.space.shapes, z, v, lambda: self._acceleration(times, z, v))
 
     def _acceleration(self, times: Array, z: Array, v: Array) -> Array:
         space = self.space

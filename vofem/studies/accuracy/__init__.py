@@ -1,0 +1,8 @@
+"""What accuracy costs in time: `work_precision` measures it, `cheapest` finds the least of it."""
+
+from vofem.studies.accuracy.cheapest import Cheapest, cheapest
+from vofem.studies.accuracy.quantities import Errors
+from vofem.studies.accuracy.study import LeftOut, Reference, Run, Setting, Study
+from vofem.studies.accuracy.work_precision import work_precision
+
+__all__ = ["Cheapest", "Errors", "LeftOut", "Reference", "Run", "Setting", "Study", "cheapest", "work_precision"]

@@ -1,0 +1,150 @@
+"""The fastest method, step and mesh that meet a tolerance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vofem._validate import number
+from vofem.scene import Scene
+from vofem.studies.accuracy.bench import Bench, Progress, Source
+from vofem.studies.accuracy.study import Run, Setting, Study
+from vofem.studies.accuracy.work_precision import (
+    applicable,
+    default_steps,
+    effort_of,
+    expected_seconds,
+    sample_count,
+    whole_numbers,
+)
+
+#: Meshes that are tried where none are given, as multiples of the scene's own.
+_MULTIPLES = (0.25, 0.5, 1, 2, 4)
+
+#: Most steps of one size that are tried on a mesh.
+_TRIES = 8
+
+
+@dataclass(frozen=True)
+class Cheapest:
+    """The answer of `cheapest`; print it.
+
+    Attributes
+    ----------
+    run : Run, optional
+        The fastest one that meets the tolerance; None where none does.
+    tolerance : float
+        Of the largest displacement.
+    study : Study
+        The evidence: all runs that were looked at, and what was left out.
+    """
+
+    run: Run | None
+    tolerance: float
+    study: Study
+
+    def __str__(self) -> str:
+        """Return the advice."""
+        return self.study.advice(self.tolerance)
+
+
+def cheapest(
+    scene: Scene | Callable[[int], Scene],
+    t_end: float,
+    tolerance: float,
+    *,
+    methods: Iterable[str] | None = None,
+    elements: Iterable[int] | None = None,
+    point: Any = None,
+    samples: int = 1001,
+    repeats: int = 3,
+    cap: float = 10.0,
+    workers: int = 1,
+    progress: Progress | None = None,
+) -> Cheapest:
+    """Find the fastest method, step and mesh whose error stays within a tolerance.
+
+    The smallest mesh whose own error, measured by runs that are exact in time,
+    leaves room within the tolerance is tried first, and the next finer one
+    where no method meets the tolerance on it. Steps are refined by the observed
+    error until they meet it, or take longer than the fastest run that does.
+
+    Parameters
+    ----------
+    scene : Scene or callable of the number of elements
+    t_end : float
+        In s.
+    tolerance : float
+        Largest error of the point's displacement over its largest displacement.
+    methods, point, samples, repeats, cap, workers, progress
+        As for `work_precision`.
+    elements : iterable of int, optional
+        Meshes to choose from; where not given, a quarter to four times the
+        scene's own number of elements. Needed where `scene` is a callable.
+
+    Returns
+    -------
+    Cheapest
+
+    Raises
+    ------
+    ArgumentError
+        For arguments out of range.
+    """
+    t_end = number("cheapest: t_end", t_end, positive=True)
+    tolerance = number("cheapest: tolerance", tolerance, positive=True)
+    effort = effort_of("cheapest", repeats, cap, workers, progress)
+    given = None if elements is None else whole_numbers("cheapest: elements", elements)
+    source = Source(scene, given[0] if given else None)
+    bench = Bench(source, t_end, sample_count("cheapest", samples), point, effort)
+    chosen = applicable(source, methods)
+    meshes = given or _around(source)
+    bench.prepare(meshes)
+    assert bench.reference is not None
+    allowed = tolerance * bench.reference.scale
+    fine_enough = [n for n in meshes if bench.space_error(n) <= allowed] or meshes[-1:]
+    best: Run | None = None
+    for n in fine_enough:
+        for method in chosen:
+            best = _faster(best, _search(bench, method, n, allowed, best))
+        if best is not None:
+            break
+    return Cheapest(best, tolerance, bench.study())
+
+
+def _around(source: Source) -> list[int]:
+    if not source.own:
+        return [0]
+    wanted = {int(m * source.own) for m in _MULTIPLES if float(m * source.own).is_integer()}
+    return sorted(n for n in wanted if n >= 1 and source.can_have(n))
+
+
+def _faster(best: Run | None, run: Run | None) -> Run | None:
+    if best is None or run is None:
+        return best or run
+    return run if run.seconds < best.seconds else best
+
+
+def _search(bench: Bench, method: str, elements: int, allowed: float, best: Run | None) -> Run | None:
+    """Return the run with the largest step found that meets the tolerance; stop once it is slower than another one."""
+    if method == "event_driven":
+        run = bench.measure(Setting(method, elements))
+        return run if run is not None and run.total.largest <= allowed else None
+    dt, before = default_steps(bench.source, method, elements, bench.t_end)[0], None
+    for _ in range(_TRIES):
+        setting = Setting(method, elements, dt=dt)
+        expected = bench.guess(setting) if before is None else expected_seconds(before, setting)
+        if before is not None and best is not None and expected > 2.0 * best.seconds:
+            return None
+        run = bench.measure(setting, expected)
+        if run is None:
+            return None
+        if run.total.largest <= allowed:
+            return run
+        # Order 2, with a margin; where it is lower this takes a few more tries.
+        ratio = 0.8 * np.sqrt(allowed / run.total.largest) if np.isfinite(run.total.largest) else 0.1
+        dt, before = dt * float(np.clip(ratio, 0.05, 0.5)), run
+    return None

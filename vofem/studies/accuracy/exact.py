@@ -1,0 +1,149 @@
+"""Runs that others are measured against: exact in time, their own error estimated."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.integrators import event_driven
+from vofem.result import Result
+from vofem.scene import Scene
+from vofem.simulate import simulate
+from vofem.studies.accuracy.quantities import Observed, observe
+from vofem.studies.accuracy.scaled import scaled
+
+Array = NDArray[np.float64]
+
+#: Above this many degrees of freedom Ritz vectors lose fewer digits than all modes.
+_MANY_UNKNOWNS = 300
+_TRUNCATION = 1e-9
+
+#: Steps of the first of the runs that check each other where there is no closed form.
+_FIRST_STEPS = 2000
+
+#: Fraction of the largest displacement below which a difference that no longer falls is rounding.
+_SETTLED = 1e-7
+
+#: Ratio of two successive differences, within which the order 2 counts as observed.
+_SECOND_ORDER = (3.0, 5.3)
+
+
+@dataclass(frozen=True)
+class Exact:
+    """A run without error in time, or with a known one, on one mesh.
+
+    Attributes
+    ----------
+    observed : Observed
+    how : str
+        How it was computed.
+    error : float
+        Estimated error of the point's displacement on this mesh, m: rounding and truncation, or of the steps.
+    horizon : float
+        Until when pointwise values mean something, s.
+    """
+
+    observed: Observed
+    how: str
+    error: float
+    horizon: float
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is asked of every run.
+
+    Attributes
+    ----------
+    t_end : float
+        In s.
+    times : ndarray, shape (n_times,)
+        Of comparison, s.
+    point : point
+    cap : float
+        Seconds after which no finer run begins where a reference is found by halving steps.
+    """
+
+    t_end: float
+    times: Array
+    point: Any
+    cap: float
+
+
+def exact(scene: Scene, question: Question) -> Exact:
+    """Return the run of a scene that is exact in time up to an estimated error."""
+    if event_driven.refusal(scene.model.system) is None:
+        return _by_events(scene, question)
+    return _by_steps(scene, question)
+
+
+def _by_events(scene: Scene, question: Question) -> Exact:
+    result = _event_driven(scene, question)
+    horizon = result.sensitivity.horizon()
+    observed = observe(result, question.point)
+    error, how = rounding(scene, question, observed, horizon, _event_driven), "event_driven"
+    if result.truncation is not None:
+        how += f", {result.truncation.vectors} Ritz vectors"
+        error += result.truncation.error * float(np.max(np.abs(observed.history)))
+    return Exact(observed, how, error, horizon)
+
+
+def _event_driven(scene: Scene, question: Question) -> Result:
+    options: dict[str, Any] = {}
+    if scene.model.system.size > _MANY_UNKNOWNS:
+        options["truncation"] = _TRUNCATION
+    return simulate(scene, question.t_end, method="event_driven", times=question.times, **options)
+
+
+def rounding(scene: Scene, question: Question, observed: Observed, horizon: float, run: Any) -> float:
+    """Return the largest difference to a run of the same equations with other rounding errors, m; NaN without one.
+
+    Parameters
+    ----------
+    scene : Scene
+    question : Question
+    observed : Observed
+        What the run of the scene itself gave.
+    horizon : float
+        Differences beyond it are left aside, s.
+    run : callable of a scene and the question
+        Returns a Result.
+    """
+    other = scaled(scene)
+    if other is None:
+        return float("nan")
+    history = run(other, question).displacement(question.point)
+    return float(np.max(np.abs(history - observed.history)[observed.times <= horizon]))
+
+
+def _by_steps(scene: Scene, question: Question) -> Exact:
+    """Halve the steps of energy_conserving until the time is over; the last two runs tell the error."""
+    begin, steps = time.perf_counter(), _FIRST_STEPS
+    last, differences = _stepped(scene, question, steps), [np.inf]
+    while True:
+        start = time.perf_counter()
+        steps *= 2
+        finer = _stepped(scene, question, steps)
+        differences.append(float(np.max(np.abs(finer.history - last.history))))
+        last = finer
+        took = time.perf_counter() - start
+        size = float(np.max(np.abs(last.history)))
+        rounded = differences[-1] < _SETTLED * size and differences[-1] >= 0.7 * differences[-2]
+        # The next would take twice as long as this one.
+        if rounded or time.perf_counter() - begin + 2.0 * took > question.cap:
+            break
+    ratio = differences[-2] / differences[-1] if differences[-1] > 0.0 else np.inf
+    order_two = _SECOND_ORDER[0] <= ratio <= _SECOND_ORDER[1]
+    error = differences[-1] / 3.0 if order_two else differences[-1]
+    checked = "by Richardson's rule at order 2" if order_two else "by the difference to half as many"
+    return Exact(last, f"energy_conserving, {steps} steps, checked {checked}", error, question.t_end)
+
+
+def _stepped(scene: Scene, question: Question, steps: int) -> Observed:
+    dt = question.t_end / steps
+    result = simulate(scene, question.t_end, method="energy_conserving", dt=dt, times=question.times)
+    return observe(result, question.point)

@@ -1,0 +1,109 @@
+"""What is compared of two runs: the history of a point, contact events, impulses and energy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.result import Result
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Observed:
+    """What is kept of a run for comparison.
+
+    Attributes
+    ----------
+    times : ndarray, shape (n_times,)
+        In s.
+    history : ndarray, shape (n_times,)
+        Displacement of the point, m.
+    events : tuple of ndarray
+        Closings and openings of every declared contact, s.
+    impulse : ndarray, shape (n_contacts,)
+        Time integral of every declared contact's force, N s.
+    energy : ndarray, shape (n_times,)
+        Kinetic, strain and contact energy together, J.
+    """
+
+    times: Array
+    history: Array
+    events: tuple[Array, ...]
+    impulse: Array
+    energy: Array
+
+
+@dataclass(frozen=True)
+class Errors:
+    """How far a run is from another one. Pointwise errors are taken up to the chaos horizon.
+
+    Attributes
+    ----------
+    largest, rms : float
+        Of the point's displacement, m.
+    events : float
+        Largest shift of a contact event, s; inf where their numbers differ, NaN where nothing closes.
+    impulse : float
+        Largest relative difference of a contact's impulse over the whole run; NaN without contact force.
+    energy : float
+        Largest difference of the energy over the largest energy.
+    level : float
+        Relative difference of the rms displacement over the whole run: it keeps its meaning beyond the horizon.
+    """
+
+    largest: float
+    rms: float
+    events: float
+    impulse: float
+    energy: float
+    level: float
+
+
+def observe(result: Result, point: Any) -> Observed:
+    """Return what is compared of a run, at its times."""
+    contacts = [result.contacts[contact.name] for contact in result.scene.contacts]
+    events = tuple(part.copy() for contact in contacts for part in (contact.closings, contact.openings))
+    times = result.times
+    impulse = [float(np.trapezoid(contact.force, times)) if contact.closings.size else 0.0 for contact in contacts]
+    return Observed(times, result.displacement(point), events, np.array(impulse), result.energy.total)
+
+
+def compare(run: Observed, other: Observed, horizon: float) -> Errors:
+    """Return the errors of a run against another one of the same times."""
+    until = run.times <= horizon
+    difference = np.abs(run.history - other.history)[until]
+    energy, size = np.abs(run.energy - other.energy)[until], float(np.max(np.abs(other.energy)))
+    scale = float(np.max(np.abs(other.impulse), initial=0.0))
+    level = _rms(other.history)
+    return Errors(
+        largest=float(np.max(difference)),
+        rms=_rms(difference),
+        events=_event_error(run.events, other.events, horizon),
+        impulse=float(np.max(np.abs(run.impulse - other.impulse))) / scale if scale > 0.0 else np.nan,
+        energy=float(np.max(energy)) / size if size > 0.0 else 0.0,
+        level=abs(_rms(run.history) - level) / level if level > 0.0 else 0.0,
+    )
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def _event_error(found: tuple[Array, ...], expected: tuple[Array, ...], horizon: float) -> float:
+    shifts = []
+    for mine, theirs in zip(found, expected, strict=True):
+        wanted = theirs[theirs <= horizon]
+        if mine.size < wanted.size or (horizon >= _last(mine, theirs) and mine.size != theirs.size):
+            return float("inf")
+        shifts.append(np.abs(mine[: wanted.size] - wanted))
+    every = np.concatenate(shifts) if shifts else np.empty(0)
+    return float(np.max(every)) if every.size else np.nan
+
+
+def _last(*times: Array) -> float:
+    return max((float(t[-1]) for t in times if t.size), default=0.0)

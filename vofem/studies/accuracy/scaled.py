@@ -1,0 +1,63 @@
+"""The same equations with other rounding errors: all of them multiplied by 3, which is no power of two.
+
+Displacements, velocities and event times are the same numbers in exact
+arithmetic. What two such runs differ by is therefore rounding, as large as the
+run itself has it, whatever the method.
+"""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+
+from vofem.scene import Scene
+from vofem.system import Load, NonlinearLaw, NonlinearLaws, System
+
+_FACTOR = 3.0
+
+#: What is multiplied, and what stays as it is. A system that holds anything else cannot be scaled.
+_KNOWN = (
+    "mass", "stiffness", "damping", "rayleigh", "modal_damping", "loads", "contacts", "nonlinear", "scale", "strain",
+    "rigid",
+)  # fmt: skip
+
+
+def scaled(scene: Scene) -> Scene | None:
+    """Return the scene with all of its equations multiplied by one number; None where something cannot be scaled.
+
+    Only its system differs: energies, forces and reactions of its results have no meaning.
+    """
+    system = scene.model.system
+    if any(_is_there(getattr(system, field.name)) for field in fields(system) if field.name not in _KNOWN):
+        return None
+    same = copy.copy(scene)
+    # The place where `Scene.model`, a cached property, keeps its value.
+    same.__dict__["model"] = replace(scene.model, system=_times(system, _FACTOR))
+    return same
+
+
+def _is_there(value: Any) -> bool:
+    return value is not None and not (hasattr(value, "__len__") and len(value) == 0)
+
+
+def _times(system: System, factor: float) -> System:
+    contacts, nonlinear = system.contacts, system.nonlinear
+    return replace(
+        system,
+        mass=factor * system.mass,
+        stiffness=factor * system.stiffness,
+        damping=None if system.damping is None else factor * system.damping,
+        strain=None if system.strain is None else np.sqrt(factor) * system.strain,
+        loads=tuple(Load(factor * load.vector, load.function, load.name) for load in system.loads),
+        contacts=contacts
+        and replace(contacts, stiffness=factor * contacts.stiffness, damping=factor * contacts.damping),
+        nonlinear=nonlinear
+        and NonlinearLaws(nonlinear.rows, tuple(_scaled_law(law, factor) for law in nonlinear.laws)),
+    )
+
+
+def _scaled_law(law: NonlinearLaw, factor: float) -> NonlinearLaw:
+    return NonlinearLaw(law.name, lambda u: factor * law.potential(u), lambda u: factor * law.force(u))

@@ -1,0 +1,215 @@
+"""What a study of accuracy and time has found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vofem._validate import number
+from vofem.studies.accuracy.quantities import Errors
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A way to run a scene.
+
+    Attributes
+    ----------
+    method : str
+    elements : int
+        Of all beams together; 0 for a scene without beams.
+    dt : float, optional
+        In s.
+    tol : float, optional
+    """
+
+    method: str
+    elements: int
+    dt: float | None = None
+    tol: float | None = None
+
+    def __str__(self) -> str:
+        """Return method and what steers it, without the mesh."""
+        steered = f", dt = {self.dt:.4g} s" if self.dt is not None else ""
+        return self.method + steered + (f", tol = {self.tol:.3g}" if self.tol is not None else "")
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run: what it took and how far it is from the truth.
+
+    Attributes
+    ----------
+    setting : Setting
+    unknowns : int
+    seconds : float
+        Shortest wall time of the run and of the point's history, without assembly.
+    assembly : float
+        Wall time of assembling the scene, s.
+    counters : dict
+        Counted work by name, as in `vofem.system.Counters`.
+    total : Errors
+        Against the reference.
+    time : Errors
+        Against the run on the same mesh that is exact in time.
+    space : float
+        Error of the mesh alone, m: exact in time, against the reference.
+    rounding : float
+        Largest difference to the same equations with other rounding errors, m; NaN where not measured.
+    order : float
+        Observed in dt against the run with the next larger step; NaN for the first.
+    """
+
+    setting: Setting
+    unknowns: int
+    seconds: float
+    assembly: float
+    counters: dict[str, int]
+    total: Errors
+    time: Errors
+    space: float
+    rounding: float
+    order: float = float("nan")
+
+    @property
+    def steps(self) -> int:
+        """Time steps, or segments between events."""
+        return self.counters["steps"]
+
+    @property
+    def work(self) -> int:
+        """All counted operations, events aside."""
+        return sum(value for name, value in self.counters.items() if name != "events")
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A way to run the scene that was not taken, and why."""
+
+    setting: Setting
+    why: str
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What all runs are measured against.
+
+    Attributes
+    ----------
+    how : str
+        Method and mesh.
+    elements : int
+    floor : float
+        Its own estimated error, m: errors below it mean nothing.
+    scale : float
+        Its largest displacement, m.
+    horizon : float
+        Until when pointwise values mean something, s; pointwise errors end there.
+    """
+
+    how: str
+    elements: int
+    floor: float
+    scale: float
+    horizon: float
+
+
+@dataclass(frozen=True)
+class Study:
+    """Error against time, steps and work, of many runs of one scene.
+
+    Attributes
+    ----------
+    point : str
+        Whose displacement is compared.
+    t_end : float
+        In s.
+    reference : Reference
+    runs : tuple of Run
+    left_out : tuple of LeftOut
+    machine : str
+        Where the times were taken.
+    """
+
+    point: str
+    t_end: float
+    reference: Reference
+    runs: tuple[Run, ...]
+    left_out: tuple[LeftOut, ...]
+    machine: str
+
+    def relative(self, run: Run) -> float:
+        """Return the largest error of the point's displacement over the reference's largest displacement."""
+        return run.total.largest / self.reference.scale if self.reference.scale > 0.0 else run.total.largest
+
+    @property
+    def floor(self) -> float:
+        """The reference's own error over its largest displacement."""
+        return self.reference.floor / self.reference.scale if self.reference.scale > 0.0 else self.reference.floor
+
+    def meeting(self, tolerance: float) -> tuple[Run, ...]:
+        """Return the runs whose relative error is at most the tolerance, fastest first."""
+        tolerance = number("meeting: tolerance", tolerance, positive=True)
+        good = [run for run in self.runs if self.relative(run) <= tolerance]
+        return tuple(sorted(good, key=lambda run: run.seconds))
+
+    def frontier(self) -> tuple[Run, ...]:
+        """Return the runs that no other run beats in both time and error, fastest first."""
+        best, kept = np.inf, []
+        for run in sorted(self.runs, key=lambda run: (run.seconds, run.total.largest)):
+            if run.total.largest < best:
+                best = run.total.largest
+                kept.append(run)
+        return tuple(kept)
+
+    def advice(self, tolerance: float = 1e-6) -> str:
+        """Return one sentence: what to take for a relative tolerance, how much it saves, and where its errors are."""
+        good = self.meeting(tolerance)
+        if not good:
+            return self._none_meets(tolerance)
+        first = good[0]
+        text = f"For {tolerance:g} of the largest displacement at {self.point} take {_spelt(first)}: {_said(first)}"
+        other = next((run for run in good if run.setting.method != first.setting.method), None)
+        if other is not None:
+            text += f", {other.seconds / first.seconds:.3g} times faster than {_spelt(other)}"
+        return f"{text}; {self._where(first)}{self._limits(tolerance)}."
+
+    def _none_meets(self, tolerance: float) -> str:
+        run = min(self.runs, key=self.relative, default=None)
+        if run is None:
+            return "No run was possible; see what was left out."
+        return (
+            f"No run comes within {tolerance:g} of the largest displacement at {self.point}; the nearest is "
+            f"{_spelt(run)} with {self.relative(run):.1e} in {_said(run)}; "
+            f"{self._where(run)}{self._limits(tolerance)}."
+        )
+
+    def _where(self, run: Run) -> str:
+        """Say which part of the error is the largest."""
+        parts = {"steps in time": run.time.largest, "the mesh": run.space}
+        if np.isfinite(run.rounding):
+            parts["rounding"] = run.rounding
+        if max(run.total.largest, *parts.values()) <= self.reference.floor:
+            return "its error is not above that of the reference"
+        largest = max(parts, key=lambda name: parts[name])
+        return f"most of its error of {run.total.largest:.1e} m comes from {largest}"
+
+    def _limits(self, tolerance: float) -> str:
+        text = ""
+        if self.floor > tolerance:
+            text = f"; the reference itself is known to {self.floor:.1e} only"
+        if self.reference.horizon < self.t_end:
+            text += (
+                f"; the scene is chaotic, and beyond t = {self.reference.horizon:.4g} s pointwise values mean nothing"
+            )
+        return text
+
+
+def _spelt(run: Run) -> str:
+    mesh = f" on {run.setting.elements} elements" if run.setting.elements else ""
+    return f"{run.setting}{mesh}"
+
+
+def _said(run: Run) -> str:
+    return f"{run.seconds * 1e3:.3g} ms" if run.seconds < 1.0 else f"{run.seconds:.3g} s"

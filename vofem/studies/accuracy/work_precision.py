@@ -1,0 +1,204 @@
+"""Error against wall time, steps and counted work, over methods, steps, tolerances and meshes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from vofem._validate import choice, number
+from vofem.errors import ArgumentError
+from vofem.integrators import event_driven
+from vofem.integrators.critical_step import critical_step
+from vofem.scene import Scene
+from vofem.simulate import METHODS
+from vofem.studies.accuracy.bench import Bench, Effort, Progress, Source
+from vofem.studies.accuracy.study import Run, Setting, Study
+
+#: Steps in a run, where none are given.
+_STEPS = (200, 1000, 5000, 25000)
+
+#: Fractions of the critical step for central differences, where none are given.
+_FRACTIONS = (0.9, 0.45)
+
+
+def work_precision(
+    scene: Scene | Callable[[int], Scene],
+    t_end: float,
+    *,
+    methods: Iterable[str] | None = None,
+    dt: Iterable[float] | None = None,
+    tol: Iterable[float] = (),
+    elements: Iterable[int] | None = None,
+    point: Any = None,
+    samples: int = 1001,
+    repeats: int = 3,
+    cap: float = 10.0,
+    workers: int = 1,
+    progress: Progress | None = None,
+) -> Study:
+    """Measure what accuracy costs: run a scene in many ways, and compare each with a better run.
+
+    The reference is an event-driven run, exact in time, on four times the
+    elements of the finest mesh; where event_driven does not apply, steps of
+    energy_conserving on twice the elements, halved until the time is over and
+    checked by Richardson's rule. Its own error is estimated from a mesh of half
+    its elements and told as a floor. Errors are split: each run is compared
+    with the one on its own mesh that is exact in time (error of the steps),
+    that one with the reference (error of the mesh), and the run with the same
+    equations multiplied by 3 (rounding).
+
+    Parameters
+    ----------
+    scene : Scene or callable of the number of elements
+        A Scene is given other meshes by `vofem.studies.remesh.remeshed`.
+    t_end : float
+        In s.
+    methods : iterable of str, optional
+        All that can treat the scene where not given.
+    dt : iterable of float, optional
+        Steps in s of the methods that step; where not given, from 200 to 25 000
+        in the run, and for central_difference fractions of its critical step.
+    tol : iterable of float
+        Tolerances of energy_conserving.
+    elements : iterable of int, optional
+        Numbers of elements of all beams together; the scene's own and twice as
+        many where not given. Needed where `scene` is a callable.
+    point : point, optional
+        Whose displacement is compared; the first contact's, or where there is
+        none, the one that moves most.
+    samples : int
+        Uniform times at which runs are compared.
+    repeats : int
+        Runs of which the shortest time counts, after one that warms up.
+    cap : float
+        In s. A run that would take longer is left out, and the study says so.
+    workers : int
+        Processes for what is not timed (reference, exact runs). What is timed
+        runs alone, in this process. With more than one, scripts need the guard
+        ``if __name__ == "__main__":`` that `multiprocessing` asks for.
+    progress : callable, optional
+        Told (done, total, what).
+
+    Returns
+    -------
+    Study
+
+    Raises
+    ------
+    ArgumentError
+        For arguments out of range, a mesh that the scene cannot have, or methods none of which applies.
+
+    Notes
+    -----
+    Times are those of a simulation and of the point's history at `samples`
+    times; assembly is given beside them. A study of a chaotic scene compares
+    pointwise up to the horizon of its reference only.
+    """
+    t_end = number("work_precision: t_end", t_end, positive=True)
+    effort = effort_of("work_precision", repeats, cap, workers, progress)
+    given = None if elements is None else whole_numbers("work_precision: elements", elements)
+    source = Source(scene, given[0] if given else None)
+    bench = Bench(source, t_end, sample_count("work_precision", samples), point, effort)
+    meshes = given or own_and_twice(source)
+    chosen = applicable(source, methods)
+    steps = None if dt is None else [number("work_precision: dt", value, positive=True) for value in dt]
+    tolerances = [number("work_precision: tol", value, positive=True) for value in tol]
+    bench.prepare(meshes)
+    # From rough to fine, so that the time of the next is known before it starts.
+    series = [
+        part
+        for n in meshes
+        for method in chosen
+        for part in _series(source, method, n, t_end, steps, tolerances)
+    ]  # fmt: skip
+    total, done = sum(len(part) for part in series), 0
+    for part in series:
+        before: Run | None = None
+        for setting in part:
+            if effort.progress is not None:
+                effort.progress(done, total, f"{setting}, {setting.elements} elements")
+            expected = bench.guess(setting) if before is None else expected_seconds(before, setting)
+            before = bench.measure(setting, expected) or before
+            done += 1
+    if effort.progress is not None:
+        effort.progress(total, total, "")
+    return bench.study()
+
+
+def expected_seconds(before: Run, setting: Setting) -> float:
+    """Return how long a run will take by what a rougher one on the same mesh has taken."""
+    if setting.dt is not None and before.setting.dt is not None:
+        return before.seconds * before.setting.dt / setting.dt
+    if setting.tol is not None and before.setting.tol is not None:
+        # Second order: steps grow like one over the root of the tolerance, those with a switch inside faster.
+        return float(before.seconds * np.sqrt(before.setting.tol / setting.tol))
+    return 0.0
+
+
+def _series(
+    source: Source, method: str, elements: int, t_end: float, dt: Sequence[float] | None, tol: Sequence[float]
+) -> list[list[Setting]]:
+    """Return the settings of one method on one mesh, in series from rough to fine."""
+    if method == "event_driven":
+        return [[Setting(method, elements)]]
+    steps = list(dt) if dt is not None else default_steps(source, method, elements, t_end)
+    series = [[Setting(method, elements, dt=step) for step in sorted(steps, reverse=True)]]
+    if method == "energy_conserving" and tol:
+        series.append([Setting(method, elements, tol=value) for value in sorted(tol, reverse=True)])
+    return series
+
+
+def default_steps(source: Source, method: str, elements: int, t_end: float) -> list[float]:
+    """Return steps worth looking at, s."""
+    if method != "central_difference":
+        return [t_end / count for count in _STEPS]
+    limit = critical_step(source.scene(elements).model.system, None)
+    return [min(fraction * limit, t_end / count) for fraction, count in zip(_FRACTIONS, _STEPS[1:], strict=False)]
+
+
+def own_and_twice(source: Source) -> list[int]:
+    """Return the scene's own number of elements, and twice as many where it has any."""
+    return [source.own, 2 * source.own] if source.own else [0]
+
+
+def applicable(source: Source, methods: Iterable[str] | None) -> list[str]:
+    """Return the methods asked for, or those that can treat the scene."""
+    system = source.scene(source.own).model.system
+    refused = event_driven.refusal(system) is not None
+    if methods is None:
+        return [name for name in METHODS if not (refused and name == "event_driven")]
+    if isinstance(methods, str):
+        methods = [methods]
+    chosen = [choice("methods", name, METHODS) for name in methods]
+    if not chosen:
+        raise ArgumentError("methods is empty, expected at least one; leave it out for all that apply")
+    return list(dict.fromkeys(chosen))
+
+
+def effort_of(what: str, repeats: int, cap: float, workers: int, progress: Progress | None) -> Effort:
+    """Return how long a study may take, checked."""
+    return Effort(
+        _count(f"{what}: repeats", repeats), number(f"{what}: cap", cap, positive=True),
+        _count(f"{what}: workers", workers), progress,
+    )  # fmt: skip
+
+
+def _count(what: str, value: object, least: int = 1) -> int:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+        raise ArgumentError(f"{what} is {value!r}, expected a whole number of at least {least}")
+    return int(value)
+
+
+def sample_count(what: str, value: object) -> int:
+    """Return the number of times of comparison, at least 2."""
+    return _count(f"{what}: samples", value, 2)
+
+
+def whole_numbers(what: str, values: Iterable[int]) -> list[int]:
+    """Return positive whole numbers in order, each once."""
+    given = [values] if isinstance(values, (int, np.integer)) else list(values)
+    if not given:
+        raise ArgumentError(f"{what} is empty, expected numbers of elements; leave it out for a default")
+    return sorted({_count(what, n) for n in given})
