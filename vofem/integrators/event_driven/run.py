@@ -45,13 +45,6 @@ MOST_EVENTS = 1_000_000
 
 def refusal(system: System) -> str | None:
     """Return why this method cannot treat the system and what can, or None."""
-    for load in system.loads:
-        if not load.function.closed_form:
-            return (
-                f"{load.name} has no closed form, which event_driven needs. Ways out: write it with Sine, Ramp, "
-                "Pulse, Tabulated and their sums; approximate it, vf.Approximated(f, t_end, tolerance); or "
-                "choose method='energy_conserving'"
-            )
     if system.memory is not None:
         return (
             f"{system.memory.laws[0].label} remembers its past, and event_driven needs laws that are piecewise linear "
@@ -62,6 +55,13 @@ def refusal(system: System) -> str | None:
             f"{system.printed.label} follows Eq. 22, whose stiffness varies with the applied force. "
             "Use method='force_driven'"
         )
+    for load in system.loads:
+        if not load.function.closed_form:
+            return (
+                f"{load.name} has no closed form, which event_driven needs. Ways out: write it with Sine, Ramp, "
+                "Pulse, Tabulated and their sums; approximate it, vf.Approximated(f, t_end, tolerance); or "
+                "choose method='energy_conserving'"
+            )
     if system.nonlinear is not None:
         return (
             f"NonlinearSpring {system.nonlinear.laws[0].name!r} is not piecewise linear, which event_driven needs. "
