@@ -81,7 +81,7 @@ def _best(scene: vf.Scene, method: str) -> tuple[float, vf.Result]:
     best = np.inf
     for _ in range(2 if method == "central_difference" else 4):
         start = time.perf_counter()
-        result = vf.simulate(scene, T_END, method=method, dt=dt, times=times)
+        result = vf.simulate(scene, T_END, method=method, dt=dt, times=times, progress=False)
         best = min(best, time.perf_counter() - start)
     return best, result
 

@@ -239,7 +239,7 @@ class Bench:
 
 
 def _simulate(scene: Scene, t_end: float, setting: Setting, times: Array) -> Result:
-    return simulate(scene, t_end, method=setting.method, dt=setting.dt, tol=setting.tol, times=times)
+    return simulate(scene, t_end, method=setting.method, dt=setting.dt, tol=setting.tol, times=times, progress=False)
 
 
 def _with_orders(runs: list[Run]) -> Iterable[Run]:
@@ -268,7 +268,7 @@ def default_point(scene: Scene, t_end: float) -> Any:
         return scene.contacts[0].a
     from vofem.bodies.beam import Beam
 
-    result = simulate(scene, t_end, times=np.linspace(0.0, t_end, 101))
+    result = simulate(scene, t_end, times=np.linspace(0.0, t_end, 101), progress=False)
     points: list[tuple[float, Any]] = []
     for body in scene.bodies:
         if not isinstance(body, Beam):

@@ -96,7 +96,7 @@ def _event_driven(scene: Scene, question: Question) -> Result:
     options: dict[str, Any] = {}
     if scene.model.system.size > _MANY_UNKNOWNS:
         options["truncation"] = _TRUNCATION
-    return simulate(scene, question.t_end, method="event_driven", times=question.times, **options)
+    return simulate(scene, question.t_end, method="event_driven", times=question.times, progress=False, **options)
 
 
 def rounding(scene: Scene, question: Question, observed: Observed, horizon: float, run: Any) -> float:
@@ -145,5 +145,5 @@ def _by_steps(scene: Scene, question: Question) -> Exact:
 
 def _stepped(scene: Scene, question: Question, steps: int) -> Observed:
     dt = question.t_end / steps
-    result = simulate(scene, question.t_end, method="energy_conserving", dt=dt, times=question.times)
+    result = simulate(scene, question.t_end, method="energy_conserving", dt=dt, times=question.times, progress=False)
     return observe(result, question.point)
