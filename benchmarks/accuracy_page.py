@@ -1,4 +1,4 @@
-"""Write docs/accuracy.md and its figures anew: ``python benchmarks/accuracy_page.py``; it takes some eight minutes.
+"""Write docs/accuracy.md and its figures anew: ``python benchmarks/accuracy_page.py``; it takes some ten minutes.
 
 Everything on the page is measured by this script in one run on one machine.
 Peers that are not installed are left out by name; see `side_by_side`.
@@ -33,6 +33,8 @@ from vofem.studies.accuracy.timing import machine
 
 DOCS = Path(__file__).parent.parent / "docs"
 FIGURES = DOCS / "figures"
+#: Sections that are measured, until all are.
+STORE = DOCS.parent / "build" / "accuracy"
 T_END = 20.0
 MESHES = (25, 100, 400, 1000)
 STEPPING = ("energy_conserving", "generalized_alpha", "central_difference")
@@ -375,7 +377,7 @@ def peer_section() -> str:
             "with both inverses cached, Radau with the Jacobian of each status, DOP853 restarted at events; its step "
             "is "
             f"held by the highest frequency, so it has one cost. {says}",
-            "Seconds to reach an error, and times vofem's. ~ is extrapolated by the slope of the last two runs; "
+            "Seconds to reach an error, and times vofem's. ~ is extrapolated by the slope of the last four runs; "
             "rounding may stop a program before.",
             side_by_side.ratio_table(found),
             "![Error of the tip against wall time, all programs](figures/accuracy-peers.png)",
@@ -427,25 +429,27 @@ SECTIONS: dict[str, Callable[[], str]] = {
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only", nargs="+", choices=tuple(SECTIONS), help="print these sections instead of writing")
+    parser.add_argument("--only", nargs="+", choices=tuple(SECTIONS), help="measure these anew, and keep the others")
     arguments = parser.parse_args()
-    FIGURES.mkdir(parents=True, exist_ok=True)
-    if arguments.only:
-        for name in arguments.only:
-            print(SECTIONS[name](), end="\n\n")
+    for folder in (FIGURES, STORE):
+        folder.mkdir(parents=True, exist_ok=True)
+    # Each section is kept as soon as it is known: a study that is stopped loses one of them.
+    for name in arguments.only or SECTIONS:
+        (STORE / f"{name}.md").write_text(SECTIONS[name](), encoding="utf-8")
+    kept = [STORE / f"{name}.md" for name in SECTIONS]
+    missing = [path.stem for path in kept if not path.exists()]
+    if missing:
+        say(f"docs/accuracy.md stays as it is: not yet measured are {', '.join(missing)}")
         return
-    begin = time.perf_counter()
-    where = machine()
-    parts = [section() for section in SECTIONS.values()]
     head = "\n\n".join(
         [
             "# What accuracy costs in time",
             "Written by `make accuracy` (`python benchmarks/accuracy_page.py`); change that, not the page. For a scene "
             "of yours: `vofem accuracy SCENE.toml`, `vf.accuracy.work_precision` and `vf.accuracy.cheapest`.",
-            f"Measured on {where}; {(time.perf_counter() - begin) / 60:.0f} minutes for the page. Times vary with "
-            "the machine and its load, ratios less so.",
+            f"Measured on {machine()}. Times vary with the machine and its load, ratios less so.",
         ]
     )
+    parts = [path.read_text(encoding="utf-8") for path in kept]
     (DOCS / "accuracy.md").write_text("\n\n".join([head, *parts]) + "\n", encoding="utf-8")
     say("wrote docs/accuracy.md")
 

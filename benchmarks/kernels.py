@@ -49,6 +49,9 @@ SYSTEMS: tuple[tuple[str, Callable[[int], tuple[System, State]], float], ...] = 
 #: Seconds of work in the long run of a measurement.
 _WORK = 0.2
 
+#: Seconds that a step takes at least for every unknown, whatever a busy machine makes of the difference of two runs.
+_LEAST = 5e-9
+
 #: Steps of the short run.
 _SHORT = 20
 
@@ -98,7 +101,7 @@ def step_time(system: System, start: State, method: str, limit: float) -> float:
         run(2)
         base = min(run(_SHORT) for _ in range(3))
         # As many steps as make the work, by what some take.
-        rate = max((run(_SHORT + 30) - base) / 30, 1e-7)
+        rate = max((run(_SHORT + 30) - base) / 30, _LEAST * system.size)
         count = int(np.clip(_WORK / rate, 30, 100_000))
         long = min(run(_SHORT + count) for _ in range(2))
         base = min(base, run(_SHORT))

@@ -28,7 +28,7 @@ PEERS = (
 GOALS = (1e-3, 1e-6, 1e-9)
 
 #: Seconds after which a peer is given up.
-_LIMIT = 300.0
+_LIMIT = 600.0
 
 
 @dataclass
@@ -46,7 +46,7 @@ class Measured:
         """Return the seconds that an error takes, and whether they are extrapolated; NaN where it is out of reach.
 
         Between two runs they are interpolated in logarithms. Beyond the finest
-        they follow the slope of the last two.
+        they follow the slope of the last four.
         """
         if not self.errors:
             return float("nan"), False
@@ -60,7 +60,7 @@ class Measured:
             return float(np.exp(seconds[k - 1] + share * (seconds[k] - seconds[k - 1]))), False
         if len(errors) < 2 or not errors[-1] < errors[-2]:
             return float("nan"), False
-        slope = (seconds[-1] - seconds[-2]) / (errors[-1] - errors[-2])
+        slope = float(np.polyfit(errors[-4:], seconds[-4:], 1)[0])
         return float(np.exp(seconds[-1] + slope * (np.log(goal) - errors[-1]))), True
 
 
