@@ -269,6 +269,7 @@ def chaos_section() -> str:
         "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |",
     ]
     until = {}
+    vf.simulate(paper_beam("displacement", 1e4)(25), 5.0)
     for law in ("penetration", "displacement"):
         for stiffness in (1.0, 1e2, 1e4, 1e6):
             scene = paper_beam(law, stiffness)(25)
