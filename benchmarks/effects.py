@@ -31,12 +31,17 @@ ADDED: tuple[tuple[str, Callable[[], vf.Scene]], ...] = (
     ("one contact, displacement law", lambda: paper_beam("displacement")(ELEMENTS)),
     ("one contact with a resolved switch", lambda: paper_beam("penetration", switch=vf.Resolved(1e4))(ELEMENTS)),
     ("ten contacts", lambda: many_contacts(ELEMENTS, 10)),
+    ("a spring with memory", lambda: _bare_with(_remembers)),
     ("a one-sided foundation, 25 contacts", lambda: _bare_with(_lift_off)),
 )
 
 
 def _bare_with(extra: Callable[[vf.Beam], list[Any]]) -> vf.Scene:
     return paper_beam("penetration", extra=extra, contact=False)(ELEMENTS)
+
+
+def _remembers(beam: vf.Beam) -> list[Any]:
+    return [vf.HystereticSpring(beam.at(1.0), stiffness=1.0, linear_limit=0.01, memory="cyclic")]
 
 
 def _lift_off(beam: vf.Beam) -> list[Any]:
