@@ -12,8 +12,8 @@ import pytest
 
 import vofem as vf
 from vofem.cli import main
-from vofem.simulate import METHODS
 from vofem.verification import FAILED, PASSED, REFUSED, STOPPED, TOLD, Case, How, Quantity, catalogue, select, verify
+from vofem.verification.case import DYNAMIC
 from vofem.verification.report import junit, markdown, summary
 from vofem.verification.runner import judge
 
@@ -39,7 +39,7 @@ def test_every_hard_case_is_there_and_every_dynamic_method_has_its_word():
         assert case.source
         dynamic = set(case.how) - {"equilibrium", "modes"}
         # Cases of statics, of modes and of the order of steps are about these alone.
-        assert dynamic in (set(), set(METHODS)) or "order of steps" in case.name, case.name
+        assert dynamic in (set(), set(DYNAMIC)) or "order of steps" in case.name, case.name
 
 
 def test_event_driven_passes_all_but_what_it_says():

@@ -16,12 +16,12 @@ from vofem.statics import Equilibrium, equilibrium
 PASSED, TOLD, REFUSED, STOPPED, FAILED = "passed", "told", "refused", "stopped", "FAILED"
 
 # What follows the printed law of a single loaded mass has cases of its own among the tests of springs with memory.
-_GENERAL = tuple(method for method in METHODS if method != "force_driven")
+DYNAMIC = tuple(method for method in METHODS if method != "force_driven")
 
 #: All that can be verified: the methods of `simulate`, and `equilibrium` and `modes`.
-SUBJECTS = (*_GENERAL, "equilibrium", "modes")
+SUBJECTS = (*DYNAMIC, "equilibrium", "modes")
 
-EVENT_DRIVEN, CONSERVING, ALPHA, CENTRAL = _GENERAL
+EVENT_DRIVEN, CONSERVING, ALPHA, CENTRAL = DYNAMIC
 
 
 @dataclass(frozen=True)

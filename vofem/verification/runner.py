@@ -10,8 +10,7 @@ from fnmatch import fnmatchcase
 
 from vofem._validate import nearest, one_of
 from vofem.errors import ArgumentError, SingularSystemError, VofemError
-from vofem.simulate import METHODS
-from vofem.verification.case import FAILED, PASSED, REFUSED, STOPPED, SUBJECTS, TOLD, Case, How, Quantity, Run
+from vofem.verification.case import DYNAMIC, FAILED, PASSED, REFUSED, STOPPED, SUBJECTS, TOLD, Case, How, Quantity, Run
 
 
 @dataclass(frozen=True)
@@ -150,10 +149,10 @@ def _of_error(case: Case, method: str, how: How, verdict: str, message: str) -> 
     if not re.search(how.says, message):
         return FAILED, (), f"{verdict}, but the message says nothing of {how.says!r}: {message}"
     named = re.findall(r"method='(\w+)'", message)
-    able = {name for name in METHODS if name in case.how and case.how[name].expected in (PASSED, TOLD)}
+    able = {name for name in DYNAMIC if name in case.how and case.how[name].expected in (PASSED, TOLD)}
     if verdict == REFUSED and named and able and not able & set(named):
         return FAILED, (), f"refused, but no method that the message names passes: {message}"
-    if verdict == REFUSED and method in METHODS and able and not named:
+    if verdict == REFUSED and method in DYNAMIC and able and not named:
         return FAILED, (), f"refused, but the message names no method that passes: {message}"
     return verdict, (), message
 

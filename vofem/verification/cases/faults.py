@@ -9,7 +9,7 @@ import numpy as np
 from vofem.bodies import Mass
 from vofem.effects import Contact, PointLoad
 from vofem.scene import Scene
-from vofem.verification.case import METHODS, REFUSED, STOPPED, Case, How, Quantity, Run
+from vofem.verification.case import DYNAMIC, REFUSED, STOPPED, Case, How, Quantity, Run
 
 
 def cases() -> Iterator[Case]:
@@ -33,7 +33,7 @@ def _load(value: float) -> Case:
         run.simulate(_oscillator(0.0, function), 2.0)
         return {"none": 0.0}
 
-    how = {method: How(0.0, expected=STOPPED, says=r"load function .* at t = 1\.00") for method in METHODS[1:]}
+    how = {method: How(0.0, expected=STOPPED, says=r"load function .* at t = 1\.00") for method in DYNAMIC[1:]}
     how["event_driven"] = How(0.0, expected=REFUSED, says="no closed form")
     name = f"a load that turns {value} at 1 s"
     return Case(25, name, "a typed error", (Quantity("none", 0.0, False),), measure, how)
@@ -44,7 +44,7 @@ def _state() -> Case:
         run.simulate(_oscillator(np.nan, 0.1), 2.0)
         return {"none": 0.0}
 
-    how = {method: How(0.0, expected=REFUSED, says="initial velocity of Mass 'ball'") for method in METHODS}
+    how = {method: How(0.0, expected=REFUSED, says="initial velocity of Mass 'ball'") for method in DYNAMIC}
     return Case(
         25, "a start velocity that is not a number", "a typed error", (Quantity("none", 0.0, False),), measure, how
     )

@@ -9,7 +9,7 @@ import numpy as np
 from vofem.bodies import Mass
 from vofem.effects import Contact, PointLoad, Sine
 from vofem.scene import Scene
-from vofem.verification.case import METHODS, Case, How, Quantity, Run
+from vofem.verification.case import DYNAMIC, Case, How, Quantity, Run
 
 
 def cases() -> Iterator[Case]:
@@ -39,5 +39,5 @@ def _scaled(name: str, length: float, mass: float, time: float, exact: float, st
         return {"largest difference": float(np.max(np.abs(histories[1] - histories[0])) / size)}
 
     quantities = (Quantity("largest difference", 0.0, relative=False),)
-    how = {method: How(exact if method == "event_driven" else steps) for method in METHODS}
+    how = {method: How(exact if method == "event_driven" else steps) for method in DYNAMIC}
     return Case(24, f"units scaled {name}", "the scene in SI units", quantities, measure, how)
