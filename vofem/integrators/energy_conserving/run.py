@@ -1,7 +1,8 @@
 """The midpoint rule with a discrete gradient for every scalar law.
 
 Order 2 in dt for smooth systems and for contacts that act on the penetration;
-order 1 where a force jumps within a step. Stable for every dt and every
+where a force jumps within a step its work is exact and its moment is not: order
+2 on masses, 1 where the jump rings in a beam. Stable for every dt and every
 stiffness: no energy is made or lost, whatever the step, and with damping it
 falls by exactly what the dampers take. No numerical dissipation, so fast
 motion that the step does not resolve stays, with its frequency lowered to
