@@ -176,16 +176,17 @@ def spring_force(laws: ContactLaws, u: Array, rate: Array, status: NDArray[np.in
     return np.where(status == CLOSED, elastic + laws.damping[:, None] * rate, 0.0)
 
 
-def initial_status(laws: ContactLaws, u: Array, rate: Array, size: Array) -> NDArray[np.int64]:
+def initial_status(laws: ContactLaws, q: Array, v: Array) -> NDArray[np.int64]:
     """Return the status at t = 0: closed where ``s > 0``, or where ``s = 0`` and the contact moves in.
 
     Parameters
     ----------
-    u, rate : ndarray, shape (n_contacts,)
-        Contact coordinates and their rates.
-    size : ndarray, shape (n_contacts,)
-        Magnitude of the terms of which u is the sum; an s below its rounding is zero.
+    q, v : ndarray, shape (n,)
+        Displacements and velocities at t = 0.
     """
+    u, rate = np.asarray(laws.rows @ q), np.asarray(laws.rows @ v)
+    # An s below the rounding of the terms that u sums is zero.
+    size = np.asarray(abs(laws.rows) @ np.abs(q))
     s = u - laws.gap
     zero = np.abs(s) <= 4.0 * np.finfo(float).eps * (size + np.abs(laws.gap))
     return np.where((~zero & (s > 0)) | (zero & (rate > 0)), CLOSED, OPEN).astype(np.int64)

@@ -27,11 +27,11 @@ from vofem.errors import StepSizeError
 from vofem.integrators.base import Samples, initial_status
 from vofem.integrators.critical_step import critical_step
 from vofem.integrators.damping_matrix import damping_matrix
-from vofem.integrators.stepped import SteppedSolution, storage_times
+from vofem.integrators.stepped import SteppedSolution, step_count, storage_times
 from vofem.integrators.stepping.callbacks import Callbacks, call
 from vofem.integrators.stepping.energies import kinetic_energy
 from vofem.integrators.stepping.laws import MEMORY, SMOOTH, Laws, build_laws, loaded, place_in_memory, with_state
-from vofem.integrators.stepping.march import Banded, chunk, march, note_chatter, stored_energy
+from vofem.integrators.stepping.march import Banded, chunk, march, note_chatter, stored_energy, tally
 from vofem.integrators.stepping.memory import commit, memory_force
 from vofem.integrators.stepping.recall import remember
 from vofem.integrators.stepping.record import Output, Trail, leave, log_event, output, store, switched, trail
@@ -137,7 +137,7 @@ def run(
             f"closed (2/omega_max, omega_max = {2.0 / limit:.6g} rad/s); choose dt below it, or "
             "method='event_driven', which has no step, or method='energy_conserving', which is stable at any"
         )
-    steps = max(1, int(np.ceil(t_end / dt - 1e-9)))
+    steps = step_count(t_end, dt)
     stored = storage_times(times, t_end, dt, steps, system.size, notes)
     note_chatter(system, notes)
     kernel = _CentralDifference(system, start, dt, steps, counters)
@@ -184,8 +184,7 @@ class _CentralDifference:
         self.matrices = _Matrices(mass, stiffness, c, factored, *_dampers(system, factored, order))
         status = np.empty(0, dtype=np.int64)
         if system.contacts is not None:
-            rows = system.contacts.rows
-            status = initial_status(system.contacts, rows @ start.q, rows @ start.v, abs(rows) @ np.abs(start.q))
+            status = initial_status(system.contacts, start.q, start.v)
         every = all_rows(system)
         u = np.zeros(0) if every is None else np.asarray(every @ start.q)
         self.laws = loaded(self.laws, u, start.memory)
@@ -212,7 +211,7 @@ class _CentralDifference:
 
     def advance(self, out: Output, cursor: int) -> tuple[int, Array]:
         """Take some steps."""
-        counters, first = self.bands.counters, self.done
+        first = self.done
         count = min(chunk(self.state.q.size), self.steps + 1 - first)
         values = self.bands.load_values(np.arange(first, first + count, dtype=float) * self.dt)
         cursor, events = _advance(
@@ -221,13 +220,9 @@ class _CentralDifference:
         )  # fmt: skip
         if self.callbacks is not None:
             self.callbacks.complain(self.dt)
-            counters.law_evaluations = self.callbacks.calls
         self.done += count
-        counters.steps = min(self.done, self.steps)
-        counters.gap_evaluations = self.state.status.size * self.done
-        counters.memory_updates = self.laws.memory.kind.size * self.done
-        if self.bands.system.damped:
-            counters.damping_evaluations = self.done
+        # Forces are evaluated at both ends of the run.
+        tally(self.bands, self.laws, self.callbacks, min(self.done, self.steps), self.done)
         return cursor, events
 
     def _start_acceleration(self, start: State, status: IntArray) -> Array:

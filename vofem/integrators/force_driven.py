@@ -27,7 +27,7 @@ from vofem.errors import ConvergenceError, LimitLoadError, MethodError
 from vofem.integrators.applied_force import AppliedForce
 from vofem.integrators.base import Energies, Samples, SpringSamples
 from vofem.integrators.damping_matrix import damping_matrix
-from vofem.integrators.stepped import SteppedSolution
+from vofem.integrators.stepped import SteppedSolution, step_count
 from vofem.integrators.watching import Snapshot, Watch, deferred_interrupts
 from vofem.memory import PrintedLaw
 from vofem.system import Counters, Events, State, System
@@ -86,7 +86,7 @@ def run(
             "not hold; choose method='auto'"
         )
     if times is None:
-        steps = 1000 if dt is None else max(1, int(np.ceil(t_end / dt - 1e-9)))
+        steps = 1000 if dt is None else step_count(t_end, dt)
         times = np.minimum(np.arange(steps + 1) * (t_end / 1000 if dt is None else dt), t_end)
     return _Run(system, system.printed, start, times).solve(t_end, watch, resume)
 

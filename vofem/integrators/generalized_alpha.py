@@ -33,12 +33,12 @@ from vofem._validate import number
 from vofem.errors import ArgumentError, ConvergenceError
 from vofem.integrators.base import Samples, initial_status
 from vofem.integrators.damping_matrix import damping_matrix
-from vofem.integrators.stepped import SteppedSolution, storage_times
+from vofem.integrators.stepped import SteppedSolution, step_count, storage_times
 from vofem.integrators.stepping.callbacks import Callbacks
 from vofem.integrators.stepping.contact_solve import compliance, law, solve_reactions
 from vofem.integrators.stepping.energies import kinetic_energy
 from vofem.integrators.stepping.laws import Laws, build_laws, closed_share, loaded, with_state
-from vofem.integrators.stepping.march import Banded, chunk, march, note_chatter, stored_energy
+from vofem.integrators.stepping.march import Banded, chunk, march, note_chatter, stored_energy, tally
 from vofem.integrators.stepping.memory import commit_all
 from vofem.integrators.stepping.recall import remember
 from vofem.integrators.stepping.record import Output, Trail, leave, log_event, output, store, switched, trail
@@ -164,7 +164,7 @@ def run(
     if dt is None:
         dt = t_end / _STEPS
         notes.append(f"step: dt = {dt:.6g} s was chosen, a thousandth of the run")
-    steps = max(1, int(np.ceil(t_end / dt - 1e-9)))
+    steps = step_count(t_end, dt)
     stored = storage_times(times, t_end, dt, steps, system.size, notes)
     note_chatter(system, notes)
     kernel = _GeneralizedAlpha(system, start, dt, steps, chosen, counters)
@@ -210,9 +210,7 @@ class _GeneralizedAlpha:
             u, rate = np.asarray(rows @ start.q), np.asarray(rows @ start.v)
         self.laws = loaded(self.laws, u, start.memory)
         if system.contacts is not None:
-            size = np.asarray(abs(system.contacts.rows) @ np.abs(start.q))
-            count = len(system.contacts)
-            status = initial_status(system.contacts, u[:count], rate[:count], size)
+            status = initial_status(system.contacts, start.q, start.v)
         reaction = np.array([law(self.laws, j, u[j], u[j], False, 0.0, 0.0)[0] for j in range(m)])
         dampers = _start_dampers(self.laws, u, rate)
         force = system.force(0.0) - system.stiffness @ start.q
@@ -244,7 +242,7 @@ class _GeneralizedAlpha:
 
     def advance(self, out: Output, cursor: int) -> tuple[int, Array]:
         """Take some steps."""
-        counters, first = self.bands.counters, self.done
+        first = self.done
         count = min(chunk(self.state.q.size), self.steps - first)
         if first == 0:
             cursor = store(out, 0, 0.0, self.dt, True, self.trail, self.state.q, self.state.v, self.state.a)
@@ -257,19 +255,14 @@ class _GeneralizedAlpha:
         )  # fmt: skip
         if self.callbacks is not None:
             self.callbacks.complain(self.dt)
-            counters.law_evaluations = self.callbacks.calls
         if failed >= 0:
             raise ConvergenceError(
                 f"generalized_alpha found no solution of the step from t = {failed * self.dt:g} s at dt = "
                 f"{self.dt:g} s; a nonlinear spring that softens may leave none, or the state has blown up: reduce dt"
             )
         self.done += count
-        counters.steps = self.done
-        counters.contact_solves += solves
-        counters.gap_evaluations = self.state.status.size * counters.steps
-        counters.memory_updates = self.laws.memory.kind.size * counters.steps
-        if self.matrices.damping.size:
-            counters.damping_evaluations = counters.steps
+        tally(self.bands, self.laws, self.callbacks, self.done, self.done)
+        self.bands.counters.contact_solves += solves
         return cursor, events
 
 
@@ -299,6 +292,8 @@ def _advance(
     weight = ahead / (dt * (1.0 - af))
     events = np.empty((16 if contacts else 0, 3))
     happened, solves = 0, 0
+    # Reactions at the end act with weight 1 - af in the balance.
+    answer = (1.0 - af) * matrices.compliance
     for j in range(m):
         u0[j] = dot(rows, j, q)
     for step in range(first, first + count):
@@ -332,8 +327,7 @@ def _advance(
                 guess[j] = state.reaction[j]
                 # What the last step's damper takes from the extrapolation.
                 drag[j] = (ahead - 1.0) * state.damper[j] / (1.0 - af)
-            # Reactions at the end act with weight 1 - af in the balance.
-            found = solve_reactions(laws, (1.0 - af) * matrices.compliance, free, u0, False, weight, drag, guess, u1)
+            found = solve_reactions(laws, answer, free, u0, False, weight, drag, guess, u1)
             if found < 0:
                 return cursor, events[:happened], solves, step
             if found > 0:

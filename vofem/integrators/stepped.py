@@ -149,6 +149,11 @@ def _interpolate_all(
                 )
 
 
+def step_count(t_end: float, dt: float) -> int:
+    """Return the number of steps of size dt in s of which the last one ends at t_end, but for rounding, or beyond."""
+    return max(1, int(np.ceil(t_end / dt - 1e-9)))
+
+
 def storage_times(times: Array | None, t_end: float, dt: float, steps: int, size: int, notes: list[str]) -> Array:
     """Return the times to store: those asked for, or every step, thinned where memory would run out.
 

@@ -82,8 +82,7 @@ def sparse_null_space(matrix: Any, magnitude: Any) -> Array:
         if len(rest) == len(rows):
             break
         rows = rest
-    roots = np.flatnonzero(chains.factor[chains.parent == np.arange(columns)] != 0.0)
-    roots = np.arange(columns)[chains.parent == np.arange(columns)][roots]
+    roots = np.flatnonzero((chains.parent == np.arange(columns)) & (chains.factor != 0.0))
     place = {int(root): k for k, root in enumerate(roots)}
     dense, terms = np.zeros((2, len(rows), roots.size))
     for k, row in enumerate(rows):

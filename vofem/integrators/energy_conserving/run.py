@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from vofem.errors import ArgumentError
 from vofem.integrators.energy_conserving.adaptive import AdaptiveSteps
 from vofem.integrators.energy_conserving.fixed import FixedSteps
-from vofem.integrators.stepped import SteppedSolution, storage_times
+from vofem.integrators.stepped import SteppedSolution, step_count, storage_times
 from vofem.integrators.stepping.march import march, note_chatter, stored_energy
 from vofem.integrators.stepping.record import Output, output
 from vofem.integrators.watching import Snapshot, Watch
@@ -95,7 +95,7 @@ def run(
             notes.append(
                 f"step: dt = {step:.6g} s was chosen, a thousandth of the run; any dt is stable, tol= chooses by error"
             )
-        steps = max(1, int(np.ceil(t_end / step - 1e-9)))
+        steps = step_count(t_end, step)
         stored = storage_times(times, t_end, step, steps, system.size, notes)
         kernel = FixedSteps(system, start, counters)
         kernel.plan(step, steps)

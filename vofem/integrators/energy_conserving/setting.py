@@ -12,7 +12,7 @@ from vofem.integrators.stepping.callbacks import Callbacks
 from vofem.integrators.stepping.contact_solve import compliance
 from vofem.integrators.stepping.energies import kinetic_energy
 from vofem.integrators.stepping.laws import build_laws, loaded
-from vofem.integrators.stepping.march import Banded
+from vofem.integrators.stepping.march import Banded, tally
 from vofem.integrators.stepping.record import leave, trail
 from vofem.integrators.stepping.rows import all_rows, compressed
 from vofem.linalg.banded import factor, to_band, widen
@@ -37,8 +37,7 @@ class Setting:
         self.matrices = Matrices(to_band(system.mass, order), to_band(system.stiffness, order), c)
         status = np.empty(0, dtype=np.int64)
         if system.contacts is not None:
-            of = system.contacts.rows
-            status = initial_status(system.contacts, of @ start.q, of @ start.v, abs(of) @ np.abs(start.q))
+            status = initial_status(system.contacts, start.q, start.v)
         m = self.laws.kind.size
         u = np.zeros(0) if rows is None else np.asarray(rows @ start.q)
         q, v = start.q[order].copy(), start.v[order].copy()
@@ -71,12 +70,5 @@ class Setting:
 
     def count(self, steps: int, solves: int) -> None:
         """Enter into the counters: steps in all, and contact solves that were added."""
-        counters = self.bands.counters
-        counters.steps = steps
-        counters.contact_solves += solves
-        counters.gap_evaluations = self.state.status.size * steps
-        if self.callbacks is not None:
-            counters.law_evaluations = self.callbacks.calls
-        counters.memory_updates = self.laws.memory.kind.size * steps
-        if self.matrices.damping.size:
-            counters.damping_evaluations = steps
+        tally(self.bands, self.laws, self.callbacks, steps, steps)
+        self.bands.counters.contact_solves += solves

@@ -134,9 +134,7 @@ class EventSolution:
         """Return and keep the contact status at t = 0; a start at rest at the gap may be pinned."""
         laws = self.system.contacts
         if laws is not None:
-            self._initial = initial_status(
-                laws, laws.rows @ start.q, laws.rows @ start.v, abs(laws.rows) @ np.abs(start.q)
-            )
+            self._initial = initial_status(laws, start.q, start.v)
             self.counters.gap_evaluations += len(laws)
             size = np.abs(laws.gap) + abs(laws.rows) @ np.abs(start.q)
             touching = np.abs(laws.rows @ start.q - laws.gap) <= 1e-12 * size

@@ -11,6 +11,7 @@ from vofem.errors import InstabilityError
 from vofem.integrators.base import Energies, Samples, SpringSamples
 from vofem.integrators.rounding import static_loss
 from vofem.integrators.stepped import SteppedSolution
+from vofem.integrators.stepping.callbacks import Callbacks
 from vofem.integrators.stepping.energies import contact_energy, kinetic_energy, strain_energy
 from vofem.integrators.stepping.laws import Laws
 from vofem.integrators.stepping.recall import memory_energy
@@ -50,6 +51,18 @@ class Banded:
         """Return the loads' functions at times t, shape (n_loads, n_times)."""
         self.counters.load_evaluations += t.size * len(self.system.loads)
         return np.array([load.function(t) for load in self.system.loads]).reshape(-1, t.size)
+
+
+def tally(bands: Banded, laws: Laws, callbacks: Callbacks | None, steps: int, evaluations: int) -> None:
+    """Enter into the counters the steps taken so far, and how often laws and dampers were evaluated."""
+    system, counters = bands.system, bands.counters
+    counters.steps = steps
+    counters.gap_evaluations = (0 if system.contacts is None else len(system.contacts)) * evaluations
+    counters.memory_updates = laws.memory.kind.size * evaluations
+    if callbacks is not None:
+        counters.law_evaluations = callbacks.calls
+    if system.damped:
+        counters.damping_evaluations = evaluations
 
 
 class Kernel(Protocol):
