@@ -28,6 +28,7 @@ LAYERS = [
     "scene",
     "integrators",
     "reactions",
+    "histories",
     "result",
     "progress",
     "statics",

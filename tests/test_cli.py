@@ -14,7 +14,7 @@ from scenes import reference
 import vofem as vf
 from vofem import cli
 from vofem.io import doctor, probe, tables
-from vofem.io.csv_file import point_name, write_csv
+from vofem.io.csv_file import write_csv
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = ROOT / "examples"
@@ -298,7 +298,7 @@ def test_energy_table():
 
 def test_csv_names(tmp_path):
     beam = vf.Beam(1.0, 1.0, 1.0, 2, {"left": "clamped"}, name="b")
-    assert point_name(beam.at(0.3)) == "b@0.3"
+    assert beam.at(0.3).name == "b@0.3"
     result = vf.simulate(vf.Scene([beam], [vf.PointLoad(beam.at(1.0), 1.0)]), 1.0)
     path = write_csv(result, {"tip": beam.at(1.0)}, tmp_path / "x.csv")
     assert np.array_equal(columns(path)["tip displacement [m]"], result.displacement(beam.at(1.0)))

@@ -239,15 +239,16 @@ def _changes(arguments: argparse.Namespace, file: SceneFile) -> dict[str, Any]:
 
 
 def _write(result: Result, output: OutputSettings, folder: Path, *, pictures: bool) -> list[Path]:
-    from vofem.io.csv_file import write_csv
+    from vofem.io.csv_file import write_csv, write_probes
     from vofem.io.run_pictures import history_points
 
     written = [write_csv(result, history_points(result.scene, output), folder / "histories.csv")]
+    if result.recorded is not None:
+        written.append(write_probes(result, folder / "probes.csv"))
     return written + _draw(result, output, folder) if pictures else written
 
 
 def _draw(result: Result, output: OutputSettings, folder: Path) -> list[Path]:
-    from vofem.io.csv_file import point_name
     from vofem.io.plot import time_history
     from vofem.io.render import render
     from vofem.io.run_pictures import history_points, picture_times
@@ -258,7 +259,7 @@ def _draw(result: Result, output: OutputSettings, folder: Path) -> list[Path]:
         name = "history.png" if len(points) == 1 else f"history-{k + 1}.png"
         written.append(time_history(result, point, folder / name))
         if len(points) > 1:
-            print(f"{name}: {point_name(point)}")
+            print(f"{name}: {point.name}")
     message = ""
     times = picture_times(result, output)
     for k, t in enumerate(times):

@@ -1,14 +1,20 @@
-"""Finding a body, a beam or a point's row by name: outcomes know their bodies by name."""
+"""Finding a body, a beam, or rows of points by name: outcomes know their bodies by name."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from vofem._validate import nearest
+from vofem.assembly import Model
 from vofem.bodies.base import Body, Row
 from vofem.bodies.beam import Beam
 from vofem.errors import ArgumentError
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
 
 
 def body_named(bodies: Iterable[Body], body: Any, cure: str = "") -> Body:
@@ -49,3 +55,15 @@ def row_of(bodies: Iterable[Body], point: Any) -> tuple[Body, Row]:
         raise ArgumentError(f"expected a point, beam.at(x) or a Mass, found {point!r}")
     body = body_named(bodies, point.body)
     return body, body.at(point.x).row() if isinstance(body, Beam) else point.row()
+
+
+def rows_over(model: Model, bodies: Iterable[Body], points: Iterable[Any]) -> csr_matrix:
+    """Return the rows of points over a model's free degrees of freedom, shape (n_points, n)."""
+    from scipy.sparse import csr_matrix
+
+    bodies = tuple(bodies)
+    found = [row_of(bodies, point) for point in points]
+    indices = np.concatenate([row.indices + model.offsets[body] for body, row in found])
+    ends = np.cumsum([0, *(row.indices.size for _, row in found)])
+    weights = np.concatenate([row.weights for _, row in found])
+    return csr_matrix((weights, indices, ends), shape=(len(found), model.size))[:, model.free]

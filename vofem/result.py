@@ -17,7 +17,8 @@ from vofem.bodies.base import Body
 from vofem.bodies.beam import Beam
 from vofem.errors import ArgumentError
 from vofem.fractional.orders import exponential_order
-from vofem.integrators.base import ContactSamples, Sampled, Solution, SpringSamples
+from vofem.histories import ProbeHistory
+from vofem.integrators.base import ContactSamples, ProbeSamples, Sampled, Solution, SpringSamples
 from vofem.lookup import body_named, row_of, the_beam
 from vofem.memory import past_of
 from vofem.scene import Scene
@@ -250,12 +251,15 @@ class Result:
         Work done by the run.
     notes : list of str
         What a user should know.
+    recorded : ProbeSamples, optional
+        What ``probes=`` of `vofem.simulate` asked for.
     """
 
-    def __init__(self, scene: Scene, method: str, solution: Solution) -> None:
+    def __init__(self, scene: Scene, method: str, solution: Solution, recorded: ProbeSamples | None = None) -> None:
         self.scene = scene
         self.method = method
         self.solution = solution
+        self.recorded = recorded
         self.model: Model = scene.model
         self.times: Array = solution.times
 
@@ -399,6 +403,14 @@ class Result:
         """Histories of springs with memory by name; empty where the scene has none."""
         names = [law.name for law in self.model.system.springs]
         return Named({name: SpringHistory(self, j) for j, name in enumerate(names)}, "spring with memory")
+
+    @cached_property
+    def probes(self) -> Named[ProbeHistory]:
+        """Points of ``simulate(..., probes=)`` by name or as points; empty where none were asked for."""
+        record = self.recorded
+        parts = () if record is None else zip(record.names, record.q, record.v, record.a, strict=True)
+        histories = [ProbeHistory(name, record.times, *motion) for name, *motion in parts] if record else []
+        return Named({history.name: history for history in histories}, "probe")
 
     def reaction(self, body: Any, where: Any, t: ArrayLike | None = None) -> Reaction:
         """Return what a support does to a body at `times`, or at times t.

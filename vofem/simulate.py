@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
@@ -12,7 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import array, nearest, number, one_of
+from vofem.bodies.base import as_point
 from vofem.errors import ArgumentError
+from vofem.integrators.base import ProbeRows, ProbeSamples, Solution
+from vofem.lookup import rows_over
 from vofem.progress import Progress, Watcher
 from vofem.result import Result
 from vofem.scene import Scene, as_scene
@@ -32,6 +35,10 @@ _OPTIONS: dict[str, tuple[str, ...]] = {
 }
 
 
+#: Methods that take steps, and record points at each of them.
+_STEPPING = ("energy_conserving", "generalized_alpha", "central_difference")
+
+
 def option_names(method: str = "auto") -> tuple[str, ...]:
     """Return the names of the options that a method takes, or some method for "auto"."""
     return _OPTIONS[method] if method in _OPTIONS else tuple(sorted({n for names in _OPTIONS.values() for n in names}))
@@ -46,6 +53,7 @@ def simulate(
     tol: float | None = None,
     times: ArrayLike | None = None,
     progress: Progress = None,
+    probes: Mapping[str, Any] | Iterable[Any] | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
     checkpoint_every: float = 60.0,
     **options: Any,
@@ -75,6 +83,9 @@ def simulate(
         A bar on the standard error stream: True always, False never, None
         (the default) where that is a terminal and the run takes longer than a
         second. A function is called with the time reached and t_end, in s.
+    probes : points, or dict of str to point, optional
+        Their motion is recorded at every step, however few `times` there are:
+        `Result.probes`. Methods without steps record it at `times`.
     checkpoint : path, optional
         File, ending in .checkpoint, to which the run is saved at intervals;
         `vofem.resume` goes on from it. Runs in Ritz vectors, which take
@@ -140,7 +151,7 @@ def simulate(
             )
         options["tol"] = number("simulate: tol", tol, positive=True)
     step = None if dt is None else number("simulate: dt", dt, positive=True)
-    plan = Plan(chosen, t_end, wanted, step, options)
+    plan = Plan(chosen, t_end, wanted, step, options, None if probes is None else _probe_rows(scene, probes))
     every = number("simulate: checkpoint_every", checkpoint_every, minimum=0)
     save = None
     if checkpoint is not None:
@@ -163,6 +174,7 @@ class Plan:
     dt : float, optional
         In s.
     options : dict
+    probes : ProbeRows, optional
     """
 
     method: str
@@ -170,6 +182,7 @@ class Plan:
     times: Array | None
     dt: float | None
     options: dict[str, Any]
+    probes: ProbeRows | None
 
 
 def run_plan(
@@ -185,13 +198,39 @@ def run_plan(
 
     integrator = import_module(f"vofem.integrators.{plan.method}")
     arguments = plan.options if plan.method == "event_driven" else {"dt": plan.dt, **plan.options}
+    if plan.method in _STEPPING:
+        arguments = {**arguments, "probes": plan.probes}
     with Watcher(plan.t_end, progress, save, every) as watcher:
         solution = integrator.run(
             scene.model.system, scene.initial_state(), plan.t_end, plan.times,
             watch=None if watcher.idle else watcher, resume=snapshot, **arguments,
         )  # fmt: skip
     solution.notes.extend(unresolved_contacts(scene.model.system))
-    return Result(scene, plan.method, solution)
+    return Result(scene, plan.method, solution, _recorded(plan.probes, solution))
+
+
+def _recorded(probes: ProbeRows | None, solution: Solution) -> ProbeSamples | None:
+    """Return what a run has recorded at points; without steps, their motion at its times."""
+    if probes is None:
+        return None
+    record: ProbeSamples | None = getattr(solution, "probes", None)
+    if record is None:
+        samples = solution.sample(solution.times)
+        motion = (np.asarray(samples.along(probes.rows, kind)) for kind in "qva")
+        record = ProbeSamples(probes.names, solution.times, *motion)
+    return record
+
+
+def _probe_rows(scene: Scene, probes: Mapping[str, Any] | Iterable[Any]) -> ProbeRows | None:
+    """Return names and rows of points to be recorded, or None where there are none."""
+    if not isinstance(probes, Mapping):
+        if not hasattr(probes, "row") and not isinstance(probes, Iterable):
+            raise ArgumentError(f"simulate: probes is {probes!r}, expected points, or a dict of names and points")
+        points = [probes] if hasattr(probes, "row") else list(probes)
+        named = {as_point("simulate: a point of probes", point).name: point for point in points}
+    else:
+        named = {name: as_point(f"simulate: probes[{name!r}]", point) for name, point in probes.items()}
+    return ProbeRows(tuple(named), rows_over(scene.model, scene.bodies, named.values())) if named else None
 
 
 def _times(times: ArrayLike, t_end: float) -> Array:

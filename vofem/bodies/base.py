@@ -95,6 +95,10 @@ class Point(Protocol):
     """A place where a body can be touched."""
 
     @property
+    def name(self) -> str:
+        """A name, such as ``beam@1.0``."""
+
+    @property
     def body(self) -> Body:
         """The body that the point lies on."""
 

@@ -325,6 +325,11 @@ class BeamPoint:
         self.body = body
         self.x = x
 
+    @property
+    def name(self) -> str:
+        """Beam and place as scene files name them, such as ``beam@1.0``."""
+        return f"{self.body.name}@{float(self.x)!r}"
+
     def row(self) -> Row:
         """Return the row of eta: one entry at a node, four between nodes."""
         return self.body.row_at(self.x)

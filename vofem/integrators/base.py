@@ -15,12 +15,15 @@ An integrator is a function ``run(system, start, t_end, ...) -> Solution``:
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.system import CLOSED, OPEN, PINNED, ContactLaws, Counters, Events
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
 
 Array = NDArray[np.float64]
 
@@ -123,6 +126,32 @@ class SpringSamples:
     past: Array
 
 
+@dataclass(frozen=True)
+class ProbeRows:
+    """Points to be recorded at every step.
+
+    Attributes
+    ----------
+    names : tuple of str
+    rows : csr_matrix, shape (n_points, n)
+        Over the free degrees of freedom.
+    """
+
+    names: tuple[str, ...]
+    rows: csr_matrix
+
+
+@dataclass(frozen=True)
+class ProbeSamples:
+    """Displacement, velocity and acceleration of points at times of their own, each (n_points, n_times)."""
+
+    names: tuple[str, ...]
+    times: Array
+    q: Array
+    v: Array
+    a: Array
+
+
 class Solution(Protocol):
     """What a run leaves behind."""
 
@@ -198,6 +227,8 @@ __all__ = [
     "PINNED",
     "ContactSamples",
     "Energies",
+    "ProbeRows",
+    "ProbeSamples",
     "Sampled",
     "Samples",
     "Solution",

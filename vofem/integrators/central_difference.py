@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import StepSizeError
-from vofem.integrators.base import Samples, initial_status
+from vofem.integrators.base import ProbeRows, Samples, initial_status
 from vofem.integrators.critical_step import critical_step
 from vofem.integrators.damping_matrix import damping_matrix
 from vofem.integrators.stepped import SteppedSolution, step_count, storage_times
@@ -33,6 +33,7 @@ from vofem.integrators.stepping.energies import kinetic_energy
 from vofem.integrators.stepping.laws import MEMORY, SMOOTH, Laws, build_laws, loaded, place_in_memory, with_state
 from vofem.integrators.stepping.march import Banded, chunk, march, note_chatter, stored_energy, tally
 from vofem.integrators.stepping.memory import commit, memory_force
+from vofem.integrators.stepping.probes import tap
 from vofem.integrators.stepping.recall import remember
 from vofem.integrators.stepping.record import Output, Trail, leave, log_event, output, store, switched, trail
 from vofem.integrators.stepping.rows import Rows, all_rows, compressed, dot, subtract_row
@@ -86,6 +87,7 @@ def run(
     dt: float | None = None,
     watch: Watch | None = None,
     resume: Snapshot | None = None,
+    probes: ProbeRows | None = None,
 ) -> SteppedSolution:
     """Simulate from the start state at t = 0 to t_end.
 
@@ -103,6 +105,8 @@ def run(
         Told the time reached.
     resume : dict, optional
         A snapshot of the same run, from which to go on.
+    probes : ProbeRows, optional
+        Points to be recorded at every step.
 
     Raises
     ------
@@ -143,10 +147,13 @@ def run(
     kernel = _CentralDifference(system, start, dt, steps, counters)
     initial, acceleration = kernel.state.status.copy(), kernel.start_acceleration
     first = stored_energy(system, start.q, start.v) - 0.125 * dt**2 * float(acceleration @ (system.mass @ acceleration))
-    out = output(stored, system.size, kernel.laws.memory.kind.size, kernel.laws.state.size)
+    out = output(
+        stored, system.size, tap(probes, kernel.bands.order), kernel.laws.memory.kind.size, kernel.laws.state.size
+    )
     return march(
         kernel, "central_difference", start, initial, t_end, dt, out, notes,
         first_energy=first, blow_up=_BLOW_UP, watch=watch, resume=resume,
+        probes=probes,
     )  # fmt: skip
 
 

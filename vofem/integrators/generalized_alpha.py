@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from vofem._validate import number
 from vofem.errors import ArgumentError, ConvergenceError
-from vofem.integrators.base import Samples, initial_status
+from vofem.integrators.base import ProbeRows, Samples, initial_status
 from vofem.integrators.damping_matrix import damping_matrix
 from vofem.integrators.stepped import SteppedSolution, step_count, storage_times
 from vofem.integrators.stepping.callbacks import Callbacks
@@ -40,6 +40,7 @@ from vofem.integrators.stepping.energies import kinetic_energy
 from vofem.integrators.stepping.laws import Laws, build_laws, closed_share, loaded, with_state
 from vofem.integrators.stepping.march import Banded, chunk, march, note_chatter, stored_energy, tally
 from vofem.integrators.stepping.memory import commit_all
+from vofem.integrators.stepping.probes import tap
 from vofem.integrators.stepping.recall import remember
 from vofem.integrators.stepping.record import Output, Trail, leave, log_event, output, store, switched, trail
 from vofem.integrators.stepping.rows import Rows, all_rows, compressed, dot, subtract_row
@@ -131,6 +132,7 @@ def run(
     dt: float | None = None,
     watch: Watch | None = None,
     resume: Snapshot | None = None,
+    probes: ProbeRows | None = None,
     **options: float,
 ) -> SteppedSolution:
     """Simulate from the start state at t = 0 to t_end.
@@ -149,6 +151,8 @@ def run(
         Told the time reached.
     resume : dict, optional
         A snapshot of the same run, from which to go on.
+    probes : ProbeRows, optional
+        Points to be recorded at every step.
     **options
         As `parameters` takes them.
 
@@ -168,10 +172,13 @@ def run(
     stored = storage_times(times, t_end, dt, steps, system.size, notes)
     note_chatter(system, notes)
     kernel = _GeneralizedAlpha(system, start, dt, steps, chosen, counters)
-    out = output(stored, system.size, kernel.laws.memory.kind.size, kernel.laws.state.size)
+    out = output(
+        stored, system.size, tap(probes, kernel.bands.order), kernel.laws.memory.kind.size, kernel.laws.state.size
+    )
     return march(
         kernel, "generalized_alpha", start, kernel.state.status.copy(), t_end, dt, out, notes,
         first_energy=stored_energy(system, start.q, start.v), blow_up=_BLOW_UP, watch=watch, resume=resume,
+        probes=probes,
     )  # fmt: skip
 
 

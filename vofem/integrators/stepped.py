@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import ArgumentError
-from vofem.integrators.base import ContactSamples, Energies, Samples, SpringSamples
+from vofem.integrators.base import ContactSamples, Energies, ProbeSamples, Samples, SpringSamples
 from vofem.integrators.switch import contact_stiffness
 from vofem.linalg.jit import jit
 from vofem.system import CLOSED, OPEN, Counters, Events, System
@@ -34,6 +34,8 @@ class SteppedSolution:
         Step size, s.
     springs : SpringSamples, optional
         Springs with memory at the stored times.
+    probes : ProbeSamples, optional
+        Points that were recorded at every step.
     """
 
     system: System
@@ -47,6 +49,7 @@ class SteppedSolution:
     counters: Counters
     notes: list[str]
     springs: SpringSamples | None = None
+    probes: ProbeSamples | None = None
 
     def _place(self, times: Array) -> tuple[NDArray[np.int64], Array]:
         """Return the stored interval of every time and the fraction of it."""
@@ -175,7 +178,7 @@ def storage_times(times: Array | None, t_end: float, dt: float, steps: int, size
     if stride > 1:
         notes.append(
             f"storage: every step would take more than {limit // 2**20} MiB, so every {stride}th of {steps} "
-            "steps is kept; name the times you need in times="
+            "steps is kept; name the times you need in times=, or points to be recorded at every step in probes="
         )
     kept = np.arange(0, steps + 1, stride)
     if kept[-1] != steps:

@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from vofem.bodies.base import as_point
+from vofem.errors import ArgumentError
 from vofem.io.files import replacing, target
 from vofem.result import Result
 
@@ -35,7 +37,10 @@ def write_csv(result: Result, points: Mapping[str, Any] | Iterable[Any], path: s
         If the file cannot be written.
     """
     goal = target(path, (".csv",))
-    named = points if isinstance(points, Mapping) else {point_name(point): point for point in points}
+    if isinstance(points, Mapping):
+        named = {name: as_point(f"write_csv: {name}", point) for name, point in points.items()}
+    else:
+        named = {found.name: found for found in (as_point("write_csv: a point", point) for point in points)}
     columns: dict[str, Any] = {"t [s]": result.times}
     for name, point in named.items():
         columns[f"{name} displacement [m]"] = result.displacement(point)
@@ -43,14 +48,44 @@ def write_csv(result: Result, points: Mapping[str, Any] | Iterable[Any], path: s
     for name, history in result.contacts.items():
         columns[f"{name} force [N]"] = history.force
         columns[f"{name} stiffness [N/m]"] = history.stiffness
+    return _write(columns, goal)
+
+
+def write_probes(result: Result, path: str | os.PathLike[str]) -> Path:
+    """Write displacement, velocity and acceleration of the points that were recorded at every step.
+
+    Parameters
+    ----------
+    result : Result
+    path : path of a .csv
+
+    Returns
+    -------
+    Path
+        `path`.
+
+    Raises
+    ------
+    ArgumentError
+        If nothing was recorded.
+    OutputError
+        If the file cannot be written.
+    """
+    goal = target(path, (".csv",))
+    if result.recorded is None:
+        raise ArgumentError("this run has recorded no points; name them in probes= when simulating")
+    columns: dict[str, Any] = {"t [s]": result.recorded.times}
+    for name, history in result.probes.items():
+        columns[f"{name} displacement [m]"] = history.displacement
+        columns[f"{name} velocity [m/s]"] = history.velocity
+        columns[f"{name} acceleration [m/s^2]"] = history.acceleration
+    return _write(columns, goal)
+
+
+def _write(columns: dict[str, Any], goal: Path) -> Path:
     rows = np.stack(list(columns.values()), axis=1)
     with replacing(goal) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
         writer.writerows([repr(value) for value in row] for row in rows.tolist())
     return goal
-
-
-def point_name(point: Any) -> str:
-    """Return a point as scene files name it: ``beam@1.0``, or the name of a mass."""
-    return f"{point.body.name}@{float(point.x)!r}" if hasattr(point, "x") else str(point.body.name)

@@ -26,10 +26,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import ArgumentError
+from vofem.integrators.base import ProbeRows
 from vofem.integrators.energy_conserving.adaptive import AdaptiveSteps
 from vofem.integrators.energy_conserving.fixed import FixedSteps
 from vofem.integrators.stepped import SteppedSolution, step_count, storage_times
 from vofem.integrators.stepping.march import march, note_chatter, stored_energy
+from vofem.integrators.stepping.probes import tap
 from vofem.integrators.stepping.record import Output, output
 from vofem.integrators.watching import Snapshot, Watch
 from vofem.system import Counters, State, System
@@ -51,6 +53,7 @@ def run(
     dt: float | None = None,
     watch: Watch | None = None,
     resume: Snapshot | None = None,
+    probes: ProbeRows | None = None,
     tol: float | None = None,
 ) -> SteppedSolution:
     """Simulate from the start state at t = 0 to t_end.
@@ -69,6 +72,8 @@ def run(
         Told the time reached.
     resume : dict, optional
         A snapshot of the same run, from which to go on.
+    probes : ProbeRows, optional
+        Points to be recorded at every step.
     tol : float, optional
         Chooses the steps: the errors of all steps together, estimated, stay
         below this fraction of the largest displacement, which a rough run of
@@ -101,10 +106,13 @@ def run(
         kernel.plan(step, steps)
     initial = kernel.state.status.copy()
     note_chatter(system, notes)
-    out = output(stored, system.size, kernel.laws.memory.kind.size, kernel.laws.state.size)
+    out = output(
+        stored, system.size, tap(probes, kernel.bands.order), kernel.laws.memory.kind.size, kernel.laws.state.size
+    )
     solution = march(
         kernel, "energy_conserving", start, initial, t_end, step, out, notes,
         first_energy=stored_energy(system, start.q, start.v), blow_up=_BLOW_UP, watch=watch, resume=resume,
+        probes=probes,
     )  # fmt: skip
     if isinstance(kernel, AdaptiveSteps):
         solution.dt = kernel.coarsest
@@ -120,7 +128,8 @@ def _pilot(system: System, start: State, t_end: float, counters: Counters) -> Ou
     """Return a rough run of equal steps, which tells how far things move."""
     kernel = FixedSteps(system, start, counters)
     kernel.plan(t_end / _STEPS, _STEPS)
-    out = output(np.linspace(0.0, t_end, _STEPS + 1), system.size, kernel.laws.memory.kind.size, kernel.laws.state.size)
+    times, none = np.linspace(0.0, t_end, _STEPS + 1), tap(None, kernel.bands.order)
+    out = output(times, system.size, none, kernel.laws.memory.kind.size, kernel.laws.state.size)
     cursor = 0
     while not kernel.finished:
         cursor, _ = kernel.advance(out, cursor)

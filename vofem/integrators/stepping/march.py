@@ -8,14 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import InstabilityError
-from vofem.integrators.base import Energies, Samples, SpringSamples
+from vofem.integrators.base import Energies, ProbeRows, Samples, SpringSamples
 from vofem.integrators.rounding import static_loss
 from vofem.integrators.stepped import SteppedSolution
 from vofem.integrators.stepping.callbacks import Callbacks
 from vofem.integrators.stepping.energies import contact_energy, kinetic_energy, strain_energy
 from vofem.integrators.stepping.laws import Laws
+from vofem.integrators.stepping.probes import MOST_STEPS, Recorded
 from vofem.integrators.stepping.recall import memory_energy
-from vofem.integrators.stepping.record import Output, Trail
+from vofem.integrators.stepping.record import Output, Trail, stored
 from vofem.integrators.stepping.rows import Rows
 from vofem.integrators.stepping.telling import tell
 from vofem.integrators.watching import Snapshot, Watch, deferred_interrupts
@@ -34,7 +35,7 @@ _CHUNK_WORK = 1_000_000
 
 def chunk(size: int) -> int:
     """Return the number of steps of `size` unknowns to take between two looks at the outcome."""
-    return int(np.clip(_CHUNK_WORK // max(size, 1), 1, 8192))
+    return int(np.clip(_CHUNK_WORK // max(size, 1), 1, MOST_STEPS))
 
 
 class Banded:
@@ -114,6 +115,7 @@ def march(
     blow_up: float,
     watch: Watch | None,
     resume: Snapshot | None,
+    probes: ProbeRows | None,
 ) -> SteppedSolution:
     """Run a kernel to its end, or until it is interrupted, and return what it leaves behind.
 
@@ -136,6 +138,8 @@ def march(
     watch : callable, optional
     resume : dict, optional
         A snapshot of the same run, from which to go on.
+    probes : ProbeRows, optional
+        What the output's tap records.
 
     Raises
     ------
@@ -146,16 +150,17 @@ def march(
     held = _held(kernel)[0]
     energy = stored_energy(system, start.q, start.v) + held
     log: list[Array] = []
-    cursor = 0
+    cursor, recorded, wanted_end = 0, Recorded(), t_end
     if resume is not None:
-        cursor, log = _restore(kernel, out, resume, notes)
+        cursor, log, recorded = _restore(kernel, out, resume, notes)
 
     def snapshot() -> Snapshot:
-        return _snapshot(kernel, out, cursor, log, notes)
+        return _snapshot(kernel, out, cursor, log, recorded, notes)
 
     with deferred_interrupts() as interrupted:
         while not kernel.finished:
             cursor, new = kernel.advance(out, cursor)
+            recorded.drain(out.tap)
             if new.size:
                 log.append(new)
             _check(kernel, method, energy, dt, blow_up)
@@ -169,7 +174,7 @@ def march(
                     f"interrupted at t = {kernel.reached():g} s of {t_end:g} s: what was computed until then is here"
                 )
                 t_end = float(out.times[cursor - 1])
-                out = Output(*(part[..., :cursor].copy() for part in out))
+                out = Output(**{name: part.copy() for name, part in stored(out, cursor).items()}, tap=out.tap)
                 break
     events = Events(initial=initial)
     if log:
@@ -188,8 +193,9 @@ def march(
     first_energy += held
     # Steps that follow a tolerance have no size of their own, and come with that of the run.
     notes += tell(system, method, out.times, samples, parts, first_energy, dt if dt < t_end else None)
+    points = None if probes is None else recorded.samples(probes.names, wanted_end * (1.0 + 1e-12))
     return SteppedSolution(
-        system, t_end, out.times, samples, parts, first_energy, dt, events, counters, notes, springs
+        system, t_end, out.times, samples, parts, first_energy, dt, events, counters, notes, springs, points
     )  # fmt: skip
 
 
@@ -202,21 +208,24 @@ def _held(kernel: Kernel) -> tuple[float, float]:
     return float(stored), float(lost)
 
 
-def _snapshot(kernel: Kernel, out: Output, cursor: int, log: list[Array], notes: list[str]) -> Snapshot:
+def _snapshot(
+    kernel: Kernel, out: Output, cursor: int, log: list[Array], recorded: Recorded, notes: list[str]
+) -> Snapshot:
     """Return what a run goes on from, as plain data."""
     return {
         "state": kernel.state,
         "trail": kernel.trail,
         "place": {name: getattr(kernel, name) for name in kernel.place},
-        "output": {name: getattr(out, name)[..., :cursor] for name in out._fields},
+        "output": stored(out, cursor),
+        "recorded": recorded.whole(),
         "log": np.concatenate(log) if log else np.empty((0, 3)),
         "counters": kernel.bands.counters,
         "notes": list(notes),
     }
 
 
-def _restore(kernel: Kernel, out: Output, saved: Snapshot, notes: list[str]) -> tuple[int, list[Array]]:
-    """Put a kernel and its output where a snapshot stands; return the output's cursor and the events until then."""
+def _restore(kernel: Kernel, out: Output, saved: Snapshot, notes: list[str]) -> tuple[int, list[Array], Recorded]:
+    """Put a kernel and its output where a snapshot stands; return the output's cursor, and events and record so far."""
     _fill(kernel.state, saved["state"])
     _fill(kernel.trail, saved["trail"])
     for name, value in saved["place"].items():
@@ -227,7 +236,7 @@ def _restore(kernel: Kernel, out: Output, saved: Snapshot, notes: list[str]) -> 
     for name, value in vars(saved["counters"]).items():
         setattr(kernel.bands.counters, name, value)
     notes[:] = saved["notes"]
-    return cursor, [saved["log"]] if saved["log"].size else []
+    return cursor, [saved["log"]] if saved["log"].size else [], Recorded(saved["recorded"])
 
 
 def _fill(target: Any, saved: Any) -> None:

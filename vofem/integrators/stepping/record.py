@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.integrators.stepped import quintic
+from vofem.integrators.stepping.probes import Tap, record
 from vofem.linalg.jit import jit
 from vofem.system import CLOSED, OPEN
 
@@ -35,7 +36,7 @@ class Output(NamedTuple):
     """Wanted times and what is stored there: q, v, a of shape (n, n_times), and work and dissipation.
 
     `memory` holds force, stored energy and loss of the laws with memory, shape (3, n_laws, n_times), `past` their
-    state at the last time, shape (size, 1).
+    state at the last time, shape (size, 1). `tap` records points at every step.
     """
 
     times: Array
@@ -46,13 +47,19 @@ class Output(NamedTuple):
     dissipated: Array
     memory: Array
     past: Array
+    tap: Tap
 
 
-def output(times: Array, n: int, laws: int = 0, past: int = 0) -> Output:
+def output(times: Array, n: int, tap: Tap, laws: int = 0, past: int = 0) -> Output:
     """Return an empty record of n unknowns and some laws with memory, whose state is `past` numbers."""
     q, v, a = np.full((3, n, times.size), np.nan)
     work, dissipated = np.zeros((2, times.size))
-    return Output(times, q, v, a, work, dissipated, np.zeros((3, laws, times.size)), np.zeros((past, 1)))
+    return Output(times, q, v, a, work, dissipated, np.zeros((3, laws, times.size)), np.zeros((past, 1)), tap)
+
+
+def stored(out: Output, count: int) -> dict[str, Array]:
+    """Return views of what is stored at the first `count` times, by field."""
+    return {name: part[..., :count] for name, part in out._asdict().items() if name != "tap"}
 
 
 @jit
@@ -61,8 +68,11 @@ def store(
 ) -> int:
     """Store all wanted times up to t, where a step of size dt ends; return the next one's index.
 
-    On the step the state is stored as it is, inside it by the quintic through both ends.
+    On the step the state is stored as it is, inside it by the quintic through both ends. Points that are recorded at
+    every step are recorded first.
     """
+    if out.tap.times.size > 0:
+        record(out.tap, t, q, v, a)
     while cursor < out.times.size and out.times[cursor] <= t + 1e-9 * dt:
         x = 1.0 - (t - out.times[cursor]) / dt
         if first or x >= 1.0 - 1e-9:

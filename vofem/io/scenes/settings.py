@@ -50,6 +50,8 @@ class RunSettings:
         In s.
     options : dict
         Those of the method.
+    probes : tuple of points
+        Recorded at every step.
     """
 
     t_end: float
@@ -57,11 +59,13 @@ class RunSettings:
     dt: float | None = None
     times: UniformTimes | ArrayLike | None = None
     options: dict[str, Any] = field(default_factory=dict)
+    probes: tuple[Any, ...] = ()
 
     def arguments(self) -> dict[str, Any]:
         """Return keyword arguments for `vofem.simulate`."""
         times = self.times.array() if isinstance(self.times, UniformTimes) else self.times
-        return {"t_end": self.t_end, "method": self.method, "dt": self.dt, "times": times, **self.options}
+        given = {"t_end": self.t_end, "method": self.method, "dt": self.dt, "times": times}
+        return {**given, "probes": self.probes or None, **self.options}
 
 
 @dataclass(frozen=True)
@@ -143,7 +147,9 @@ class Option:
         return value.item() if isinstance(value, np.generic) else value
 
 
-def _run(t_end: float, method: str = "auto", dt: Any = None, times: Any = None, **options: Any) -> RunSettings:
+def _run(
+    t_end: float, method: str = "auto", dt: Any = None, times: Any = None, probes: Any = (), **options: Any
+) -> RunSettings:
     last = times.stop if isinstance(times, UniformTimes) else times[-1] if times else 0.0
     if last > t_end * (1.0 + 1e-12):
         raise ArgumentError(f"times reaches to {last:g} s, beyond t_end = {t_end:g} s")
@@ -152,11 +158,12 @@ def _run(t_end: float, method: str = "auto", dt: Any = None, times: Any = None, 
             raise ArgumentError(f"{name} is no option of the method {method!r}; remove it, or change method")
     if dt is not None and method == "event_driven":
         raise ArgumentError("dt has no meaning for event_driven, which has no step; remove it, or change method")
-    return RunSettings(t_end, method, dt, times, options)
+    return RunSettings(t_end, method, dt, times, options, probes)
 
 
 def _run_values(run: RunSettings) -> dict[str, Any]:
-    return {"t_end": run.t_end, "method": run.method, "dt": run.dt, "times": run.times, **run.options}
+    given = {"t_end": run.t_end, "method": run.method, "dt": run.dt, "times": run.times, "probes": run.probes}
+    return {**given, **run.options}
 
 
 _UNIFORM = Entry("times", UniformTimes, {"start": NOT_NEGATIVE, "stop": POSITIVE, "count": Count()})
@@ -168,6 +175,7 @@ RUN = Entry(
         "method": Choice(("auto", *METHODS)),
         "dt": POSITIVE,
         "times": Times(),
+        "probes": OneOrMore(PointByName()),
         **{name: Option() for name in option_names()},
     },
     build=_run,

@@ -16,16 +16,19 @@ from numpy.typing import NDArray
 
 from vofem.bodies import Beam
 from vofem.bodies.base import Point
-from vofem.integrators.base import ContactSamples, Samples
-from vofem.io.csv_file import point_name
+from vofem.integrators.base import ContactSamples, ProbeSamples, Samples
 from vofem.io.run_pictures import telling_points
 from vofem.io.storage.blocks import read_columns, stream_columns, write_columns
 from vofem.io.storage.hdf5 import FILTERS, Blocks
 from vofem.io.storage.tree import read_array
+from vofem.lookup import rows_over
 from vofem.result import Energy, Result
 from vofem.system import Events
 
 Array = NDArray[np.float64]
+
+#: Of points: names, names in samples, units.
+_MOTION = (("displacement", "q", "m"), ("velocity", "v", "m s-1"), ("acceleration", "a", "m s-2"))
 
 _ENERGIES = ("kinetic", "strain", "contact", "dissipated", "work")
 
@@ -41,6 +44,7 @@ class History:
     contacts : ContactSamples or None
     energy : Energy
     events : Events
+    recorded : ProbeSamples or None
     """
 
     times: Array
@@ -48,6 +52,7 @@ class History:
     contacts: ContactSamples | None
     energy: Energy
     events: Events
+    recorded: ProbeSamples | None
 
 
 class _Group:
@@ -79,9 +84,9 @@ class _Group:
         scale.attrs["_Netcdf4Dimid"] = np.int32(len(self._scales))
         self._scales[name] = scale
 
-    def series(self, name: str, dimension: str, values: NDArray, **attributes: str) -> None:
-        """Write values of shape (n, n_times) with the dimensions time and another."""
-        self._attach(write_columns(self._blocks, self._group, name, values), ("time", dimension), attributes)
+    def series(self, name: str, dimension: str, values: NDArray, along: str = "time", **attributes: str) -> None:
+        """Write values of shape (n, n_times) with the dimensions time, or another of times, and a further one."""
+        self._attach(write_columns(self._blocks, self._group, name, values), (along, dimension), attributes)
 
     def products(
         self, name: str, dimension: str, rows: Any, values: NDArray, less: NDArray | None = None, **attributes: str
@@ -121,6 +126,8 @@ def write_history(blocks: Blocks, group: h5py.Group, result: Result) -> None:
     file.coordinate("time", result.times, units="s", long_name="time")
     _degrees_of_freedom(file, result)
     _probes(file, result)
+    if result.recorded is not None:
+        _recorded(file, result.recorded)
     _energies(file, result, group)
     if result.model.system.contacts is not None:
         _contacts(file, result)
@@ -160,27 +167,19 @@ def _degrees_of_freedom(file: _Group, result: Result) -> None:
 
 def _probes(file: _Group, result: Result) -> None:
     points: tuple[Point, ...] = telling_points(result.scene)
-    file.coordinate("probe", [point_name(point) for point in points], long_name="points that the scene names")
-    rows = _rows(result, points)
-    for name, of, unit in (
-        ("displacement", "q", "m"),
-        ("velocity", "v", "m s-1"),
-        ("acceleration", "a", "m s-2"),
-    ):
+    file.coordinate("probe", [point.name for point in points], long_name="points that the scene names")
+    rows = rows_over(result.model, result.scene.bodies, points)
+    for name, of, unit in _MOTION:
         # Not by the methods of the result, which take the whole field of a body at a time.
         file.products(f"probe_{name}", "probe", rows, getattr(result.samples, of), units=unit)
 
 
-def _rows(result: Result, points: Sequence[Point]) -> Any:
-    """Return the rows of points over the free degrees of freedom, a sparse matrix (n_points, n)."""
-    from scipy.sparse import csr_matrix
-
-    model = result.model
-    rows = [point.row() for point in points]
-    indices = np.concatenate([row.indices + model.offsets[point.body] for row, point in zip(rows, points, strict=True)])
-    ends = np.cumsum([0, *(row.indices.size for row in rows)])
-    weights = np.concatenate([row.weights for row in rows])
-    return csr_matrix((weights, indices, ends), shape=(len(rows), model.size))[:, model.free]
+def _recorded(file: _Group, record: ProbeSamples) -> None:
+    """Write what was recorded at every step: it has times of its own."""
+    file.coordinate("recorded_time", record.times, units="s", long_name="time of every step")
+    file.coordinate("recorded", list(record.names), long_name="points recorded at every step")
+    for name, of, unit in _MOTION:
+        file.series(f"recorded_{name}", "recorded", getattr(record, of), "recorded_time", units=unit)
 
 
 def _energies(file: _Group, result: Result, group: h5py.Group) -> None:
@@ -235,4 +234,13 @@ def read_history(group: h5py.Group) -> History:
         contacts=contacts,
         energy=Energy(**energies, start=start),
         events=Events(**events, initial=initial),
+        recorded=_read_recorded(group),
     )
+
+
+def _read_recorded(group: h5py.Group) -> ProbeSamples | None:
+    if "recorded" not in group:
+        return None
+    names = tuple(text.decode() for text in group["recorded"][()])
+    motion = (read_columns(group[f"recorded_{name}"]) for name, _, _ in _MOTION)
+    return ProbeSamples(names, read_array(group["recorded_time"]), *motion)

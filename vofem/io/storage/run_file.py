@@ -135,7 +135,7 @@ def load(path: str | os.PathLike[str]) -> Result:
         solution = restored_solution(
             record["solution"], own, history.samples, history.energy, history.events, history.times
         )
-        result = Result(scene, str(own.attrs["method"]), solution)
+        result = Result(scene, str(own.attrs["method"]), solution, history.recorded)
     # Samples in Ritz vectors are summed in another order than those of the history: they are computed anew.
     if getattr(solution, "truncation", None) is None:
         result.__dict__["samples"] = history.samples

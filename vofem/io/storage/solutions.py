@@ -19,7 +19,7 @@ from vofem.result import Energy, Result
 from vofem.system import Events
 
 #: Kept in the history, and put back by the caller.
-_ELSEWHERE = ("times", "samples", "stored", "events")
+_ELSEWHERE = ("times", "samples", "stored", "events", "probes")
 
 
 def solution_record(solution: Solution) -> dict[str, Any]:

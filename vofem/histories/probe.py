@@ -1,0 +1,33 @@
+"""A point whose motion was recorded at every step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ProbeHistory:
+    """A point along a run, at every step of a stepping method; of a method without steps, at the run's times.
+
+    Attributes
+    ----------
+    name : str
+    times : ndarray, shape (n_steps + 1,)
+        In s.
+    displacement, velocity, acceleration : ndarray, shape (n_steps + 1,)
+        In m, m/s and m/s^2.
+    """
+
+    name: str
+    times: Array
+    displacement: Array
+    velocity: Array
+    acceleration: Array
+
+    def __repr__(self) -> str:
+        return f"ProbeHistory({self.name!r}, {self.times.size} times to {self.times[-1]:g} s)"
