@@ -114,7 +114,7 @@ class _Loop:
     def run(self, steps: int) -> Array:
         """Return q after some steps."""
         q = np.zeros(self.vector.size)
-        # Central differences and the midpoint rule use `steps` values of the load, generalized alpha those at both ends.
+        # Generalized alpha uses the load at both ends of a step.
         count = steps + (self.loop is generalized_alpha)
         values = self.function(np.arange(count) * self.dt + self.shift)
         self.loop(*self.matrices, self.vector, values, self.dt, q)

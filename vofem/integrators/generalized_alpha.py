@@ -34,8 +34,9 @@ from vofem.errors import ArgumentError, ConvergenceError
 from vofem.integrators.base import ProbeRows, Samples, initial_status
 from vofem.integrators.damping_matrix import damping_matrix
 from vofem.integrators.stepped import SteppedSolution, step_count, storage_times
+from vofem.integrators.stepping.balance import Structure, balance, structure
 from vofem.integrators.stepping.callbacks import Callbacks
-from vofem.integrators.stepping.contact_solve import compliance, law, solve_reactions
+from vofem.integrators.stepping.contact_solve import law
 from vofem.integrators.stepping.energies import kinetic_energy
 from vofem.integrators.stepping.laws import Laws, build_laws, closed_share, loaded, with_state
 from vofem.integrators.stepping.march import Banded, chunk, march, note_chatter, stored_energy, tally
@@ -103,13 +104,12 @@ def parameters(
 
 
 class _Matrices(NamedTuple):
-    """Bands of M, K and C (no rows where undamped), the factored matrix of a step, and its compliance."""
+    """Bands of M, K and C (no rows where undamped), and the structure of a step."""
 
     mass: Array
     stiffness: Array
     damping: Array
-    factored: Array
-    compliance: Array
+    structure: Structure
 
 
 class _State(NamedTuple):
@@ -204,11 +204,10 @@ class _GeneralizedAlpha:
         a = (1.0 - am) * widen(mass, width) + (1.0 - af) * beta * dt**2 * widen(stiffness, width)
         if damping is not None:
             a += (1.0 - af) * gamma * dt * widen(c, width)
-        factored = factor(a, "the matrix of a step")
         counters.factorizations += 1
-        # Coordinates at the end of a step answer to reactions there, or to dampers' forces over it.
-        answer = beta * dt**2 * compliance(self.rows, factored)
-        self.matrices = _Matrices(mass, stiffness, c, factored, answer)
+        # Coordinates at the end answer to reactions there, or to dampers' forces over the step, weighted 1 - af.
+        answer = structure(a, "the matrix of a step", self.rows, self.laws, beta * dt**2, 1.0 - af)
+        self.matrices = _Matrices(mass, stiffness, c, answer)
         status = np.empty(0, dtype=np.int64)
         m = self.laws.kind.size
         u, rate = np.zeros(m), np.zeros(m)
@@ -293,14 +292,12 @@ def _advance(
     q, v, a = state.q, state.v, state.a
     damped = matrices.damping.shape[0] > 0
     right, a1, q1, v1, load, loss = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.zeros(n), np.empty(n)
-    u0, u1, free, drag, guess = np.empty(m), np.empty(m), np.empty(m), np.zeros(m), np.empty(m)
+    u0, u1, base, none, drag, guess = np.empty(m), np.empty(m), np.empty(m), np.zeros(m), np.zeros(m), np.empty(m)
     # Dampers act by their mean over the step, which is extrapolated from its middle to the time of balance.
     ahead = 1.0 + (0.5 - af)
     weight = ahead / (dt * (1.0 - af))
     events = np.empty((16 if contacts else 0, 3))
     happened, solves = 0, 0
-    # Reactions at the end act with weight 1 - af in the balance.
-    answer = (1.0 - af) * matrices.compliance
     for j in range(m):
         u0[j] = dot(rows, j, q)
     for step in range(first, first + count):
@@ -326,24 +323,21 @@ def _advance(
         for j in range(m):
             if state.reaction[j] != 0.0:
                 subtract_row(rows, j, af * state.reaction[j], right)
-        a1[:] = right
-        solve(matrices.factored, a1)
-        if m > 0:
+        if m == 0:
+            a1[:] = right
+            solve(matrices.structure.factored, a1)
+        else:
             for j in range(m):
-                free[j] = dot(rows, j, q1) + beta * dt * dt * dot(rows, j, a1)
+                base[j] = dot(rows, j, q1)
                 guess[j] = state.reaction[j]
                 # What the last step's damper takes from the extrapolation.
                 drag[j] = (ahead - 1.0) * state.damper[j] / (1.0 - af)
-            found = solve_reactions(laws, answer, free, u0, False, weight, drag, guess, u1)
+            found = balance(
+                laws, matrices.structure, rows, right, none, base, u0, False, weight, drag, guess, u1, a1
+            )  # fmt: skip
             if found < 0:
                 return cursor, events[:happened], solves, step
-            if found > 0:
-                solves += 1
-                a1[:] = right
-                for j in range(m):
-                    if guess[j] != 0.0:
-                        subtract_row(rows, j, (1.0 - af) * guess[j], a1)
-                solve(matrices.factored, a1)
+            solves += min(found, 1)
         for i in range(n):
             q1[i] += beta * dt * dt * a1[i]
             v1[i] += gamma * dt * a1[i]

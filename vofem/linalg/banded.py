@@ -27,16 +27,21 @@ def band_order(*matrices: Any) -> IntArray:
     from scipy.sparse import csr_matrix
     from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-    pattern = sum((abs(matrix) for matrix in matrices[1:]), start=abs(matrices[0])).tocoo()
-    n = pattern.shape[0]
-    natural = np.arange(n)
-    width = int(np.max(np.abs(pattern.row - pattern.col), initial=0))
+    natural = np.arange(matrices[0].shape[0])
+    width = band_width(natural, *matrices)
     if width <= 3:
         return natural
+    pattern = sum((abs(matrix) for matrix in matrices[1:]), start=abs(matrices[0]))
     order = np.asarray(reverse_cuthill_mckee(csr_matrix(pattern), symmetric_mode=True), dtype=np.int64)
-    place = np.empty(n, dtype=np.int64)
-    place[order] = natural
-    return order if np.max(np.abs(place[pattern.row] - place[pattern.col])) < width else natural
+    return order if band_width(order, *matrices) < width else natural
+
+
+def band_width(order: IntArray, *matrices: Any) -> int:
+    """Return the half-bandwidth of the common pattern of matrices, unknowns taken in the given order."""
+    place = np.empty(order.size, dtype=np.int64)
+    place[order] = np.arange(order.size)
+    parts = [matrix.tocoo() for matrix in matrices]
+    return max(int(np.max(np.abs(place[part.row] - place[part.col]), initial=0)) for part in parts)
 
 
 def to_band(matrix: Any, order: IntArray) -> Array:
@@ -66,14 +71,15 @@ def factor(band: Array, what: str) -> Array:
         If a pivot is not positive; `what` names the matrix.
     """
     result = band.copy()
-    bad = _factor(result)
+    bad = factor_in_place(result)
     if bad >= 0:
         raise SingularSystemError(f"{what} is not positive definite (pivot {bad} of {band.shape[1]})")
     return result
 
 
 @jit
-def _factor(band: Array) -> int:
+def factor_in_place(band: Array) -> int:
+    """Replace A by its factors, for `solve`; return the first pivot that is not positive, or -1."""
     width, n = band.shape[0] - 1, band.shape[1]
     for i in range(n):
         pivot = band[0, i]

@@ -111,7 +111,7 @@ class AdaptiveSteps(Setting):
             state = self.state
             laws = with_state(self.laws, state.memory)
             solves, rough, smooth = _try(
-                self.matrices, self._rung(max(self.rung - 3, 0)).band, whole, half, self.rows, laws,
+                self.matrices, self._rung(max(self.rung - 3, 0)).structure.factored, whole, half, self.rows, laws,
                 self.bands.loads, values, state, self.trial, self.tried, self.weight, self.space, self.past,
             )  # fmt: skip
             self.complain(dt)

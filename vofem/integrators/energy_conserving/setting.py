@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 from vofem.integrators.base import Samples, initial_status
 from vofem.integrators.damping_matrix import damping_matrix
 from vofem.integrators.energy_conserving.step import Factored, Matrices, State, scratch
+from vofem.integrators.stepping.balance import structure
 from vofem.integrators.stepping.callbacks import Callbacks
-from vofem.integrators.stepping.contact_solve import compliance
 from vofem.integrators.stepping.energies import kinetic_energy
 from vofem.integrators.stepping.laws import build_laws, loaded
 from vofem.integrators.stepping.march import Banded, tally
 from vofem.integrators.stepping.record import leave, trail
 from vofem.integrators.stepping.rows import all_rows, compressed
-from vofem.linalg.banded import factor, to_band, widen
+from vofem.linalg.banded import to_band, widen
 from vofem.system import Counters, System
 from vofem.system import State as Start
 
@@ -55,9 +55,8 @@ class Setting:
         a = widen(mass, width) + (0.25 * dt**2) * widen(stiffness, width)
         if c.size:
             a += 0.5 * dt * widen(c, width)
-        band = factor(a, "the matrix of a step")
         self.bands.counters.factorizations += 1
-        return Factored(dt, band, 0.5 * dt**2 * compliance(self.rows, band))
+        return Factored(dt, structure(a, "the matrix of a step", self.rows, self.laws, dt, 0.5 * dt))
 
     def kinetic(self, samples: Samples) -> Array:
         """Return the kinetic energy at the stored times, J."""

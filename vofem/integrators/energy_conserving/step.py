@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.integrators.stepping.contact_solve import solve_reactions
+from vofem.integrators.stepping.balance import Structure, balance
 from vofem.integrators.stepping.laws import Laws, closed_share
 from vofem.integrators.stepping.memory import commit_all
 from vofem.integrators.stepping.recall import remember
@@ -32,11 +32,10 @@ class Matrices(NamedTuple):
 
 
 class Factored(NamedTuple):
-    """Of a step size dt: the factored ``M + dt C/2 + dt^2 K/4``, and ``dt^2/2 B A^-1 B'``."""
+    """Of a step size dt: the structure of ``A = M + dt C/2 + dt^2 K/4``."""
 
     dt: float
-    band: Array
-    compliance: Array
+    structure: Structure
 
 
 class State(NamedTuple):
@@ -76,10 +75,10 @@ class Scratch(NamedTuple):
     change: Array
     right: Array
     work: Array
-    free: Array
+    base: Array
     ahead: Array
     none: Array
-    added: Array
+    held: Array
 
 
 def scratch(n: int, m: int) -> Scratch:
@@ -100,22 +99,21 @@ def step(
         0 without, 1 with reactions; negative where there is no solution.
     """
     n, m, dt = q.size, u.size, factored.dt
-    change, right, free = space.change, space.right, space.free
+    change, right = space.change, space.right
+    found, none = 0, space.none
     _residual(matrices, dt, load, q, v, p, space.work, right)
-    change[:] = right
-    solve(factored.band, change)
-    found = 0
     if m > 0:
-        for j in range(m):
-            free[j] = u[j] + dt * (dot(rows, j, p) + dot(rows, j, change))
-        found = solve_reactions(laws, factored.compliance, free, u, True, 1.0 / dt, space.none, reaction, space.ahead)
+        _coordinates(rows, u, p, dt, space.base)
+        found = balance(
+            laws, factored.structure, rows, right, none, space.base, u, True, 1.0 / dt, none, reaction, space.ahead,
+            change,
+        )  # fmt: skip
         if found < 0:
             return found
-        if found > 0:
-            found = 1
-            change[:] = right
-            _react(rows, reaction, 0.5 * dt, change)
-            solve(factored.band, change)
+        found = min(found, 1)
+    else:
+        change[:] = right
+        solve(factored.structure.factored, change)
     moved, size = 0.0, 0.0
     for i in range(n):
         p[i] += change[i]
@@ -124,26 +122,28 @@ def step(
         return found
     _residual(matrices, dt, load, q, v, p, space.work, right)
     if found:
-        _react(rows, reaction, 0.5 * dt, right)
-    change[:] = right
-    solve(factored.band, change)
-    if found:
         # Reactions too: where the step would go without any, told from where it stands.
-        for j in range(m):
-            free[j] = u[j] + dt * (dot(rows, j, p) + dot(rows, j, change))
-            for i in range(m):
-                free[j] += factored.compliance[j, i] * reaction[i]
-            space.added[j] = reaction[j]
-        if solve_reactions(laws, factored.compliance, free, u, True, 1.0 / dt, space.none, reaction, space.ahead) < 0:
+        _react(rows, reaction, 0.5 * dt, right)
+        _coordinates(rows, u, p, dt, space.base)
+        space.held[:] = reaction
+        if balance(
+            laws, factored.structure, rows, right, space.held, space.base, u, True, 1.0 / dt, none, reaction,
+            space.ahead, change,
+        ) < 0:  # fmt: skip
             return -1
-        for j in range(m):
-            space.added[j] = reaction[j] - space.added[j]
+    else:
         change[:] = right
-        _react(rows, space.added, 0.5 * dt, change)
-        solve(factored.band, change)
+        solve(factored.structure.factored, change)
     for i in range(n):
         p[i] += change[i]
     return found
+
+
+@jit
+def _coordinates(rows: Rows, u: Array, p: Array, dt: float, base: Array) -> None:
+    """Fill `base` with where a mean velocity p takes the laws' coordinates."""
+    for j in range(u.size):
+        base[j] = u[j] + dt * dot(rows, j, p)
 
 
 @jit

@@ -17,10 +17,10 @@ from vofem.integrators.stepping.laws import Laws
 from vofem.integrators.stepping.probes import MOST_STEPS, Recorded
 from vofem.integrators.stepping.recall import memory_energy
 from vofem.integrators.stepping.record import Output, Trail, stored
-from vofem.integrators.stepping.rows import Rows
+from vofem.integrators.stepping.rows import Rows, all_rows
 from vofem.integrators.stepping.telling import tell
 from vofem.integrators.watching import Snapshot, Watch, deferred_interrupts
-from vofem.linalg.banded import band_order
+from vofem.linalg.banded import band_order, band_width
 from vofem.system import Counters, Events, State, System
 
 Array = NDArray[np.float64]
@@ -33,6 +33,10 @@ _SPOILT = 1e-3
 _CHUNK_WORK = 1_000_000
 
 
+#: Laws from which on the order of the unknowns looks at their rows.
+_MANY = 16
+
+
 def chunk(size: int) -> int:
     """Return the number of steps of `size` unknowns to take between two looks at the outcome."""
     return int(np.clip(_CHUNK_WORK // max(size, 1), 1, MOST_STEPS))
@@ -43,7 +47,7 @@ class Banded:
 
     def __init__(self, system: System, counters: Counters, *matrices: object) -> None:
         self.system, self.counters = system, counters
-        self.order = band_order(*(matrix for matrix in matrices if matrix is not None))
+        self.order = _order(system, [matrix for matrix in matrices if matrix is not None])
         self.back = np.empty(system.size, dtype=np.int64)
         self.back[self.order] = np.arange(system.size)
         self.loads = np.array([load.vector[self.order] for load in system.loads]).reshape(-1, system.size)
@@ -52,6 +56,16 @@ class Banded:
         """Return the loads' functions at times t, shape (n_loads, n_times)."""
         self.counters.load_evaluations += t.size * len(self.system.loads)
         return np.array([load.function(t) for load in self.system.loads]).reshape(-1, t.size)
+
+
+def _order(system: System, matrices: list[Any]) -> IntArray:
+    """Return an order that keeps matrices narrow and, where laws are many, their rows too, if both can be had."""
+    order, rows = band_order(*matrices), all_rows(system)
+    if rows is None or rows.shape[0] < _MANY:
+        return order
+    pairs = abs(rows).T @ abs(rows)
+    together = band_order(*matrices, pairs)
+    return together if band_width(together, *matrices, pairs) <= 2 * band_width(order, *matrices) + 2 else order
 
 
 def tally(bands: Banded, laws: Laws, callbacks: Callbacks | None, steps: int, evaluations: int) -> None:

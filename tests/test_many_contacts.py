@@ -1,0 +1,138 @@
+"""Many laws at once: Newton's method in the band finds what the compliance finds, in memory that grows linearly."""
+
+import itertools
+import tracemalloc
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import vofem as vf
+from vofem.integrators import energy_conserving
+from vofem.integrators.stepping import balance as module
+from vofem.integrators.stepping.balance import balance, structure
+from vofem.integrators.stepping.laws import build_laws
+from vofem.integrators.stepping.rows import all_rows, compressed
+from vofem.linalg.banded import band_order, band_width, to_band
+from vofem.system import State
+
+
+def chain(count, stiffness, gaps, acts_on="penetration", damping=0.0, switch="ideal", speed=1.0):
+    masses = [vf.Mass(1.0, stiffness=1.0, name=f"m{k}") for k in range(count)]
+    contacts = [
+        vf.Contact(a, b, gap=float(gap), stiffness=float(k0), acts_on=acts_on, damping=damping, switch=switch)
+        for a, b, gap, k0 in zip(masses, masses[1:], gaps, stiffness, strict=False)
+    ]
+    return vf.Scene(masses, contacts, initial={masses[0]: (0.0, speed)})
+
+
+def both_ways(monkeypatch, scene, **arguments):
+    found = []
+    for banded in (False, True):
+        monkeypatch.setattr(module, "_banded_pays", lambda *_, banded=banded: banded)
+        found.append(vf.simulate(scene, **arguments))
+    return found
+
+
+@settings(max_examples=60)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    kind=st.sampled_from(["penetration", "resolved"]),
+    mean=st.booleans(),
+    power=st.floats(-3.0, 9.0),
+)
+def test_the_band_finds_what_the_compliance_finds(seed, kind, mean, power):
+    rng = np.random.default_rng(seed)
+    n = 12
+    switch = vf.Resolved(1e3) if kind == "resolved" else "ideal"
+    stiffness = 10.0 ** rng.uniform(-3.0, power, n - 1)
+    scene = chain(n, stiffness, 10.0 ** rng.uniform(-3.0, 0.0, n - 1), switch=switch)
+    system = scene.model.system
+    laws, order = build_laws(system, None), np.arange(n)
+    rows = compressed(all_rows(system), order)
+    springs = 10.0 ** rng.uniform(-2.0, 2.0, n)
+    a = to_band(system.mass + 1e-2 * system.stiffness.multiply(springs[:, None]), order)
+    right, u0 = rng.normal(size=n), rng.normal(size=n - 1)
+    base, none = u0 + rng.normal(size=n - 1), np.zeros(n - 1)
+    results = []
+    for banded in (False, True):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(module, "_banded_pays", lambda *_, banded=banded: banded)
+            made = structure(a, "a matrix", rows, laws, 0.1, 0.05)
+        assert (made.whole.shape[0] > 0) == banded
+        reaction, u, x = np.zeros(n - 1), np.empty(n - 1), np.empty(n)
+        assert balance(laws, made, rows, right, none, base, u0, mean, 10.0, none, reaction, u, x) >= 0
+        results.append((reaction, u, x))
+    (r1, u1, x1), (r2, u2, x2) = results
+    # Laws a billion times stiffer than the rest lose that many digits of forces that hardly act.
+    size = np.max(np.abs(x1)) + 0.05 * np.max(np.abs(r1))
+    assert np.max(np.abs(x2 - x1)) <= 1e-9 * size
+    assert np.max(np.abs(u2 - u1)) <= 1e-10 * (np.max(np.abs(base)) + size)
+    assert np.max(np.abs(r2 - r1)) <= 1e-7 * (size + np.max(np.abs(r1)))
+
+
+@pytest.mark.parametrize("method", ["energy_conserving", "generalized_alpha"])
+@pytest.mark.parametrize("damping", [0.0, 0.5])
+def test_a_chain_moves_the_same_way(monkeypatch, method, damping):
+    scene = chain(12, np.full(11, 50.0), np.full(11, 0.05), damping=damping)
+    through, band = both_ways(monkeypatch, scene, t_end=4.0, method=method, dt=2e-3, times=np.linspace(0.0, 4.0, 41))
+    assert through.counters.events > 8
+    assert np.max(np.abs(band.samples.q - through.samples.q)) < 1e-9
+    np.testing.assert_allclose(band.solution.events.time, through.solution.events.time, atol=1e-8)
+
+
+def test_a_foundation_takes_the_band_by_itself_and_conserves_energy():
+    beam = vf.Beam(1.0, 1.0, 1.0, 60, {"left": "pinned", "right": "pinned"}, name="beam")
+    scene = vf.Scene(
+        [beam],
+        [vf.Foundation(beam, stiffness=1e5, one_sided=True, gap=0.001)],
+        initial={beam: (lambda x: 0.02 * np.sin(np.pi * x) - 0.01 * np.sin(2 * np.pi * x), 0.0)},
+    )
+    result = vf.simulate(scene, 2.0, method="energy_conserving", dt=2e-3)
+    assert result.counters.events > 100
+    assert result.energy.balance_error < 1e-11
+
+
+def test_the_band_is_chosen_where_laws_are_many():
+    few = chain(40, np.ones(3), np.ones(3)).model.system
+    many = chain(40, np.ones(39), np.ones(39)).model.system
+    jumps = chain(40, np.ones(39), np.ones(39), "displacement").model.system
+    for system, banded in ((few, False), (many, True), (jumps, False)):
+        order = np.arange(40)
+        made = structure(
+            to_band(system.mass, order), "m", compressed(all_rows(system), order), build_laws(system, None), 1.0, 1.0
+        )
+        assert (made.whole.shape[0] > 0) == banded
+        assert made.compliance.size == (0 if banded else len(system.contacts) ** 2)
+
+
+def test_rows_of_many_laws_keep_the_band_narrow():
+    # A chain whose neighbours are numbered far from each other, and joined by contacts alone.
+    n = 64
+    masses = [vf.Mass(1.0, stiffness=1.0, name=f"m{k}") for k in range(n)]
+    way = np.random.default_rng(1).permutation(n)
+    contacts = [
+        vf.Contact(masses[a], masses[b], gap=0.1, stiffness=1.0, acts_on="penetration")
+        for a, b in itertools.pairwise(way)
+    ]
+    system = vf.Scene(masses, contacts).model.system
+    kernel = energy_conserving.run(system, State(np.zeros(n), np.zeros(n)), 0.1, np.array([0.1]), 0.1)
+    assert kernel.counters.steps == 1
+    rows = all_rows(system)
+    pairs = abs(rows).T @ abs(rows)
+    assert band_width(np.arange(n), pairs) > 30
+    assert band_width(band_order(system.mass, pairs), pairs) == 1
+
+
+def test_memory_grows_with_the_number_of_contacts_not_with_its_square():
+    n = 3000
+    scene = chain(n, np.full(n - 1, 1e4), np.full(n - 1, 0.001))
+    system, start = scene.model.system, scene.initial_state()
+    energy_conserving.run(system, start, 0.002, np.array([0.002]), 1e-3)
+    tracemalloc.start()
+    energy_conserving.run(system, start, 0.02, np.array([0.02]), 1e-3)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    # A compliance would take 72 MB.
+    assert peak < 8e6
