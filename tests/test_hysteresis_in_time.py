@@ -318,6 +318,7 @@ def test_a_step_that_is_tried_leaves_no_trace():
     found = adaptive._try(
         kernel.matrices, whole.band, whole, half, kernel.rows, kernel.laws, kernel.bands.loads, values, state,
         kernel.trial, kernel.tried, np.ones(1), kernel.space, kernel.past,
+        kernel.springpots(np.zeros(3)), kernel._pace(0), kernel._pace(1), kernel.history, kernel.ahead,
     )  # fmt: skip
     assert found[0] >= 0
     assert kernel.tried[0][0] > 5.0

@@ -275,7 +275,8 @@ _KINDS: tuple[tuple[str, Callable[[System], bool]], ...] = (
     ),
     ("damping", lambda system: system.damped),
     ("nonlinear springs", lambda system: system.nonlinear is not None),
-    ("springs with memory", lambda system: bool(system.springs)),
+    ("springs with memory", lambda system: bool(system.path_dependent)),
+    ("springpots", lambda system: system.springpots is not None),
     ("loads", lambda system: bool(system.loads)),
 )
 
