@@ -81,6 +81,8 @@ class Modes:
 def modes(scene: Scene, count: int = 6, closed: Sequence[Any] = ()) -> Modes:
     """Return the lowest vibration modes, undamped, with the named contacts closed.
 
+    Dampers and springpots are left out, though a springpot stiffens what moves fast.
+
     Parameters
     ----------
     scene : Scene

@@ -191,6 +191,12 @@ def run_plan(
             watch=None if watcher.idle else watcher, resume=snapshot, **arguments,
         )  # fmt: skip
     solution.notes.extend(unresolved_contacts(scene.model.system))
+    forgotten = scene.forgotten()
+    if forgotten and snapshot is None:
+        solution.notes.append(
+            f"springpots: Springpot {forgotten[0]!r} begins without the past that it has in the earlier run, at rest "
+            "in its place; vofem.resume carries it on"
+        )
     return Result(scene, plan.method, solution)
 
 

@@ -17,7 +17,8 @@ def equilibrium(scene: Scene, t: float = 0.0) -> Equilibrium:
     """Return the static equilibrium of a scene under its loads at time t.
 
     Under ``acts_on="displacement"`` a load between the open and the closed
-    equilibrium pins the contact; it is returned so, with its reaction.
+    equilibrium pins the contact; it is returned so, with its reaction. Dampers and
+    springpots yield to every lasting force, and are left out.
 
     Parameters
     ----------
