@@ -55,7 +55,7 @@ def test_builders_of_absent_effects_are_never_called(method, monkeypatch):
     for name in (
         "add_stiffness", "add_strains", "add_damping", "add_mass", "add_rayleigh", "add_modal_damping",
         "add_point_load", "add_body_load", "add_acceleration", "add_contact", "add_nonlinear",
-        "add_memory", "add_printed",
+        "add_memory", "add_printed", "add_springpot",
     ):  # fmt: skip
         monkeypatch.setattr(SystemBuilder, name, refuse)
     monkeypatch.setitem(event_driven.run.__globals__, "next_event", refuse)

@@ -316,8 +316,9 @@ def test_a_step_that_is_tried_leaves_no_trace():
     whole, half = kernel._rung(0), kernel._rung(1)
     values = kernel.bands.load_values(whole.dt * np.array([0.5, 0.25, 0.75]))
     found = adaptive._try(
-        kernel.matrices, whole.structure.factored, whole, half, kernel.rows, kernel.laws, kernel.bands.loads, values, state,
-        kernel.trial, kernel.tried, np.ones(1), kernel.space, kernel.past,
+        kernel.matrices, whole.structure.factored, whole, half, kernel.rows, kernel.laws, kernel.bands.loads, values,
+        state, kernel.trial, kernel.tried, np.ones(1), kernel.space, kernel.past,
+        kernel.springpots(np.zeros(3)), kernel._pace(0), kernel._pace(1), kernel.history, kernel.ahead,
     )  # fmt: skip
     assert found[0] >= 0
     assert kernel.tried[0][0] > 5.0

@@ -130,6 +130,8 @@ def every_effect():
         ),
         vf.BilinearSpring(ball, stiffness=1.0, linear_limit=5.0, hardening=0.1),
         vf.IwanSpring(rod.at(0.7), elongation=[1.0, 1 / 3 + 1], force=[1.0, 1.2], name="joint"),
+        vf.Springpot(rod.at(0.3), ball, coefficient=0.7, order=1 / 3, name="gel"),
+        vf.Springpot(ball, coefficient=2.0, order=vf.fractional.TabulatedOrder([0.0, 1 / 3], [0.2, 0.9])),
         vf.RayleighDamping(0.1, 0.01),
     ]
     initial = {ball: (0.1, -1 / 3), rod: (0.0, vf.Polynomial([0.49, -1.4, 1.0]))}

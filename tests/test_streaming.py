@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from unittest import mock
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -68,6 +70,26 @@ def test_the_kernel_is_within_its_tolerance(ratio, tolerance, terms):
     # At the ends the operator is the displacement since t = 0, or the velocity of the last step alone.
     assert np.exp(-t[:, None] * kernel.rates) @ kernel.weights(0.0) == pytest.approx(np.ones(317), rel=1.2 * tolerance)
     assert kernel.weights(1.0) == pytest.approx(np.zeros(len(kernel.rates)), abs=1e-10 / 0.01)
+
+
+def test_no_weight_is_negative():
+    """So the sum is a chain of springs and dashpots, with those faster than its rates as two sums."""
+    order = np.concatenate(
+        [[0.0], np.geomspace(1e-12, 0.1, 40), np.linspace(0.1, 1.0, 91), 1.0 - 10.0 ** -np.arange(3, 15)]
+    )
+    for tolerance in np.geomspace(1e-12, 1e-2, 31):
+        kernel = exponentials(0.01, 1.0, tolerance)
+        # Before it is cut off at zero.
+        with mock.patch.object(np, "maximum", lambda x, _: x):
+            raw = kernel.weights(order)
+        assert np.all(raw >= -1e-15 * np.sum(raw, axis=1, keepdims=True))
+        assert kernel.weights(order) == pytest.approx(np.array([kernel.weights(a) for a in order]), rel=1e-13)
+        # The force of a velocity that sets in, in the mean over a step: dt^(1 - a)/Gamma(3 - a).
+        z = np.maximum(kernel.rates * 0.01, 1e-30)
+        mean = 0.01 * np.where(z < 1e-4, 0.5 - z / 6.0, (z + np.expm1(-z)) / z**2)
+        first, second = kernel.faster(order).T
+        found = kernel.weights(order) @ mean + first - second / 0.01
+        assert found == pytest.approx(0.01 ** (1.0 - order) / gamma(3.0 - order), rel=tolerance)
 
 
 @pytest.mark.parametrize("given", ["velocity", "displacement"])

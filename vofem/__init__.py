@@ -36,6 +36,7 @@ from vofem.effects import (
     RotationalSpring,
     Sine,
     Spring,
+    Springpot,
     Tabulated,
     TimeFunction,
 )
@@ -114,6 +115,7 @@ __all__ = [
     "Sine",
     "SingularSystemError",
     "Spring",
+    "Springpot",
     "StepSizeError",
     "StorageError",
     "Tabulated",

@@ -14,8 +14,17 @@ import numpy as np
 from vofem.bodies.base import Array, Body, BodyMatrices, IntArray, Point, Row
 from vofem.errors import ArgumentError
 from vofem.linalg.null_space import null_space, sparse_null_space
-from vofem.memory import MemoryLaw, PrintedLaw
-from vofem.system import ContactLaws, Load, LoadFunction, MemoryLaws, NonlinearLaw, NonlinearLaws, System
+from vofem.memory import MemoryLaw, PrintedLaw, SpringpotLaw
+from vofem.system import (
+    ContactLaws,
+    Load,
+    LoadFunction,
+    MemoryLaws,
+    NonlinearLaw,
+    NonlinearLaws,
+    SpringpotLaws,
+    System,
+)
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -68,6 +77,7 @@ class Model:
     contact_rows : csr_matrix, shape (n_contacts, N), optional
     nonlinear_rows : csr_matrix, shape (n_laws, N), optional
     memory_rows : csr_matrix, shape (n_springs, N), optional
+    springpot_rows : csr_matrix, shape (n_springpots, N), optional
     """
 
     system: System
@@ -80,6 +90,7 @@ class Model:
     contact_rows: csr_matrix | None
     nonlinear_rows: csr_matrix | None
     memory_rows: csr_matrix | None
+    springpot_rows: csr_matrix | None = None
 
     @property
     def size(self) -> int:
@@ -157,6 +168,7 @@ class SystemBuilder:
         self._nonlinear: list[tuple[Row, NonlinearLaw]] = []
         self._memory: list[tuple[Row, MemoryLaw]] = []
         self._printed: list[PrintedLaw] = []
+        self._springpots: list[tuple[Row, SpringpotLaw]] = []
         self._rayleigh: tuple[float, float] | None = None
         self._modal: float | None = None
         self._loads: list[Load] = []
@@ -260,6 +272,10 @@ class SystemBuilder:
         """Add Eq. 22 as it stands; the scene must hold nothing but one loaded mass on this spring, and dampers."""
         self._printed.append(law)
 
+    def add_springpot(self, row: Row, law: SpringpotLaw) -> None:
+        """Add a springpot on a row."""
+        self._springpots.append((row, law))
+
     def add_contact(self, entry: ContactEntry) -> None:
         """Add a contact."""
         self._contacts.append(entry)
@@ -301,6 +317,7 @@ class SystemBuilder:
         contact_rows, contacts = self._build_contacts(free)
         nonlinear_rows = self._rows([row for row, _ in self._nonlinear]) if self._nonlinear else None
         memory_rows, memory = self._build_memory(free)
+        springpot_rows, springpots = self._build_springpots(free)
         if self._printed:
             self._check_printed(stiffness)
         system = System(
@@ -317,10 +334,21 @@ class SystemBuilder:
             scale=self._scale[free],
             strain=self._strain_rows(strains, free),
             rigid=self._rigid_motions(strains)[free],
+            springpots=springpots,
         )
         vectors = tuple(load.vector for load in self._loads)
         return Model(
-            system, self.offsets, free, mass, stiffness, damping, vectors, contact_rows, nonlinear_rows, memory_rows
+            system,
+            self.offsets,
+            free,
+            mass,
+            stiffness,
+            damping,
+            vectors,
+            contact_rows,
+            nonlinear_rows,
+            memory_rows,
+            springpot_rows,
         )
 
     def _rows(self, rows: Sequence[Row]) -> csr_matrix:
@@ -342,19 +370,32 @@ class SystemBuilder:
             return None, None
         rows = self._rows([row for row, _ in self._memory])
         laws = MemoryLaws(rows[:, free].tocsr(), tuple(law for _, law in self._memory))
-        names = [law.name for law in laws.laws]
-        for law, row in zip(laws.laws, laws.rows, strict=True):
+        self._check_springs(laws)
+        return rows, laws
+
+    def _build_springpots(self, free: IntArray) -> tuple[Any, SpringpotLaws | None]:
+        if not self._springpots:
+            return None, None
+        rows = self._rows([row for row, _ in self._springpots])
+        laws = SpringpotLaws(rows[:, free].tocsr(), tuple(law for _, law in self._springpots))
+        self._check_springs(laws)
+        return rows, laws
+
+    def _check_springs(self, laws: MemoryLaws | SpringpotLaws) -> None:
+        """Raise where a name, by which histories are told, occurs twice, or a row is empty."""
+        names = [law.name for _, law in self._memory] + [law.name for _, law in self._springpots]
+        known: tuple[MemoryLaw | SpringpotLaw, ...] = laws.laws
+        for law, row in zip(known, laws.rows, strict=True):
             if names.count(law.name) > 1:
                 raise ArgumentError(f"springs named {law.name!r} occur more than once; give each its own name")
             if not np.any(row.data):
                 raise ArgumentError(f"{law.label} can never move: its points lie on supports")
-        return rows, laws
 
     def _check_printed(self, stiffness: Any) -> None:
         """Raise where a spring follows the printed law beside anything else that bears load."""
         label = self._printed[0].label
         what = ""
-        if len(self._printed) > 1 or self._memory:
+        if len(self._printed) > 1 or self._memory or self._springpots:
             what = "another spring with memory"
         elif self.size > 1:
             what = f"{self.size} degrees of freedom"

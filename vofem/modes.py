@@ -81,6 +81,8 @@ class Modes:
 def modes(scene: Scene, count: int = 6, closed: Sequence[Any] = ()) -> Modes:
     """Return the lowest vibration modes, undamped, with the named contacts closed.
 
+    Dampers and springpots are left out, though a springpot stiffens what moves fast.
+
     Parameters
     ----------
     scene : Scene
@@ -101,9 +103,9 @@ def modes(scene: Scene, count: int = 6, closed: Sequence[Any] = ()) -> Modes:
         raise ArgumentError(f"modes: count is {count!r}, expected a positive whole number")
     system = as_scene("modes", scene).model.system
     stiffness, rigid, strain = system.stiffness, system.rigid, system.strain
-    if system.springs:
+    if system.path_dependent:
         raise ArgumentError(
-            f"modes: {system.springs[0].label} has no modes; put a Spring of its initial stiffness there"
+            f"modes: {system.path_dependent[0].label} has no modes; put a Spring of its initial stiffness there"
         )
     if system.nonlinear is not None:
         raise ArgumentError(

@@ -32,7 +32,7 @@ def support_reaction(
     modes : (ndarray, ndarray), optional
         Squared frequencies and shapes that modal damping acts on; all modes where not given.
     spring_force : ndarray, shape (n_springs, n_times), optional
-        Of springs with memory, N.
+        Of springs with memory, springpots last, N.
 
     Raises
     ------
@@ -92,8 +92,9 @@ def _residual(
         u = system.nonlinear.rows @ samples.q
         for k in np.flatnonzero(column):
             value = value + column[k] * np.array([system.nonlinear.laws[k].reaction(x) for x in u[k]])
-    if model.memory_rows is not None and spring_force is not None:
-        column = np.asarray(model.memory_rows[:, [dof]].todense())[:, 0]
+    if spring_force is not None:
+        parts = [rows for rows in (model.memory_rows, model.springpot_rows) if rows is not None]
+        column = np.concatenate([np.asarray(rows[:, [dof]].todense())[:, 0] for rows in parts])
         if np.any(column):
             value = value + column @ spring_force
     if model.contact_rows is not None and contact_force is not None:

@@ -49,11 +49,11 @@ class Energy:
     Attributes
     ----------
     kinetic, strain : ndarray
-        Of bodies and springs, those with memory included.
+        Of bodies and springs, those with memory and those of springpots included.
     contact : ndarray
         Stored in closed contacts: ``K0 (u^2 - gap^2)/2`` for ``acts_on="displacement"``.
     dissipated : ndarray
-        Taken by all dampers and springs with memory since t = 0.
+        Taken by all dampers, springs with memory and springpots since t = 0.
     work : ndarray
         Done by all loads since t = 0.
     start : float
@@ -181,7 +181,7 @@ class ContactHistory:
 
 
 class SpringHistory:
-    """One spring with memory along a run; histories at the run's times, each of shape (n_times,).
+    """One spring with memory, or springpot, along a run; histories at the run's times, each of shape (n_times,).
 
     Attributes
     ----------
@@ -191,9 +191,11 @@ class SpringHistory:
     force : ndarray
         In N, positive in tension; of a crushing stop positive where it pushes back.
     stored : ndarray
-        Energy that would be given back, J.
+        Energy that would be given back, J. Of a springpot, which is a row of
+        springs and dashpots in series: that of its springs.
     dissipated : ndarray
-        Energy lost since t = 0, J: the area of the loops.
+        Energy lost since t = 0, J: the area of the loops. Of a springpot whose
+        order varies, work absorbed less `stored`: it may fall.
     """
 
     def __init__(self, result: Result, index: int) -> None:
@@ -212,10 +214,13 @@ class SpringHistory:
     @property
     def elongation(self) -> Array:
         """Elongation in m, shape (n_times,)."""
-        memory = self._result.model.system.memory
+        system = self._result.model.system
         # The printed law is that of a system of one degree of freedom.
-        row = np.ones((1, 1)) if memory is None else memory.rows[[self._index]]
-        return self._result.samples.along(row, "q")[0]
+        parts = [part.rows for part in (system.memory, system.springpots) if part is not None] or [np.ones((1, 1))]
+        index = self._index
+        while index >= parts[0].shape[0]:
+            index -= parts.pop(0).shape[0]
+        return self._result.samples.along(parts[0][[index]], "q")[0]
 
     @property
     def force(self) -> Array:
@@ -400,7 +405,7 @@ class Result:
 
     @cached_property
     def springs(self) -> Named[SpringHistory]:
-        """Histories of springs with memory by name; empty where the scene has none."""
+        """Histories of springs with memory and of springpots by name; empty where the scene has none."""
         names = [law.name for law in self.model.system.springs]
         return Named({name: SpringHistory(self, j) for j, name in enumerate(names)}, "spring with memory")
 
@@ -432,7 +437,9 @@ class Result:
         if self.model.system.contacts is not None:
             force = self.contact_samples.force if t is None else self.solution.contacts(times).force
         modes = getattr(self.solution, "modes", None) if self.model.system.modal_damping is not None else None
-        pull = None if self.model.system.memory is None else self._spring_force(beam, where, t)
+        system = self.model.system
+        remembers = system.memory is not None or system.springpots is not None
+        pull = self._spring_force(beam, where, t) if remembers else None
         return Reaction(*support_reaction(self.model, beam, where, times, samples, force, modes, pull))
 
     def _spring_force(self, beam: Beam, where: Any, t: ArrayLike | None) -> Array:

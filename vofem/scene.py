@@ -44,7 +44,7 @@ class Scene:
         an array x (of any shape) for a beam. Zero where silent. The outcome of
         `vofem.equilibrium` or of an earlier run, of bodies with the same names,
         serves for all bodies, or for one: ``{beam: outcome}``; springs with
-        memory of the same names go on with their past.
+        memory of the same names go on with their past, springpots begin anew.
 
     Raises
     ------
@@ -165,6 +165,15 @@ class Scene:
                 state, found = known, True
             states.append(state)
         return np.concatenate(states) if found else None
+
+    def forgotten(self) -> tuple[str, ...]:
+        """Return the names of springpots whose past in the run that the scene starts from is not carried on."""
+        springpots = self.model.system.springpots
+        if springpots is None or self.initial is None:
+            return ()
+        return tuple(
+            law.name for law in springpots.laws if law.name in getattr(self._source_of(law.name), "springs", ())
+        )
 
     def _source_of(self, spring: str) -> Any:
         if not isinstance(self.initial, Mapping):

@@ -206,6 +206,12 @@ def run_plan(
             watch=None if watcher.idle else watcher, resume=snapshot, **arguments,
         )  # fmt: skip
     solution.notes.extend(unresolved_contacts(scene.model.system))
+    forgotten = scene.forgotten()
+    if forgotten and snapshot is None:
+        solution.notes.append(
+            f"springpots: Springpot {forgotten[0]!r} begins without the past that it has in the earlier run, at rest "
+            "in its place; vofem.resume carries it on"
+        )
     return Result(scene, plan.method, solution, _recorded(plan.probes, solution))
 
 
@@ -314,7 +320,8 @@ _KINDS: tuple[tuple[str, Callable[[System], bool]], ...] = (
     ),
     ("damping", lambda system: system.damped),
     ("nonlinear springs", lambda system: system.nonlinear is not None),
-    ("springs with memory", lambda system: bool(system.springs)),
+    ("springs with memory", lambda system: bool(system.path_dependent)),
+    ("springpots", lambda system: system.springpots is not None),
     ("loads", lambda system: bool(system.loads)),
 )
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem.memory import MemoryLaw, PrintedLaw
+from vofem.memory import MemoryLaw, PrintedLaw, SpringpotLaw
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix, csr_matrix
@@ -156,6 +156,20 @@ class MemoryLaws:
 
 
 @dataclass(frozen=True)
+class SpringpotLaws:
+    """Springpots, one per row.
+
+    Attributes
+    ----------
+    rows : csr_matrix, shape (n_laws, n)
+    laws : tuple of SpringpotLaw
+    """
+
+    rows: csr_matrix
+    laws: tuple[SpringpotLaw, ...]
+
+
+@dataclass(frozen=True)
 class System:
     """``M q'' + C q' + K q = sum_l F_l f_l(t) - sum_j b_j R_j(b_j.q, b_j.q')`` over the free degrees of freedom.
 
@@ -186,6 +200,7 @@ class System:
         Eq. 22 as it stands, on a system of one degree of freedom.
     scale : ndarray, shape (n,)
         Length that makes a degree of freedom a displacement; balances eigenproblems.
+    springpots : SpringpotLaws, optional
     """
 
     mass: csc_matrix
@@ -201,6 +216,7 @@ class System:
     scale: Array
     strain: csr_matrix | None
     rigid: Array
+    springpots: SpringpotLaws | None = None
 
     @property
     def size(self) -> int:
@@ -208,11 +224,16 @@ class System:
         return int(self.scale.size)
 
     @property
-    def springs(self) -> tuple[MemoryLaw | PrintedLaw, ...]:
-        """The springs with memory."""
+    def path_dependent(self) -> tuple[MemoryLaw | PrintedLaw, ...]:
+        """The springs whose force at rest depends on the path to there."""
         if self.printed is not None:
             return (self.printed,)
         return () if self.memory is None else self.memory.laws
+
+    @property
+    def springs(self) -> tuple[MemoryLaw | PrintedLaw | SpringpotLaw, ...]:
+        """All springs with memory, springpots last."""
+        return self.path_dependent + (() if self.springpots is None else self.springpots.laws)
 
     @property
     def damped(self) -> bool:
@@ -274,6 +295,10 @@ class Counters:
         Evaluations of nonlinear springs.
     memory_updates : int
         Springs with memory, times the steps over which their past was carried on.
+    history_terms : int
+        Numbers in which all springpots keep their past; they grow like the logarithm of the number of steps.
+    history_updates : int
+        Springpots, times the steps over which their past was carried on.
     rejected : int
         Steps that were tried and taken back.
     """
@@ -290,6 +315,8 @@ class Counters:
     contact_solves: int = 0
     law_evaluations: int = 0
     memory_updates: int = 0
+    history_terms: int = 0
+    history_updates: int = 0
     rejected: int = 0
 
 

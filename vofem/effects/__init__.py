@@ -11,6 +11,7 @@ from vofem.effects.jenkins import BilinearSpring, IwanSpring
 from vofem.effects.loads import DistributedLoad, Gravity, PointLoad, PointMoment
 from vofem.effects.nonlinear_spring import NonlinearSpring
 from vofem.effects.softening import LinearSoftening
+from vofem.effects.springpot import Springpot
 from vofem.effects.time_functions import Constant, Pulse, Ramp, Sine, Tabulated, TimeFunction
 
 __all__ = [
@@ -39,6 +40,7 @@ __all__ = [
     "RotationalSpring",
     "Sine",
     "Spring",
+    "Springpot",
     "Tabulated",
     "TimeFunction",
 ]

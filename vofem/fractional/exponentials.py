@@ -4,7 +4,8 @@
 over all x. The trapezoidal rule in x converges exponentially, and its nodes
 ``e^x`` do not depend on the order. Its infinitely many nodes far below ``1/t_end``,
 where the exponentials hardly bend, are replaced by a few that have the same
-moments: without that a small order would need very many.
+moments: without that a small order would need very many. All weights are
+positive, so that the sum is a chain of springs and dashpots: it makes no energy.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import number
 from vofem.errors import ArgumentError
@@ -23,8 +24,9 @@ Array = NDArray[np.float64]
 #: Smallest error that rounding lets one ask for.
 _FLOOR = 1e-12
 
-#: Rates below this over t_end are replaced by a few. With more of them moments would lose digits.
-_SLOW = 0.05
+#: Number of rates that stand for all slow ones, by the largest spacing at which their weights are positive (as a scan
+#: over spacings and orders shows): Lobatto's points of Chebyshev's polynomials, zero among them.
+_FEW = ((0.62, 5), (0.96, 4), (math.inf, 3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,14 +53,58 @@ class Exponentials:
     slowest: float
     error: float = math.nan
 
-    def weights(self, order: float) -> Array:
-        """Return the weights, shape (k,), such that ``weights @ exp(-rates t)`` is the kernel of this order."""
+    def weights(self, order: ArrayLike) -> Array:
+        """Return the weights such that ``weights @ exp(-rates t)`` is the kernel of an order in [0, 1].
+
+        Parameters
+        ----------
+        order : float or array_like, shape (n,)
+
+        Returns
+        -------
+        ndarray, shape (k,) or (n, k)
+            Not negative.
+        """
+        a = np.asarray(order, dtype=float)[..., None]
+        share, h = _share(a), self.spacing
+        # Moments of the slow part about zero; the one that counts its rates has a limit at order 0.
+        zero = a == 0.0
+        safe = np.where(zero, 0.5, a)
+        count = np.where(zero, 1.0, _share(safe) / safe * (safe * h / np.expm1(safe * h)))
         power = np.arange(1.0, len(self.moments))
-        share = np.sinc(order)  # sin(pi order) / (pi order)
-        first = 1.0 if order == 0.0 else order * self.spacing / math.expm1(order * self.spacing)
-        rest = order * self.spacing / np.expm1((order + power) * self.spacing)
-        slow = self.slowest**order * share * (self.moments @ np.append(first, rest))
-        return np.append(slow, order * share * self.spacing * self.rates[len(slow) :] ** order)
+        rest = share * h * np.exp(power * h) / np.expm1((a + power) * h)
+        slow = self.slowest**a * np.maximum(np.concatenate([count, rest], axis=-1) @ self.moments.T, 0.0)
+        fast = share * h * self.rates[len(self.moments) :] ** a
+        return np.concatenate([slow, fast], axis=-1)
+
+    def faster(self, order: ArrayLike) -> Array:
+        """Return sums of weight over rate and over its square, of all rates above `rates`, which go on without end.
+
+        In a time that is long for them their part of the derivative of u is
+        ``first u' - second u''``.
+
+        Parameters
+        ----------
+        order : float or array_like, shape (n,)
+
+        Returns
+        -------
+        ndarray, shape (2,) or (n, 2)
+            In s^(1 - order) and s^(2 - order).
+        """
+        a, h = np.asarray(order, dtype=float), self.spacing
+        next_rate = float(self.rates[-1]) * math.exp(h)
+        left = (1.0 - a) * h
+        one = left == 0.0
+        safe = np.where(one, 1.0, left)
+        first = np.where(one, 1.0, np.sinc(1.0 - a) * safe / -np.expm1(-safe)) * next_rate ** (a - 1.0)
+        second = _share(a) * h * next_rate ** (a - 2.0) / -np.expm1((a - 2.0) * h)
+        return np.stack([first, second], axis=-1)
+
+
+def _share(a: Array) -> Array:
+    """Return ``sin(pi a)/pi``, accurate at both ends."""
+    return np.where(a < 0.5, a * np.sinc(a), (1.0 - a) * np.sinc(1.0 - a))
 
 
 def exponentials(dt: float, t_end: float, tolerance: float = 1e-10) -> Exponentials:
@@ -102,17 +148,15 @@ def exponentials(dt: float, t_end: float, tolerance: float = 1e-10) -> Exponenti
 
 def _built(dt: float, t_end: float, aim: float) -> Exponentials:
     spacing = math.pi**2 / math.log(4.0 / aim)
-    slowest = _SLOW / t_end
+    few = next(count for largest, count in _FEW if spacing <= largest)
+    # exp(-y) by interpolation between 0 and the largest slow rate.
+    slowest = 4.0 * (0.025 * aim * math.factorial(few)) ** (1.0 / few) / t_end
     reach = math.log(1.0 / aim) + 2.0
     count = math.ceil(math.log(reach / (slowest * dt)) / spacing) + 1
     fast = slowest * np.exp(spacing * np.arange(count))
-    # exp(-y), y in [0, _SLOW], by interpolation at m Chebyshev points.
-    m = 2
-    while 2.0 * (_SLOW / 4.0) ** m / math.factorial(m) > 0.1 * aim:
-        m += 1
-    points: Array = 0.5 - 0.5 * np.cos((np.arange(m) + 0.5) * np.pi / m)
+    points: Array = 0.5 - 0.5 * np.cos(np.arange(few) * np.pi / (few - 1.0))
     moments = np.asarray(np.linalg.inv(np.vander(points, increasing=True).T), dtype=np.float64)
-    return Exponentials(np.append(slowest * points, fast), spacing, moments, slowest)
+    return Exponentials(np.append(slowest * math.exp(-spacing) * points, fast), spacing, moments, slowest)
 
 
 def _measured(kernel: Exponentials, dt: float, t_end: float) -> float:

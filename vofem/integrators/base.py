@@ -106,7 +106,7 @@ class Energies:
 
 @dataclass(frozen=True)
 class SpringSamples:
-    """Springs with memory at some times, each of shape (n_springs, n_times).
+    """Springs with memory, then springpots, at some times, each of shape (n_springs, n_times).
 
     Attributes
     ----------
@@ -117,7 +117,7 @@ class SpringSamples:
     dissipated : ndarray
         Since t = 0, J.
     past : ndarray
-        The state of all springs at the last of the times.
+        The state of all springs but springpots at the last of the times.
     """
 
     force: Array

@@ -9,7 +9,9 @@ damped or not; no numerical dissipation. With ``v`` at half steps,
     v_{n+1/2} = v_{n-1/2} + dt a_n,    q_{n+1} = q_n + dt v_{n+1/2},
 
 which is Eq. 21 with C = 0 but loses far fewer digits than its two-step form.
-Contact dampers are implicit, through the compliance of the contact rows. The
+Contact dampers are implicit, through the compliance of the contact rows, and so
+are springpots, by the mean of their forces over the steps on both sides: both
+only take energy, and leave the critical step as it is. The
 kinetic energy reported is ``v_{n-1/2}' M v_{n+1/2} / 2``: with it the scheme
 conserves energy to rounding between switches.
 
@@ -18,7 +20,7 @@ N. M. Newmark's family at beta = 0, gamma = 1/2; R. W. Clough, J. Penzien, Dynam
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,11 +39,28 @@ from vofem.integrators.stepping.probes import tap
 from vofem.integrators.stepping.recall import remember
 from vofem.integrators.stepping.record import Output, Trail, leave, log_event, output, store, switched, trail
 from vofem.integrators.stepping.rows import Rows, all_rows, compressed, dot, subtract_row
+from vofem.integrators.stepping.springpots import (
+    FORCE,
+    MEAN,
+    NO_HISTORY,
+    NO_PACE,
+    NO_SPRINGPOTS,
+    WORK,
+    History,
+    Pace,
+    Springpots,
+    affine,
+    carry_on,
+    tell_histories,
+)
 from vofem.integrators.switch import contact_stiffness
 from vofem.integrators.watching import Snapshot, Watch
 from vofem.linalg.banded import factor, solve, subtract_product, to_band, widen
 from vofem.linalg.jit import jit
 from vofem.system import CLOSED, Counters, State, System
+
+if TYPE_CHECKING:
+    from vofem.integrators.stepping.history import Springpotted
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -59,7 +78,7 @@ _BLOW_UP = 1e3
 class _Matrices(NamedTuple):
     """Bands of M, K and C (no rows where undamped), and the factored ``M + dt C/2``.
 
-    `shape` and `compliance` are ``A^-1 B'`` and ``B A^-1 B'`` of contact dampers.
+    `shape` and `compliance` are ``A^-1 B'`` and ``B A^-1 B'`` of contact dampers and springpots.
     """
 
     mass: Array
@@ -147,9 +166,8 @@ def run(
     kernel = _CentralDifference(system, start, dt, steps, counters)
     initial, acceleration = kernel.state.status.copy(), kernel.start_acceleration
     first = stored_energy(system, start.q, start.v) - 0.125 * dt**2 * float(acceleration @ (system.mass @ acceleration))
-    out = output(
-        stored, system.size, tap(probes, kernel.bands.order), kernel.laws.memory.kind.size, kernel.laws.state.size
-    )
+    points = tap(probes, kernel.bands.order)
+    out = output(stored, system.size, points, len(system.springs), kernel.laws.state.size)
     return march(
         kernel, "central_difference", start, initial, t_end, dt, out, notes,
         first_energy=first, blow_up=_BLOW_UP, watch=watch, resume=resume,
@@ -188,19 +206,37 @@ class _CentralDifference:
         self.callbacks = None if system.nonlinear is None else Callbacks(system.nonlinear.laws)
         self.laws = build_laws(system, self.callbacks)
         self.rows = compressed(all_rows(system), order)
-        self.matrices = _Matrices(mass, stiffness, c, factored, *_dampers(system, factored, order))
+        self.matrices = _Matrices(mass, stiffness, c, factored, *_implicit(system, factored, order))
         status = np.empty(0, dtype=np.int64)
         if system.contacts is not None:
             status = initial_status(system.contacts, start.q, start.v)
         every = all_rows(system)
         u = np.zeros(0) if every is None else np.asarray(every @ start.q)
         self.laws = loaded(self.laws, u, start.memory)
+        self.history, self.pace = NO_HISTORY, NO_PACE
+        self.springpotted: Springpotted | None = None
+        if system.springpots is not None:
+            self._keep_history(start, counters)
         self.start_acceleration = self._start_acceleration(start, status)
         # Second-order start: half a step back with the acceleration of the initial conditions.
         half = start.v[order] - 0.5 * dt * self.start_acceleration[order]
         self.state = _State(start.q[order].copy(), half, status, self.laws.state)
         self.trail = trail(n, self.laws.state)
         leave(self.trail, self.state.q, start.v[order], self.trail.a)
+
+    def _keep_history(self, start: State, counters: Counters) -> None:
+        """Let springpots keep their past; the force that they begin with is the mean of the first step."""
+        from vofem.integrators.stepping.history import Springpotted
+
+        springpots = self.bands.system.springpots
+        assert springpots is not None
+        self.springpotted = Springpotted(self.bands.system, self.dt, (self.steps + 1) * self.dt, counters)
+        self.history, self.pace = self.springpotted.begin(start), self.springpotted.pace(self.dt)
+        # With the force at t = 0, which grows like a power below 1, the sum over half steps would lose its order.
+        first = self.springpotted.at(np.array([0.5 * self.dt]))
+        for i, rate in enumerate(springpots.rows @ start.v):
+            self.history.told[i, MEAN] = affine(first, self.pace, self.history, i, 0)[0] * rate
+        self.place = (*self.place, "history")
 
     @property
     def finished(self) -> bool:
@@ -219,11 +255,14 @@ class _CentralDifference:
     def advance(self, out: Output, cursor: int) -> tuple[int, Array]:
         """Take some steps."""
         first = self.done
-        count = min(chunk(self.state.q.size), self.steps + 1 - first)
+        count, springpots = min(chunk(self.state.q.size), self.steps + 1 - first), NO_SPRINGPOTS
+        if self.springpotted is not None:
+            count = self.springpotted.most_steps(count)
+            springpots = self.springpotted.at((np.arange(first, first + count, dtype=float) + 0.5) * self.dt)
         values = self.bands.load_values(np.arange(first, first + count, dtype=float) * self.dt)
         cursor, events = _advance(
             self.matrices, self.rows, with_state(self.laws, self.state.memory), self.bands.loads, values, self.dt,
-            first, count, self.state, self.trail, out, cursor,
+            first, count, self.state, self.trail, out, cursor, springpots, self.pace, self.history,
         )  # fmt: skip
         if self.callbacks is not None:
             self.callbacks.complain(self.dt)
@@ -252,19 +291,28 @@ class _CentralDifference:
             u = system.memory.rows @ start.q
             pulls = [memory_force(self.laws.memory, self.laws.state, i, float(x))[0] for i, x in enumerate(u)]
             force -= system.memory.rows.T @ np.array(pulls)
+        if system.springpots is not None:
+            force -= system.springpots.rows.T @ self.history.told[:, MEAN]
         banded = force[self.bands.order]
         solve(factor(self.matrices.mass, "the mass matrix"), banded)
         return banded[self.bands.back]
 
 
-def _dampers(system: System, factored: Array, order: IntArray) -> tuple[Array, Array]:
-    """Return ``A^-1 B'`` and ``B A^-1 B'`` of the contacts with dampers; empty where there are none."""
-    laws, n = system.contacts, system.size
-    if laws is None or not np.any(laws.damping > 0):
+def _implicit(system: System, factored: Array, order: IntArray) -> tuple[Array, Array]:
+    """Return ``A^-1 B'`` and ``B A^-1 B'`` of contacts with dampers and of springpots; empty where there are none.
+
+    B has the rows of all laws; columns of other laws are zero.
+    """
+    laws, every, n = system.contacts, all_rows(system), system.size
+    which = [] if laws is None else np.flatnonzero(laws.damping > 0).tolist()
+    if system.springpots is not None:
+        first = sum(part.rows.shape[0] for part in (laws, system.nonlinear) if part is not None)
+        which += range(first, first + len(system.springpots.laws))
+    if every is None or not which:
         return np.empty((n, 0)), np.empty((0, 0))
-    rows = laws.rows.toarray()[:, order]
-    shape = np.zeros((n, len(laws)))
-    for j in np.flatnonzero(laws.damping > 0):
+    rows = every.toarray()[:, order]
+    shape = np.zeros((n, rows.shape[0]))
+    for j in which:
         column = rows[j].copy()
         solve(factored, column)
         shape[:, j] = column
@@ -274,15 +322,17 @@ def _dampers(system: System, factored: Array, order: IntArray) -> tuple[Array, A
 @jit
 def _advance(
     matrices: _Matrices, rows: Rows, laws: Laws, loads: Array, values: Array, dt: float, first: int, count: int,
-    state: _State, before: Trail, out: Output, cursor: int,
+    state: _State, before: Trail, out: Output, cursor: int, springpots: Springpots, pace: Pace, history: History,
 ) -> tuple[int, Array]:  # fmt: skip
     """Advance `count` steps from step `first`; return the output cursor and events (time, contact, status)."""
     n, m, contacts = state.q.size, rows.start.size - 1, state.status.size
     q, half = state.q, state.half
     damped = matrices.damping.shape[0] > 0
     dampers = matrices.shape.shape[1] > 0
+    pots, told = history.y.shape[0], history.told
+    slope, rest, pull = np.zeros(pots), np.zeros(pots), np.zeros(pots)
     a, v, load, loss = np.empty(n), np.empty(n), np.zeros(n), np.zeros(n)
-    k_eq, c_eq = np.zeros(contacts), np.zeros(contacts)
+    k_eq, c_eq = np.zeros(contacts), np.zeros(m)
     events = np.empty((16 if contacts else 0, 3))
     happened = 0
     for step in range(first, first + count):
@@ -302,6 +352,13 @@ def _advance(
                 subtract_row(rows, j, memory_force(laws.memory, state.memory, i, u)[0], a)
         subtract_product(matrices.stiffness, q, a)
         any_damper = False
+        for i in range(pots):
+            j, pull[i] = springpots.row + i, told[i, MEAN]
+            slope[i], rest[i] = affine(springpots, pace, history, i, step - first)
+            if step > 0:
+                pull[i] = 0.5 * (told[i, MEAN] + rest[i] + slope[i] * dot(rows, j, half))
+                c_eq[j] = slope[i]
+            subtract_row(rows, j, pull[i], a)
         for j in range(contacts):
             u = dot(rows, j, q)
             s = u - laws.gap[j]
@@ -324,8 +381,8 @@ def _advance(
         if damped:
             subtract_product(matrices.damping, half, a)
         solve(matrices.factored, a)
-        if any_damper:
-            _implicit_dampers(matrices, rows, c_eq, 0.5 * dt, a)
+        if any_damper or (pots > 0 and step > 0):
+            _implicit_forces(matrices, rows, c_eq, 0.5 * dt, a)
         for i in range(n):
             v[i] = half[i] + 0.5 * dt * a[i]
         lossy = damped or any_damper
@@ -337,6 +394,12 @@ def _advance(
             for j in range(contacts):
                 if c_eq[j] > 0.0:
                     subtract_row(rows, j, c_eq[j] * dot(rows, j, v), loss)
+        for i in range(pots):
+            j = springpots.row + i
+            if step > 0:
+                pull[i] += 0.5 * dt * slope[i] * dot(rows, j, a)
+                told[i, FORCE] = pull[i]
+                told[i, WORK] += 0.5 * dt * pull[i] * dot(rows, j, half)
         # Work and dissipation by the trapezoidal rule: this time ends one step and begins the next.
         if step > 0:
             if loads.shape[0] > 0:
@@ -348,6 +411,8 @@ def _advance(
         if state.memory.size > 0:
             remember(laws.memory, before.memory, rows, out, wanted, cursor)
             before.memory[:] = state.memory
+        if pots > 0:
+            tell_histories(history, out, wanted, cursor, t, dt)
         leave(before, q, v, a)
         for i in range(n):
             half[i] += dt * a[i]
@@ -356,12 +421,16 @@ def _advance(
             before.work[0] += 0.5 * dt * np.dot(half, load)
         if lossy:
             before.dissipated[0] -= 0.5 * dt * np.dot(half, loss)
+        for i in range(pots):
+            rate = dot(rows, springpots.row + i, half)
+            told[i, WORK] += 0.5 * dt * pull[i] * rate
+            carry_on(springpots, pace, history, i, step - first, rate, slope[i] * rate + rest[i])
     return cursor, events[:happened]
 
 
 @jit
-def _implicit_dampers(matrices: _Matrices, rows: Rows, c_eq: Array, half_step: float, a: Array) -> None:
-    """Correct the acceleration for closed contact dampers, which act on the mean of both half-step velocities."""
+def _implicit_forces(matrices: _Matrices, rows: Rows, c_eq: Array, half_step: float, a: Array) -> None:
+    """Correct the acceleration for laws that act, by `c_eq`, on the mean of both half-step velocities."""
     m = c_eq.size
     system, right = np.eye(m), np.zeros(m)
     for j in range(m):

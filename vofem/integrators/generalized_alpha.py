@@ -16,7 +16,7 @@ every subscript a mean of both ends, ``x_{1-a} = (1 - a) x_1 + a x_0``. Newmark'
 method is alpha_m = alpha_f = 0 and Hilber, Hughes and Taylor's is alpha_m = 0:
 give ``alpha_m``, ``alpha_f``, ``gamma`` and ``newmark_beta`` to reach them.
 Under the jump law the reaction may lie anywhere in [0, K0 gap] at the gap. A
-contact damper acts by its mean over the step, extrapolated to the time of balance.
+contact damper and a springpot act by their mean over the step, extrapolated to the time of balance.
 
 J. Chung, G. M. Hulbert, A time integration algorithm for structural dynamics with improved numerical dissipation:
 the generalized-alpha method, J. Appl. Mech. 60 (1993) 371-375, https://doi.org/10.1115/1.2900803.
@@ -24,7 +24,7 @@ the generalized-alpha method, J. Appl. Mech. 60 (1993) 371-375, https://doi.org/
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,10 +45,27 @@ from vofem.integrators.stepping.probes import tap
 from vofem.integrators.stepping.recall import remember
 from vofem.integrators.stepping.record import Output, Trail, leave, log_event, output, store, switched, trail
 from vofem.integrators.stepping.rows import Rows, all_rows, compressed, dot, subtract_row
+from vofem.integrators.stepping.springpots import (
+    FORCE,
+    MEAN,
+    NO_HISTORY,
+    NO_PACE,
+    NO_SPRINGPOTS,
+    WORK,
+    History,
+    Pace,
+    Springpots,
+    carry_on,
+    impose,
+    tell_histories,
+)
 from vofem.integrators.watching import Snapshot, Watch
 from vofem.linalg.banded import factor, solve, subtract_product, to_band, widen
 from vofem.linalg.jit import jit
 from vofem.system import Counters, State, System
+
+if TYPE_CHECKING:
+    from vofem.integrators.stepping.history import Springpotted
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -172,9 +189,8 @@ def run(
     stored = storage_times(times, t_end, dt, steps, system.size, notes)
     note_chatter(system, notes)
     kernel = _GeneralizedAlpha(system, start, dt, steps, chosen, counters)
-    out = output(
-        stored, system.size, tap(probes, kernel.bands.order), kernel.laws.memory.kind.size, kernel.laws.state.size
-    )
+    points = tap(probes, kernel.bands.order)
+    out = output(stored, system.size, points, len(system.springs), kernel.laws.state.size)
     return march(
         kernel, "generalized_alpha", start, kernel.state.status.copy(), t_end, dt, out, notes,
         first_energy=stored_energy(system, start.q, start.v), blow_up=_BLOW_UP, watch=watch, resume=resume,
@@ -217,8 +233,14 @@ class _GeneralizedAlpha:
         self.laws = loaded(self.laws, u, start.memory)
         if system.contacts is not None:
             status = initial_status(system.contacts, start.q, start.v)
+        self.history, self.pace = NO_HISTORY, NO_PACE
+        self.springpotted: Springpotted | None = None
         reaction = np.array([law(self.laws, j, u[j], u[j], False, 0.0, 0.0)[0] for j in range(m)])
         dampers = _start_dampers(self.laws, u, rate)
+        if system.springpots is not None:
+            self._keep_history(start, counters)
+            first = m - self.laws.memory.kind.size - self.history.y.shape[0]
+            dampers[first : first + self.history.y.shape[0]] = self.history.told[:, FORCE]
         force = system.force(0.0) - system.stiffness @ start.q
         if damping is not None:
             force -= damping @ start.v
@@ -232,6 +254,14 @@ class _GeneralizedAlpha:
         )  # fmt: skip
         self.trail = trail(n, past)
         leave(self.trail, self.state.q, self.state.v, self.state.a)
+
+    def _keep_history(self, start: State, counters: Counters) -> None:
+        """Let springpots keep their past."""
+        from vofem.integrators.stepping.history import Springpotted
+
+        self.springpotted = Springpotted(self.bands.system, self.dt, self.steps * self.dt, counters)
+        self.history, self.pace = self.springpotted.begin(start), self.springpotted.pace(self.dt)
+        self.place = (*self.place, "history")
 
     @property
     def finished(self) -> bool:
@@ -249,15 +279,19 @@ class _GeneralizedAlpha:
     def advance(self, out: Output, cursor: int) -> tuple[int, Array]:
         """Take some steps."""
         first = self.done
-        count = min(chunk(self.state.q.size), self.steps - first)
+        count, springpots = min(chunk(self.state.q.size), self.steps - first), NO_SPRINGPOTS
+        if self.springpotted is not None:
+            count = self.springpotted.most_steps(count)
+            springpots = self.springpotted.at((np.arange(first, first + count, dtype=float) + 0.5) * self.dt)
         if first == 0:
             cursor = store(out, 0, 0.0, self.dt, True, self.trail, self.state.q, self.state.v, self.state.a)
             if self.state.memory.size:
                 remember(self.laws.memory, self.state.memory, self.rows, out, 0, cursor)
+            tell_histories(self.history, out, 0, cursor, 0.0, self.dt)
         values = self.bands.load_values(np.arange(first, first + count + 1, dtype=float) * self.dt)
         cursor, events, solves, failed = _advance(
             self.matrices, self.parameters, self.rows, with_state(self.laws, self.state.memory), self.bands.loads,
-            values, self.dt, first, count, self.state, self.trail, out, cursor,
+            values, self.dt, first, count, self.state, self.trail, out, cursor, springpots, self.pace, self.history,
         )  # fmt: skip
         if self.callbacks is not None:
             self.callbacks.complain(self.dt)
@@ -284,7 +318,8 @@ def _start_dampers(laws: Laws, u: Array, rate: Array) -> Array:
 @jit
 def _advance(
     matrices: _Matrices, parameters: Parameters, rows: Rows, laws: Laws, loads: Array, values: Array, dt: float,
-    first: int, count: int, state: _State, before: Trail, out: Output, cursor: int,
+    first: int, count: int, state: _State, before: Trail, out: Output, cursor: int, springpots: Springpots,
+    pace: Pace, history: History,
 ) -> tuple[int, Array, int, int]:  # fmt: skip
     """Take `count` steps; return the cursor, events, number of contact solves, and the step that failed or -1."""
     n, m, contacts = state.q.size, rows.start.size - 1, state.status.size
@@ -323,6 +358,8 @@ def _advance(
         for j in range(m):
             if state.reaction[j] != 0.0:
                 subtract_row(rows, j, af * state.reaction[j], right)
+        if history.y.shape[0] > 0:
+            impose(springpots, pace, history, step - first, laws, u0, ahead - 1.0, 1.0 - af)
         if m == 0:
             a1[:] = right
             solve(matrices.structure.factored, a1)
@@ -369,16 +406,36 @@ def _advance(
                     events = log_event(events, happened, j, t, dt, u0[j] - laws.gap[j], s)
                     state.status[j] = int(events[happened, 2])
                     happened += 1
-            u0[j] = u1[j]
+        if history.y.shape[0] > 0:
+            _accept_history(springpots, pace, history, step - first, ahead - 1.0, 1.0 - af, state.reaction, u0, u1)
         before.dissipated[0] += taken
         q[:] = q1
         v[:] = v1
         a[:] = a1
+        u0[:] = u1
         wanted = cursor
         cursor = store(out, cursor, t, dt, False, before, q, v, a)
         if state.memory.size > 0:
             remember(laws.memory, before.memory, rows, out, wanted, cursor)
             commit_all(laws.memory, state.memory, u1)
             before.memory[:] = state.memory
+        if history.y.shape[0] > 0:
+            tell_histories(history, out, wanted, cursor, t, dt)
         leave(before, q, v, a)
     return cursor, events[:happened], solves, -1
+
+
+@jit
+def _accept_history(
+    springpots: Springpots, pace: Pace, history: History, s: int, ahead: float, share: float, reaction: Array,
+    u0: Array, u1: Array,
+) -> None:  # fmt: skip
+    """Take step s: forces at its end are extrapolated from the means of the last two steps, and take part no longer."""
+    told = history.told
+    for i in range(told.shape[0]):
+        j = springpots.row + i
+        mean, rate = (share * reaction[j] + ahead * told[i, MEAN]) / (1.0 + ahead), (u1[j] - u0[j]) / pace.dt
+        told[i, WORK] += pace.dt * mean * rate
+        told[i, FORCE] = 1.5 * mean - 0.5 * told[i, MEAN]
+        carry_on(springpots, pace, history, i, s, rate, mean)
+        reaction[j] = 0.0

@@ -17,7 +17,8 @@ def equilibrium(scene: Scene, t: float = 0.0) -> Equilibrium:
     """Return the static equilibrium of a scene under its loads at time t.
 
     Under ``acts_on="displacement"`` a load between the open and the closed
-    equilibrium pins the contact; it is returned so, with its reaction.
+    equilibrium pins the contact; it is returned so, with its reaction. Dampers and
+    springpots yield to every lasting force, and are left out.
 
     Parameters
     ----------
@@ -34,9 +35,9 @@ def equilibrium(scene: Scene, t: float = 0.0) -> Equilibrium:
     t = number("equilibrium: t", t)
     model = as_scene("equilibrium", scene).model
     system = model.system
-    if system.springs:
+    if system.path_dependent:
         raise ArgumentError(
-            f"equilibrium: {system.springs[0].label} has equilibria that depend on the path to them; "
+            f"equilibrium: {system.path_dependent[0].label} has equilibria that depend on the path to them; "
             "use vofem.quasi_static(scene, load_factors)"
         )
     if system.nonlinear is not None:

@@ -29,7 +29,7 @@ def quasi_static(scene: Scene, load_factors: ArrayLike) -> QuasiStatic:
     The path begins without load, with springs that have no past. From one
     factor to the next all elongations are taken to change monotonically:
     give as many factors as turning points ask for, and more where springs and
-    contacts interact.
+    contacts interact. A path takes for ever: dampers and springpots are left out.
 
     Parameters
     ----------

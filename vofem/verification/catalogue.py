@@ -20,6 +20,7 @@ def catalogue() -> tuple[Case, ...]:
         published_modes,
         published_runs,
         rebounds,
+        springpots,
         statics,
         two_masses,
         units,
@@ -27,7 +28,7 @@ def catalogue() -> tuple[Case, ...]:
 
     parts = (
         accumulation, bars, beams, faults, meshes, oscillators, rebounds, statics, units, two_masses,
-        published_modes, published_runs,
+        published_modes, published_runs, springpots,
     )  # fmt: skip
     cases = [case for part in parts for case in part.cases()]
     return tuple(sorted(cases, key=lambda case: 1000 if case.number is None else case.number))

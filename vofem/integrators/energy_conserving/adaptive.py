@@ -20,6 +20,7 @@ from vofem.integrators.energy_conserving.step import (
     Scratch,
     State,
     accept,
+    accept_history,
     combine,
     step,
 )
@@ -27,6 +28,7 @@ from vofem.integrators.stepping.laws import Laws, with_state
 from vofem.integrators.stepping.memory import commit_all
 from vofem.integrators.stepping.record import Output, Trail
 from vofem.integrators.stepping.rows import Rows, dot
+from vofem.integrators.stepping.springpots import History, Pace, Springpots, carry_on, impose
 from vofem.linalg.banded import solve, subtract_product
 from vofem.linalg.jit import jit
 
@@ -62,6 +64,9 @@ class AdaptiveSteps(Setting):
         n, m = self.state.q.size, self.state.u.size
         self.trial, self.tried = np.zeros((5, n)), np.zeros((3, m))
         self.past = self.state.memory.copy()
+        self.keep_history(self.tick, t_end + 2.0 * self.largest)
+        self.paces: dict[int, Pace] = {}
+        self.ahead = History(self.history.y.copy(), self.history.told.copy())
 
     def measure(self, displacement: Array) -> None:
         """Set the size that errors are related to from a rough run, shape (n, n_times)."""
@@ -93,6 +98,11 @@ class AdaptiveSteps(Setting):
             self.ladder[rung] = self.factor(self.largest / 2**rung)
         return self.ladder[rung]
 
+    def _pace(self, rung: int) -> Pace:
+        if rung not in self.paces:
+            self.paces[rung] = self.pace(self.largest / 2**rung)
+        return self.paces[rung]
+
     def advance(self, out: Output, cursor: int) -> tuple[int, Array]:
         """Take some steps; the last one goes beyond the end, to complete the state there."""
         found = []
@@ -107,12 +117,15 @@ class AdaptiveSteps(Setting):
         while True:
             whole, half = self._rung(self.rung), self._rung(self.rung + 1)
             t, dt = self.now * self.tick, whole.dt
-            values = self.bands.load_values(t + dt * np.array([0.5, 0.25, 0.75]))
+            middles = t + dt * np.array([0.5, 0.25, 0.75])
+            values, springpots = self.bands.load_values(middles), self.springpots(middles)
+            paces = self._pace(self.rung), self._pace(self.rung + 1)
             state = self.state
             laws = with_state(self.laws, state.memory)
             solves, rough, smooth = _try(
                 self.matrices, self._rung(max(self.rung - 3, 0)).structure.factored, whole, half, self.rows, laws,
                 self.bands.loads, values, state, self.trial, self.tried, self.weight, self.space, self.past,
+                springpots, *paces, self.history, self.ahead,
             )  # fmt: skip
             self.complain(dt)
             last = self.rung + 1 >= _RUNGS
@@ -129,7 +142,7 @@ class AdaptiveSteps(Setting):
             self.forced += ratio > 1.0
             cursor, events = _take(
                 self.matrices, half.dt, self.rows, laws, self.bands.loads, values, t, state, self.trial,
-                self.tried, self.trail, out, cursor, self.space,
+                self.tried, self.trail, out, cursor, self.space, springpots, paces[1], self.history,
             )  # fmt: skip
             self.beyond = self.now >= self.end
             self.now += 2 ** (_RUNGS - self.rung)
@@ -146,6 +159,7 @@ class AdaptiveSteps(Setting):
 def _try(
     matrices: Matrices, filtering: Array, whole: Factored, half: Factored, rows: Rows, laws: Laws, loads: Array,
     values: Array, state: State, trial: Array, tried: Array, weight: Array, space: Scratch, past: Array,
+    springpots: Springpots, pace: Pace, half_pace: Pace, history: History, ahead: History,
 ) -> tuple[int, float, float]:  # fmt: skip
     """Take a step whole and in halves; return contact solves, and errors of displacements.
 
@@ -155,13 +169,17 @@ def _try(
     `trial[0]` and `trial[1]`, reactions in `tried[0]` and `tried[1]`.
     """
     first, second, full, q, v = trial[0], trial[1], trial[2], trial[3], trial[4]
-    n, m = state.q.size, state.u.size
+    n, m, remembers = state.q.size, state.u.size, history.y.shape[0] > 0
     load = np.zeros(n)
     combine(loads, values[:, 0], load)
+    if remembers:
+        impose(springpots, pace, history, 0, laws, state.u, 0.0, 1.0)
     full[:] = state.expected
     tried[2][:] = state.reaction
     a = step(matrices, whole, rows, laws, load, state.q, state.v, state.u, full, tried[2], space)
     combine(loads, values[:, 1], load)
+    if remembers:
+        impose(springpots, half_pace, history, 1, laws, state.u, 0.0, 1.0)
     first[:] = state.expected
     tried[0][:] = state.reaction
     b = step(matrices, half, rows, laws, load, state.q, state.v, state.u, first, tried[0], space)
@@ -180,6 +198,11 @@ def _try(
         # The second half begins with what the first one leaves, should it be taken.
         past[:] = state.memory
         commit_all(laws.memory, state.memory, u)
+    if remembers:
+        ahead.y[:] = history.y
+        for i in range(ahead.y.shape[0]):
+            carry_on(springpots, half_pace, ahead, i, 1, dot(rows, springpots.row + i, first), 0.0)
+        impose(springpots, half_pace, ahead, 2, laws, u, 0.0, 1.0)
     c = step(matrices, half, rows, laws, load, q, v, u, second, tried[1], space)
     if past.size > 0:
         state.memory[:] = past
@@ -204,7 +227,8 @@ def _try(
 @jit
 def _take(
     matrices: Matrices, dt: float, rows: Rows, laws: Laws, loads: Array, values: Array, t: float, state: State,
-    trial: Array, tried: Array, before: Trail, out: Output, cursor: int, space: Scratch,
+    trial: Array, tried: Array, before: Trail, out: Output, cursor: int, space: Scratch, springpots: Springpots,
+    pace: Pace, history: History,
 ) -> tuple[int, Array]:  # fmt: skip
     """Accept both halves; return the cursor and the events."""
     load = np.zeros(state.q.size)
@@ -213,8 +237,13 @@ def _take(
     for k in range(2):
         combine(loads, values[:, k + 1], load)
         state.reaction[:] = tried[k]
+        wanted, last = cursor, state.width[0]
         cursor, events, happened = accept(
             matrices, rows, laws, load, loads.shape[0] > 0, t + k * dt, dt, trial[k], state, before, out, cursor,
             events, happened, space,
         )  # fmt: skip
+        if history.y.shape[0] > 0:
+            accept_history(
+                springpots, pace, history, rows, tried[k], k + 1, t + k * dt, last, trial[k], out, wanted, cursor
+            )
     return cursor, events[:happened]

@@ -7,11 +7,21 @@ from numpy.typing import NDArray
 
 from vofem.errors import ConvergenceError
 from vofem.integrators.energy_conserving.setting import Setting
-from vofem.integrators.energy_conserving.step import Factored, Matrices, Scratch, State, accept, combine, step
+from vofem.integrators.energy_conserving.step import (
+    Factored,
+    Matrices,
+    Scratch,
+    State,
+    accept,
+    accept_history,
+    combine,
+    step,
+)
 from vofem.integrators.stepping.laws import Laws, with_state
 from vofem.integrators.stepping.march import chunk
 from vofem.integrators.stepping.record import Output, Trail
 from vofem.integrators.stepping.rows import Rows
+from vofem.integrators.stepping.springpots import History, Pace, Springpots, impose
 from vofem.linalg.jit import jit
 
 Array = NDArray[np.float64]
@@ -28,6 +38,8 @@ class FixedSteps(Setting):
         """Set the step size in s and the number of steps."""
         self.dt, self.steps, self.done = dt, steps, 0
         self.factored = self.factor(dt)
+        self.keep_history(dt, (steps + 1) * dt)
+        self.step_pace = self.pace(dt)
 
     @property
     def finished(self) -> bool:
@@ -41,11 +53,13 @@ class FixedSteps(Setting):
     def advance(self, out: Output, cursor: int) -> tuple[int, Array]:
         """Take some steps."""
         first = self.done
-        count = min(chunk(self.state.q.size), self.steps + 1 - first)
-        values = self.bands.load_values((np.arange(first, first + count, dtype=float) + 0.5) * self.dt)
+        count = min(self.most_steps(chunk(self.state.q.size)), self.steps + 1 - first)
+        middles = (np.arange(first, first + count, dtype=float) + 0.5) * self.dt
+        values = self.bands.load_values(middles)
         cursor, events, solves, failed = _advance(
             self.matrices, self.factored, self.rows, with_state(self.laws, self.state.memory), self.bands.loads, values,
-            first, count, self.state, self.trail, out, cursor, self.space,
+            first, count, self.state, self.trail, out, cursor, self.space, self.springpots(middles), self.step_pace,
+            self.history,
         )  # fmt: skip
         self.complain(self.dt)
         if failed >= 0:
@@ -61,7 +75,8 @@ class FixedSteps(Setting):
 @jit
 def _advance(
     matrices: Matrices, factored: Factored, rows: Rows, laws: Laws, loads: Array, values: Array, first: int,
-    count: int, state: State, before: Trail, out: Output, cursor: int, space: Scratch,
+    count: int, state: State, before: Trail, out: Output, cursor: int, space: Scratch, springpots: Springpots,
+    pace: Pace, history: History,
 ) -> tuple[int, Array, int, int]:  # fmt: skip
     """Take `count` steps; return the cursor, events, number of contact solves, and the step that failed or -1."""
     load, p, dt = np.zeros(state.q.size), np.empty(state.q.size), factored.dt
@@ -70,12 +85,19 @@ def _advance(
     for k in range(first, first + count):
         combine(loads, values[:, k - first], load)
         p[:] = state.expected
+        if history.y.shape[0] > 0:
+            impose(springpots, pace, history, k - first, laws, state.u, 0.0, 1.0)
         found = step(matrices, factored, rows, laws, load, state.q, state.v, state.u, p, state.reaction, space)
         if found < 0:
             return cursor, events[:happened], solves, k
         solves += found
+        wanted, last = cursor, state.width[0]
         cursor, events, happened = accept(
             matrices, rows, laws, load, loads.shape[0] > 0, k * dt, dt, p, state, before, out, cursor, events,
             happened, space,
         )  # fmt: skip
+        if history.y.shape[0] > 0:
+            accept_history(
+                springpots, pace, history, rows, state.reaction, k - first, k * dt, last, p, out, wanted, cursor
+            )
     return cursor, events[:happened], solves, -1

@@ -31,8 +31,7 @@ from vofem.integrators.energy_conserving.adaptive import AdaptiveSteps
 from vofem.integrators.energy_conserving.fixed import FixedSteps
 from vofem.integrators.stepped import SteppedSolution, step_count, storage_times
 from vofem.integrators.stepping.march import march, note_chatter, stored_energy
-from vofem.integrators.stepping.probes import tap
-from vofem.integrators.stepping.record import Output, output
+from vofem.integrators.stepping.record import Output
 from vofem.integrators.watching import Snapshot, Watch
 from vofem.system import Counters, State, System
 
@@ -106,9 +105,7 @@ def run(
         kernel.plan(step, steps)
     initial = kernel.state.status.copy()
     note_chatter(system, notes)
-    out = output(
-        stored, system.size, tap(probes, kernel.bands.order), kernel.laws.memory.kind.size, kernel.laws.state.size
-    )
+    out = kernel.output(stored, probes)
     solution = march(
         kernel, "energy_conserving", start, initial, t_end, step, out, notes,
         first_energy=stored_energy(system, start.q, start.v), blow_up=_BLOW_UP, watch=watch, resume=resume,
@@ -128,8 +125,7 @@ def _pilot(system: System, start: State, t_end: float, counters: Counters) -> Ou
     """Return a rough run of equal steps, which tells how far things move."""
     kernel = FixedSteps(system, start, counters)
     kernel.plan(t_end / _STEPS, _STEPS)
-    times, none = np.linspace(0.0, t_end, _STEPS + 1), tap(None, kernel.bands.order)
-    out = output(times, system.size, none, kernel.laws.memory.kind.size, kernel.laws.state.size)
+    out = kernel.output(np.linspace(0.0, t_end, _STEPS + 1), None)
     cursor = 0
     while not kernel.finished:
         cursor, _ = kernel.advance(out, cursor)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.integrators.base import Samples, initial_status
+from vofem.integrators.base import ProbeRows, Samples, initial_status
 from vofem.integrators.damping_matrix import damping_matrix
 from vofem.integrators.energy_conserving.step import Factored, Matrices, State, scratch
 from vofem.integrators.stepping.balance import structure
@@ -13,17 +15,24 @@ from vofem.integrators.stepping.callbacks import Callbacks
 from vofem.integrators.stepping.energies import kinetic_energy
 from vofem.integrators.stepping.laws import build_laws, loaded
 from vofem.integrators.stepping.march import Banded, tally
-from vofem.integrators.stepping.record import leave, trail
+from vofem.integrators.stepping.probes import tap
+from vofem.integrators.stepping.record import Output, leave, output, trail
 from vofem.integrators.stepping.rows import all_rows, compressed
+from vofem.integrators.stepping.springpots import NO_HISTORY, NO_PACE, NO_SPRINGPOTS, Pace, Springpots
 from vofem.linalg.banded import to_band, widen
 from vofem.system import Counters, System
 from vofem.system import State as Start
+
+if TYPE_CHECKING:
+    from vofem.integrators.stepping.history import Springpotted
 
 Array = NDArray[np.float64]
 
 
 class Setting:
     """A system in band storage, its laws, and the state of a run."""
+
+    place: tuple[str, ...] = ()
 
     def __init__(self, system: System, start: Start, counters: Counters) -> None:
         damping = damping_matrix(system, counters)
@@ -45,8 +54,37 @@ class Setting:
         past = self.laws.state
         self.state = State(q, v, np.zeros(n), v.copy(), v.copy(), u, np.zeros(m), status, np.zeros(1), past)
         self.space = scratch(n, m)
+        self.start, self.history = start, NO_HISTORY
+        self.springpotted: Springpotted | None = None
         self.trail = trail(n, past)
         leave(self.trail, q, v, self.state.acceleration)
+
+    def keep_history(self, shortest: float, t_end: float) -> None:
+        """Let springpots, where there are any, keep their past in steps not below one in s, up to a time in s."""
+        if self.bands.system.springpots is None:
+            return
+        from vofem.integrators.stepping.history import Springpotted
+
+        self.springpotted = Springpotted(self.bands.system, shortest, t_end, self.bands.counters)
+        self.history = self.springpotted.begin(self.start)
+        self.place = (*self.place, "history")
+
+    def springpots(self, times: Array) -> Springpots:
+        """Return the springpots at the orders of some times in s."""
+        return NO_SPRINGPOTS if self.springpotted is None else self.springpotted.at(times)
+
+    def most_steps(self, count: int) -> int:
+        """Return for how many steps, at most the given number, weights of springpots are computed at once."""
+        return count if self.springpotted is None else self.springpotted.most_steps(count)
+
+    def pace(self, dt: float) -> Pace:
+        """Return what a step of a size in s does to the past of springpots."""
+        return NO_PACE if self.springpotted is None else self.springpotted.pace(dt)
+
+    def output(self, times: Array, probes: ProbeRows | None) -> Output:
+        """Return an empty record of the run at some times, and of points at every step."""
+        size, springs = self.bands.system.size, len(self.bands.system.springs)
+        return output(times, size, tap(probes, self.bands.order), springs, self.laws.state.size)
 
     def factor(self, dt: float) -> Factored:
         """Return the factored matrix of a step size, with the compliance of the laws' rows."""

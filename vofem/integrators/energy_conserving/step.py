@@ -13,6 +13,16 @@ from vofem.integrators.stepping.memory import commit_all
 from vofem.integrators.stepping.recall import remember
 from vofem.integrators.stepping.record import Output, Trail, leave, log_event, store, switched
 from vofem.integrators.stepping.rows import Rows, dot, subtract_row
+from vofem.integrators.stepping.springpots import (
+    FORCE,
+    MEAN,
+    WORK,
+    History,
+    Pace,
+    Springpots,
+    carry_on,
+    tell_histories,
+)
 from vofem.linalg.banded import solve, subtract_product
 from vofem.linalg.jit import jit
 
@@ -197,6 +207,27 @@ def accept(
     before.dissipated[0] += taken
     state.width[0] = dt
     return cursor, events, happened
+
+
+@jit
+def accept_history(
+    springpots: Springpots, pace: Pace, history: History, rows: Rows, reaction: Array, s: int, t: float, last: float,
+    p: Array, out: Output, first: int, cursor: int,
+) -> None:  # fmt: skip
+    """Take step s from t, after one of size `last`, as `accept` did; tell of the times up to t that it has stored.
+
+    The force at t is the mean of those of the steps on both sides, as the acceleration is.
+    """
+    told = history.told
+    for i in range(told.shape[0]):
+        if last > 0.0:
+            mean = reaction[springpots.row + i]
+            told[i, FORCE] = (pace.dt * told[i, MEAN] + last * mean) / (pace.dt + last)
+    tell_histories(history, out, first, cursor, t, last if last > 0.0 else pace.dt)
+    for i in range(told.shape[0]):
+        mean, rate = reaction[springpots.row + i], dot(rows, springpots.row + i, p)
+        told[i, WORK] += pace.dt * mean * rate
+        carry_on(springpots, pace, history, i, s, rate, mean)
 
 
 @jit

@@ -50,6 +50,12 @@ def refusal(system: System) -> str | None:
             f"{system.memory.laws[0].label} remembers its past, and event_driven needs laws that are piecewise linear "
             "in the displacement. Use method='energy_conserving', 'generalized_alpha' or 'central_difference'"
         )
+    if system.springpots is not None:
+        return (
+            f"{system.springpots.laws[0].label} has a force that its whole past decides, and event_driven needs "
+            "systems whose future follows from their present displacements and velocities. "
+            "Use method='energy_conserving', 'generalized_alpha' or 'central_difference'"
+        )
     if system.printed is not None:
         return (
             f"{system.printed.label} follows Eq. 22, whose stiffness varies with the applied force. "

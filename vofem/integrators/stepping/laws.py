@@ -25,7 +25,7 @@ from vofem.system import System
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-PENETRATION, JUMP, RESOLVED, SMOOTH, MEMORY = 0, 1, 2, 3, 4
+PENETRATION, JUMP, RESOLVED, SMOOTH, MEMORY, AFFINE = 0, 1, 2, 3, 4, 5
 
 #: Width, as a fraction of the gap, over which the jump of a contact that acts on the displacement is spread.
 _RAMP = 1e-12
@@ -37,13 +37,14 @@ _NOTHING = build_memory(())[0]
 
 
 class Laws(NamedTuple):
-    """One law a row: contacts, nonlinear springs, springs with memory.
+    """One law a row: contacts, nonlinear springs, springpots, springs with memory.
 
     Attributes
     ----------
     kind : ndarray of int
     gap, offset, stiffness, damping, resolution : ndarray
-        As in `ContactLaws`; zeros for other laws.
+        As in `ContactLaws`; zeros for other laws. An affine law, that of a
+        springpot over one step, is ``offset + stiffness (u - gap)``.
     address : ndarray of int, shape (n_laws, 2)
         Of force and potential of a smooth law.
     memory : Memory
@@ -64,7 +65,7 @@ class Laws(NamedTuple):
 
 
 def build_laws(system: System, callbacks: Callbacks | None) -> Laws:
-    """Return the laws of a system's contacts, nonlinear springs and springs with memory, the latter without a past.
+    """Return the laws of a system: those of springs with memory without a past, of springpots without a force.
 
     Raises
     ------
@@ -81,7 +82,8 @@ def build_laws(system: System, callbacks: Callbacks | None) -> Laws:
     count = 0 if contacts is None else len(contacts)
     pasts = () if system.memory is None else system.memory.laws
     memory, state = build_memory(pasts) if pasts else (_NOTHING, np.zeros(0))
-    size = count + smooth + len(pasts)
+    springpots = 0 if system.springpots is None else len(system.springpots.laws)
+    size = count + smooth + springpots + len(pasts)
     laws = Laws(
         kind=np.full(size, SMOOTH, dtype=np.int64),
         gap=np.zeros(size),
@@ -100,7 +102,8 @@ def build_laws(system: System, callbacks: Callbacks | None) -> Laws:
         laws.resolution[:count] = contacts.resolution
     if callbacks is not None:
         laws.address[count : count + smooth] = callbacks.addresses
-    laws.kind[count + smooth :] = MEMORY
+    laws.kind[count + smooth : size - len(pasts)] = AFFINE
+    laws.kind[size - len(pasts) :] = MEMORY
     return laws
 
 
@@ -135,10 +138,11 @@ def end_force(laws: Laws, j: int, u: float) -> tuple[float, float]:
         width = 1e-6 * max(1.0, abs(u))
         address = laws.address[j, 0]
         return call(address, u), (call(address, u + width) - call(address, u - width)) / (2.0 * width)
-    s = u - laws.gap[j]
+    s, k = u - laws.gap[j], laws.stiffness[j]
+    if kind == AFFINE:
+        return laws.offset[j] + k * s, k
     if s <= 0.0:
         return 0.0, 0.0
-    k = laws.stiffness[j]
     if kind == PENETRATION:
         return k * s, k
     if kind == JUMP:
@@ -170,6 +174,8 @@ def mean_force(laws: Laws, j: int, u0: float, u1: float) -> float:
         return memory_mean(laws.memory, laws.state, place_in_memory(laws, j), u0, u1)
     gap, k = laws.gap[j], laws.stiffness[j]
     s0, s1 = u0 - gap, u1 - gap
+    if kind == AFFINE:
+        return laws.offset[j] + k * s1
     if s0 <= 0.0 and s1 <= 0.0:
         return 0.0
     if kind == RESOLVED:
@@ -209,7 +215,10 @@ def _smooth_mean(address: IntArray, u0: float, u1: float) -> float:
 @jit
 def mean_and_slope(laws: Laws, j: int, u0: float, u1: float) -> tuple[float, float]:
     """Return the mean force over the path from u0 to u1 and its derivative by u1."""
-    mean, kind = mean_force(laws, j, u0, u1), laws.kind[j]
+    kind = laws.kind[j]
+    if kind == AFFINE:
+        return end_force(laws, j, u1)
+    mean = mean_force(laws, j, u0, u1)
     if kind in (PENETRATION, JUMP):
         s0, s1 = u0 - laws.gap[j], u1 - laws.gap[j]
         ramp = _RAMP * laws.gap[j] if kind == JUMP else 0.0

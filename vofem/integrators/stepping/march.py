@@ -18,6 +18,7 @@ from vofem.integrators.stepping.probes import MOST_STEPS, Recorded
 from vofem.integrators.stepping.recall import memory_energy
 from vofem.integrators.stepping.record import Output, Trail, stored
 from vofem.integrators.stepping.rows import Rows, all_rows
+from vofem.integrators.stepping.springpots import History, absorbed
 from vofem.integrators.stepping.telling import tell
 from vofem.integrators.watching import Snapshot, Watch, deferred_interrupts
 from vofem.linalg.banded import band_order, band_width
@@ -76,6 +77,8 @@ def tally(bands: Banded, laws: Laws, callbacks: Callbacks | None, steps: int, ev
     counters.memory_updates = laws.memory.kind.size * evaluations
     if callbacks is not None:
         counters.law_evaluations = callbacks.calls
+    if system.springpots is not None:
+        counters.history_updates = len(system.springpots.laws) * evaluations
     if system.damped:
         counters.damping_evaluations = evaluations
 
@@ -95,6 +98,7 @@ class Kernel(Protocol):
     trail: Trail
     rows: Rows
     laws: Laws
+    history: History
     place: tuple[str, ...]
 
     @property
@@ -198,7 +202,7 @@ def march(
     back = kernel.bands.back
     samples = Samples(out.q[back], out.v[back], out.a[back])
     strain, dissipated, springs = strain_energy(system, samples.q), out.dissipated, None
-    if system.memory is not None:
+    if system.springs:
         springs = SpringSamples(out.memory[0], out.memory[1], out.memory[2], out.past[:, 0])
         strain = strain + springs.stored.sum(axis=0)
         dissipated = dissipated + springs.dissipated.sum(axis=0)
@@ -214,12 +218,17 @@ def march(
 
 
 def _held(kernel: Kernel) -> tuple[float, float]:
-    """Return the energies in J that springs with memory hold, and have dissipated, at the state on the trail."""
-    if kernel.bands.system.memory is None:
-        return 0.0, 0.0
-    trail = kernel.trail
-    stored, lost = memory_energy(kernel.laws.memory, trail.memory, kernel.rows, trail.q)
-    return float(stored), float(lost)
+    """Return the energies in J that springs with memory hold, and have dissipated, at the state on the trail.
+
+    What springpots have absorbed counts as dissipated here.
+    """
+    system, trail, lost = kernel.bands.system, kernel.trail, 0.0
+    if system.springpots is not None:
+        lost = absorbed(kernel.history)
+    if system.memory is None:
+        return 0.0, lost
+    stored, more = memory_energy(kernel.laws.memory, trail.memory, kernel.rows, trail.q)
+    return float(stored), float(more) + lost
 
 
 def _snapshot(

@@ -35,8 +35,8 @@ def trail(n: int, memory: Array) -> Trail:
 class Output(NamedTuple):
     """Wanted times and what is stored there: q, v, a of shape (n, n_times), and work and dissipation.
 
-    `memory` holds force, stored energy and loss of the laws with memory, shape (3, n_laws, n_times), `past` their
-    state at the last time, shape (size, 1). `tap` records points at every step.
+    `memory` holds force, stored energy and loss of the laws with memory, springpots last, shape (3, n_laws, n_times),
+    `past` the state of the former at the last time, shape (size, 1). `tap` records points at every step.
     """
 
     times: Array

@@ -37,8 +37,9 @@ def compressed(rows: csr_matrix | None, order: IntArray) -> Rows:
 
 
 def all_rows(system: System) -> csr_matrix | None:
-    """Return the rows of contacts, of nonlinear springs, and of springs with memory, or None where there are none."""
-    parts = [part.rows for part in (system.contacts, system.nonlinear, system.memory) if part is not None]
+    """Return the rows of contacts, nonlinear springs, springpots, springs with memory, or None where there are none."""
+    laws = (system.contacts, system.nonlinear, system.springpots, system.memory)
+    parts = [part.rows for part in laws if part is not None]
     if len(parts) < 2:
         return parts[0] if parts else None
     from scipy.sparse import vstack

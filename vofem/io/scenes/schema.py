@@ -6,6 +6,7 @@ from vofem import effects
 from vofem.bodies import Beam, Mass
 from vofem.bodies.beam import SUPPORTS
 from vofem.effects import time_functions as functions
+from vofem.fractional import TabulatedOrder
 from vofem.io.scenes.beam import Elements, build_beam, values_of_beam
 from vofem.io.scenes.entry import Entry
 from vofem.io.scenes.kinds import (
@@ -62,6 +63,13 @@ FIELD = OrNumber(_POLYNOMIAL)
 _COEFFICIENT = Coefficient(OrNumber(_POLYNOMIAL, POSITIVE))
 
 _SOFTENING = OneOf("{ linear = { span = 4.0 } }", _table(Entry("linear", effects.LinearSoftening, {"span": POSITIVE})))
+_ORDER = OrNumber(
+    OneOf(
+        "{ tabulated = { x = [t0, t1, ...], orders = [...] } }",
+        _table(Entry("tabulated", TabulatedOrder, {"x": Numbers(), "orders": Numbers()})),
+    ),
+    POSITIVE,
+)
 _POINT = PointByName()
 _BEAM = BodyByName(beam=True)
 _SWITCH = Switch(Entry("resolved", effects.Resolved, {"s0": POSITIVE}))
@@ -158,6 +166,11 @@ EFFECTS = _table(
         "iwan_spring",
         effects.IwanSpring,
         {"name": NAME, "a": _POINT, "b": _POINT, "elongation": Numbers(), "force": Numbers()},
+    ),
+    Entry(
+        "springpot",
+        effects.Springpot,
+        {"name": NAME, "a": _POINT, "b": _POINT, "coefficient": NOT_NEGATIVE, "order": _ORDER},
     ),
     Entry("dashpot", effects.Dashpot, {"a": _POINT, "b": _POINT, "damping": NOT_NEGATIVE}),
     Entry("rotational_spring", effects.RotationalSpring, {"point": _POINT, "other": _POINT, "stiffness": NOT_NEGATIVE}),

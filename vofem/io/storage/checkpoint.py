@@ -143,10 +143,15 @@ def _check_same(scene: Scene, model: Model) -> None:
             arrays = ("gap", "stiffness", "damping", "jump", "resolution")
             same = all(np.array_equal(getattr(one, name), getattr(two, name)) for name in arrays)
             same = same and _equal(one.rows, two.rows)
+    pots, others = mine.springpots, other.springpots
+    same = same and (pots is None) == (others is None)
+    if same and pots is not None and others is not None:
+        same = [law.coefficient for law in pots.laws] == [law.coefficient for law in others.laws]
+        same = same and _equal(pots.rows, others.rows)
     if not same or len(mine.loads) != len(other.loads):
         raise ArgumentError(
-            "resume: the scene is another one than that of the checkpoint: masses, stiffnesses, contacts or loads "
-            "differ; give the scene that the run began with, or simulate anew"
+            "resume: the scene is another one than that of the checkpoint: masses, stiffnesses, springpots, contacts "
+            "or loads differ; give the scene that the run began with, or simulate anew"
         )
 
 

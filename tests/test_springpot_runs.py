@@ -1,0 +1,279 @@
+"""Springpots in runs: who takes them, checkpoints, files, statics, what is wrong, and what absence costs."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import h5py
+import numpy as np
+import pytest
+from test_springpot import METHODS, STARTS, oscillator
+
+import vofem as vf
+from vofem.fractional import ConstantOrder, TabulatedOrder
+
+
+def swinging(t):
+    return 0.5 + 0.4 * np.sin(t)
+
+
+# -- who takes them ---------------------------------------------------------------------------------
+
+
+def test_auto_and_the_methods_that_refuse():
+    _, scene = oscillator(0.5, STARTS["struck"])
+    explanation = vf.explain(scene)
+    assert explanation.method == "energy_conserving"
+    assert "Springpot 's' has a force that its whole past decides" in explanation.why
+    assert "springs with memory" in explanation.absent
+    assert "springpots" not in explanation.absent
+    with pytest.raises(vf.MethodError, match=r"Springpot 's' .*Use method='energy_conserving'"):
+        vf.simulate(scene, 1.0, method="event_driven")
+    with pytest.raises(vf.MethodError, match="choose method='auto'"):
+        vf.simulate(scene, 1.0, method="force_driven")
+    mass = vf.Mass(1.0)
+    printed = vf.HystereticSpring(mass, stiffness=1.0, linear_limit=5.0, memory="printed")
+    with pytest.raises(vf.ArgumentError, match="another spring with memory"):
+        vf.explain(vf.Scene([mass], [printed, vf.Springpot(mass, coefficient=1.0, order=0.5)]))
+
+
+def test_statics_and_modes_leave_them_out():
+    """They yield to every lasting force, and no mode is undamped with them."""
+    beam = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"})
+    load = vf.PointLoad(beam.at(1.0), 1.0)
+    bare, with_one = (
+        vf.Scene([beam], [load, *more]) for more in ([], [vf.Springpot(beam.at(1.0), coefficient=50.0, order=0.1)])
+    )
+    point = beam.at(1.0)
+    assert vf.equilibrium(with_one).displacement(point) == vf.equilibrium(bare).displacement(point)
+    assert np.array_equal(vf.modes(with_one, 3).omega, vf.modes(bare, 3).omega)
+    factors = [1.0, 2.0, 0.0]
+    paths = [vf.quasi_static(scene, factors) for scene in (with_one, bare)]
+    assert np.array_equal(paths[0].displacement(point), paths[1].displacement(point))
+    mass = vf.Mass(1.0, name="loose")
+    with pytest.raises(vf.SingularSystemError, match="loose"):
+        vf.equilibrium(vf.Scene([mass], [vf.Springpot(mass, coefficient=1.0, order=0.5), vf.PointLoad(mass, 1.0)]))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_beside_springs_with_memory(method):
+    """Each is told by its name; a springpot of coefficient 0 changes nothing beside them."""
+    mass, other = vf.Mass(1.0, 1.0), vf.Mass(2.0)
+    effects = [
+        vf.BilinearSpring(mass, other, stiffness=3.0, linear_limit=0.1, name="yields"),
+        vf.PointLoad(other, vf.Sine(1.0, 1.3)),
+    ]
+    pots = [
+        vf.Springpot(mass, coefficient=0.0, order=0.5, name="idle"),
+        vf.Springpot(other, coefficient=0.0, order=1.0),
+    ]
+    one, two = (
+        vf.simulate(vf.Scene([mass, other], e), 10.0, method=method, dt=0.01) for e in (effects, pots + effects)
+    )
+    assert list(two.springs) == ["yields", "idle", pots[1].name]
+    assert one.springs["yields"].dissipated[-1] > 0.1
+    for what in ("force", "elongation", "stored", "dissipated"):
+        found, right = getattr(two.springs["yields"], what), getattr(one.springs["yields"], what)
+        assert found == pytest.approx(right, abs=1e-11)
+        assert np.all(getattr(two.springs["idle"], what) == 0.0) or what == "elongation"
+    assert np.array_equal(two.springs["idle"].elongation, two.displacement(mass))
+    assert two.counters.memory_updates == one.counters.memory_updates
+
+
+@pytest.mark.parametrize(("method", "within"), list(zip(METHODS, (2e-5, 1e-3, 1e-11), strict=True)))
+def test_reactions_know_of_them(method, within):
+    """Between a clamp and the first free node: the clamp and the springpot bear load and inertia together."""
+    beam = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"}, name="deck")
+    load = vf.Sine(1.0, 3.0)
+    springpot = vf.Springpot(beam.at(0.1), coefficient=400.0, order=0.5, name="s")
+    result = vf.simulate(vf.Scene([beam], [springpot, vf.PointLoad(beam.at(1.0), load)]), 1.0, method=method, dt=4e-4)
+    rigid = np.tile([1.0, 0.0], beam.nodes.size)
+    inertia = rigid @ (result.model.mass @ result.model.expand(result.samples.a))
+    total = result.reaction(beam, "left").force + load(result.times) - result.springs["s"].force
+    assert np.max(np.abs(result.springs["s"].force)) > 4.0
+    assert total[5:] == pytest.approx(inertia[5:], abs=within)
+    with pytest.raises(vf.ArgumentError, match=r"name the times in times="):
+        result.reaction(beam, "left", [0.01234])
+
+
+# -- stopping, saving, going on ---------------------------------------------------------------------
+
+
+class PowerLossError(Exception):
+    """Ends a run in its middle."""
+
+
+@pytest.mark.parametrize("order", [0.5, TabulatedOrder([0.0, 20.0], [0.2, 0.9]), swinging], ids=["one", "law", "call"])
+@pytest.mark.parametrize("kind", ["energy_conserving", "tolerance", "generalized_alpha", "central_difference"])
+def test_resumed_runs_are_bitwise_the_same(kind, order, tmp_path, monkeypatch):
+    monkeypatch.setattr("vofem.integrators.stepping.march._CHUNK_WORK", 200)
+    monkeypatch.setattr("vofem.integrators.energy_conserving.adaptive._CHUNK", 50)
+    monkeypatch.setattr("vofem.integrators.stepping.history._MOST_STEPS", 150)
+    options = {"method": "energy_conserving", "tol": 1e-4} if kind == "tolerance" else {"method": kind, "dt": 0.02}
+    mass, scene = oscillator(order, STARTS["struck"])
+    scene = vf.Scene(scene.bodies, [*scene.effects, vf.PointLoad(mass, vf.Sine(1.0, 1.7))], scene.initial)
+    times, path = np.linspace(0.0, 30.0, 61), tmp_path / "run.checkpoint"
+
+    def lose_power(t, t_end):
+        if t > 12.0:
+            raise PowerLossError
+
+    whole = vf.simulate(scene, 30.0, times=times, **options)
+    with pytest.raises(PowerLossError):
+        vf.simulate(scene, 30.0, times=times, checkpoint=path, checkpoint_every=0.0, progress=lose_power, **options)
+    resumed = vf.resume(path, scene=scene) if order is swinging else vf.resume(path)
+    assert np.array_equal(resumed.displacement(mass), whole.displacement(mass))
+    for what in ("force", "stored", "dissipated"):
+        assert np.array_equal(getattr(resumed.springs["s"], what), getattr(whole.springs["s"], what))
+    assert resumed.energy.balance_error == whole.energy.balance_error
+    for what in ("steps", "rejected", "contact_solves", "history_terms", "history_updates"):
+        assert getattr(resumed.counters, what) == getattr(whole.counters, what)
+    if order is swinging:
+        with pytest.raises(vf.MissingCallableError, match="swinging"):
+            vf.resume(path)
+        other = vf.Springpot(mass, coefficient=0.8, order=order, name="s")
+        with pytest.raises(vf.ArgumentError, match="springpots"):
+            vf.resume(path, scene=vf.Scene(scene.bodies, [other, *scene.effects[1:]], scene.initial))
+
+
+@pytest.mark.parametrize("order", [0.5, TabulatedOrder([0.0, 20.0], [0.2, 0.9]), swinging], ids=["one", "law", "call"])
+def test_runs_are_saved_and_loaded_whole(order, tmp_path):
+    mass, scene = oscillator(order, STARTS["struck"])
+    result = vf.simulate(scene, 4.0, dt=0.01)
+    result.save(tmp_path / "run.vtkhdf")
+    loaded = vf.load(tmp_path / "run.vtkhdf")
+    for what in ("elongation", "force", "stored", "dissipated"):
+        assert np.array_equal(getattr(loaded.springs["s"], what), getattr(result.springs["s"], what))
+    assert loaded.counters == result.counters
+    with h5py.File(tmp_path / "run.vtkhdf") as file:
+        assert [name.decode() for name in file["history/spring"][()]] == ["s"]
+        assert np.array_equal(file["history/spring_force"][:, 0], result.springs["s"].force)
+    loaded.save(tmp_path / "again.vtkhdf")
+    if order is swinging:
+        with pytest.raises(vf.MissingCallableError, match="swinging"):
+            vf.simulate(loaded.scene, 4.0, dt=0.01)
+    else:
+        again = vf.simulate(loaded.scene, 4.0, dt=0.01)
+        assert np.array_equal(again.displacement(mass), result.displacement(mass))
+
+
+def test_a_run_that_starts_from_another_says_what_it_forgets():
+    mass, scene = oscillator(0.5, STARTS["struck"])
+    first = vf.simulate(scene, 2.0, dt=0.01)
+    assert not any("springpots:" in note for note in first.notes)
+    for initial in (first, {mass: first}):
+        second = vf.simulate(vf.Scene(scene.bodies, scene.effects, initial), 2.0, dt=0.01)
+        assert any(note.startswith("springpots: Springpot 's' begins without the past") for note in second.notes)
+        assert second.springs["s"].force[0] == 0.0
+        assert second.displacement(mass)[0] == first.displacement(mass)[-1]
+    rest = vf.equilibrium(scene)
+    assert not any(
+        "springpots:" in note for note in vf.simulate(vf.Scene(scene.bodies, scene.effects, rest), 1.0).notes
+    )
+
+
+def test_an_interrupted_run_keeps_what_it_has():
+    mass, scene = oscillator(0.5, STARTS["struck"])
+    whole = vf.simulate(scene, 4.0, dt=0.01)
+    shorter = vf.simulate(scene, 4.0, dt=0.01, times=whole.times[:150])
+    assert np.array_equal(shorter.springs["s"].force, whole.springs["s"].force[:150])
+    assert np.array_equal(shorter.displacement(mass), whole.displacement(mass)[:150])
+
+
+# -- what is wrong ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"order": 0.0}, "order is 0, expected a number above 0 and up to 1; a Spring is what order 0 would be"),
+        ({"order": -0.1}, "order is -0.1, expected"),
+        ({"order": 1.5}, "order is 1.5, expected a number above 0 and up to 1"),
+        ({"order": float("nan")}, "order is NaN"),
+        ({"order": "half"}, "order is 'half', expected a number from 0 to 1, or a function of time"),
+        ({"order": [0.5, 0.6]}, r"order is \[0.5, 0.6\], expected"),
+        ({"order": None}, "order is None, expected"),
+        ({"order": ConstantOrder(2.0)}, "order is 2, expected"),
+        ({"order": TabulatedOrder}, "order is <class"),
+        ({"coefficient": -1.0}, "coefficient is -1.0, expected a number that is not negative"),
+        ({"coefficient": float("inf")}, "coefficient is inf"),
+    ],
+    ids=str,
+)
+def test_bad_arguments(given, message):
+    with pytest.raises(vf.ArgumentError, match=f"Springpot 's': {message}"):
+        vf.Springpot(vf.Mass(1.0), **{"coefficient": 1.0, "order": 0.5, "name": "s"} | given)
+
+
+def test_laws_that_never_change_are_numbers():
+    mass = vf.Mass(1.0)
+    for order in (0.5, ConstantOrder(0.5), vf.Constant(0.5), np.float64(0.5)):
+        assert vf.Springpot(mass, coefficient=1.0, order=order).order == 0.5
+    assert vf.Springpot(mass, coefficient=1.0, order=1).order == 1.0
+    assert "N s^0.5/m" in vf.Springpot(mass, coefficient=1.0, order=0.5, name="s").describe()
+    assert "order swinging" in vf.Springpot(mass, coefficient=1.0, order=swinging, name="s").describe()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_orders_that_turn_wrong(method):
+    """Told before the first step where they can be seen at some times, and else when they come."""
+    for law, message in (
+        (lambda t: 0.5 + t, r"Springpot 's': order is 1\.0.* at t = "),
+        (lambda t: np.where(t > 0.5, np.nan, 0.5), "Springpot 's': order is nan at t = "),
+        (lambda t: [0.5, 0.5], r"Springpot 's': order has shape \(2,\)"),
+        (lambda t: 1.0 / 0.0, "Springpot 's': order raised ZeroDivisionError: .* array of times"),
+        (lambda t: "half", "Springpot 's': order is 'half'"),
+        (lambda t: np.where((t > 0.51) & (t < 0.513), 2.0, 0.5), "Springpot 's': order is 2 at t = 0.51"),
+    ):
+        _, scene = oscillator(law, STARTS["struck"])
+        with pytest.raises(vf.ArgumentError, match=message):
+            vf.simulate(scene, 1.0, method=method, dt=1e-3)
+
+
+def test_names_and_places():
+    mass = vf.Mass(1.0)
+    pots = [vf.Springpot(mass, coefficient=1.0, order=0.5, name="s") for _ in range(2)]
+    with pytest.raises(vf.ArgumentError, match="springs named 's' occur more than once"):
+        vf.explain(vf.Scene([mass], pots))
+    spring = vf.BilinearSpring(mass, stiffness=1.0, linear_limit=1.0, name="s")
+    with pytest.raises(vf.ArgumentError, match="springs named 's' occur more than once"):
+        vf.explain(vf.Scene([mass], [spring, pots[0]]))
+    beam = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"})
+    with pytest.raises(vf.ArgumentError, match="Springpot 's' can never move"):
+        vf.explain(vf.Scene([beam], [vf.Springpot(beam.at(0.0), coefficient=1.0, order=0.5, name="s")]))
+    result = vf.simulate(vf.Scene([mass], pots[:1]), 1.0)
+    assert result.springs[pots[0]].name == "s"
+    with pytest.raises(vf.ArgumentError, match="no spring with memory is named 'x'"):
+        result.springs["x"]
+
+
+# -- absence ----------------------------------------------------------------------------------------
+
+
+def test_absent_springpots_cost_nothing():
+    """No history, no kernel, no module that builds one."""
+    code = """
+import sys
+import numpy as np
+import vofem as vf
+mass = vf.Mass(1.0, 1.0)
+for options in ({"dt": 0.01}, {"tol": 1e-3}, {"method": "generalized_alpha"}, {"method": "central_difference"}):
+    result = vf.simulate(vf.Scene([mass], [vf.PointLoad(mass, np.sin)], {mass: (0.0, 1.0)}), 1.0, **options)
+    assert result.counters.history_terms == result.counters.history_updates == 0
+    assert len(result.springs) == 0
+    assert result.model.springpot_rows is None
+    assert result.model.system.springpots is None
+    assert result.solution.springs is None
+assert "vofem.integrators.stepping.history" not in sys.modules
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize("name", ["energy_conserving", "generalized_alpha", "central_difference"])
+def test_a_checkpoint_without_springpots_holds_no_history(name, tmp_path):
+    mass, path = vf.Mass(1.0, 1.0), tmp_path / "run.checkpoint"
+    vf.simulate(vf.Scene([mass], initial={mass: (0.0, 1.0)}), 1.0, method=name, dt=0.1, checkpoint=path,
+                checkpoint_every=0.0)  # fmt: skip
+    with h5py.File(path) as file:
+        assert b"history" not in file["vofem_checkpoint/run/tree"][()].split(b'"snapshot"')[1].split(b'"counters"')[0]

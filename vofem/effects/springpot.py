@@ -1,0 +1,98 @@
+"""Springpots: fractional dashpots, between a spring and a dashpot."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from vofem._validate import number
+from vofem.assembly import SystemBuilder
+from vofem.bodies.base import Point, as_point, automatic_name
+from vofem.effects.time_functions import Constant
+from vofem.errors import ArgumentError
+from vofem.fractional.laws import ConstantOrder, OrderLaw
+from vofem.memory import SpringpotLaw
+
+
+class Springpot:
+    """A fractional dashpot between two points, or from a point to ground: ``force = coefficient D^order u``.
+
+    u is the elongation, ``u_a - u_b``, and D^order Caputo's derivative from
+    t = 0, the mean of the velocity's past under the weight
+    ``t^-order/Gamma(1 - order)``. Order 1 is a dashpot; towards order 0 it
+    becomes a spring. Everything was at rest before t = 0 in the place where
+    it starts: an elongation at t = 0 is one without force, however large. A
+    springpot of an order above 0 yields to every lasting force.
+
+    Parameters
+    ----------
+    a, b : points
+    coefficient : float
+        In N s^order/m, not negative.
+    order : float or callable
+        In (0, 1]; or a function of time with values in [0, 1]: any callable
+        that takes an array of times in s, such as a law of
+        `vofem.fractional`. An order that varies is frozen at the present:
+        the force at t is that of the whole past under the order at t.
+    name : str, optional
+
+    Raises
+    ------
+    ArgumentError
+        For arguments out of range.
+
+    References
+    ----------
+    R. C. Koeller, Applications of fractional calculus to the theory of viscoelasticity, J. Appl. Mech. 51 (1984)
+    299-307, https://doi.org/10.1115/1.3167616.
+    """
+
+    def __init__(
+        self, a: Any, b: Any = None, *, coefficient: float, order: float | OrderLaw, name: str | None = None
+    ) -> None:
+        self.name = automatic_name(name, "Springpot")
+        label = f"Springpot {self.name!r}"
+        self.a: Point = as_point(f"{label}: a", a)
+        self.b: Point | None = None if b is None else as_point(f"{label}: b", b)
+        self.coefficient = number(f"{label}: coefficient", coefficient, minimum=0)
+        self.order: float | OrderLaw = _order(label, order)
+
+    def points(self) -> tuple[Point, ...]:
+        """Return a, and b where there is one."""
+        return (self.a,) if self.b is None else (self.a, self.b)
+
+    def compile(self, builder: SystemBuilder) -> None:
+        """Add row and law."""
+        law = SpringpotLaw(f"Springpot {self.name!r}", self.name, self.coefficient, self.order)
+        builder.add_springpot(builder.difference(self.a, self.b), law)
+
+    def describe(self) -> str:
+        """Return name, points and numbers."""
+        end = "ground" if self.b is None else self.b.describe()
+        if callable(self.order):
+            what = f"{self.coefficient:g} N s^order/m, order {_shown(self.order)}"
+        else:
+            what = f"{self.coefficient:g} N s^{self.order:g}/m"
+        return f"Springpot {self.name!r} from {self.a.describe()} to {end}: {what}"
+
+
+def _order(label: str, order: Any) -> float | OrderLaw:
+    """Return an order, checked; laws that never change as a number."""
+    if isinstance(order, (ConstantOrder, Constant)):
+        order = order.value
+    if callable(order) and not isinstance(order, type):
+        law: OrderLaw = order
+        return law
+    if isinstance(order, (str, bytes)) or np.ndim(order) > 0:
+        raise ArgumentError(f"{label}: order is {order!r}, expected a number from 0 to 1, or a function of time")
+    value = number(f"{label}: order", order)
+    if not 0.0 < value <= 1.0:
+        cure = "; a Spring is what order 0 would be" if value == 0.0 else ""
+        raise ArgumentError(f"{label}: order is {value:g}, expected a number above 0 and up to 1{cure}")
+    return value
+
+
+def _shown(law: Any) -> str:
+    """Return how a law is shown: by its name where it is a function."""
+    return str(getattr(law, "__name__", None) or type(law).__name__)
