@@ -32,6 +32,8 @@ ADDED: tuple[tuple[str, Callable[[], vf.Scene]], ...] = (
     ("one contact with a resolved switch", lambda: paper_beam("penetration", switch=vf.Resolved(1e4))(ELEMENTS)),
     ("ten contacts", lambda: many_contacts(ELEMENTS, 10)),
     ("a spring with memory", lambda: _bare_with(_remembers)),
+    ("a springpot at the tip", lambda: _bare_with(_springpot(0.5))),
+    ("a springpot whose order varies", lambda: _bare_with(_springpot(lambda t: 0.5 + 0.4 * np.sin(t)))),
     ("a one-sided foundation, 25 contacts", lambda: _bare_with(_lift_off)),
 )
 
@@ -42,6 +44,10 @@ def _bare_with(extra: Callable[[vf.Beam], list[Any]]) -> vf.Scene:
 
 def _remembers(beam: vf.Beam) -> list[Any]:
     return [vf.HystereticSpring(beam.at(1.0), stiffness=1.0, linear_limit=0.01, memory="cyclic")]
+
+
+def _springpot(order: Any) -> Callable[[vf.Beam], list[Any]]:
+    return lambda beam: [vf.Springpot(beam.at(1.0), coefficient=0.1, order=order)]
 
 
 def _lift_off(beam: vf.Beam) -> list[Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -255,6 +256,7 @@ def test_absent_springpots_cost_nothing():
     """No history, no kernel, no module that builds one."""
     code = """
 import sys
+from pathlib import Path
 import numpy as np
 import vofem as vf
 mass = vf.Mass(1.0, 1.0)
@@ -277,3 +279,13 @@ def test_a_checkpoint_without_springpots_holds_no_history(name, tmp_path):
                 checkpoint_every=0.0)  # fmt: skip
     with h5py.File(path) as file:
         assert b"history" not in file["vofem_checkpoint/run/tree"][()].split(b'"snapshot"')[1].split(b'"counters"')[0]
+
+
+def test_the_example_of_the_docs():
+    page = (Path(__file__).parent.parent / "docs" / "fractional.md").read_text(encoding="utf-8")
+    code = page.split("## Springpots")[1].split("```python\n")[1].split("```")[0]
+    names = {}
+    exec(code, names)
+    assert names["result"].counters.history_terms == 2 * 53
+    assert names["result"].energy.balance_error < 1e-11
+    assert list(names["result"].springs) == ["gel", "ages"]

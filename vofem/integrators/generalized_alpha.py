@@ -406,13 +406,13 @@ def _advance(
                     events = log_event(events, happened, j, t, dt, u0[j] - laws.gap[j], s)
                     state.status[j] = int(events[happened, 2])
                     happened += 1
+            u0[j] = u1[j]
         if history.y.shape[0] > 0:
-            _accept_history(springpots, pace, history, step - first, ahead - 1.0, 1.0 - af, state.reaction, u0, u1)
+            _accept_history(springpots, pace, history, step - first, ahead - 1.0, 1.0 - af, state.reaction, laws, u1)
         before.dissipated[0] += taken
         q[:] = q1
         v[:] = v1
         a[:] = a1
-        u0[:] = u1
         wanted = cursor
         cursor = store(out, cursor, t, dt, False, before, q, v, a)
         if state.memory.size > 0:
@@ -428,13 +428,15 @@ def _advance(
 @jit
 def _accept_history(
     springpots: Springpots, pace: Pace, history: History, s: int, ahead: float, share: float, reaction: Array,
-    u0: Array, u1: Array,
+    laws: Laws, u1: Array,
 ) -> None:  # fmt: skip
     """Take step s: forces at its end are extrapolated from the means of the last two steps, and take part no longer."""
     told = history.told
     for i in range(told.shape[0]):
         j = springpots.row + i
-        mean, rate = (share * reaction[j] + ahead * told[i, MEAN]) / (1.0 + ahead), (u1[j] - u0[j]) / pace.dt
+        # The law of the step counts from where the step began.
+        rate = (u1[j] - laws.gap[j]) / pace.dt
+        mean = (share * reaction[j] + ahead * told[i, MEAN]) / (1.0 + ahead)
         told[i, WORK] += pace.dt * mean * rate
         told[i, FORCE] = 1.5 * mean - 0.5 * told[i, MEAN]
         carry_on(springpots, pace, history, i, s, rate, mean)

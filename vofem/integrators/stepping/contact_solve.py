@@ -87,14 +87,13 @@ def _scalar(
         if excess == 0.0 or high - low <= _EPS * max(abs(low), abs(high)):
             break
         new = u - excess / (1.0 + compliance * slope)
-        if not low < new < high:
-            new = 0.5 * (low + high)
+        # Asked before the bounds, one of which is u: a law that is linear here ends at its first step.
         if abs(new - u) <= _EPS * (abs(u) + abs(free)) and abs(excess) <= 4.0 * _EPS * (
             abs(free) + compliance * abs(force)
         ):
             u = new
             break
-        u = new
+        u = new if low < new < high else 0.5 * (low + high)
     else:
         return 0.0, u, False
     if compliance * slope > 1.0:

@@ -25,6 +25,7 @@ from vofem.system import System
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+#: Kinds of laws, those of contacts first.
 PENETRATION, JUMP, RESOLVED, SMOOTH, MEMORY, AFFINE = 0, 1, 2, 3, 4, 5
 
 #: Width, as a fraction of the gap, over which the jump of a contact that acts on the displacement is spread.
@@ -132,17 +133,18 @@ def place_in_memory(laws: Laws, j: int) -> int:
 def end_force(laws: Laws, j: int, u: float) -> tuple[float, float]:
     """Return force and tangent at u, contact dampers left out."""
     kind = laws.kind[j]
-    if kind == MEMORY:
-        return memory_force(laws.memory, laws.state, place_in_memory(laws, j), u)
-    if kind == SMOOTH:
+    if kind >= SMOOTH:
+        if kind == AFFINE:
+            return laws.offset[j] + laws.stiffness[j] * (u - laws.gap[j]), laws.stiffness[j]
+        if kind == MEMORY:
+            return memory_force(laws.memory, laws.state, place_in_memory(laws, j), u)
         width = 1e-6 * max(1.0, abs(u))
         address = laws.address[j, 0]
         return call(address, u), (call(address, u + width) - call(address, u - width)) / (2.0 * width)
-    s, k = u - laws.gap[j], laws.stiffness[j]
-    if kind == AFFINE:
-        return laws.offset[j] + k * s, k
+    s = u - laws.gap[j]
     if s <= 0.0:
         return 0.0, 0.0
+    k = laws.stiffness[j]
     if kind == PENETRATION:
         return k * s, k
     if kind == JUMP:
@@ -168,14 +170,14 @@ def closed_share(laws: Laws, j: int, u0: float, u1: float) -> float:
 def mean_force(laws: Laws, j: int, u0: float, u1: float) -> float:
     """Return the mean force over the path from u0 to u1, contact dampers left out."""
     kind = laws.kind[j]
-    if kind == SMOOTH:
+    if kind >= SMOOTH:
+        if kind == AFFINE:
+            return laws.offset[j] + laws.stiffness[j] * (u1 - laws.gap[j])
+        if kind == MEMORY:
+            return memory_mean(laws.memory, laws.state, place_in_memory(laws, j), u0, u1)
         return _smooth_mean(laws.address[j], u0, u1)
-    if kind == MEMORY:
-        return memory_mean(laws.memory, laws.state, place_in_memory(laws, j), u0, u1)
     gap, k = laws.gap[j], laws.stiffness[j]
     s0, s1 = u0 - gap, u1 - gap
-    if kind == AFFINE:
-        return laws.offset[j] + k * s1
     if s0 <= 0.0 and s1 <= 0.0:
         return 0.0
     if kind == RESOLVED:
@@ -215,10 +217,7 @@ def _smooth_mean(address: IntArray, u0: float, u1: float) -> float:
 @jit
 def mean_and_slope(laws: Laws, j: int, u0: float, u1: float) -> tuple[float, float]:
     """Return the mean force over the path from u0 to u1 and its derivative by u1."""
-    kind = laws.kind[j]
-    if kind == AFFINE:
-        return end_force(laws, j, u1)
-    mean = mean_force(laws, j, u0, u1)
+    mean, kind = mean_force(laws, j, u0, u1), laws.kind[j]
     if kind in (PENETRATION, JUMP):
         s0, s1 = u0 - laws.gap[j], u1 - laws.gap[j]
         ramp = _RAMP * laws.gap[j] if kind == JUMP else 0.0
@@ -228,6 +227,8 @@ def mean_and_slope(laws: Laws, j: int, u0: float, u1: float) -> tuple[float, flo
             return mean, 0.0
         force, tangent = end_force(laws, j, u1)
         return mean, (force - mean) / (u1 - u0) if u1 != u0 else 0.5 * tangent
+    if kind == AFFINE:
+        return mean, laws.stiffness[j]
     force, tangent = end_force(laws, j, u1)
     if abs(u1 - u0) <= 1e-6 * max(abs(u0), abs(u1)):
         return mean, 0.5 * tangent
