@@ -367,6 +367,20 @@ def test_central_differences_keep_their_critical_step():
             vf.simulate(scene, 10.0, method="central_difference", dt=1.001)
 
 
+@pytest.mark.parametrize("rho", [0.8, 1.0])
+def test_hard_springpots_in_generalized_alpha(rho):
+    """Nearly springs, 1e5 times as stiff as the beam: it stops with an error, or keeps the balance."""
+    beam = vf.Beam(1.0, 1.0, 1.0, 10, {"left": "clamped"})
+    hard = [vf.Springpot(beam.at(x), coefficient=1e6, order=1e-3) for x in (0.33, 0.7, 1.0)]
+    scene = vf.Scene([beam], [*hard, vf.PointLoad(beam.at(0.5), vf.Sine(1.0, 3.0))])
+    options = {"method": "generalized_alpha", "dt": 1e-3, "rho_infinity": rho}
+    if rho < 1.0:
+        with pytest.raises(vf.InstabilityError, match=r"generalized_alpha blew up .*energy_conserving"):
+            vf.simulate(scene, 10.0, **options)
+    else:
+        assert vf.simulate(scene, 10.0, **options).energy.balance_error < 1e-12
+
+
 # -- steps that follow a tolerance, cost ------------------------------------------------------------
 
 
