@@ -344,9 +344,9 @@ def _advance(
         for i in range(n):
             a[i] = load[i]
         for j in range(contacts, m):
-            if laws.kind[j] == SMOOTH:
-                subtract_row(rows, j, call(laws.address[j, 0], dot(rows, j, q)), a)
-            if laws.kind[j] == MEMORY:
+            if laws.table[j]["kind"] == SMOOTH:
+                subtract_row(rows, j, call(laws.table[j]["force"], dot(rows, j, q)), a)
+            if laws.table[j]["kind"] == MEMORY:
                 i, u = place_in_memory(laws, j), dot(rows, j, q)
                 commit(laws.memory, state.memory, i, u)
                 subtract_row(rows, j, memory_force(laws.memory, state.memory, i, u)[0], a)
@@ -361,18 +361,18 @@ def _advance(
             subtract_row(rows, j, pull[i], a)
         for j in range(contacts):
             u = dot(rows, j, q)
-            s = u - laws.gap[j]
-            k_eq[j] = contact_stiffness(laws.stiffness[j], s, laws.resolution[j])
+            s = u - laws.table[j]["gap"]
+            k_eq[j] = contact_stiffness(laws.table[j]["stiffness"], s, laws.table[j]["resolution"])
             if step == 0:
-                if state.status[j] == CLOSED and laws.resolution[j] == np.inf:
-                    k_eq[j] = laws.stiffness[j]
+                if state.status[j] == CLOSED and laws.table[j]["resolution"] == np.inf:
+                    k_eq[j] = laws.table[j]["stiffness"]
             elif switched(s, state.status[j]):
-                events = log_event(events, happened, j, t, dt, dot(rows, j, before.q) - laws.gap[j], s)
+                events = log_event(events, happened, j, t, dt, dot(rows, j, before.q) - laws.table[j]["gap"], s)
                 state.status[j] = int(events[happened, 2])
                 happened += 1
-            reaction = k_eq[j] * (u - laws.offset[j])
+            reaction = k_eq[j] * (u - laws.table[j]["offset"])
             if dampers:
-                c_eq[j] = laws.damping[j] * (k_eq[j] / laws.stiffness[j])
+                c_eq[j] = laws.table[j]["damping"] * (k_eq[j] / laws.table[j]["stiffness"])
                 if c_eq[j] > 0.0:
                     any_damper = True
                     reaction += c_eq[j] * dot(rows, j, half)
@@ -407,7 +407,8 @@ def _advance(
             if lossy:
                 before.dissipated[0] -= 0.5 * dt * np.dot(half, loss)
         wanted = cursor
-        cursor = store(out, cursor, t, dt, step == 0, before, q, v, a)
+        if out.every_step or (cursor < out.times.size and out.times[cursor] <= t + 1e-9 * dt):
+            cursor = store(out, cursor, t, dt, step == 0, before, q, v, a)
         if state.memory.size > 0:
             remember(laws.memory, before.memory, rows, out, wanted, cursor)
             before.memory[:] = state.memory

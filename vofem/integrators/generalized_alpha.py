@@ -227,7 +227,7 @@ class _GeneralizedAlpha:
         answer = structure(a, "the matrix of a step", self.rows, self.laws, beta * dt**2, 1.0 - af)
         self.matrices = _Matrices(mass, stiffness, c, answer)
         status = np.empty(0, dtype=np.int64)
-        m = self.laws.kind.size
+        m = self.laws.table.size
         u, rate = np.zeros(m), np.zeros(m)
         rows = all_rows(system)
         if rows is not None:
@@ -241,7 +241,7 @@ class _GeneralizedAlpha:
         dampers = _start_dampers(self.laws, u, rate)
         if system.springpots is not None:
             self._keep_history(start, counters)
-            first = m - self.laws.memory.kind.size - self.history.y.shape[0]
+            first = m - self.laws.memory.table.size - self.history.y.shape[0]
             dampers[first : first + self.history.y.shape[0]] = self.history.told[:, FORCE]
         force = system.force(0.0) - system.stiffness @ start.q
         if damping is not None:
@@ -311,9 +311,9 @@ class _GeneralizedAlpha:
 def _start_dampers(laws: Laws, u: Array, rate: Array) -> Array:
     """Return the contact dampers' forces at t = 0: of a path of a millionth of the rate's own length scale."""
     forces = np.zeros(u.size)
-    for j in np.flatnonzero(laws.damping > 0.0):
-        ahead = u[j] + 1e-6 * abs(laws.gap[j] - u[j]) + 1e-9
-        forces[j] = laws.damping[j] * rate[j] * closed_share(laws, int(j), u[j], ahead) / (ahead - u[j])
+    for j in np.flatnonzero(laws.table["damping"] > 0.0):
+        ahead = u[j] + 1e-6 * abs(laws.table[j]["gap"] - u[j]) + 1e-9
+        forces[j] = laws.table[j]["damping"] * rate[j] * closed_share(laws, int(j), u[j], ahead) / (ahead - u[j])
     return forces
 
 
@@ -390,22 +390,23 @@ def _advance(
             taken -= 0.5 * dt * np.dot(loss, v1)
         if loads.shape[0] > 0:
             for k in range(loads.shape[0]):
-                f = 0.5 * (values[k, step + 1 - first] + values[k, step - first])
+                gain = 0.0
                 for i in range(n):
-                    before.work[0] += f * loads[k, i] * (q1[i] - q[i])
+                    gain += loads[k, i] * (q1[i] - q[i])
+                before.work[0] += 0.5 * (values[k, step + 1 - first] + values[k, step - first]) * gain
         for j in range(m):
             u1[j] = dot(rows, j, q1)
             # The damper's part is not a force at the end: what is left is.
             state.reaction[j] = guess[j]
-            if laws.damping[j] > 0.0:
-                mean = laws.damping[j] * closed_share(laws, j, u0[j], u1[j]) / dt
-                state.reaction[j] -= laws.damping[j] * weight * closed_share(laws, j, u0[j], u1[j]) - drag[j]
+            if laws.table[j]["damping"] > 0.0:
+                mean = laws.table[j]["damping"] * closed_share(laws, j, u0[j], u1[j]) / dt
+                state.reaction[j] -= laws.table[j]["damping"] * weight * closed_share(laws, j, u0[j], u1[j]) - drag[j]
                 state.damper[j] = mean
                 taken += mean * (u1[j] - u0[j])
             if j < contacts:
-                s = u1[j] - laws.gap[j]
+                s = u1[j] - laws.table[j]["gap"]
                 if switched(s, state.status[j]):
-                    events = log_event(events, happened, j, t, dt, u0[j] - laws.gap[j], s)
+                    events = log_event(events, happened, j, t, dt, u0[j] - laws.table[j]["gap"], s)
                     state.status[j] = int(events[happened, 2])
                     happened += 1
             u0[j] = u1[j]
@@ -416,7 +417,8 @@ def _advance(
         v[:] = v1
         a[:] = a1
         wanted = cursor
-        cursor = store(out, cursor, t, dt, False, before, q, v, a)
+        if out.every_step or (cursor < out.times.size and out.times[cursor] <= t + 1e-9 * dt):
+            cursor = store(out, cursor, t, dt, False, before, q, v, a)
         if state.memory.size > 0:
             remember(laws.memory, before.memory, rows, out, wanted, cursor)
             commit_all(laws.memory, state.memory, u1)
@@ -437,7 +439,7 @@ def _accept_history(
     for i in range(told.shape[0]):
         j = springpots.row + i
         # The law of the step counts from where the step began.
-        rate = (u1[j] - laws.gap[j]) / pace.dt
+        rate = (u1[j] - laws.table[j]["gap"]) / pace.dt
         mean = (share * reaction[j] + ahead * told[i, MEAN]) / (1.0 + ahead)
         told[i, WORK] += pace.dt * mean * rate
         told[i, FORCE] = 1.5 * mean - 0.5 * told[i, MEAN]

@@ -233,7 +233,8 @@ def _take(
     """Accept both halves; return the cursor and the events."""
     load = np.zeros(state.q.size)
     events = np.empty((4 if state.status.size else 0, 3))
-    happened = 0
+    # Not a literal, for which `accept` would be compiled once more.
+    happened = cursor - cursor
     for k in range(2):
         combine(loads, values[:, k + 1], load)
         state.reaction[:] = tried[k]

@@ -81,7 +81,8 @@ def _advance(
     """Take `count` steps; return the cursor, events, number of contact solves, and the step that failed or -1."""
     load, p, dt = np.zeros(state.q.size), np.empty(state.q.size), factored.dt
     events = np.empty((16 if state.status.size else 0, 3))
-    happened, solves = 0, 0
+    # Not literals, for which `accept` would be compiled once more.
+    happened, solves = count - count, count - count
     for k in range(first, first + count):
         combine(loads, values[:, k - first], load)
         p[:] = state.expected

@@ -47,7 +47,7 @@ class Setting:
         status = np.empty(0, dtype=np.int64)
         if system.contacts is not None:
             status = initial_status(system.contacts, start.q, start.v)
-        m = self.laws.kind.size
+        m = self.laws.table.size
         u = np.zeros(0) if rows is None else np.asarray(rows @ start.q)
         q, v = start.q[order].copy(), start.v[order].copy()
         self.laws = loaded(self.laws, u, start.memory)

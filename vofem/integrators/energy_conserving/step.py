@@ -172,7 +172,8 @@ def accept(
         now[i] = rate if last == 0.0 else (dt * state.acceleration[i] + last * rate) / (dt + last)
         state.acceleration[i] = rate
     wanted = cursor
-    cursor = store(out, cursor, t, last if last > 0.0 else dt, last == 0.0, before, q, v, now)
+    if out.every_step or (cursor < out.times.size and out.times[cursor] <= t + 1e-9 * dt):
+        cursor = store(out, cursor, t, last if last > 0.0 else dt, last == 0.0, before, q, v, now)
     if state.memory.size > 0:
         remember(laws.memory, before.memory, rows, out, wanted, cursor)
         before.memory[:] = state.memory
@@ -193,12 +194,12 @@ def accept(
         state.expected[i] = p[i] + gain
     for j in range(state.u.size):
         u1 = dot(rows, j, q)
-        if laws.damping[j] > 0.0:
-            taken += laws.damping[j] / dt * closed_share(laws, j, state.u[j], u1) * (u1 - state.u[j])
+        if laws.table[j]["damping"] > 0.0:
+            taken += laws.table[j]["damping"] / dt * closed_share(laws, j, state.u[j], u1) * (u1 - state.u[j])
         if j < state.status.size:
-            s = u1 - laws.gap[j]
+            s = u1 - laws.table[j]["gap"]
             if switched(s, state.status[j]):
-                events = log_event(events, happened, j, t + dt, dt, state.u[j] - laws.gap[j], s)
+                events = log_event(events, happened, j, t + dt, dt, state.u[j] - laws.table[j]["gap"], s)
                 state.status[j] = int(events[happened, 2])
                 happened += 1
         state.u[j] = u1

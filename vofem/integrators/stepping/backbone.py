@@ -17,35 +17,34 @@ IntArray = NDArray[np.int64]
 _SQRT = 1.0 / math.sqrt(3.0)
 
 
+#: Of a law with memory: kind, stiffness, limit and gap as in `MemoryLaw`; its parameters lie from `first` to `last`,
+#: its state from `start` to `end`. A record costs a compiled loop one pointer where arrays would each be counted.
+MEMORY_RECORD = np.dtype(
+    [(name, np.int64) for name in ("kind", "one_sided", "first", "last", "start", "end")]
+    + [(name, np.float64) for name in ("stiffness", "limit", "gap")]
+)
+
+
 class Memory(NamedTuple):
     """Laws with memory, one after the other.
 
     Attributes
     ----------
-    kind, one_sided : ndarray of int, shape (n,)
-    stiffness, limit, gap : ndarray, shape (n,)
-    first : ndarray of int, shape (n + 1,)
-        Where the parameters of a law begin.
+    table : ndarray of MEMORY_RECORD, shape (n,)
     parameters : ndarray
-    start : ndarray of int, shape (n + 1,)
-        Where the state of a law begins.
+        Of all laws.
     """
 
-    kind: IntArray
-    one_sided: IntArray
-    stiffness: Array
-    limit: Array
-    gap: Array
-    first: IntArray
+    table: NDArray[np.void]
     parameters: Array
-    start: IntArray
 
 
 @jit
 def _knot(memory: Memory, i: int, w: float) -> tuple[int, int, int]:
     """Return first parameter, number of knots and the interval of a tabulated backbone that holds w."""
-    a = memory.first[i]
-    n = (memory.first[i + 1] - a) // 4
+    law = memory.table[i]
+    a = law["first"]
+    n = (law["last"] - a) // 4
     low, high = 0, n - 1
     while high - low > 1:
         middle = (low + high) // 2
@@ -74,8 +73,13 @@ def _cubic(memory: Memory, a: int, n: int, k: int, w: float) -> tuple[float, flo
 @jit
 def backbone(memory: Memory, i: int, w: float) -> tuple[float, float]:
     """Return force and slope of the backbone at an elongation w, counted along it."""
-    if memory.kind[i] == HYPERBOLIC:
-        k, limit, span = memory.stiffness[i], memory.limit[i], memory.parameters[memory.first[i]]
+    law = memory.table[i]
+    if law["kind"] == HYPERBOLIC:
+        k, limit, span = (
+            law["stiffness"],
+            law["limit"],
+            memory.parameters[law["first"]],
+        )
         reach = span + k * w
         return limit * (k * w / reach), limit * k * (span / reach) / reach
     a, n, at = _knot(memory, i, w)
@@ -85,8 +89,13 @@ def backbone(memory: Memory, i: int, w: float) -> tuple[float, float]:
 @jit
 def backbone_mean(memory: Memory, i: int, w0: float, w1: float) -> float:
     """Return the mean force of the backbone between w0 < w1, without cancellation."""
-    if memory.kind[i] == HYPERBOLIC:
-        k, limit, span = memory.stiffness[i], memory.limit[i], memory.parameters[memory.first[i]]
+    law = memory.table[i]
+    if law["kind"] == HYPERBOLIC:
+        k, limit, span = (
+            law["stiffness"],
+            law["limit"],
+            memory.parameters[law["first"]],
+        )
         reach = span + k * w0
         x = k * (w1 - w0) / reach
         # 1 - log(1 + x)/x.

@@ -73,8 +73,8 @@ def _banded_pays(laws: Laws, n: int, width: int) -> bool:
     A spring that softens may leave a band that is not positive definite, and on forces that jump Newton's method
     on x stalls: where one is present the compliance is taken.
     """
-    m = laws.kind.size
-    suited = not np.any((laws.kind == SMOOTH) | ((laws.kind == JUMP) & (laws.gap > 0.0)))
+    m, kind = laws.table.size, laws.table["kind"]
+    suited = not np.any((kind == SMOOTH) | ((kind == JUMP) & (laws.table["gap"] > 0.0)))
     return suited and m >= _FEWEST and m**3 / 24.0 + 1.5 * m**2 > 8.0 * n * (width + 1.0) ** 2
 
 

@@ -48,11 +48,12 @@ def law(laws: Laws, j: int, u0: float, u1: float, mean: bool, rate: float, drag:
     drag : float
         A damper's force that does not depend on u1, N.
     """
+    one = laws.table[j]
     force, slope = mean_and_slope(laws, j, u0, u1) if mean else end_force(laws, j, u1)
-    if laws.damping[j] > 0.0:
-        damper = laws.damping[j] * rate
+    if one["damping"] > 0.0:
+        damper = one["damping"] * rate
         force += damper * closed_share(laws, j, u0, u1) - drag
-        if u1 > laws.gap[j]:
+        if u1 > one["gap"]:
             slope += damper
     return force, slope
 
@@ -60,9 +61,10 @@ def law(laws: Laws, j: int, u0: float, u1: float, mean: bool, rate: float, drag:
 @jit
 def only_force(laws: Laws, j: int, u0: float, u1: float, mean: bool, rate: float, drag: float) -> float:
     """Return the force of `law` alone."""
+    one = laws.table[j]
     force = mean_force(laws, j, u0, u1) if mean else end_force(laws, j, u1)[0]
-    if laws.damping[j] > 0.0:
-        force += laws.damping[j] * rate * closed_share(laws, j, u0, u1) - drag
+    if one["damping"] > 0.0:
+        force += one["damping"] * rate * closed_share(laws, j, u0, u1) - drag
     return force
 
 
@@ -238,7 +240,9 @@ def solve_reactions(
             u[j] = free[j]
         return 0
     if m == 1:
-        reaction[0], u[0], found = _scalar(laws, 0, compliance[0, 0], free[0], u0[0], mean, rate, drag[0], reaction[0])
+        # Not a literal 0, for which all laws would be compiled once more.
+        j = m - 1
+        reaction[0], u[0], found = _scalar(laws, j, compliance[0, 0], free[0], u0[0], mean, rate, drag[0], reaction[0])
         return 1 if found else -1
     # A guess from the step before may lie on the far side of a jump; coordinates without force start from none.
     return _many(laws, compliance, free, u0, mean, rate, drag, reaction, u)

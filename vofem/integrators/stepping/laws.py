@@ -9,7 +9,7 @@ laws of contacts are monotone in u1, so a step has one solution.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,30 +37,28 @@ _GAUSS = np.sqrt(0.6)
 _NOTHING = build_memory(())[0]
 
 
+#: Of a law: its kind; gap, offset, stiffness, damping and resolution as in `ContactLaws`, zeros for other laws; the
+#: addresses of force and potential of a smooth law. An affine law, that of a springpot over one step, is
+#: ``offset + stiffness (u - gap)``. A record costs a compiled loop one pointer where arrays would each be counted.
+RECORD = np.dtype(
+    [(name, np.int64) for name in ("kind", "force", "potential")]
+    + [(name, np.float64) for name in ("gap", "offset", "stiffness", "damping", "resolution")]
+)
+
+
 class Laws(NamedTuple):
     """One law a row: contacts, nonlinear springs, springpots, springs with memory.
 
     Attributes
     ----------
-    kind : ndarray of int
-    gap, offset, stiffness, damping, resolution : ndarray
-        As in `ContactLaws`; zeros for other laws. An affine law, that of a
-        springpot over one step, is ``offset + stiffness (u - gap)``.
-    address : ndarray of int, shape (n_laws, 2)
-        Of force and potential of a smooth law.
+    table : ndarray of RECORD, shape (n_laws,)
     memory : Memory
         The laws of the last rows.
     state : ndarray
         Of the laws with memory, at the start of a step.
     """
 
-    kind: IntArray
-    gap: Array
-    offset: Array
-    stiffness: Array
-    damping: Array
-    resolution: Array
-    address: IntArray
+    table: NDArray[np.void]
     memory: Memory
     state: Array
 
@@ -85,27 +83,19 @@ def build_laws(system: System, callbacks: Callbacks | None) -> Laws:
     memory, state = build_memory(pasts) if pasts else (_NOTHING, np.zeros(0))
     springpots = 0 if system.springpots is None else len(system.springpots.laws)
     size = count + smooth + springpots + len(pasts)
-    laws = Laws(
-        kind=np.full(size, SMOOTH, dtype=np.int64),
-        gap=np.zeros(size),
-        offset=np.zeros(size),
-        stiffness=np.zeros(size),
-        damping=np.zeros(size),
-        resolution=np.full(size, np.inf),
-        address=np.zeros((size, 2), dtype=np.int64),
-        memory=memory,
-        state=state,
-    )
+    table = np.zeros(size, dtype=RECORD)
+    table["kind"], table["resolution"] = SMOOTH, np.inf
     if contacts is not None:
-        laws.kind[:count] = np.where(np.isfinite(contacts.resolution), RESOLVED, np.where(contacts.jump, JUMP, 0))
-        laws.gap[:count], laws.offset[:count] = contacts.gap, contacts.offset
-        laws.stiffness[:count], laws.damping[:count] = contacts.stiffness, contacts.damping
-        laws.resolution[:count] = contacts.resolution
+        part = table[:count]
+        part["kind"] = np.where(np.isfinite(contacts.resolution), RESOLVED, np.where(contacts.jump, JUMP, PENETRATION))
+        for name in ("gap", "offset", "stiffness", "damping", "resolution"):
+            part[name] = getattr(contacts, name)
     if callbacks is not None:
-        laws.address[count : count + smooth] = callbacks.addresses
-    laws.kind[count + smooth : size - len(pasts)] = AFFINE
-    laws.kind[size - len(pasts) :] = MEMORY
-    return laws
+        part = table[count : count + smooth]
+        part["force"], part["potential"] = callbacks.addresses.T
+    table["kind"][count + smooth : size - len(pasts)] = AFFINE
+    table["kind"][size - len(pasts) :] = MEMORY
+    return Laws(table, memory, state)
 
 
 def loaded(laws: Laws, u: Array, past: Array | None) -> Laws:
@@ -114,7 +104,7 @@ def loaded(laws: Laws, u: Array, past: Array | None) -> Laws:
         if past is not None:
             laws.state[:] = past
         commit_all(laws.memory, laws.state, u)
-        laws.state[laws.memory.start[:-1]] = 0.0
+        laws.state[laws.memory.table["start"]] = 0.0
     return laws
 
 
@@ -126,71 +116,82 @@ def with_state(laws: Laws, state: Array) -> Laws:
 @jit
 def place_in_memory(laws: Laws, j: int) -> int:
     """Return the number of law j among those with memory."""
-    return j - (laws.kind.size - laws.memory.kind.size)
+    return j - (laws.table.size - laws.memory.table.size)
 
 
 @jit
 def end_force(laws: Laws, j: int, u: float) -> tuple[float, float]:
     """Return force and tangent at u, contact dampers left out."""
-    kind = laws.kind[j]
-    if kind >= SMOOTH:
-        if kind == AFFINE:
-            return laws.offset[j] + laws.stiffness[j] * (u - laws.gap[j]), laws.stiffness[j]
-        if kind == MEMORY:
+    law = laws.table[j]
+    if law["kind"] >= SMOOTH:
+        if law["kind"] == AFFINE:
+            return law["offset"] + law["stiffness"] * (u - law["gap"]), law["stiffness"]
+        if law["kind"] == MEMORY:
             return memory_force(laws.memory, laws.state, place_in_memory(laws, j), u)
-        width = 1e-6 * max(1.0, abs(u))
-        address = laws.address[j, 0]
-        return call(address, u), (call(address, u + width) - call(address, u - width)) / (2.0 * width)
-    s = u - laws.gap[j]
+        width, force = 1e-6 * max(1.0, abs(u)), law["force"]
+        return call(force, u), (call(force, u + width) - call(force, u - width)) / (2.0 * width)
+    return _contact_force(law, u)
+
+
+@jit
+def _contact_force(law: Any, u: float) -> tuple[float, float]:
+    gap, k = law["gap"], law["stiffness"]
+    s = u - gap
     if s <= 0.0:
         return 0.0, 0.0
-    k = laws.stiffness[j]
-    if kind == PENETRATION:
+    if law["kind"] == PENETRATION:
         return k * s, k
-    if kind == JUMP:
-        ramp = _RAMP * laws.gap[j]
+    if law["kind"] == JUMP:
+        ramp = _RAMP * gap
         if s >= ramp:
             return k * u, k
-        steep = k * (laws.gap[j] + ramp) / ramp
+        steep = k * (gap + ramp) / ramp
         return steep * s, steep
-    force, tangent = resolved_force(s, laws.resolution[j], laws.gap[j] - laws.offset[j])
+    force, tangent = resolved_force(s, law["resolution"], gap - law["offset"])
     return k * force, k * tangent
 
 
 @jit
 def closed_share(laws: Laws, j: int, u0: float, u1: float) -> float:
     """Return the length of the path from u0 to u1 on which a contact's damper acts, with its sign."""
-    s0, s1 = max(u0 - laws.gap[j], 0.0), max(u1 - laws.gap[j], 0.0)
-    if laws.kind[j] != RESOLVED:
+    law = laws.table[j]
+    s0, s1 = max(u0 - law["gap"], 0.0), max(u1 - law["gap"], 0.0)
+    if law["kind"] != RESOLVED:
         return s1 - s0
-    return resolved_integrals(s0, s1, laws.resolution[j])[0]
+    return resolved_integrals(s0, s1, law["resolution"])[0]
 
 
 @jit
 def mean_force(laws: Laws, j: int, u0: float, u1: float) -> float:
     """Return the mean force over the path from u0 to u1, contact dampers left out."""
-    kind = laws.kind[j]
-    if kind >= SMOOTH:
-        if kind == AFFINE:
-            return laws.offset[j] + laws.stiffness[j] * (u1 - laws.gap[j])
-        if kind == MEMORY:
+    law = laws.table[j]
+    if law["kind"] >= SMOOTH:
+        if law["kind"] == AFFINE:
+            return law["offset"] + law["stiffness"] * (u1 - law["gap"])
+        if law["kind"] == MEMORY:
             return memory_mean(laws.memory, laws.state, place_in_memory(laws, j), u0, u1)
-        return _smooth_mean(laws.address[j], u0, u1)
-    gap, k = laws.gap[j], laws.stiffness[j]
+        return _smooth_mean(law["force"], law["potential"], u0, u1)
+    return _contact_mean(law, u0, u1)
+
+
+@jit
+def _contact_mean(law: Any, u0: float, u1: float) -> float:
+    gap, k = law["gap"], law["stiffness"]
     s0, s1 = u0 - gap, u1 - gap
     if s0 <= 0.0 and s1 <= 0.0:
         return 0.0
-    if kind == RESOLVED:
+    lever = gap - law["offset"]
+    if law["kind"] == RESOLVED:
         if s0 == s1:
-            return k * resolved_force(s0, laws.resolution[j], gap - laws.offset[j])[0]
-        plain, lever = resolved_integrals(max(s0, 0.0), max(s1, 0.0), laws.resolution[j])
-        return k * (lever + (gap - laws.offset[j]) * plain) / (s1 - s0)
-    ramp = _RAMP * gap if kind == JUMP else 0.0
+            return k * resolved_force(s0, law["resolution"], lever)[0]
+        plain, weighted = resolved_integrals(max(s0, 0.0), max(s1, 0.0), law["resolution"])
+        return k * (weighted + lever * plain) / (s1 - s0)
+    ramp = _RAMP * gap if law["kind"] == JUMP else 0.0
     if s0 >= ramp and s1 >= ramp:
-        return k * (0.5 * (s0 + s1) + (gap - laws.offset[j]))
+        return k * (0.5 * (s0 + s1) + lever)
     if s0 == s1:
-        return end_force(laws, j, u0)[0]
-    return k * (_height(s1, ramp, gap - laws.offset[j]) - _height(s0, ramp, gap - laws.offset[j])) / (s1 - s0)
+        return _contact_force(law, u0)[0]
+    return k * (_height(s1, ramp, lever) - _height(s0, ramp, lever)) / (s1 - s0)
 
 
 @jit
@@ -204,31 +205,31 @@ def _height(s: float, ramp: float, lever: float) -> float:
 
 
 @jit
-def _smooth_mean(address: IntArray, u0: float, u1: float) -> float:
+def _smooth_mean(force: int, potential: int, u0: float, u1: float) -> float:
     """Return the mean of a smooth force: by its potential over long paths, else by quadrature, which keeps digits."""
     if abs(u1 - u0) > 1e-3 * max(abs(u0), abs(u1)):
-        return (call(address[1], u1) - call(address[1], u0)) / (u1 - u0)
+        return (call(potential, u1) - call(potential, u0)) / (u1 - u0)
     middle, reach = 0.5 * (u0 + u1), 0.5 * (u1 - u0) * _GAUSS
-    return (
-        5.0 * call(address[0], middle - reach) + 8.0 * call(address[0], middle) + 5.0 * call(address[0], middle + reach)
-    ) / 18.0
+    return (5.0 * call(force, middle - reach) + 8.0 * call(force, middle) + 5.0 * call(force, middle + reach)) / 18.0
 
 
 @jit
 def mean_and_slope(laws: Laws, j: int, u0: float, u1: float) -> tuple[float, float]:
     """Return the mean force over the path from u0 to u1 and its derivative by u1."""
-    mean, kind = mean_force(laws, j, u0, u1), laws.kind[j]
+    law = laws.table[j]
+    kind = law["kind"]
+    mean = mean_force(laws, j, u0, u1)
     if kind in (PENETRATION, JUMP):
-        s0, s1 = u0 - laws.gap[j], u1 - laws.gap[j]
-        ramp = _RAMP * laws.gap[j] if kind == JUMP else 0.0
+        s0, s1 = u0 - law["gap"], u1 - law["gap"]
+        ramp = _RAMP * law["gap"] if kind == JUMP else 0.0
         if s0 >= ramp and s1 >= ramp:
-            return mean, 0.5 * laws.stiffness[j]
+            return mean, 0.5 * law["stiffness"]
         if s0 <= 0.0 and s1 <= 0.0:
             return mean, 0.0
-        force, tangent = end_force(laws, j, u1)
+        force, tangent = _contact_force(law, u1)
         return mean, (force - mean) / (u1 - u0) if u1 != u0 else 0.5 * tangent
     if kind == AFFINE:
-        return mean, laws.stiffness[j]
+        return mean, law["stiffness"]
     force, tangent = end_force(laws, j, u1)
     if abs(u1 - u0) <= 1e-6 * max(abs(u0), abs(u1)):
         return mean, 0.5 * tangent

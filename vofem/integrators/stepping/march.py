@@ -74,7 +74,7 @@ def tally(bands: Banded, laws: Laws, callbacks: Callbacks | None, steps: int, ev
     system, counters = bands.system, bands.counters
     counters.steps = steps
     counters.gap_evaluations = (0 if system.contacts is None else len(system.contacts)) * evaluations
-    counters.memory_updates = laws.memory.kind.size * evaluations
+    counters.memory_updates = laws.memory.table.size * evaluations
     if callbacks is not None:
         counters.law_evaluations = callbacks.calls
     if system.springpots is not None:
@@ -192,7 +192,11 @@ def march(
                     f"interrupted at t = {kernel.reached():g} s of {t_end:g} s: what was computed until then is here"
                 )
                 t_end = float(out.times[cursor - 1])
-                out = Output(**{name: part.copy() for name, part in stored(out, cursor).items()}, tap=out.tap)
+                out = Output(
+                    **{name: part.copy() for name, part in stored(out, cursor).items()},
+                    every_step=out.every_step,
+                    tap=out.tap,
+                )
                 break
     events = Events(initial=initial)
     if log:

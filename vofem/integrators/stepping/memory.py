@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.integrators.stepping.backbone import Memory, backbone, backbone_mean
+from vofem.integrators.stepping.backbone import MEMORY_RECORD, Memory, backbone, backbone_mean
 from vofem.linalg.jit import jit
 from vofem.memory import JENKINS, MemoryLaw
 
@@ -26,25 +26,23 @@ def build_memory(laws: tuple[MemoryLaw, ...]) -> tuple[Memory, Array]:
     """Return laws in compiled form and their state before any load."""
     states = [law.virgin() for law in laws]
     parameters = [law.parameters for law in laws]
-    memory = Memory(
-        kind=np.array([law.kind for law in laws], dtype=np.int64),
-        one_sided=np.array([law.one_sided for law in laws], dtype=np.int64),
-        stiffness=np.array([law.stiffness for law in laws], dtype=float),
-        limit=np.array([law.limit for law in laws], dtype=float),
-        gap=np.array([law.gap for law in laws], dtype=float),
-        first=np.cumsum([0, *(part.size for part in parameters)], dtype=np.int64),
-        parameters=np.concatenate([np.zeros(0), *parameters]),
-        start=np.cumsum([0, *(state.size for state in states)], dtype=np.int64),
-    )
+    table = np.zeros(len(laws), dtype=MEMORY_RECORD)
+    for name in ("kind", "one_sided", "stiffness", "limit", "gap"):
+        table[name] = [getattr(law, name) for law in laws]
+    for name, parts in (("first", parameters), ("start", states)):
+        ends = np.cumsum([0, *(part.size for part in parts)])
+        table[name], table["last" if name == "first" else "end"] = ends[:-1], ends[1:]
+    memory = Memory(table, np.concatenate([np.zeros(0), *parameters]))
     return memory, np.concatenate([np.zeros(0), *states])
 
 
 @jit
 def _edges(memory: Memory, state: Array, i: int) -> tuple[float, float]:
     """Return the elongations at which a cyclic law begins to yield in compression and in tension."""
-    s, k = memory.start[i], memory.stiffness[i]
+    law = memory.table[i]
+    s, k = law["start"], law["stiffness"]
     low = state[s + _RESIDUAL]
-    if not memory.one_sided[i]:
+    if not law["one_sided"]:
         low -= state[s + _DOWN] / k
     return low, state[s + _RESIDUAL] + state[s + _UP] / k
 
@@ -52,10 +50,11 @@ def _edges(memory: Memory, state: Array, i: int) -> tuple[float, float]:
 @jit
 def memory_force(memory: Memory, state: Array, i: int, u: float) -> tuple[float, float]:
     """Return force in N and tangent in N/m where the elongation changes to u on a monotone path."""
-    u -= memory.gap[i]
-    s, k = memory.start[i], memory.stiffness[i]
-    if memory.kind[i] == JENKINS:
-        a, count = memory.first[i], memory.start[i + 1] - s - 1
+    law = memory.table[i]
+    u -= law["gap"]
+    s, k = law["start"], law["stiffness"]
+    if law["kind"] == JENKINS:
+        a, count = law["first"], law["end"] - s - 1
         tangent = memory.parameters[a]
         force = tangent * u
         for e in range(count):
@@ -69,7 +68,7 @@ def memory_force(memory: Memory, state: Array, i: int, u: float) -> tuple[float,
     if u > high:
         return backbone(memory, i, state[s + _UP_AT] + (u - high))
     if u < low:
-        if memory.one_sided[i]:
+        if law["one_sided"]:
             return 0.0, 0.0
         force, tangent = backbone(memory, i, state[s + _DOWN_AT] + (low - u))
         return -force, tangent
@@ -94,12 +93,13 @@ def _clipped_mean(k: float, place: float, slip: float, a: float, b: float) -> fl
 @jit
 def memory_mean(memory: Memory, state: Array, i: int, u0: float, u1: float) -> float:
     """Return work over length of the path from u0, where the state holds, to u1: a mean force in N."""
-    a, b = min(u0, u1) - memory.gap[i], max(u0, u1) - memory.gap[i]
+    law = memory.table[i]
+    a, b = min(u0, u1) - law["gap"], max(u0, u1) - law["gap"]
     if a == b:
         return memory_force(memory, state, i, u1)[0]
-    s, k = memory.start[i], memory.stiffness[i]
-    if memory.kind[i] == JENKINS:
-        first, count = memory.first[i], memory.start[i + 1] - s - 1
+    s, k = law["start"], law["stiffness"]
+    if law["kind"] == JENKINS:
+        first, count = law["first"], law["end"] - s - 1
         mean = memory.parameters[first] * 0.5 * (a + b)
         for e in range(count):
             slip = memory.parameters[first + 1 + count + e]
@@ -112,7 +112,7 @@ def memory_mean(memory: Memory, state: Array, i: int, u0: float, u1: float) -> f
     if a < low:
         part = min(b, low) - a
         length += part
-        if not memory.one_sided[i]:
+        if not law["one_sided"]:
             at = state[s + _DOWN_AT] + (low - a)
             total -= part * backbone_mean(memory, i, at - part, at)
     left, right = max(a, low), min(b, high)
@@ -130,11 +130,12 @@ def memory_mean(memory: Memory, state: Array, i: int, u0: float, u1: float) -> f
 @jit
 def memory_loss(memory: Memory, state: Array, i: int, u: float) -> float:
     """Return the energy in J that the way to u dissipates."""
-    u -= memory.gap[i]
-    s, k = memory.start[i], memory.stiffness[i]
+    law = memory.table[i]
+    u -= law["gap"]
+    s, k = law["start"], law["stiffness"]
     lost = 0.0
-    if memory.kind[i] == JENKINS:
-        a, count = memory.first[i], memory.start[i + 1] - s - 1
+    if law["kind"] == JENKINS:
+        a, count = law["first"], law["end"] - s - 1
         for e in range(count):
             spring, slip = memory.parameters[a + 1 + e], memory.parameters[a + 1 + count + e]
             lost += slip * max(abs(u - state[s + 1 + e]) - slip / spring, 0.0)
@@ -142,7 +143,7 @@ def memory_loss(memory: Memory, state: Array, i: int, u: float) -> float:
     low, high = _edges(memory, state, i)
     if u > high:
         at, before, way = state[s + _UP_AT], state[s + _UP], u - high
-    elif u < low and not memory.one_sided[i]:
+    elif u < low and not law["one_sided"]:
         at, before, way = state[s + _DOWN_AT], state[s + _DOWN], low - u
     else:
         return 0.0
@@ -154,12 +155,13 @@ def memory_loss(memory: Memory, state: Array, i: int, u: float) -> float:
 @jit
 def memory_stored(memory: Memory, state: Array, i: int, u: float) -> float:
     """Return the energy in J that the law holds at u and would give back."""
+    law = memory.table[i]
     force = memory_force(memory, state, i, u)[0]
-    s, k = memory.start[i], memory.stiffness[i]
-    if memory.kind[i] != JENKINS:
+    s, k = law["start"], law["stiffness"]
+    if law["kind"] != JENKINS:
         return 0.5 * force * force / k
-    u -= memory.gap[i]
-    a, count = memory.first[i], memory.start[i + 1] - s - 1
+    u -= law["gap"]
+    a, count = law["first"], law["end"] - s - 1
     stored = 0.5 * memory.parameters[a] * u * u
     for e in range(count):
         spring, slip = memory.parameters[a + 1 + e], memory.parameters[a + 1 + count + e]
@@ -171,23 +173,24 @@ def memory_stored(memory: Memory, state: Array, i: int, u: float) -> float:
 @jit
 def commit(memory: Memory, state: Array, i: int, u: float) -> None:
     """Make the way to u part of the past."""
-    state[memory.start[i] + _LOST] += memory_loss(memory, state, i, u)
-    s, k = memory.start[i], memory.stiffness[i]
-    if memory.kind[i] == JENKINS:
-        u -= memory.gap[i]
-        a, count = memory.first[i], memory.start[i + 1] - s - 1
+    law = memory.table[i]
+    state[law["start"] + _LOST] += memory_loss(memory, state, i, u)
+    s, k = law["start"], law["stiffness"]
+    if law["kind"] == JENKINS:
+        u -= law["gap"]
+        a, count = law["first"], law["end"] - s - 1
         for e in range(count):
             reach = memory.parameters[a + 1 + count + e] / memory.parameters[a + 1 + e]
             state[s + 1 + e] = min(max(state[s + 1 + e], u - reach), u + reach)
         return
     low, high = _edges(memory, state, i)
-    u -= memory.gap[i]
+    u -= law["gap"]
     if u > high:
         state[s + _UP_AT] += u - high
         force = backbone(memory, i, state[s + _UP_AT])[0]
         state[s + _UP] = force
         state[s + _RESIDUAL] = u - force / k
-    elif u < low and not memory.one_sided[i]:
+    elif u < low and not law["one_sided"]:
         state[s + _DOWN_AT] += low - u
         force = backbone(memory, i, state[s + _DOWN_AT])[0]
         state[s + _DOWN] = force
@@ -197,6 +200,6 @@ def commit(memory: Memory, state: Array, i: int, u: float) -> None:
 @jit
 def commit_all(memory: Memory, state: Array, u: Array) -> None:
     """Make the ways to all u, of laws that end with those of the memory, part of the past."""
-    n = memory.kind.size
+    n = memory.table.size
     for i in range(n):
         commit(memory, state, i, u[u.size - n + i])

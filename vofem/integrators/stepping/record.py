@@ -36,7 +36,7 @@ class Output(NamedTuple):
     """Wanted times and what is stored there: q, v, a of shape (n, n_times), and work and dissipation.
 
     `memory` holds force, stored energy and loss of the laws with memory, springpots last, shape (3, n_laws, n_times),
-    `past` the state of the former at the last time, shape (size, 1). `tap` records points at every step.
+    `past` the state of the former at the last time, shape (size, 1). At `every_step` points are recorded on `tap`.
     """
 
     times: Array
@@ -47,6 +47,7 @@ class Output(NamedTuple):
     dissipated: Array
     memory: Array
     past: Array
+    every_step: bool
     tap: Tap
 
 
@@ -54,12 +55,13 @@ def output(times: Array, n: int, tap: Tap, laws: int = 0, past: int = 0) -> Outp
     """Return an empty record of n unknowns and some laws with memory, whose state is `past` numbers."""
     q, v, a = np.full((3, n, times.size), np.nan)
     work, dissipated = np.zeros((2, times.size))
-    return Output(times, q, v, a, work, dissipated, np.zeros((3, laws, times.size)), np.zeros((past, 1)), tap)
+    histories, last = np.zeros((3, laws, times.size)), np.zeros((past, 1))
+    return Output(times, q, v, a, work, dissipated, histories, last, tap.times.size > 0, tap)
 
 
 def stored(out: Output, count: int) -> dict[str, Array]:
     """Return views of what is stored at the first `count` times, by field."""
-    return {name: part[..., :count] for name, part in out._asdict().items() if name != "tap"}
+    return {name: part[..., :count] for name, part in out._asdict().items() if name not in ("tap", "every_step")}
 
 
 @jit
@@ -71,7 +73,7 @@ def store(
     On the step the state is stored as it is, inside it by the quintic through both ends. Points that are recorded at
     every step are recorded first.
     """
-    if out.tap.times.size > 0:
+    if out.every_step:
         record(out.tap, t, q, v, a)
     while cursor < out.times.size and out.times[cursor] <= t + 1e-9 * dt:
         x = 1.0 - (t - out.times[cursor]) / dt

@@ -106,9 +106,9 @@ def impose(
     for i in range(springpots.weight.shape[0]):
         j = springpots.row + i
         slope, rest = affine(springpots, pace, history, i, s)
-        laws.stiffness[j] = (1.0 + ahead) * slope / (share * pace.dt)
-        laws.gap[j] = u[j]
-        laws.offset[j] = ((1.0 + ahead) * rest - ahead * history.told[i, MEAN]) / share
+        laws.table[j]["stiffness"] = (1.0 + ahead) * slope / (share * pace.dt)
+        laws.table[j]["gap"] = u[j]
+        laws.table[j]["offset"] = ((1.0 + ahead) * rest - ahead * history.told[i, MEAN]) / share
 
 
 @jit
