@@ -117,6 +117,13 @@ def test_integrators_know_nothing_of_bodies():
                     assert name == "vofem.effects.time_functions"
 
 
+def test_functions_of_time_know_nothing_of_effects():
+    allowed = ("vofem._validate", "vofem.errors", "vofem.effects.time_functions")
+    for path in (ROOT / "effects" / "time_functions").glob("*.py"):
+        for name in imported(path):
+            assert not name.startswith("vofem") or name.startswith(allowed), f"{path.name} imports {name}"
+
+
 def test_library_code_neither_prints_nor_exits():
     for path, layer in modules():
         if layer == "cli":
