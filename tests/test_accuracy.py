@@ -14,6 +14,7 @@ from scenes import paper_beam, two_masses
 
 import vofem as vf
 from vofem import cli
+from vofem.cli.accuracy import show_progress
 from vofem.io import plot
 from vofem.io.study_tables import study_table, write_study
 from vofem.studies.accuracy.bench import default_point
@@ -355,6 +356,6 @@ def test_command_line(tmp_path, monkeypatch, capsys):
 
 
 def test_progress_goes_to_a_terminal_only(capsys):
-    cli._show_progress(1, 2, "event_driven")
+    show_progress(1, 2, "event_driven")
     assert capsys.readouterr().err == "\r\x1b[K1 of 2  event_driven"
     assert "vofem.studies.accuracy" in sys.modules
