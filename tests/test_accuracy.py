@@ -17,12 +17,13 @@ from vofem import cli
 from vofem.cli.accuracy import show_progress
 from vofem.io import plot
 from vofem.io.study_tables import study_table, write_study
-from vofem.studies.accuracy.bench import default_point
+from vofem.studies.accuracy.bench import Source, default_point
 from vofem.studies.accuracy.exact import Question, exact
 from vofem.studies.accuracy.quantities import Observed, compare
 from vofem.studies.accuracy.scaled import scaled
 from vofem.studies.accuracy.spread import spread
 from vofem.studies.accuracy.timing import best_time
+from vofem.studies.accuracy.work_precision import applicable
 from vofem.studies.remesh import can_have, element_count, remeshed
 
 QUICK = {"repeats": 1, "samples": 201, "cap": 1.0}
@@ -127,6 +128,16 @@ def test_what_cannot_run_is_left_out_with_its_reason():
     assert reasons["central_difference", 0.01].startswith("StepSizeError: dt is 0.01 s, beyond the critical step")
     assert "the cap is 1 s" in reasons["energy_conserving", 1e-8]
     assert "left out" in study_table(study).lower()
+
+
+def test_methods_that_are_tried_are_those_that_apply():
+    mass = vf.Mass(1.0, damping=1.0)
+    load = vf.PointLoad(mass, vf.Ramp(1.0))
+    printed = vf.HystereticSpring(mass, stiffness=1.0, linear_limit=5.0, memory="printed")
+    cyclic = vf.HystereticSpring(mass, stiffness=1.0, linear_limit=5.0, memory="cyclic")
+    steps = ["energy_conserving", "generalized_alpha", "central_difference"]
+    for effects, expected in (([], ["event_driven", *steps]), ([printed], ["force_driven"]), ([cyclic], steps)):
+        assert applicable(Source(vf.Scene([mass], [*effects, load]), None), None) == expected
 
 
 def test_masses_have_no_mesh_and_tolerances_are_taken():

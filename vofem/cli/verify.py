@@ -34,8 +34,9 @@ def _verify(arguments: argparse.Namespace) -> int:
     for file, suffix, _ in files:
         made(target(file, (suffix,)).parent)
     outcomes = []
+    chosen = select(catalogue(), arguments.case)
     print(text_header(), flush=True)
-    for outcome in verify(select(catalogue(), arguments.case), arguments.method, arguments.quick):
+    for outcome in verify(chosen, arguments.method, arguments.quick):
         outcomes.append(outcome)
         print(text_lines(outcome), flush=True)
     if not outcomes:

@@ -14,10 +14,14 @@ from vofem.errors import ArgumentError
 from vofem.integrators.base import ProbeRows
 from vofem.lookup import rows_over
 from vofem.scene import Scene, as_scene
-from vofem.simulate.methods import METHODS, choose, option_names
+from vofem.simulate.methods import METHODS, choose, hint, option_names
 from vofem.simulate.plan import Plan
 
 Array = NDArray[np.float64]
+
+
+#: Arguments of every run, which a misspelt option may be meant for.
+_ARGUMENTS = ("method", "dt", "tol", "times", "progress", "probes", "checkpoint", "checkpoint_every")
 
 
 def checked_plan(
@@ -60,21 +64,23 @@ def _check_options(chosen: str, method: str, options: dict[str, Any]) -> None:
     """Raise for a method that there is not, or options that it does not take."""
     if chosen not in METHODS:
         names = ("auto", *METHODS)
-        raise ArgumentError(f"simulate: method is {method!r}, expected {one_of(names)}{nearest(method, names)}")
+        raise ArgumentError(f"simulate: method is {method!r}, expected {one_of(names)}{hint(method, names)}")
     taken = option_names(chosen)
     unknown = sorted(set(options) - set(taken))
     if unknown:
         raise ArgumentError(
             f"simulate: method {chosen!r} does not know the option {unknown[0]!r}"
-            f"{nearest(unknown[0], (*taken, 'dt', 'times', 'method'))}; it takes {list(taken)}"
+            f"{nearest(unknown[0], (*taken, *_ARGUMENTS))}; it takes {', '.join(taken) or 'none of its own'}"
         )
 
 
 def _probe_rows(scene: Scene, probes: Mapping[str, Any] | Iterable[Any]) -> ProbeRows | None:
     """Return names and rows of points to be recorded, or None where there are none."""
     if not isinstance(probes, Mapping):
-        if not hasattr(probes, "row") and not isinstance(probes, Iterable):
-            raise ArgumentError(f"simulate: probes is {probes!r}, expected points, or a dict of names and points")
+        if isinstance(probes, str) or not (hasattr(probes, "row") or isinstance(probes, Iterable)):
+            raise ArgumentError(
+                f"simulate: probes is {probes!r}, expected points such as beam.at(x), or a dict of names and points"
+            )
         points = [probes] if hasattr(probes, "row") else list(probes)
         named = {as_point("simulate: a point of probes", point).name: point for point in points}
     else:

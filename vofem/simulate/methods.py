@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from vofem._validate import nearest
 from vofem.system import System
 
 METHODS = ("event_driven", "energy_conserving", "generalized_alpha", "central_difference", "force_driven")
@@ -16,6 +17,13 @@ _OPTIONS: dict[str, tuple[str, ...]] = {
     "central_difference": (),
     "force_driven": (),
 }
+
+
+def hint(method: object, names: tuple[str, ...]) -> str:
+    """Return what a name that is no method may stand for, for a message, or an empty string."""
+    if str(method).lower().startswith(("newmark", "hht", "hilber", "trapezoidal")):
+        return "; Newmark's method, the trapezoidal rule and HHT are settings of 'generalized_alpha'"
+    return nearest(method, names)
 
 
 def option_names(method: str = "auto") -> tuple[str, ...]:

@@ -15,7 +15,7 @@ from vofem.errors import ArgumentError
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Tabulated(TimeFunction):
     """Linear interpolation of a table; held constant before the first and after the last time.
 
@@ -29,7 +29,7 @@ class Tabulated(TimeFunction):
 
     t: Array
     values: Array
-    _slopes: Array = field(init=False, repr=False)
+    _slopes: Array = field(init=False)
 
     def __post_init__(self) -> None:
         times = array("Tabulated: t", self.t)
@@ -47,6 +47,9 @@ class Tabulated(TimeFunction):
         object.__setattr__(self, "values", values)
         slopes = np.concatenate([[0.0], np.diff(values) / np.diff(times), [0.0]])
         object.__setattr__(self, "_slopes", slopes)
+
+    def __repr__(self) -> str:
+        return f"Tabulated({self.t.size} values, {self.t[0]:g} to {self.t[-1]:g} s)"
 
     def __call__(self, t: ArrayLike) -> Array:
         """Return the values at times t."""
