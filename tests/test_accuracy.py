@@ -190,6 +190,9 @@ def test_cheapest_meets_the_tolerance_with_the_smallest_mesh_that_can():
     none = vf.accuracy.cheapest(scene, 1.0, 1e-13, methods=["energy_conserving"], elements=[2], **QUICK)
     assert none.run is None
     assert str(none).startswith("No run comes within 1e-13")
+    counts = f"{len(none.study.runs)} runs, {len(none.study.left_out)} left out"
+    assert repr(none) == f"Cheapest(no run, tolerance=1e-13, Study({none.study.point} over 1 s, {counts}))"
+    assert repr(found).startswith(f"Cheapest({found.run.setting} on {found.run.setting.elements} elements, ")
 
 
 @pytest.mark.parametrize(
