@@ -14,14 +14,16 @@ from scenes import paper_beam, two_masses
 
 import vofem as vf
 from vofem import cli
+from vofem.cli.accuracy import show_progress
 from vofem.io import plot
 from vofem.io.study_tables import study_table, write_study
-from vofem.studies.accuracy.bench import default_point
+from vofem.studies.accuracy.bench import Source, default_point
 from vofem.studies.accuracy.exact import Question, exact
 from vofem.studies.accuracy.quantities import Observed, compare
 from vofem.studies.accuracy.scaled import scaled
 from vofem.studies.accuracy.spread import spread
 from vofem.studies.accuracy.timing import best_time
+from vofem.studies.accuracy.work_precision import applicable
 from vofem.studies.remesh import can_have, element_count, remeshed
 
 QUICK = {"repeats": 1, "samples": 201, "cap": 1.0}
@@ -128,6 +130,16 @@ def test_what_cannot_run_is_left_out_with_its_reason():
     assert "left out" in study_table(study).lower()
 
 
+def test_methods_that_are_tried_are_those_that_apply():
+    mass = vf.Mass(1.0, damping=1.0)
+    load = vf.PointLoad(mass, vf.Ramp(1.0))
+    printed = vf.HystereticSpring(mass, stiffness=1.0, linear_limit=5.0, memory="printed")
+    cyclic = vf.HystereticSpring(mass, stiffness=1.0, linear_limit=5.0, memory="cyclic")
+    steps = ["energy_conserving", "generalized_alpha", "central_difference"]
+    for effects, expected in (([], ["event_driven", *steps]), ([printed], ["force_driven"]), ([cyclic], steps)):
+        assert applicable(Source(vf.Scene([mass], [*effects, load]), None), None) == expected
+
+
 def test_masses_have_no_mesh_and_tolerances_are_taken():
     *_, scene = two_masses("c", "penetration")
     study = vf.accuracy.work_precision(scene, 20.0, methods=["event_driven", "energy_conserving"], dt=[0.01],
@@ -178,6 +190,9 @@ def test_cheapest_meets_the_tolerance_with_the_smallest_mesh_that_can():
     none = vf.accuracy.cheapest(scene, 1.0, 1e-13, methods=["energy_conserving"], elements=[2], **QUICK)
     assert none.run is None
     assert str(none).startswith("No run comes within 1e-13")
+    counts = f"{len(none.study.runs)} runs, {len(none.study.left_out)} left out"
+    assert repr(none) == f"Cheapest(no run, tolerance=1e-13, Study({none.study.point} over 1 s, {counts}))"
+    assert repr(found).startswith(f"Cheapest({found.run.setting} on {found.run.setting.elements} elements, ")
 
 
 @pytest.mark.parametrize(
@@ -355,6 +370,6 @@ def test_command_line(tmp_path, monkeypatch, capsys):
 
 
 def test_progress_goes_to_a_terminal_only(capsys):
-    cli._show_progress(1, 2, "event_driven")
+    show_progress(1, 2, "event_driven")
     assert capsys.readouterr().err == "\r\x1b[K1 of 2  event_driven"
     assert "vofem.studies.accuracy" in sys.modules

@@ -140,6 +140,26 @@ def test_explain(scene, capsys):
     assert capsys.readouterr().out == f"{vf.explain(vf.load_scene(scene).scene)}\n"
 
 
+def test_explain_says_what_masses_and_tables_are():
+    one, two = vf.Mass(2.0, stiffness=3.0, damping=0.5, name="one"), vf.Mass(1.0, name="two")
+    table = vf.Tabulated(np.linspace(0.0, 4.0, 500), np.zeros(500))
+    said = str(vf.explain(vf.Scene([one, two], [vf.PointLoad(one, table)])))
+    assert "Mass 'one': 2 kg, 3 N/m and 0.5 N s/m to ground\n  Mass 'two': 1 kg, free\n" in said
+    assert "PointLoad on Mass 'one': Tabulated(500 values, 0 to 4 s) N\n" in said
+
+
+def test_a_file_that_is_not_there(scene, capsys):
+    assert cli.main(["explain", "bal.toml"]) == 1
+    assert capsys.readouterr().err.endswith(f"; relative paths start at '{Path.cwd()}'; did you mean 'ball.toml'?\n")
+
+
+def test_verify_names_a_wrong_case_before_anything_else(capsys):
+    assert cli.main(["verify", "--case", "nothing of the kind"]) == 1
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert "no case matches" in said.err
+
+
 def test_explain_says_which_method_the_file_wants(scene, capsys):
     scene.write_text(SHORT.replace("t_end = 6.0", "t_end = 6.0\nmethod = 'central_difference'"))
     assert cli.main(["explain", str(scene)]) == 0

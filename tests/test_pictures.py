@@ -11,7 +11,7 @@ import pytest
 import vofem as vf
 from vofem.io import render as render_module
 from vofem.io.files import replacing
-from vofem.io.pictures import backend_matplotlib
+from vofem.io.pictures import backend_matplotlib, histories, profiles
 from vofem.io.pictures.layout import arrange
 from vofem.io.pictures.places import along_beam, between_masses
 from vofem.io.pictures.sketch import sketch
@@ -193,6 +193,29 @@ def test_labels_keep_apart_and_inside(build):
             assert left >= other[2] or other[0] >= right or bottom >= other[3] or other[1] >= top
 
 
+@pytest.mark.parametrize("make", [
+    lambda at: vf.BilinearSpring(at, stiffness=50.0, linear_limit=0.01),
+    lambda at: vf.HystereticSpring(at, stiffness=50.0, linear_limit=0.01, memory="cyclic"),
+    lambda at: vf.Springpot(at, coefficient=1.0, order=0.5),
+    lambda at: vf.NonlinearSpring(at, potential=lambda u: u**4, force=lambda u: 4.0 * u**3),
+    lambda at: vf.Foundation(at.body, stiffness=50.0),
+])  # fmt: skip
+def test_whatever_holds_a_beam_is_drawn(make):
+    beam = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "pinned"}, name="beam")
+    effect = make(beam.at(1.0))
+    result = vf.simulate(vf.Scene([beam], [effect, vf.PointLoad(beam.at(0.5), 0.1)]), 0.2)
+    links = snapshot(result, 0.1).links
+    places = [link.a.x for link in links]
+    assert places == ([0.25, 0.5, 0.75, 1.0] if isinstance(effect, vf.Foundation) else [1.0])
+    assert {link.status for link in links} == {"spring"}
+    drawing = sketch(snapshot(result, 0.1), (1600, 700), None)
+    assert len(drawing.lines) >= len(sketch(snapshot(bare(beam), 0.1), (1600, 700), None).lines) + len(links)
+
+
+def bare(beam):
+    return vf.simulate(vf.Scene([beam], [vf.PointLoad(beam.at(0.5), 0.1)]), 0.2)
+
+
 def test_lower_body_of_a_contact_is_below():
     scene = two_beams()
     view = snapshot(vf.equilibrium(scene), None, scene)
@@ -222,6 +245,63 @@ def test_time_history_of_several_points_and_runs(tmp_path):
         time_history(result, 3.0, tmp_path / "a.png")
     with pytest.raises(vf.ArgumentError, match="found none"):
         time_history(result, [], tmp_path / "a.png")
+
+
+@pytest.fixture
+def figures(monkeypatch):
+    """Figures of matplotlib that were to be written."""
+    found = []
+    for module in (histories, profiles):
+        monkeypatch.setattr(module, "save", lambda figure, goal: found.append(figure) or goal)
+    return found
+
+
+def stops(*stiffnesses):
+    """Runs of one beam against stops of several stiffnesses, by these."""
+    runs = {}
+    for stiffness in stiffnesses:
+        beam = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"}, name="beam")
+        stop = vf.Contact(beam.at(1.0), gap=0.01, stiffness=stiffness, side="below", acts_on="penetration", name="stop")
+        scene = vf.Scene([beam], [stop, vf.PointLoad(beam.at(1.0), -0.1)])
+        runs[f"{stiffness:g}"] = vf.simulate(scene, 2.0)
+    return beam, runs
+
+
+@pytest.mark.parametrize(("stiffnesses", "labels", "tops"), [
+    ((2.0, 15.0), ["N/m", ""], [16.5, 16.5]),
+    ((2.0, 4.0e4), ["N/m", "kN/m"], [2.2, 44.0]),
+])  # fmt: skip
+def test_stiffnesses_of_several_runs_stand_in_their_own_unit(stiffnesses, labels, tops, figures):
+    beam, runs = stops(*stiffnesses)
+    time_history(runs, beam.at(1.0), "unused.png")
+    lower = figures[0].axes[len(stiffnesses) :]
+    assert [axes.get_ylabel().partition("[")[2].removesuffix("]") for axes in lower] == labels
+    assert [axes.get_ylim()[1] for axes in lower] == pytest.approx(tops)
+    for axes, top in zip(lower, tops, strict=True):
+        drawn = max(float(np.max(line.get_ydata())) for line in axes.get_lines())
+        assert drawn <= top
+        assert drawn > 0.1 * top
+
+
+def test_the_contact_of_a_foundation_at_the_point_is_shown(figures):
+    beam = vf.Beam(1.0, 1.0, 1.0, 4, name="beam")
+    scene = vf.Scene([beam], [vf.Foundation(beam, stiffness=50.0, one_sided=True, name="bed"), vf.Gravity(0.1)])
+    result = vf.simulate(scene, 0.5)
+    for arguments in ({}, {"contact": "bed[3]"}):
+        time_history(result, beam.at(0.5), "unused.png", **arguments)
+    names = [figure.axes[1].get_legend_handles_labels()[1] for figure in figures]
+    assert names == [["bed[2]"], ["bed[3]"]]
+
+
+@pytest.mark.parametrize("count", [5, 9])
+def test_every_time_is_named_in_a_colour_of_its_own(count, paper, figures):
+    shapes(paper[1], np.linspace(0.0, 4.0, count), "unused.png")
+    (axes,) = figures[0].axes
+    named = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert [name for name in named if name.startswith("t = ")] == [f"t = {t:g} s" for t in np.linspace(0, 4, count)]
+    assert not any("more" in name for name in named)
+    colours = [line.get_color() for line in axes.get_lines() if line.get_label().startswith("t = ")]
+    assert len(set(colours)) == count
 
 
 def test_shapes(paper, tmp_path):

@@ -147,3 +147,12 @@ def test_points_are_resolved_by_name_and_x():
     assert outcome.displacement(finer.at(1.0)) == outcome.displacement(beam.at(1.0)) == pytest.approx(1.0)
     with pytest.raises(vf.ArgumentError, match="expected a point"):
         outcome.displacement(0.5)
+
+
+def test_an_equilibrium_says_what_it_is():
+    mass = vf.Mass(1.0, stiffness=1.0)
+    stop = vf.Contact(mass, gap=1.0, stiffness=1.0, side="above", acts_on="displacement")
+    words = {0.5: "0 of 1 contacts closed", 1.5: "0 of 1 contacts closed, 1 pinned", 9.0: "1 of 1 contacts closed"}
+    for load, said in words.items():
+        assert repr(vf.equilibrium(vf.Scene([mass], [stop, vf.PointLoad(mass, load)]))) == f"Equilibrium({said})"
+    assert repr(vf.equilibrium(vf.Scene([mass], [vf.PointLoad(mass, 1.0)]))) == "Equilibrium(no contacts)"

@@ -468,7 +468,9 @@ def test_what_has_no_form_is_refused_by_name(value, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("name", ["os:system", "vofem.__main__:main", "vofem.scene:Scene", "vofem.system:np", "x"])
+@pytest.mark.parametrize(
+    "name", ["os:system", "vofem.__main__:main", "vofem.scene:Scene", "vofem.system:np", "vofem.no:Thing", "x"]
+)
 def test_a_file_can_name_no_other_class(name, tmp_path):
     with writing(tmp_path / "a.h5") as blocks:
         write_tree(blocks.file, None)

@@ -119,5 +119,8 @@ def nearest(value: Any, allowed: tuple[str, ...]) -> str:
     """Return ``"; did you mean 'x'?"`` where a name is close, else an empty string."""
     from difflib import get_close_matches
 
-    close = get_close_matches(str(value), allowed, n=1)
+    text = str(value)
+    close = get_close_matches(text, allowed, n=1)
+    if not close and len(text) > 2:
+        close = [name for name in allowed if len(name) > 2 and (name.startswith(text) or text.startswith(name))]
     return f"; did you mean {close[0]!r}?" if close else ""

@@ -15,6 +15,7 @@ from vofem._validate import number
 from vofem.bodies.axis import axis_of
 from vofem.bodies.base import Array, BodyMatrices, Row, automatic_name
 from vofem.bodies.beam_matrices import beam_matrices, beam_strains, consistent_load
+from vofem.bodies.beam_point import BeamPoint
 from vofem.bodies.coefficient import Coefficient, basis_for, positive_coefficient
 from vofem.bodies.initial_field import project
 from vofem.bodies.mesh import LineMesh
@@ -309,38 +310,3 @@ class Beam:
             If the field is not finite, or does not vanish where a support holds it.
         """
         return project(f"{what} of {self.label}", field, self._axis, self.supports)
-
-
-class BeamPoint:
-    """A point on a beam's axis; made by `Beam.at`.
-
-    Attributes
-    ----------
-    body : Beam
-    x : float
-        In m.
-    """
-
-    def __init__(self, body: Beam, x: float) -> None:
-        self.body = body
-        self.x = x
-
-    @property
-    def name(self) -> str:
-        """Beam and place as scene files name them, such as ``beam@1.0``."""
-        return f"{self.body.name}@{float(self.x)!r}"
-
-    def row(self) -> Row:
-        """Return the row of eta: one entry at a node, four between nodes."""
-        return self.body.row_at(self.x)
-
-    def slope_row(self) -> Row:
-        """Return the row of the slope."""
-        return self.body.row_at(self.x, 1)
-
-    def __repr__(self) -> str:
-        return f"{self.body!r}.at({self.x:g})"
-
-    def describe(self) -> str:
-        """Return beam and place."""
-        return f"{self.body.label} at x = {self.x:g} m"

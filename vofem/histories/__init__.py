@@ -1,5 +1,10 @@
-"""What single parts of a scene did along a run."""
+"""What a scene and single parts of it did along a run."""
 
+from vofem.histories.contact import ContactHistory
+from vofem.histories.energy import Energy
+from vofem.histories.motion import Motion
 from vofem.histories.probe import ProbeHistory
+from vofem.histories.reaction import Reaction, reaction_of
+from vofem.histories.spring import SpringHistory
 
-__all__ = ["ProbeHistory"]
+__all__ = ["ContactHistory", "Energy", "Motion", "ProbeHistory", "Reaction", "SpringHistory", "reaction_of"]

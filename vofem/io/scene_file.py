@@ -150,7 +150,7 @@ def _text(file: Path) -> str:
     except FileNotFoundError:
         folder = file.parent
         others = tuple(p.name for p in folder.glob("*.toml")) if folder.is_dir() else ()
-        message = f"the file does not exist{nearest(file.name, others)}; relative paths start at '{Path.cwd()}'"
+        message = f"the file does not exist; relative paths start at '{Path.cwd()}'{nearest(file.name, others)}"
         raise SceneFileError(str(file), [("", message)]) from None
     except IsADirectoryError:
         raise SceneFileError(str(file), [("", "this is a directory, expected a scene file")]) from None

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import ArgumentError
-from vofem.result import ContactHistory, Result
+from vofem.histories import ContactHistory
+from vofem.result import Result
 
 #: Times at which a contact's force is looked at, per closed interval.
 _SAMPLES = 2000

@@ -69,6 +69,12 @@ class Equilibrium:
             if contact.pinned
         ]
 
+    def __repr__(self) -> str:
+        states = [contact.status for contact in self.contacts.values()]
+        pinned = f", {states.count('pinned')} pinned" if "pinned" in states else ""
+        held = f"{states.count('closed')} of {len(states)} contacts closed{pinned}" if states else "no contacts"
+        return f"Equilibrium({held})"
+
     def state_of(self, body_name: str) -> tuple[Array, Array]:
         """Return a body's degrees of freedom and their rates (zero), each (size,); starts a scene from rest."""
         cure = "; as the start of a scene give the outcome for the bodies that it holds: initial={body: outcome}"

@@ -38,8 +38,8 @@ def plain(text: str) -> str:
     return text.replace("$", r"\$")
 
 
-def legend(axes: Any, sources: Iterable[Any] | None = None) -> None:
-    """Add a legend beside the axes, where no curve runs under it, of as many lines as there are colours.
+def legend(axes: Any, sources: Iterable[Any] | None = None, most: int = len(COLORS)) -> None:
+    """Add a legend beside the axes, where no curve runs under it, of at most so many lines.
 
     Lines of several axes, `sources`, are named once.
     """
@@ -50,12 +50,9 @@ def legend(axes: Any, sources: Iterable[Any] | None = None) -> None:
     if not named:
         return
     handles, names = list(named.values()), list(named)
-    more = len(names) - len(COLORS)
+    more = len(names) - most
     if more > 0:
-        handles, names = (
-            handles[: len(COLORS)],
-            [*names[: len(COLORS) - 1], f"{names[len(COLORS) - 1]}, and {more} more"],
-        )
+        handles, names = handles[:most], [*names[: most - 1], f"{names[most - 1]}, and {more} more"]
     axes.legend(handles, map(plain, names), loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=9)
 
 

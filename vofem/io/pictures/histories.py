@@ -15,6 +15,7 @@ from vofem.effects import Contact
 from vofem.errors import ArgumentError
 from vofem.io.pictures.axes import COLORS, INK, goal_of, legend, panels, plain, save
 from vofem.io.pictures.layout import place_of
+from vofem.io.pictures.places import all_contacts
 from vofem.io.pictures.units import length, prefixed
 from vofem.result import Result
 
@@ -39,13 +40,15 @@ def time_history(
     Parameters
     ----------
     result : Result, or mapping of titles to Results
-        Several are drawn side by side, with the same axes.
+        Several are drawn side by side, with the same axes; K_eq has its own
+        where stiffnesses differ by more than ten times.
     point : point, or several of them
         ``beam.at(x)`` or a Mass; found in every result by its body's name.
     path : path of a .png, .pdf or .svg
     contact : contact, name or several of them, optional
-        Those to show; where not given, the contacts at the points, and where
-        there are none, the nearest of their bodies, at most six.
+        Those to show, ``name[node]`` of a one-sided foundation among them; where
+        not given, the contacts at the points, and where there are none, the
+        nearest of their bodies, at most six.
 
     Returns
     -------
@@ -68,11 +71,20 @@ def time_history(
     scale = length(float(max(peaks)))
     size = (10.0 if len(runs) == 1 else 2.0 + 4.4 * len(runs), 6.4 if below else 4.2)
     heights = (2.2, 1.0) if below else (1.0,)
-    figure, grid = panels(size, len(heights), len(runs), sharex="col", sharey="row", height_ratios=heights)
-    for (title, run), column in zip(runs.items(), grid.T, strict=True):
+    figure, grid = panels(size, len(heights), len(runs), sharex="col", height_ratios=heights)
+    _share(grid[0])
+    stiffest = [_stiffest(run, shown[title]) for title, run in runs.items()]
+    # Beside a stop more than ten times as stiff another one would be a line along the axis.
+    alike = max(stiffest) <= 10.0 * min(filter(None, stiffest), default=0.0)
+    if below and alike:
+        _share(grid[1])
+        stiffest = [max(stiffest)] * len(runs)
+    for (title, run), column, most in zip(runs.items(), grid.T, stiffest, strict=True):
         _draw_motion(run, points, shown[title], scale, column)
         if below:
-            _draw_stiffness(run, shown[title], len(points), column[1])
+            _draw_stiffness(run, shown[title], len(points), most, column[1])
+            if not alike or column[1].get_subplotspec().is_first_col():
+                column[1].set_ylabel(rf"$K_\mathrm{{eq}}$ [{prefixed(most, 'N/m')[1]}]")
         column[0].set_title(plain(title), fontsize=11)
         column[-1].set_xlabel("time [s]")
         column[-1].set_xlim(0.0, _end(run))
@@ -104,20 +116,33 @@ def _draw_motion(
                 axes.axvspan(start, end, color=color, alpha=shade, linewidth=0)
 
 
-def _draw_stiffness(run: Result, contacts: list[Contact], points: int, axes: Any) -> None:
+def _share(row: Array) -> None:
+    """Give the axes of a row one scale, told by the first."""
+    for axes in row[1:]:
+        axes.sharey(row[0])
+        axes.tick_params(labelleft=False)
+
+
+def _stiffest(run: Result, contacts: list[Contact]) -> float:
+    laws = run.model.system.contacts
+    if laws is None or not contacts:
+        return 0.0
+    return float(np.max(laws.stiffness[[laws.names.index(contact.name) for contact in contacts]]))
+
+
+def _draw_stiffness(run: Result, contacts: list[Contact], points: int, most: float, axes: Any) -> None:
+    """Draw K_eq of contacts, in the unit of the stiffest."""
     laws = run.model.system.contacts
     if laws is None or not contacts:
         return
     times = _times(run, contacts)
     samples = run.solution.contacts(times).stiffness
     rows = [laws.names.index(contact.name) for contact in contacts]
-    factor, unit = prefixed(float(np.max(laws.stiffness[rows])), "N/m")
+    factor, _ = prefixed(most, "N/m")
     for index, (contact, row) in enumerate(zip(contacts, rows, strict=True)):
         color = _color(index, points)
         axes.plot(times, samples[row] / factor, drawstyle="steps-post", color=color, linewidth=1.4, label=contact.name)
-    if axes.get_subplotspec().is_first_col():
-        axes.set_ylabel(rf"$K_\mathrm{{eq}}$ [{unit}]")
-    axes.set_ylim(0.0, 1.1 * float(np.max(laws.stiffness[rows])) / factor)
+    axes.set_ylim(0.0, 1.1 * most / factor)
 
 
 def _color(index: int, points: int) -> str:
@@ -129,10 +154,10 @@ def _contacts(result: Result, points: list[Point], wanted: Any) -> list[Contact]
     if wanted is not None:
         names = [wanted] if isinstance(wanted, (str, Contact)) else list(wanted)
         held = {result.contacts[name].name for name in names}
-        return [contact for contact in result.scene.contacts if contact.name in held]
+        return [contact for contact in all_contacts(result.scene) if contact.name in held]
     bodies = {point.body.name for point in points}
     of_bodies = [c for c in result.scene.contacts if any(p.body.name in bodies for p in c.points())]
-    here = [c for c in of_bodies if any(_at(c, point) for point in points)]
+    here = [c for c in all_contacts(result.scene) if any(_at(c, point) for point in points)]
     # More than there are colours cannot be told apart.
     nearest = sorted(of_bodies, key=lambda c: min(_distance(p, q) for p in c.points() for q in points))
     return here or [c for c in of_bodies if c in nearest[: len(COLORS)]]

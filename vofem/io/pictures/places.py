@@ -43,6 +43,23 @@ def along_beam(scene: Scene, beam: Beam) -> list[Place]:
     return places
 
 
+def all_contacts(scene: Scene) -> list[Contact]:
+    """Return the contacts of a scene, those of one-sided foundations as if each were declared."""
+    laws = scene.model.system.contacts
+    if laws is None:
+        return []
+    stiffness = dict(zip(laws.names, laws.stiffness.tolist(), strict=True))
+    beds = [
+        Contact(bed.beam.at(float(x)), gap=bed.gap, stiffness=stiffness[name], side="below", acts_on="penetration",
+                name=name)
+        for bed in scene.effects
+        if isinstance(bed, Foundation) and bed.one_sided
+        for node, x in enumerate(bed.beam.nodes)
+        if (name := f"{bed.name}[{node}]") in stiffness
+    ]  # fmt: skip
+    return [*scene.contacts, *beds]
+
+
 def between_masses(scene: Scene) -> list[Place]:
     """Return the contacts of masses, which are numbered from 1 in the order of the scene."""
     number: dict[Body, int] = {body: k for k, body in enumerate(scene.bodies, start=1)}

@@ -27,6 +27,8 @@ Others = tuple[str, ArrayLike, ArrayLike]
 #: Points along a beam at which its shape is drawn, and marks of another result along it.
 _POINTS, _MARKS = 401, 26
 _LINES = (INK, COLORS[1], COLORS[2], COLORS[3], COLORS[4], COLORS[5])
+#: Lines of a legend that fit beside the axes.
+_LEGEND = 16
 
 
 def shapes(
@@ -82,7 +84,7 @@ def shapes(
         axes.set_title(plain(title), fontsize=11)
         axes.set_xlabel("x [m]")
     grid[0, 0].set_ylabel(f"deflection [{unit}]")
-    legend(grid[0, -1], grid[0])
+    legend(grid[0, -1], grid[0], _LEGEND)
     return save(figure, goal)
 
 
@@ -112,9 +114,10 @@ class _Shapes:
     def draw(self, axes: Any, factor: float, beside: Any) -> None:
         """Draw lines, closed contacts, stops and another result's markers; lengths are divided by `factor`."""
         _draw_stops(axes, self.places, self.beam.length, factor)
+        lines = _colors(len(self.times))
         for k, t in enumerate(self.times):
             label = "deflection" if t is None else f"t = {t:g} s"
-            axes.plot(self.x, self.eta[:, k] / factor, color=_LINES[k % len(_LINES)], linewidth=1.6, label=label)
+            axes.plot(self.x, self.eta[:, k] / factor, color=lines[k], linewidth=1.6, label=label)
             if self.places and np.any(self.closed[:, k]):
                 on = self.closed[:, k]
                 dots = {"color": COLORS[0], "linestyle": "", "marker": "o", "markersize": 6.0, "zorder": 3}
@@ -128,7 +131,16 @@ class _Shapes:
             some = np.unique(np.linspace(0, x.size - 1, _MARKS).round().astype(int))
             marks = {"linestyle": "", "marker": "o", "markersize": 5.0, "markerfacecolor": "none", "zorder": 4}
             for k in range(eta.shape[1]):
-                axes.plot(x[some], eta[some, k], **marks, color=_LINES[k % len(_LINES)], label=name)
+                axes.plot(x[some], eta[some, k], **marks, color=lines[k], label=name)
+
+
+def _colors(count: int) -> list[Any]:
+    """Return colours of lines: such as can be told apart, and of more than there are of these, a scale in time."""
+    if count <= len(_LINES):
+        return list(_LINES)
+    from matplotlib import colormaps
+
+    return [colormaps["viridis"](0.92 * k / (count - 1)) for k in range(count)]
 
 
 def _draw_stops(axes: Any, places: list[Place], size: float, factor: float) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vofem._validate import number
 from vofem.bodies import Beam
 from vofem.bodies.base import Body, Point
-from vofem.effects import Foundation, Spring
+from vofem.effects import Foundation, HystereticSpring, IwanSpring, NonlinearSpring, Spring, Springpot
 from vofem.errors import ArgumentError
 from vofem.result import Result
 from vofem.scene import Scene
@@ -22,6 +22,12 @@ Array = NDArray[np.float64]
 
 #: A beam is drawn through about this many points, and the range of a run is taken from as many times.
 _POINTS, _TIMES = 240, 240
+
+#: What is drawn as a spring.
+_SPRINGS = (Spring, NonlinearSpring, HystereticSpring, IwanSpring, Springpot)
+
+#: A two-sided foundation is drawn as this many springs, or one at each node.
+_BED = 41
 
 
 @dataclass(frozen=True)
@@ -131,7 +137,7 @@ def _contact_states(result: Result, t: float) -> dict[str, tuple[str, float]]:
 
 def _links(scene: Scene, states: dict[str, tuple[str, float]]) -> tuple[Link, ...]:
     contacts = [Link(c.name, c.a, c.b, c.side or "below", c.gap, *states[c.name]) for c in scene.contacts]
-    springs = [Link("", s.a, s.b, "below", 0.0, "spring", 0.0) for s in scene.effects if isinstance(s, Spring)]
+    springs = [Link("", s.a, s.b, "below", 0.0, "spring", 0.0) for s in scene.effects if isinstance(s, _SPRINGS)]
     beds = [
         Link(name, f.beam.at(float(x)), None, "below", f.gap, *states[name])
         for f in scene.effects
@@ -139,6 +145,12 @@ def _links(scene: Scene, states: dict[str, tuple[str, float]]) -> tuple[Link, ..
         for node, x in enumerate(f.beam.nodes)
         if (name := f"{f.name}[{node}]") in states
     ]
+    for bed in scene.effects:
+        if isinstance(bed, Foundation) and not bed.one_sided:
+            nodes, held = bed.beam.nodes, [bed.beam.nodes[node] for node in bed.beam.supports]
+            places = np.linspace(nodes[0], nodes[-1], min(nodes.size, _BED))
+            points = [bed.beam.at(float(x)) for x in places if not np.any(np.isclose(x, held))]
+            springs += [Link("", point, None, "below", 0.0, "spring", 0.0) for point in points]
     return (*contacts, *beds, *springs)
 
 

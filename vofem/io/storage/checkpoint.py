@@ -110,7 +110,7 @@ def resume(
     MissingCallableError
         If the scene holds callables and was not given.
     """
-    with reading(path) as file:
+    with reading(path, "a checkpoint of vofem.simulate") as file:
         if "vofem_checkpoint" not in file:
             kind = "a saved run: read it with vofem.load" if "vofem" in file else "an HDF5 file of another program"
             raise StorageError(f"{file.filename} is {kind}; expected a checkpoint of vofem.simulate")

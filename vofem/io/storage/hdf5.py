@@ -138,8 +138,14 @@ def writing(path: Path, *, overwrite: bool = False) -> Iterator[Blocks]:
 
 
 @contextlib.contextmanager
-def reading(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
+def reading(path: str | os.PathLike[str], expected: str = "a file that Result.save has written") -> Iterator[h5py.File]:
     """Give an HDF5 file that is open for reading; whatever fails in the block becomes a `StorageError`.
+
+    Parameters
+    ----------
+    path : path
+    expected : str
+        For messages.
 
     Raises
     ------
@@ -149,25 +155,25 @@ def reading(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
     try:
         place = Path(path)
     except TypeError:
-        raise StorageError(f"path is {path!r}, expected the name of a file that Result.save has written") from None
+        raise StorageError(f"path is {path!r}, expected the name of {expected}") from None
     if not place.is_file():
         what = "is a folder" if place.is_dir() else "does not exist"
-        raise StorageError(f"{place} {what}, expected a file that Result.save has written; check the path")
+        raise StorageError(f"{place} {what}, expected {expected}; check the path")
     try:
         with h5py.File(place, "r") as file:
             yield file
     except VofemError:
         raise
     except Exception as error:
-        raise StorageError(f"{place} {_complaint(place, error)}") from error
+        raise StorageError(f"{place} {_complaint(place, error, expected)}") from error
 
 
-def _complaint(place: Path, error: Exception) -> str:
+def _complaint(place: Path, error: Exception, expected: str) -> str:
     text = str(error)
     if isinstance(error, PermissionError):
         return f"may not be read: {error.strerror}; check its permissions"
     if "signature" in text or not h5py.is_hdf5(place):
-        return "is no HDF5 file, expected one that Result.save has written"
+        return f"is no HDF5 file, expected {expected}"
     if "truncated" in text:
         return "is cut off: it was copied in part; copy or save it again"
     return f"is damaged ({type(error).__name__}: {text.strip()[:200]}); take a copy, or save the run again"

@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 
 from vofem.bodies import Beam
 from vofem.bodies.base import Point
+from vofem.histories import Energy
 from vofem.integrators.base import ContactSamples, ProbeSamples, Samples
 from vofem.io.run_pictures import telling_points
 from vofem.io.storage.blocks import read_columns, stream_columns, write_columns
 from vofem.io.storage.hdf5 import FILTERS, Blocks
 from vofem.io.storage.tree import read_array
 from vofem.lookup import rows_over
-from vofem.result import Energy, Result
+from vofem.result import Result
 from vofem.system import Events
 
 Array = NDArray[np.float64]

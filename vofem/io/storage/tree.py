@@ -200,17 +200,42 @@ def _field_names(kind: Any) -> tuple[str, ...]:
     return kind._fields if issubclass(kind, tuple) else tuple(field.name for field in dataclasses.fields(kind))
 
 
-def _rebuilt(name: str, fields: dict[str, Any]) -> Any:
-    """Return an object of a data class of this package; a file can name no other class."""
+def class_named(name: str) -> type:
+    """Return the data class of this package that a file names as ``module:class``; a file can name nothing else.
+
+    The module is the one that held the class when the file was written, and
+    hands it on if the class has moved since.
+
+    Raises
+    ------
+    StorageError
+        For any other name.
+    """
     module, _, qualified = name.partition(":")
-    if not re.fullmatch(r"vofem(\.[a-z]\w*)+", module) or not qualified.isidentifier():
-        raise StorageError(f"{name!r} is no class that a file may name")
-    kind = getattr(import_module(module), qualified)
-    if not isinstance(kind, type) or kind.__module__ != module or not is_data(kind):
-        raise StorageError(f"{name!r} is no class that a file may name")
-    if set(_field_names(kind)) != set(fields):
+    if re.fullmatch(r"vofem(\.[a-z]\w*)+", module) and qualified.isidentifier():
+        try:
+            kind = getattr(import_module(module), qualified, None)
+        except ModuleNotFoundError:
+            kind = None
+        if isinstance(kind, type) and kind.__name__ == qualified and is_data(kind):
+            return kind
+    raise StorageError(f"{name!r} is no class that a file may name")
+
+
+def _defaults(kind: Any) -> dict[str, Any]:
+    if issubclass(kind, tuple):
+        return dict(kind._field_defaults)
+    return {field.name: field.default for field in dataclasses.fields(kind) if field.default is not dataclasses.MISSING}
+
+
+def _rebuilt(name: str, fields: dict[str, Any]) -> Any:
+    """Return an object of a data class of this package; fields that came later have their defaults."""
+    kind = class_named(name)
+    wanted = _field_names(kind)
+    fields = {field: value for field, value in _defaults(kind).items() if field not in fields} | fields
+    if set(wanted) != set(fields):
         raise StorageError(
-            f"{name} has the fields {', '.join(fields)} in this file and {', '.join(_field_names(kind))} in this "
+            f"{name} has the fields {', '.join(fields)} in this file and {', '.join(wanted)} in this "
             "version of vofem; read it with the version that wrote it"
         )
     if issubclass(kind, tuple):

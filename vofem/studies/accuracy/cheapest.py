@@ -28,7 +28,7 @@ _MULTIPLES = (0.25, 0.5, 1, 2, 4)
 _TRIES = 8
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Cheapest:
     """The answer of `cheapest`; print it.
 
@@ -45,6 +45,10 @@ class Cheapest:
     run: Run | None
     tolerance: float
     study: Study
+
+    def __repr__(self) -> str:
+        found = "no run" if self.run is None else f"{self.run.setting} on {self.run.setting.elements} elements"
+        return f"Cheapest({found}, tolerance={self.tolerance:g}, {self.study!r})"
 
     def __str__(self) -> str:
         """Return the advice."""

@@ -115,7 +115,7 @@ class Reference:
     horizon: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Study:
     """Error against time, steps and work, of many runs of one scene.
 
@@ -138,6 +138,9 @@ class Study:
     runs: tuple[Run, ...]
     left_out: tuple[LeftOut, ...]
     machine: str
+
+    def __repr__(self) -> str:
+        return f"Study({self.point} over {self.t_end:g} s, {len(self.runs)} runs, {len(self.left_out)} left out)"
 
     def relative(self, run: Run) -> float:
         """Return the largest error of the point's displacement over the reference's largest displacement."""

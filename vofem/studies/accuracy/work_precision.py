@@ -166,9 +166,11 @@ def own_and_twice(source: Source) -> list[int]:
 def applicable(source: Source, methods: Iterable[str] | None) -> list[str]:
     """Return the methods asked for, or those that can treat the scene."""
     system = source.scene(source.own).model.system
-    refused = event_driven.refusal(system) is not None
     if methods is None:
-        return [name for name in METHODS if not (refused and name == "event_driven")]
+        if system.printed is not None:
+            return ["force_driven"]
+        others = {"force_driven"} if event_driven.refusal(system) is None else {"force_driven", "event_driven"}
+        return [name for name in METHODS if name not in others]
     if isinstance(methods, str):
         methods = [methods]
     chosen = [choice("methods", name, METHODS) for name in methods]

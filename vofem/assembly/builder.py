@@ -1,0 +1,229 @@
+"""Collects what bodies and effects contribute, and builds the System of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vofem.assembly.effect import ContactEntry
+from vofem.assembly.laws import check_springs, contact_laws, memory_laws, nonlinear_laws, springpot_laws
+from vofem.assembly.model import Model
+from vofem.assembly.strains import attached_strains, rigid_motions, strain_rows
+from vofem.assembly.triplets import Triplets, entries, restricted
+from vofem.bodies.base import Array, Body, BodyMatrices, IntArray, Point, Row
+from vofem.errors import ArgumentError
+from vofem.memory import MemoryLaw, PrintedLaw, SpringpotLaw
+from vofem.system import Load, LoadFunction, NonlinearLaw, System
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
+
+class SystemBuilder:
+    """Collects what bodies and effects contribute.
+
+    Parameters
+    ----------
+    bodies : sequence of Body
+        In the order in which their degrees of freedom are numbered.
+    """
+
+    def __init__(self, bodies: Sequence[Body]) -> None:
+        self.offsets: dict[Body, int] = {}
+        self._mass, self._stiffness, self._damping = Triplets(), Triplets(), Triplets()
+        self._attached = Triplets()
+        self._springs: list[tuple[Row, float]] = []
+        self._strains: list[tuple[int, csr_matrix]] = []
+        self._nonlinear: list[tuple[Row, NonlinearLaw]] = []
+        self._memory: list[tuple[Row, MemoryLaw]] = []
+        self._printed: list[PrintedLaw] = []
+        self._springpots: list[tuple[Row, SpringpotLaw]] = []
+        self._rayleigh: tuple[float, float] | None = None
+        self._modal: float | None = None
+        self._loads: list[Load] = []
+        self._contacts: list[ContactEntry] = []
+        supported: list[IntArray] = []
+        scales: list[Array] = []
+        self.size = 0
+        for body in bodies:
+            matrices = self._check(body, body.matrices())
+            self.offsets[body] = self.size
+            self._mass.add_matrix(matrices.mass, self.size, self.size)
+            self._stiffness.add_matrix(matrices.stiffness, self.size, self.size)
+            if matrices.damping is not None:
+                self._damping.add_matrix(matrices.damping, self.size, self.size)
+            supported.append(matrices.supported + self.size)
+            scales.append(matrices.scale)
+            self.size += body.size
+        self._supported = np.concatenate(supported)
+        self._scale = np.concatenate(scales)
+        self._accelerations: list[tuple[float, LoadFunction, str, Body | None]] = []
+
+    @staticmethod
+    def _check(body: Body, matrices: BodyMatrices) -> BodyMatrices:
+        for kind, matrix in (("mass", matrices.mass), ("stiffness", matrices.stiffness)):
+            if not np.all(np.isfinite(entries(matrix)[2])):
+                raise ArgumentError(
+                    f"{body.label}: the {kind} matrix overflows; check the units of length, EI and rhoA"
+                )
+        return matrices
+
+    # -- rows -------------------------------------------------------------------------------------
+
+    def row(self, point: Point, *, slope: bool = False) -> Row:
+        """Return a point's row over all degrees of freedom."""
+        local = point.slope_row() if slope else point.row()
+        return Row(local.indices + self.offsets[point.body], local.weights)
+
+    def difference(self, a: Point, b: Point | None, *, slope: bool = False) -> Row:
+        """Return the row of ``u_a - u_b``, or of ``u_a`` where b is None."""
+        first = self.row(a, slope=slope)
+        if b is None:
+            return first
+        second = self.row(b, slope=slope)
+        return Row(np.concatenate([first.indices, second.indices]), np.concatenate([first.weights, -second.weights]))
+
+    # -- contributions ----------------------------------------------------------------------------
+
+    def add_stiffness(self, row: Row, stiffness: float) -> None:
+        """Add ``stiffness * b b'`` to K."""
+        self._attached.add_rank_one(row, stiffness)
+        self._springs.append((row, stiffness))
+
+    def add_strains(self, body: Body, strains: csr_matrix) -> None:
+        """Add ``D'D`` to K, D being strain rows over one body's degrees of freedom, shape (k, body.size)."""
+        self._attached.add_matrix((strains.T @ strains).tocsr(), self.offsets[body], self.offsets[body])
+        self._strains.append((self.offsets[body], strains))
+
+    def add_damping(self, row: Row, damping: float) -> None:
+        """Add ``damping * b b'`` to C."""
+        self._damping.add_rank_one(row, damping)
+
+    def add_mass(self, row: Row, mass: float) -> None:
+        """Add ``mass * b b'`` to M."""
+        self._mass.add_rank_one(row, mass)
+
+    def add_rayleigh(self, alpha: float, beta: float) -> None:
+        """Add ``alpha M + beta K`` to C, M and K being the contact-free matrices with all attachments."""
+        before = self._rayleigh or (0.0, 0.0)
+        self._rayleigh = (before[0] + alpha, before[1] + beta)
+
+    def add_modal_damping(self, ratio: float) -> None:
+        """Damp every mode of (K, M) by a ratio of its critical damping."""
+        self._modal = (self._modal or 0.0) + ratio
+
+    def add_point_load(self, row: Row, function: LoadFunction, name: str) -> None:
+        """Add the load ``b * function(t)``."""
+        vector = np.zeros(self.size)
+        np.add.at(vector, row.indices, row.weights)
+        self._loads.append(Load(vector, function, name))
+
+    def add_body_load(self, body: Body, values: Array, function: LoadFunction, name: str) -> None:
+        """Add a load vector over one body's degrees of freedom, times a function."""
+        vector = np.zeros(self.size)
+        start = self.offsets[body]
+        vector[start : start + body.size] = values
+        self._loads.append(Load(vector, function, name))
+
+    def add_acceleration(self, value: float, function: LoadFunction, name: str, body: Body | None = None) -> None:
+        """Add the load ``value M r function(t)``, r being a unit translation of one body, or of all."""
+        self._accelerations.append((value, function, name, body))
+
+    def add_nonlinear(self, row: Row, law: NonlinearLaw) -> None:
+        """Add a smooth scalar law on a row."""
+        self._nonlinear.append((row, law))
+
+    def add_memory(self, row: Row, law: MemoryLaw) -> None:
+        """Add a law with memory on a row."""
+        self._memory.append((row, law))
+
+    def add_printed(self, law: PrintedLaw) -> None:
+        """Add Eq. 22 as it stands; the scene must hold nothing but one loaded mass on this spring, and dampers."""
+        self._printed.append(law)
+
+    def add_springpot(self, row: Row, law: SpringpotLaw) -> None:
+        """Add a springpot on a row."""
+        self._springpots.append((row, law))
+
+    def add_contact(self, entry: ContactEntry) -> None:
+        """Add a contact."""
+        self._contacts.append(entry)
+
+    # -- result -----------------------------------------------------------------------------------
+
+    def build(self) -> Model:
+        """Return the model: global matrices, and the System over the free degrees of freedom."""
+        mass, stiffness = self._mass.build(self.size), self._stiffness.build(self.size)
+        assert mass is not None
+        assert stiffness is not None
+        damping = self._damping.build(self.size)
+        attached = self._attached.build(self.size)
+        strains = attached_strains(self._springs, self._strains, self.size)
+        if attached is not None:
+            stiffness = stiffness + attached
+        held = np.zeros(self.size, dtype=bool)
+        held[self._supported] = True
+        free = np.flatnonzero(~held)
+        if not free.size:
+            raise ArgumentError("the supports hold every degree of freedom, so nothing can move; remove some")
+
+        for value, function, name, only in self._accelerations:
+            translation = np.concatenate([body.translation() * (only is None or body is only) for body in self.offsets])
+            self._loads.append(Load(value * (mass @ translation), function, name))
+        contact_rows, contacts = contact_laws(self._contacts, self.size, free)
+        nonlinear_rows, nonlinear = nonlinear_laws(self._nonlinear, self.size, free)
+        memory_rows, memory = memory_laws(self._memory, self.size, free)
+        springpot_rows, springpots = springpot_laws(self._springpots, self.size, free)
+        check_springs(memory, springpots)
+        if self._printed:
+            self._check_printed(stiffness)
+        system = System(
+            mass=restricted(mass, free),
+            stiffness=restricted(stiffness, free),
+            damping=None if damping is None else restricted(damping, free),
+            rayleigh=self._rayleigh,
+            modal_damping=self._modal,
+            loads=tuple(Load(load.vector[free], load.function, load.name) for load in self._loads),
+            contacts=contacts,
+            nonlinear=nonlinear,
+            memory=memory,
+            printed=self._printed[0] if self._printed else None,
+            scale=self._scale[free],
+            strain=strain_rows(self.offsets, strains, self.size, free),
+            rigid=rigid_motions(self.offsets, strains, self._supported, self.size)[free],
+            springpots=springpots,
+        )
+        vectors = tuple(load.vector for load in self._loads)
+        return Model(
+            system,
+            self.offsets,
+            free,
+            mass,
+            stiffness,
+            damping,
+            vectors,
+            contact_rows,
+            nonlinear_rows,
+            memory_rows,
+            springpot_rows,
+        )
+
+    def _check_printed(self, stiffness: Any) -> None:
+        """Raise where a spring follows the printed law beside anything else that bears load."""
+        label = self._printed[0].label
+        what = ""
+        if len(self._printed) > 1 or self._memory or self._springpots:
+            what = "another spring with memory"
+        elif self.size > 1:
+            what = f"{self.size} degrees of freedom"
+        elif self._contacts:
+            what = f"Contact {self._contacts[0].name!r}"
+        elif self._nonlinear or np.any(stiffness.data != 0.0):
+            what = "another spring"
+        if what:
+            raise ArgumentError(
+                f"{label} with memory='printed' is Eq. 22, which the applied force drives, so it holds for a spring "
+                f"that alone carries a single loaded mass; this scene has {what}. Use memory='cyclic'"
+            )

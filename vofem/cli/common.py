@@ -1,0 +1,22 @@
+"""What the commands share: exit codes, and a line on the method."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, TypeAlias
+
+if TYPE_CHECKING:
+    from vofem.io.scene_file import SceneFile
+
+#: Where a command adds its parser.
+Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
+
+#: Exit codes: all went well; vofem found a fault and said which. argparse itself takes 2 for wrong usage.
+FINE, FAULT, INTERRUPTED = 0, 1, 130
+
+
+def print_method(file: SceneFile, wanted: str | None) -> None:
+    """Say which method is used, where it is not the one that vofem would choose."""
+    method = wanted or (file.run.method if file.run is not None else "auto")
+    if method != "auto":
+        print(f"This run: {method}, as the {'command line' if wanted else 'scene file'} says")

@@ -1,0 +1,46 @@
+"""Reads the command line, runs the command, turns errors into messages and exit codes."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+
+from vofem._version import __version__
+from vofem.cli.accuracy import add_accuracy
+from vofem.cli.common import FAULT, FINE, INTERRUPTED
+from vofem.cli.doctor import add_doctor
+from vofem.cli.explain import add_explain
+from vofem.cli.render import add_render
+from vofem.cli.run import add_run
+from vofem.cli.verify import add_verify
+from vofem.errors import VofemError
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command and return its exit code."""
+    arguments = _parser().parse_args(argv)
+    try:
+        code: int = arguments.command(arguments)
+        sys.stdout.flush()
+        return code
+    except VofemError as error:
+        print(f"vofem: {error}", file=sys.stderr)
+        return FAULT
+    except KeyboardInterrupt:
+        print("vofem: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:
+        # The reader of the output has gone, as with `vofem explain ... | head`: nothing is left to be said.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FINE
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="vofem", description="Beams and masses that hit, rattle and yield.")
+    parser.add_argument("--version", action="version", version=f"vofem {__version__}")
+    commands = parser.add_subparsers(metavar="COMMAND", required=True)
+    for add in (add_run, add_render, add_explain, add_verify, add_accuracy, add_doctor):
+        add(commands)
+    return parser

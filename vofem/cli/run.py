@@ -1,0 +1,65 @@
+"""``vofem run``: simulate a scene file, write histories and pictures."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vofem.cli.common import FINE, Commands, print_method
+from vofem.cli.output import made, write
+from vofem.simulate import METHODS
+
+if TYPE_CHECKING:
+    from vofem.io.scene_file import SceneFile
+
+
+def add_run(commands: Commands) -> None:
+    """Add the command to a parser."""
+    run = commands.add_parser("run", help="simulate a scene file; write histories and pictures")
+    run.add_argument("scene", type=Path, help="scene file, TOML")
+    run.add_argument("--output", type=Path, help="folder for what is written (output/NAME of the scene file)")
+    run.add_argument("--method", help=f"{', '.join(('auto', *METHODS))}; instead of the file's")
+    run.add_argument("--t-end", type=float, help="in s, instead of the file's")
+    run.add_argument("--dt", type=float, help="in s, instead of the file's")
+    run.add_argument("--no-pictures", action="store_true", help="write numbers only")
+    run.add_argument("--save", type=Path, metavar="RUN", help="file .vtkhdf for the whole run; ParaView opens it too")
+    run.add_argument("--overwrite", action="store_true", help="let --save replace a file")
+    run.set_defaults(command=_run)
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from vofem.io import tables
+    from vofem.io.scene_file import load_scene
+    from vofem.simulate import explain
+
+    file = load_scene(arguments.scene)
+    print(explain(file.scene))
+    print_method(file, arguments.method)
+    print(flush=True)
+    # Made first: a run that is long shall not end in a folder that cannot be.
+    folder = made(arguments.output or Path("output") / arguments.scene.stem)
+    if arguments.save is not None:
+        from vofem.io.storage.run_file import check_target
+
+        check_target(arguments.save, arguments.overwrite)
+    result = file.simulate(**_changes(arguments, file))
+    print(tables.counter_line(result), end="\n\n")
+    print(tables.contact_tables(result), end="\n\n")
+    print(tables.energy_table(result))
+    for note in result.notes:
+        print(f"note: {note}")
+    saved = [] if arguments.save is None else [result.save(arguments.save, overwrite=arguments.overwrite)]
+    written = saved + write(result, file.output, folder, pictures=not arguments.no_pictures)
+    print("\nwrote " + "\n      ".join(str(path) for path in written))
+    return FINE
+
+
+def _changes(arguments: argparse.Namespace, file: SceneFile) -> dict[str, Any]:
+    """Return what the command line says instead of the file."""
+    given = {"method": arguments.method, "t_end": arguments.t_end, "dt": arguments.dt}
+    changes = {name: value for name, value in given.items() if value is not None}
+    if "t_end" in changes and file.run is not None:
+        # The times of the file belong to the duration of the file.
+        changes["times"] = None
+    return changes

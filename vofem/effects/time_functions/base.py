@@ -1,0 +1,144 @@
+"""What every function of time offers; sums and multiples of them."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vofem._validate import number
+from vofem.effects.time_functions.piece import Piece
+from vofem.errors import ArgumentError
+
+Array = NDArray[np.float64]
+
+
+class TimeFunction(ABC):
+    """A scalar function of time, t in seconds. Sums and multiples by numbers are functions too."""
+
+    #: Whether `piece` and `derivative` are available.
+    closed_form = True
+
+    @abstractmethod
+    def __call__(self, t: ArrayLike) -> Array:
+        """Return the values at times t (any shape); continuous from the right at jumps."""
+
+    @abstractmethod
+    def derivative(self, t: ArrayLike, order: int = 1) -> Array:
+        """Return the exact derivative of the given order at times t (from the right at corners)."""
+
+    def breakpoints(self, t_end: float) -> Array:
+        """Return the times in (0, t_end) where the function or its slope jumps, sorted."""
+        return np.empty(0)
+
+    @abstractmethod
+    def piece(self, t0: float) -> Piece:
+        """Return the closed form that holds from t0 to the next breakpoint."""
+
+    def __add__(self, other: Any) -> TimeFunction:
+        return Sum((self, _function(other)))
+
+    __radd__ = __add__
+
+    def __mul__(self, factor: Any) -> TimeFunction:
+        return Scaled(self, number("the factor of a time function", factor))
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, divisor: Any) -> TimeFunction:
+        value = number("the divisor of a time function", divisor)
+        if value == 0.0:
+            raise ArgumentError("the divisor of a time function is 0")
+        return Scaled(self, 1.0 / value)
+
+    def __neg__(self) -> TimeFunction:
+        return self * -1.0
+
+    def __sub__(self, other: Any) -> TimeFunction:
+        return self + _function(other) * -1.0
+
+    def __rsub__(self, other: Any) -> TimeFunction:
+        return _function(other) + self * -1.0
+
+
+@dataclass(frozen=True)
+class Sum(TimeFunction):
+    """A sum of time functions; made by ``+``."""
+
+    terms: tuple[TimeFunction, ...]
+
+    def __call__(self, t: ArrayLike) -> Array:
+        """Return the values at times t."""
+        return np.sum([term(t) for term in self.terms], axis=0)
+
+    @property
+    def closed_form(self) -> bool:  # type: ignore[override]
+        """Whether all terms have closed forms."""
+        return all(term.closed_form for term in self.terms)
+
+    def derivative(self, t: ArrayLike, order: int = 1) -> Array:
+        """Return the sum of the derivatives."""
+        return np.sum([term.derivative(t, order) for term in self.terms], axis=0)
+
+    def breakpoints(self, t_end: float) -> Array:
+        """Return the breakpoints of all terms."""
+        return np.unique(np.concatenate([term.breakpoints(t_end) for term in self.terms]))
+
+    def piece(self, t0: float) -> Piece:
+        """Return the sum of the pieces."""
+        total = Piece()
+        for term in self.terms:
+            total = total + term.piece(t0)
+        return total
+
+
+@dataclass(frozen=True)
+class Scaled(TimeFunction):
+    """A time function times a number; made by ``*``."""
+
+    function: TimeFunction
+    factor: float
+
+    def __call__(self, t: ArrayLike) -> Array:
+        """Return the values at times t."""
+        return self.factor * self.function(t)
+
+    @property
+    def closed_form(self) -> bool:  # type: ignore[override]
+        """Whether the function has a closed form."""
+        return self.function.closed_form
+
+    def derivative(self, t: ArrayLike, order: int = 1) -> Array:
+        """Return the derivative times the factor."""
+        return self.factor * self.function.derivative(t, order)
+
+    def breakpoints(self, t_end: float) -> Array:
+        """Return the function's breakpoints."""
+        return self.function.breakpoints(t_end)
+
+    def piece(self, t0: float) -> Piece:
+        """Return the function's piece times the factor."""
+        return self.function.piece(t0).scaled(self.factor)
+
+
+def inside(times: ArrayLike, t_end: float) -> Array:
+    """Return those of some times that lie in (0, t_end), sorted."""
+    points = np.unique(np.asarray(times, dtype=float))
+    return points[(points > 0.0) & (points < t_end)]
+
+
+def order_of(order: int) -> int:
+    """Return the order of a derivative, checked."""
+    if not isinstance(order, (int, np.integer)) or order < 0:
+        raise ArgumentError(f"the order of a derivative is {order!r}, expected 0, 1, 2, ...")
+    return int(order)
+
+
+def _function(value: Any) -> TimeFunction:
+    # What a number or a callable becomes is itself a TimeFunction, so that module builds on this one.
+    from vofem.effects.time_functions.conversion import as_time_function
+
+    return as_time_function(value)

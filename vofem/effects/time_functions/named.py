@@ -1,0 +1,159 @@
+"""Sines, constants, ramps and pulses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vofem._validate import number
+from vofem.effects.time_functions.base import TimeFunction, inside, order_of
+from vofem.effects.time_functions.piece import Piece
+from vofem.errors import ArgumentError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Sine(TimeFunction):
+    """``amplitude * sin(omega t + phase)``.
+
+    Parameters
+    ----------
+    amplitude : float
+        In the unit of the load.
+    omega : float
+        Angular frequency in rad/s.
+    phase : float
+        In rad.
+    """
+
+    amplitude: float
+    omega: float
+    phase: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("amplitude", "omega", "phase"):
+            object.__setattr__(self, name, number(f"Sine: {name}", getattr(self, name)))
+
+    def __call__(self, t: ArrayLike) -> Array:
+        """Return the values at times t."""
+        return self.amplitude * np.sin(self.omega * np.asarray(t, dtype=float) + self.phase)
+
+    def derivative(self, t: ArrayLike, order: int = 1) -> Array:
+        """Return the derivative of the given order."""
+        angle = self.omega * np.asarray(t, dtype=float) + self.phase
+        turn = order_of(order) % 4
+        wave = (np.sin(angle), np.cos(angle), -np.sin(angle), -np.cos(angle))[turn]
+        return self.amplitude * self.omega**order * wave
+
+    def piece(self, t0: float) -> Piece:
+        """Return one harmonic, or a constant where omega is 0."""
+        angle = self.omega * t0 + self.phase
+        if self.omega == 0.0:
+            return Piece(constant=self.amplitude * float(np.sin(angle)))
+        sign = 1.0 if self.omega > 0 else -1.0
+        amplitude = self.amplitude * complex(np.sin(angle), -sign * np.cos(angle))
+        return Piece(harmonics=((abs(self.omega), amplitude),))
+
+
+@dataclass(frozen=True)
+class Constant(TimeFunction):
+    """The same value at all times t >= 0."""
+
+    value: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "value", number("Constant: value", self.value))
+
+    def __call__(self, t: ArrayLike) -> Array:
+        """Return the values at times t."""
+        return np.full(np.shape(t), self.value)
+
+    def derivative(self, t: ArrayLike, order: int = 1) -> Array:
+        """Return zero, or the value for order 0."""
+        return np.full(np.shape(t), self.value if order_of(order) == 0 else 0.0)
+
+    def piece(self, t0: float) -> Piece:
+        """Return the constant."""
+        return Piece(constant=self.value)
+
+
+@dataclass(frozen=True)
+class Ramp(TimeFunction):
+    """Zero until `start`, then growing with `slope` until `stop`, then held.
+
+    Parameters
+    ----------
+    slope : float
+        Per second, in the unit of the load.
+    start : float
+        In s.
+    stop : float, optional
+        In s; without it the ramp never ends.
+    """
+
+    slope: float
+    start: float = 0.0
+    stop: float | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "slope", number("Ramp: slope", self.slope))
+        object.__setattr__(self, "start", number("Ramp: start", self.start))
+        if self.stop is not None:
+            object.__setattr__(self, "stop", number("Ramp: stop", self.stop))
+            if self.stop <= self.start:
+                raise ArgumentError(f"Ramp: stop is {self.stop:g}, expected a time after start = {self.start:g}")
+
+    def __call__(self, t: ArrayLike) -> Array:
+        """Return the values at times t."""
+        end = np.inf if self.stop is None else self.stop
+        return self.slope * np.clip(np.asarray(t, dtype=float) - self.start, 0.0, end - self.start)
+
+    def derivative(self, t: ArrayLike, order: int = 1) -> Array:
+        """Return the slope while the ramp grows."""
+        if order_of(order) == 0:
+            return self(t)
+        t = np.asarray(t, dtype=float)
+        end = np.inf if self.stop is None else self.stop
+        return np.where((t >= self.start) & (t < end) & (order == 1), self.slope, 0.0)
+
+    def breakpoints(self, t_end: float) -> Array:
+        """Return the corners."""
+        return inside([self.start] if self.stop is None else [self.start, self.stop], t_end)
+
+    def piece(self, t0: float) -> Piece:
+        """Return value and slope at t0."""
+        return Piece(constant=float(self(t0)), slope=float(self.derivative(t0)))
+
+
+@dataclass(frozen=True)
+class Pulse(TimeFunction):
+    """A rectangular pulse: `amplitude` for start <= t < start + duration, zero elsewhere."""
+
+    amplitude: float
+    start: float
+    duration: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "amplitude", number("Pulse: amplitude", self.amplitude))
+        object.__setattr__(self, "start", number("Pulse: start", self.start))
+        object.__setattr__(self, "duration", number("Pulse: duration", self.duration, positive=True))
+
+    def __call__(self, t: ArrayLike) -> Array:
+        """Return the values at times t."""
+        t = np.asarray(t, dtype=float)
+        return np.where((t >= self.start) & (t < self.start + self.duration), self.amplitude, 0.0)
+
+    def derivative(self, t: ArrayLike, order: int = 1) -> Array:
+        """Return zero: the jumps are breakpoints, not impulses."""
+        return self(t) if order_of(order) == 0 else np.zeros(np.shape(t))
+
+    def breakpoints(self, t_end: float) -> Array:
+        """Return the two edges."""
+        return inside([self.start, self.start + self.duration], t_end)
+
+    def piece(self, t0: float) -> Piece:
+        """Return the constant that holds from t0 on."""
+        return Piece(constant=float(self(t0)))

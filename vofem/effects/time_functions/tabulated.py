@@ -1,0 +1,71 @@
+"""Tables of values over time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vofem._validate import array
+from vofem.effects.time_functions.base import TimeFunction, inside, order_of
+from vofem.effects.time_functions.piece import Piece
+from vofem.errors import ArgumentError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Tabulated(TimeFunction):
+    """Linear interpolation of a table; held constant before the first and after the last time.
+
+    Parameters
+    ----------
+    t : array_like, shape (n,)
+        Strictly increasing times in s.
+    values : array_like, shape (n,)
+        In the unit of the load.
+    """
+
+    t: Array
+    values: Array
+    _slopes: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        times = array("Tabulated: t", self.t)
+        values = array("Tabulated: values", self.values)
+        if times.ndim != 1 or times.shape != values.shape or times.size < 1:
+            raise ArgumentError(
+                f"Tabulated: t has shape {times.shape} and values {values.shape}, expected two equal (n,)"
+            )
+        if np.any(np.diff(times) <= 0):
+            k = int(np.argmax(np.diff(times) <= 0))
+            raise ArgumentError(
+                f"Tabulated: t must increase strictly, found {times[k]:g} s followed by {times[k + 1]:g} s"
+            )
+        object.__setattr__(self, "t", times)
+        object.__setattr__(self, "values", values)
+        slopes = np.concatenate([[0.0], np.diff(values) / np.diff(times), [0.0]])
+        object.__setattr__(self, "_slopes", slopes)
+
+    def __repr__(self) -> str:
+        return f"Tabulated({self.t.size} values, {self.t[0]:g} to {self.t[-1]:g} s)"
+
+    def __call__(self, t: ArrayLike) -> Array:
+        """Return the values at times t."""
+        return np.interp(np.asarray(t, dtype=float), self.t, self.values)
+
+    def derivative(self, t: ArrayLike, order: int = 1) -> Array:
+        """Return the slope of the interval that starts at or holds t."""
+        if order_of(order) == 0:
+            return self(t)
+        interval = np.searchsorted(self.t, np.asarray(t, dtype=float), side="right")
+        return self._slopes[interval] if order == 1 else np.zeros(np.shape(t))
+
+    def breakpoints(self, t_end: float) -> Array:
+        """Return the times of the table."""
+        return inside(self.t, t_end)
+
+    def piece(self, t0: float) -> Piece:
+        """Return value and slope at t0."""
+        return Piece(constant=float(self(t0)), slope=float(self.derivative(t0)))

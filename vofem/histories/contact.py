@@ -1,0 +1,100 @@
+"""A contact: when it closed, what it did."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.fractional.orders import exponential_order
+from vofem.histories.run import Run
+from vofem.integrators.base import ContactSamples
+from vofem.system import CLOSED, PINNED, ContactLaws
+
+Array = NDArray[np.float64]
+
+
+class ContactHistory:
+    """One contact along a run.
+
+    Events are `closings`, `openings` and `pinned` intervals, at their own
+    times; `closed`, `stiffness`, `force`, `gap_function` and `order` are
+    histories at the run's times, each of shape (n_times,).
+
+    Attributes
+    ----------
+    name : str
+    """
+
+    def __init__(self, run: Run, laws: ContactLaws, index: int) -> None:
+        self._run = run
+        self._laws = laws
+        self._index = index
+        self.name = laws.names[index]
+
+    def __repr__(self) -> str:
+        return f"ContactHistory({self.name!r}, {self.closings.size} closings, {self.openings.size} openings)"
+
+    def _times(self, closing: bool) -> Array:
+        events = self._run.solution.events
+        mine = events.contact == self._index
+        held = np.concatenate([[events.initial[self._index]], events.status[mine]]) == CLOSED
+        times = np.concatenate([[0.0], events.time[mine]])
+        before = np.concatenate([[False], held[:-1]])
+        return times[held & ~before] if closing else times[~held & before]
+
+    @property
+    def closings(self) -> Array:
+        """Times at which the contact closes, s; 0.0 first where it starts closed."""
+        return self._times(True)
+
+    @property
+    def openings(self) -> Array:
+        """Times at which the contact ceases to be closed, s."""
+        return self._times(False)
+
+    @property
+    def pinned(self) -> Array:
+        """Intervals in which the contact is pinned at its gap, s, shape (k, 2)."""
+        events = self._run.solution.events
+        mine = events.contact == self._index
+        times = np.concatenate([[0.0], events.time[mine], [self._run.solution.t_end]])
+        held = np.flatnonzero(np.append(events.initial[self._index], events.status[mine]) == PINNED)
+        return np.stack([times[held], times[held + 1]], axis=1)
+
+    @property
+    def _samples(self) -> ContactSamples:
+        return self._run.contact_samples
+
+    @property
+    def closed(self) -> NDArray[np.bool_]:
+        """Whether the contact is closed, shape (n_times,)."""
+        return self._samples.status[self._index] == CLOSED
+
+    @property
+    def stiffness(self) -> Array:
+        """K_eq in N/m, shape (n_times,)."""
+        return self._samples.stiffness[self._index]
+
+    @property
+    def force(self) -> Array:
+        """Contact force in N, shape (n_times,); positive pushes the bodies apart."""
+        return self._samples.force[self._index]
+
+    @property
+    def gap_function(self) -> Array:
+        """The gap function s in m, shape (n_times,); positive is penetration."""
+        u = self._run.samples.along(self._laws.rows[[self._index]], "q")[0]
+        return u - self._laws.gap[self._index]
+
+    @property
+    def order(self) -> Array:
+        """The order beta of the operator, shape (n_times,).
+
+        Under the ideal switch 0 while closed and inf while open; NaN while pinned.
+        """
+        s0 = float(self._laws.resolution[self._index])
+        status = self._samples.status[self._index]
+        if np.isinf(s0):
+            ideal = np.where(status == CLOSED, 0.0, np.inf)
+            return np.where(status == PINNED, np.nan, ideal)
+        return exponential_order(self.gap_function, s0)

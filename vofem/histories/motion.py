@@ -1,0 +1,139 @@
+"""The motion of a scene: points of bodies, fields of beams, at the times of a run and others."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vofem._validate import array
+from vofem.assembly import Model
+from vofem.bodies.base import Body
+from vofem.bodies.beam import Beam
+from vofem.errors import ArgumentError
+from vofem.integrators.base import Sampled, Solution
+from vofem.lookup import body_named, row_of, the_beam
+from vofem.scene import Scene
+
+Array = NDArray[np.float64]
+
+
+class Motion:
+    """How the bodies of a scene moved.
+
+    Attributes
+    ----------
+    scene : Scene
+    solution : Solution
+        What the integrator left behind.
+    model : Model
+        The compiled scene.
+    times : ndarray, shape (n_times,)
+        In s.
+    """
+
+    def __init__(self, scene: Scene, solution: Solution) -> None:
+        self.scene = scene
+        self.solution = solution
+        self.model: Model = scene.model
+        self.times: Array = solution.times
+
+    # -- points -----------------------------------------------------------------------------------
+
+    @cached_property
+    def samples(self) -> Sampled:
+        """Free degrees of freedom at `times`: q, v, a of shape (n, n_times)."""
+        return self.solution.sample(self.times)
+
+    def _at(self, t: ArrayLike | None) -> Sampled:
+        if t is None:
+            return self.samples
+        times = np.atleast_1d(array("t", t))
+        end = self.solution.t_end
+        if np.any(times < 0.0) or np.any(times > end * (1.0 + 1e-12)):
+            bad = times[(times < 0.0) | (times > end)][0]
+            raise ArgumentError(f"t is {bad:g} s, expected a time of the run, 0 to {end:g} s")
+        return self.solution.sample(np.minimum(times, end))
+
+    def _along(self, point: Any, t: ArrayLike | None, kind: str) -> Array:
+        body, row = row_of(self.scene.bodies, point)
+        return row.weights @ self._some(body, row.indices, t, kind)
+
+    def _some(self, body: Body, indices: NDArray[np.int64], t: ArrayLike | None, kind: str) -> Array:
+        """Return some of a body's degrees of freedom (kind "q", "v" or "a"), shape (len(indices), n_times)."""
+        dofs, free = indices + self.model.offsets[body], self.model.free
+        place = np.minimum(np.searchsorted(free, dofs), free.size - 1)
+        moving = free[place] == dofs
+        values: Array = getattr(self._at(t).take(place), kind)
+        return np.where(moving[:, None], values, 0.0)
+
+    def displacement(self, point: Any, t: ArrayLike | None = None) -> Array:
+        """Return the displacement of a point in m, shape (n_times,) or (len(t),)."""
+        return self._along(point, t, "q")
+
+    def velocity(self, point: Any, t: ArrayLike | None = None) -> Array:
+        """Return the velocity of a point in m/s, shape (n_times,) or (len(t),)."""
+        return self._along(point, t, "v")
+
+    def acceleration(self, point: Any, t: ArrayLike | None = None) -> Array:
+        """Return the acceleration of a point in m/s^2, shape (n_times,) or (len(t),)."""
+        return self._along(point, t, "a")
+
+    def state_of(self, body_name: str) -> tuple[Array, Array]:
+        """Return a body's degrees of freedom and rates at the last time, each (size,); starts another scene."""
+        body = body_named(self.scene.bodies, body_name)
+        q, v = self.samples.last()
+        return self.model.of_body(body, q), self.model.of_body(body, v)
+
+    # -- fields -----------------------------------------------------------------------------------
+
+    def _beam(self, body: Any) -> Beam:
+        return the_beam(self.scene.bodies, body)
+
+    def _field(self, x: ArrayLike, t: ArrayLike | None, body: Any, derivative: int) -> Array:
+        beam = self._beam(body)
+        matrix = beam.field_matrix(x, derivative)
+        touched = np.unique(matrix.indices).astype(np.int64)
+        return np.asarray(matrix[:, touched] @ self._some(beam, touched, t, "q"))
+
+    def deflection(self, x: ArrayLike, t: ArrayLike | None = None, body: Any = None) -> Array:
+        """Return eta in m by the Hermite cubics, shape (len(x), len(t)).
+
+        Parameters
+        ----------
+        x : array_like
+            Points on the axis in m.
+        t : array_like, optional
+            Times in s; `times` where not given.
+        body : Beam, optional
+            Needed where the scene has several beams.
+        """
+        return self._field(x, t, body, 0)
+
+    def slope(self, x: ArrayLike, t: ArrayLike | None = None, body: Any = None) -> Array:
+        """Return d(eta)/dx, shape (len(x), len(t))."""
+        return self._field(x, t, body, 1)
+
+    def bending_moment(self, x: ArrayLike, t: ArrayLike | None = None, body: Any = None) -> Array:
+        """Return ``M = EI eta''`` in N m, shape (len(x), len(t)); at a node, that of the element to its right.
+
+        It is the moment of the cubics: within an element of length h under a
+        distributed load q (weight and inertia included) it is off by up to
+        ``q h^2/12``, which refining the mesh removes quadratically.
+        """
+        beam = self._beam(body)
+        return beam.bending_stiffness(x)[0][:, None] * self._field(x, t, beam, 2)
+
+    def shear_force(self, x: ArrayLike, t: ArrayLike | None = None, body: Any = None) -> Array:
+        """Return ``V = (EI eta'')'`` in N, shape (len(x), len(t)); constant within an element where EI is.
+
+        It is the mean over the element of the shear force: under a distributed
+        load q it differs by up to ``q h/2`` at the ends of an element of length
+        h. At a support `reaction` is exact.
+        """
+        beam = self._beam(body)
+        stiffness, change = beam.bending_stiffness(x)
+        shear = stiffness[:, None] * self._field(x, t, beam, 3)
+        return shear + change[:, None] * self._field(x, t, beam, 2) if np.any(change) else shear

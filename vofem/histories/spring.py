@@ -1,0 +1,69 @@
+"""A spring with memory, or a springpot: its force, its loops."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.histories.run import Run
+from vofem.integrators.base import SpringSamples
+
+Array = NDArray[np.float64]
+
+
+class SpringHistory:
+    """One spring with memory, or springpot, along a run; histories at the run's times, each of shape (n_times,).
+
+    Attributes
+    ----------
+    name : str
+    elongation : ndarray
+        ``u_a - u_b`` in m; of a crushing stop the approach.
+    force : ndarray
+        In N, positive in tension; of a crushing stop positive where it pushes back.
+    stored : ndarray
+        Energy that would be given back, J. Of a springpot, which is a row of
+        springs and dashpots in series: that of its springs.
+    dissipated : ndarray
+        Energy lost since t = 0, J: the area of the loops. Of a springpot whose
+        order varies, work absorbed less `stored`: it may fall.
+    """
+
+    def __init__(self, run: Run, index: int) -> None:
+        self._run, self._index = run, index
+        self.name = run.model.system.springs[index].name
+
+    def __repr__(self) -> str:
+        return f"SpringHistory({self.name!r}, {self.dissipated[-1]:g} J dissipated)"
+
+    @property
+    def _samples(self) -> SpringSamples:
+        samples = getattr(self._run.solution, "springs", None)
+        assert samples is not None
+        return samples
+
+    @property
+    def elongation(self) -> Array:
+        """Elongation in m, shape (n_times,)."""
+        system = self._run.model.system
+        # The printed law is that of a system of one degree of freedom.
+        parts = [part.rows for part in (system.memory, system.springpots) if part is not None] or [np.ones((1, 1))]
+        index = self._index
+        while index >= parts[0].shape[0]:
+            index -= parts.pop(0).shape[0]
+        return self._run.samples.along(parts[0][[index]], "q")[0]
+
+    @property
+    def force(self) -> Array:
+        """Force in N, shape (n_times,)."""
+        return self._samples.force[self._index]
+
+    @property
+    def stored(self) -> Array:
+        """Stored energy in J, shape (n_times,)."""
+        return self._samples.stored[self._index]
+
+    @property
+    def dissipated(self) -> Array:
+        """Energy lost since t = 0, J, shape (n_times,)."""
+        return self._samples.dissipated[self._index]

@@ -1,0 +1,108 @@
+"""Checks of the arguments of `vofem.simulate`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vofem._validate import array, nearest, number, one_of
+from vofem.bodies.base import as_point
+from vofem.errors import ArgumentError
+from vofem.integrators.base import ProbeRows
+from vofem.lookup import rows_over
+from vofem.scene import Scene, as_scene
+from vofem.simulate.methods import METHODS, choose, hint, option_names
+from vofem.simulate.plan import Plan
+
+Array = NDArray[np.float64]
+
+
+#: Arguments of every run, which a misspelt option may be meant for.
+_ARGUMENTS = ("method", "dt", "tol", "times", "progress", "probes", "checkpoint", "checkpoint_every")
+
+
+def checked_plan(
+    scene: Scene,
+    t_end: float,
+    method: str,
+    dt: float | None,
+    tol: float | None,
+    times: ArrayLike | None,
+    probes: Mapping[str, Any] | Iterable[Any] | None,
+    options: dict[str, Any],
+) -> Plan:
+    """Return what is to be run, or raise `ArgumentError` for arguments that do not go together.
+
+    Parameters are those of `vofem.simulate`.
+    """
+    t_end = number("simulate: t_end", t_end, positive=True)
+    wanted = None if times is None else _output_times(times, t_end)
+    system = as_scene("simulate", scene).model.system
+    chosen = choose(system).method if method == "auto" else method
+    _check_options(chosen, method, options)
+    if chosen == "event_driven":
+        if dt is not None:
+            raise ArgumentError("simulate: dt was given, but event_driven has no step; leave it out")
+        if tol is not None:
+            number("simulate: tol", tol, positive=True)
+        wanted = np.linspace(0.0, t_end, 1001) if wanted is None else wanted
+    elif tol is not None:
+        if chosen != "energy_conserving":
+            raise ArgumentError(
+                f"simulate: tol was given, but {chosen} has no steps that follow a tolerance; "
+                "choose method='energy_conserving', or leave it out"
+            )
+        options = {**options, "tol": number("simulate: tol", tol, positive=True)}
+    step = None if dt is None else number("simulate: dt", dt, positive=True)
+    return Plan(chosen, t_end, wanted, step, options, None if probes is None else _probe_rows(scene, probes))
+
+
+def _check_options(chosen: str, method: str, options: dict[str, Any]) -> None:
+    """Raise for a method that there is not, or options that it does not take."""
+    if chosen not in METHODS:
+        names = ("auto", *METHODS)
+        raise ArgumentError(f"simulate: method is {method!r}, expected {one_of(names)}{hint(method, names)}")
+    taken = option_names(chosen)
+    unknown = sorted(set(options) - set(taken))
+    if unknown:
+        raise ArgumentError(
+            f"simulate: method {chosen!r} does not know the option {unknown[0]!r}"
+            f"{nearest(unknown[0], (*taken, *_ARGUMENTS))}; it takes {', '.join(taken) or 'none of its own'}"
+        )
+
+
+def _probe_rows(scene: Scene, probes: Mapping[str, Any] | Iterable[Any]) -> ProbeRows | None:
+    """Return names and rows of points to be recorded, or None where there are none."""
+    if not isinstance(probes, Mapping):
+        if isinstance(probes, str) or not (hasattr(probes, "row") or isinstance(probes, Iterable)):
+            raise ArgumentError(
+                f"simulate: probes is {probes!r}, expected points such as beam.at(x), or a dict of names and points"
+            )
+        points = [probes] if hasattr(probes, "row") else list(probes)
+        named = {as_point("simulate: a point of probes", point).name: point for point in points}
+    else:
+        named = {name: as_point(f"simulate: probes[{name!r}]", point) for name, point in probes.items()}
+    return ProbeRows(tuple(named), rows_over(scene.model, scene.bodies, named.values())) if named else None
+
+
+def _output_times(times: ArrayLike, t_end: float) -> Array:
+    """Return where results are wanted, within [0, t_end], checked."""
+    wanted = np.atleast_1d(array("simulate: times", times))
+    if wanted.ndim != 1 or not wanted.size:
+        raise ArgumentError(f"simulate: times has shape {wanted.shape}, expected a list of one or more times")
+    if np.any(np.diff(wanted) < 0):
+        k = int(np.argmax(np.diff(wanted) < 0))
+        raise ArgumentError(
+            f"simulate: times must be a list of times that does not decrease, found {wanted[k]:g} s "
+            f"followed by {wanted[k + 1]:g} s"
+        )
+    slack = 1e-12 * t_end
+    if wanted[0] < 0.0 or wanted[-1] > t_end + slack:
+        raise ArgumentError(
+            f"simulate: times reaches from {wanted[0]:g} to {wanted[-1]:g} s, expected within 0 to t_end = {t_end:g} s"
+            f"; uniform times are np.linspace(0, {t_end:g}, count)"
+        )
+    return np.minimum(wanted, t_end)

@@ -1,0 +1,85 @@
+"""What will be simulated, by which method and why, and what will not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from vofem.bodies import Body, Mass
+from vofem.scene import Scene, as_scene
+from vofem.simulate.methods import choose
+from vofem.system import System
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """What will be simulated, by which method and why, and what will not; print it.
+
+    Attributes
+    ----------
+    bodies, effects : tuple of str
+        One line each.
+    unknowns : int
+        Free degrees of freedom.
+    method, why : str
+        What ``method="auto"`` takes, and the reason.
+    absent : tuple of str
+        Kinds of effects that the scene does not call for: nothing is built or evaluated for them.
+    """
+
+    bodies: tuple[str, ...]
+    effects: tuple[str, ...]
+    unknowns: int
+    method: str
+    why: str
+    absent: tuple[str, ...]
+
+    def __str__(self) -> str:
+        lines = ["Bodies", *(f"  {line}" for line in self.bodies)]
+        lines += ["Effects", *(f"  {line}" for line in self.effects or ("none",))]
+        lines += [f"Unknowns: {self.unknowns}", f"Method: {self.method}, because {self.why}"]
+        lines.append(f"Not simulated: {', '.join(self.absent) or 'nothing is left out'}")
+        return "\n".join(lines)
+
+
+_KINDS: tuple[tuple[str, Callable[[System], bool]], ...] = (
+    ("contacts", lambda system: system.contacts is not None),
+    (
+        "contact dampers",
+        lambda system: system.contacts is not None and bool(np.any(system.contacts.damping > 0)),
+    ),
+    ("damping", lambda system: system.damped),
+    ("nonlinear springs", lambda system: system.nonlinear is not None),
+    ("springs with memory", lambda system: bool(system.path_dependent)),
+    ("springpots", lambda system: system.springpots is not None),
+    ("loads", lambda system: bool(system.loads)),
+)
+
+
+def _told(body: Body) -> str:
+    """Return one line on a body; a mass, which is a point too, describes itself by its name alone."""
+    if not isinstance(body, Mass):
+        return body.describe()
+    ground = [f"{value:g} {unit}" for value, unit in ((body.stiffness, "N/m"), (body.damping, "N s/m")) if value]
+    return f"{body.describe()}: {body.mass:g} kg, {' and '.join(ground) + ' to ground' if ground else 'free'}"
+
+
+def explain(scene: Scene) -> Explanation:
+    """Return what will be simulated, by which method and why, and what will not.
+
+    Parameters
+    ----------
+    scene : Scene
+    """
+    system = as_scene("explain", scene).model.system
+    choice = choose(system)
+    return Explanation(
+        bodies=tuple(_told(body) for body in scene.bodies),
+        effects=tuple(effect.describe() for effect in scene.effects),
+        unknowns=system.size,
+        method=choice.method,
+        why=choice.why,
+        absent=tuple(kind for kind, present in _KINDS if not present(system)),
+    )

@@ -1,0 +1,87 @@
+"""A run with its arguments checked, from the start or from where it was stopped."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.integrators.base import ProbeRows, ProbeSamples, Solution
+from vofem.progress import Progress, Watcher
+from vofem.result import Result
+from vofem.scene import Scene
+
+Array = NDArray[np.float64]
+
+#: Methods that take steps, and record points at each of them.
+_STEPPING = ("energy_conserving", "generalized_alpha", "central_difference")
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is to be run, arguments checked.
+
+    Attributes
+    ----------
+    method : str
+    t_end : float
+        In s.
+    times : ndarray, optional
+    dt : float, optional
+        In s.
+    options : dict
+    probes : ProbeRows, optional
+    """
+
+    method: str
+    t_end: float
+    times: Array | None
+    dt: float | None
+    options: dict[str, Any]
+    probes: ProbeRows | None
+
+
+def run_plan(
+    scene: Scene,
+    plan: Plan,
+    progress: Progress,
+    save: Callable[[dict[str, Any]], None] | None,
+    every: float,
+    snapshot: dict[str, Any] | None,
+) -> Result:
+    """Run a plan from the start or from a snapshot, watched as asked for."""
+    from vofem.integrators.coarse import unresolved_contacts
+
+    integrator = import_module(f"vofem.integrators.{plan.method}")
+    arguments = plan.options if plan.method == "event_driven" else {"dt": plan.dt, **plan.options}
+    if plan.method in _STEPPING:
+        arguments = {**arguments, "probes": plan.probes}
+    with Watcher(plan.t_end, progress, save, every) as watcher:
+        solution = integrator.run(
+            scene.model.system, scene.initial_state(), plan.t_end, plan.times,
+            watch=None if watcher.idle else watcher, resume=snapshot, **arguments,
+        )  # fmt: skip
+    solution.notes.extend(unresolved_contacts(scene.model.system))
+    forgotten = scene.forgotten()
+    if forgotten and snapshot is None:
+        solution.notes.append(
+            f"springpots: Springpot {forgotten[0]!r} begins without the past that it has in the earlier run, at rest "
+            "in its place; vofem.resume carries it on"
+        )
+    return Result(scene, plan.method, solution, _recorded(plan.probes, solution))
+
+
+def _recorded(probes: ProbeRows | None, solution: Solution) -> ProbeSamples | None:
+    """Return what a run has recorded at points; without steps, their motion at its times."""
+    if probes is None:
+        return None
+    record: ProbeSamples | None = getattr(solution, "probes", None)
+    if record is None:
+        samples = solution.sample(solution.times)
+        motion = (np.asarray(samples.along(probes.rows, kind)) for kind in "qva")
+        record = ProbeSamples(probes.names, solution.times, *motion)
+    return record
