@@ -214,7 +214,9 @@ def start_motion(spectrum: Spectrum, displacement: Array, velocity: Array, forci
             (int(k), 1j * w, g1[k], g2[k], False) for k in np.flatnonzero(~apart) if g1[k] != 0 or g2[k] != 0
         )
     (poly_z, poly_v), forcing = _static(spectrum, forcing, horizon)
-    constant, slope = spectrum.inputs(forcing.constant), spectrum.inputs(forcing.slope)
+    nothing = np.zeros(n), np.zeros(n)
+    constant = spectrum.inputs(forcing.constant) if np.any(forcing.constant) else nothing
+    slope = spectrum.inputs(forcing.slope) if np.any(forcing.slope) else nothing
     more_z, more_v = _polynomial(spectrum, constant, slope, slow, special)
     poly_z, poly_v = poly_z + more_z, poly_v + more_v
     z = z - poly_z[:, 0] - steady_z.real.sum(axis=1)
