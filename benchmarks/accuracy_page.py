@@ -18,6 +18,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import effects
 import kernels
+import minimal
 import numpy as np
 import side_by_side
 from cases import paper_beam, two_masses
@@ -398,6 +399,13 @@ def kernel_section() -> str:
             "same size. A step of the implicit methods holds one such solve, products with banded matrices, and the "
             "contacts.",
             kernels.table(kernels.measure(say)),
+            "What a bare scene pays for all that it does not call for: microseconds of a step of the shortest loop "
+            "that does the same arithmetic with the same banded products and solves (no work of loads, no stored "
+            f"states, no checks), and the median over {minimal.PAIRS} interleaved pairs of vofem's time over it. "
+            "energy_conserving solves for the correction of an extrapolated velocity, which costs a product and a "
+            "sweep more than the plain midpoint rule and keeps its energy over millions of steps. "
+            "`python benchmarks/minimal.py` measures them alone.",
+            minimal.table(minimal.measure(say)),
         ]
     )
 

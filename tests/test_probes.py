@@ -187,3 +187,42 @@ def test_a_run_without_record_has_no_csv_of_it(tmp_path):
     scene, _ = beam_on_stop()
     with pytest.raises(vf.ArgumentError, match="recorded no points"):
         write_probes(vf.simulate(scene, 0.1), tmp_path / "probes.csv")
+
+
+@pytest.mark.parametrize("method", STEPPING)
+def test_between_steps_all_is_of_second_order(method):
+    mass = vf.Mass(1.0, stiffness=4.0, name="m")
+    scene = vf.Scene([mass], [vf.PointLoad(mass, vf.Sine(1.0, 3.0))])
+    t = np.sqrt(np.linspace(0.1, 3.9, 57))
+    exact = vf.simulate(scene, 2.0, times=t)
+    errors = []
+    for dt in (0.02, 0.01, 0.005):
+        run = vf.simulate(scene, 2.0, method=method, dt=dt, times=t)
+        errors.append(
+            [
+                np.sqrt(np.mean(np.square(getattr(run, kind)(mass) - getattr(exact, kind)(mass))))
+                for kind in ("displacement", "velocity", "acceleration")
+            ]
+        )
+    orders = np.log2(np.array(errors)[:-1] / np.array(errors)[1:])
+    assert np.all((orders > 1.8) & (orders < 2.25)), orders
+
+
+@pytest.mark.parametrize("arguments", [{"dt": 0.013}, {"dt": 0.01}, {"tol": 1e-3}])
+@pytest.mark.parametrize("method", STEPPING)
+def test_no_load_is_asked_for_its_value_beyond_the_end(method, arguments):
+    if "tol" in arguments and method != "energy_conserving":
+        arguments = {"dt": 0.3}
+    asked = []
+
+    def measured(t):
+        asked.append(t)
+        return np.sin(3.0 * t)
+
+    mass = vf.Mass(1.0, stiffness=4.0, name="m")
+    run = vf.simulate(vf.Scene([mass], [vf.PointLoad(mass, measured)]), 2.0, method=method, times=[2.0], **arguments)
+    assert max(asked) <= 2.0
+    exact = vf.simulate(vf.Scene([mass], [vf.PointLoad(mass, vf.Sine(1.0, 3.0))]), 2.0, times=[2.0])
+    coarse = 0.3 if arguments == {"dt": 0.3} else 0.02
+    assert abs(run.displacement(mass)[-1] - exact.displacement(mass)[-1]) < coarse**2
+    assert abs(run.acceleration(mass)[-1] - exact.acceleration(mass)[-1]) < 20.0 * coarse**2

@@ -10,6 +10,7 @@ import sys
 import traceback
 
 import numpy as np
+import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from random_scenes import scene as random_scene
@@ -22,7 +23,14 @@ MOST_EVENTS = 2_000
 
 
 def faults(scene, t_end, budget=40_000):
-    """Return what is wrong with the event-driven run of a scene, as a list of strings."""
+    """Return what is wrong with the event-driven run of a scene, as a list of strings.
+
+    Energy balances to 1e-10, whatever the number of events, the force that
+    jumps at them and the energy that pinning takes. Where dampers couple the
+    modes it is 1e-9: roots of such a status are known to the rounding of its
+    quickest rate, which beside a slow decay (a free mass on a weak dashpot) is
+    more. One scene in 1500 needs it.
+    """
     for _ in range(8):
         try:
             result = vf.simulate(scene, t_end, times=np.linspace(0.0, t_end, 201), max_events=MOST_EVENTS)
@@ -35,16 +43,9 @@ def faults(scene, t_end, budget=40_000):
     pins = [c.pinned[0, 0] for c in result.contacts.values() if c.pinned.size]
     laws = scene.model.system.contacts
     largest = np.max(np.abs(result.samples.q), axis=1)
-    # Pinning removes a stated remainder of motion; damped modes that nearly coincide are ill conditioned, which a
-    # thousand events may sum up.
-    allowed = 1e-6 if pins else 1e-10 if len(result.solution.events.time) < 500 else 1e-9
-    if laws is not None:
-        # Where the force jumps, the rounding of the gap at an event is work done: eps |b||q| K0 gap.
-        jumps = laws.jump * laws.stiffness * laws.gap * (abs(laws.rows) @ largest + laws.gap)
-        energy = result.energy
-        scale = max(np.max(np.abs(part)) for part in (energy.total, energy.dissipated, energy.work)) + 1e-300
-        allowed += 6e-14 * float(jumps[result.solution.events.contact].sum()) / scale
-    if result.energy.balance_error > allowed:
+    coupled = scene.model.system.damping is not None or (laws is not None and np.any(laws.damping > 0))
+    allowed = 1e-9 if coupled else 1e-10
+    if not result.energy.balance_error <= allowed:
         found.append(f"energy balance {result.energy.balance_error:.1e}, allowed {allowed:.1e}")
     for contact in result.contacts.values():
         law = laws.names.index(contact.name)
@@ -54,11 +55,13 @@ def faults(scene, t_end, budget=40_000):
         if not laws.damping[law] and np.min(contact.force) < -1e-12 * size * laws.stiffness[law]:
             found.append(f"force of {contact.name} is {np.min(contact.force):.1e}")
         wrong = np.where(contact.closed, -contact.gap_function, contact.gap_function)[~np.isnan(contact.order)]
-        if wrong.size and np.max(wrong) > 1e-11 * size:
+        # Where the rest moves quickly, a slow motion is known to the rounding of that only.
+        if wrong.size and np.max(wrong) > 1e-11 * size + 1e-13 * t_end * np.max(np.abs(result.samples.v)):
             found.append(f"gap of {contact.name} by {np.max(wrong) / size:.1e}")
     reference = Reference(scene, t_end).run(budget=budget)
     # Rounding of both runs, amplified: M^-1 K alone spoils the velocity by eps omega^2 q a step.
-    error = 1e-11 * max(1.0, reference.quickest * t_end / 1e4)
+    # Every event adds the rounding of the matrices again, since its time depends on it.
+    error = 1e-11 * max(1.0, reference.quickest * t_end / 1e4, len(result.solution.events.time) / 20.0)
     limit = min([reference.until, *pins, result.solution.sensitivity.horizon(1e-7, error)])
     kept = np.array(reference.times) <= limit
     if np.any(kept):
@@ -98,6 +101,19 @@ def faults(scene, t_end, budget=40_000):
 @settings(max_examples=60, phases=[Phase.explicit, Phase.generate])
 @given(st.integers(0, 2**32 - 1))
 def test_random_scenes_against_an_independent_integration(seed):
+    scene, t_end = random_scene(random.Random(seed))
+    assert not faults(scene, t_end, budget=8_000), vf.explain(scene)
+
+
+# What campaigns have found: rounding in one part that set off events in another (6317, 1500), rattling on rounding
+# (100536, 101044), masses that begin to move together and took millions of steps (100559, 101131), rigid motions on
+# weak dashpots that were refused (100065, 100898, 101378), equal decays that divided by zero (100283), work of a
+# jumping force in the rounding of its gap (101344, 100844), energy lost in pinning (100601), many events (5772).
+@pytest.mark.parametrize(
+    "seed",
+    [5772, 6317, 1500, 100536, 101044, 100559, 101131, 100065, 100898, 101378, 100283, 101344, 100844, 100601],
+)  # fmt: skip
+def test_scenes_that_once_went_wrong(seed):
     scene, t_end = random_scene(random.Random(seed))
     assert not faults(scene, t_end, budget=8_000), vf.explain(scene)
 

@@ -32,6 +32,10 @@ class Energy:
     `total` is the sum of the first three, `balance` what is missing from
     their balance with dissipation and work, `balance_error` its largest
     magnitude over the largest energy.
+
+    At times between the steps of a stepping method states are interpolated,
+    and the balance holds as far as they are: name `times` on the steps, or
+    none, to see the method's own. Steps that follow ``tol=`` have times of their own.
     """
 
     kinetic: Array

@@ -15,6 +15,7 @@ contacts stability is not guaranteed: near ``rho_infinity = 1`` and at
 every subscript a mean of both ends, ``x_{1-a} = (1 - a) x_1 + a x_0``. Newmark's
 method is alpha_m = alpha_f = 0 and Hilber, Hughes and Taylor's is alpha_m = 0:
 give ``alpha_m``, ``alpha_f``, ``gamma`` and ``newmark_beta`` to reach them.
+The ``a`` of the method lag by ``(alpha_f - alpha_m) dt``; accelerations that are told are put forward by as much.
 Under the jump law the reaction may lie anywhere in [0, K0 gap] at the gap. A
 contact damper and a springpot act by their mean over the step, extrapolated to
 the time of balance; where a springpot of an order below some 0.02 is ten
@@ -192,6 +193,7 @@ def run(
     note_chatter(system, notes)
     kernel = _GeneralizedAlpha(system, start, dt, steps, chosen, counters)
     points = tap(probes, kernel.bands.order)
+    kernel.bands.until = t_end
     out = output(stored, system.size, points, len(system.springs), kernel.laws.state.size)
     return march(
         kernel, "generalized_alpha", start, kernel.state.status.copy(), t_end, dt, out, notes,
@@ -329,6 +331,7 @@ def _advance(
     q, v, a = state.q, state.v, state.a
     damped = matrices.damping.shape[0] > 0
     right, a1, q1, v1, load, loss = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.zeros(n), np.empty(n)
+    told = np.empty(n)
     u0, u1, base, none, drag, guess = np.empty(m), np.empty(m), np.empty(m), np.zeros(m), np.zeros(m), np.empty(m)
     # Dampers act by their mean over the step, which is extrapolated from its middle to the time of balance.
     ahead = 1.0 + (0.5 - af)
@@ -415,17 +418,19 @@ def _advance(
         before.dissipated[0] += taken
         q[:] = q1
         v[:] = v1
+        for i in range(n):
+            told[i] = a1[i] + (af - am) * (a1[i] - a[i])
         a[:] = a1
         wanted = cursor
         if out.every_step or (cursor < out.times.size and out.times[cursor] <= t + 1e-9 * dt):
-            cursor = store(out, cursor, t, dt, False, before, q, v, a)
+            cursor = store(out, cursor, t, dt, False, before, q, v, told)
         if state.memory.size > 0:
             remember(laws.memory, before.memory, rows, out, wanted, cursor)
             commit_all(laws.memory, state.memory, u1)
             before.memory[:] = state.memory
         if history.y.shape[0] > 0:
             tell_histories(history, out, wanted, cursor, t, dt)
-        leave(before, q, v, a)
+        leave(before, q, v, told)
     return cursor, events[:happened], solves, -1
 
 

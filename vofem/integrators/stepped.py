@@ -68,7 +68,7 @@ class SteppedSolution:
         return left, np.where(near, np.round(fraction), fraction)
 
     def sample(self, times: Array) -> Samples:
-        """Return the motion at stored times, or between steps by the quintic through q, v and a."""
+        """Return the motion at stored times, or between steps by the quintic through q, v and a; a on a line."""
         if np.array_equal(times, self.times):
             return self.samples
         left, x = self._place(times)
@@ -112,7 +112,11 @@ class SteppedSolution:
 def quintic(
     x: float, h: float, q0: float, v0: float, a0: float, q1: float, v1: float, a1: float
 ) -> tuple[float, float, float]:
-    """Return value, rate and second rate at fraction x of a step h, from those at both of its ends."""
+    """Return value, rate and second rate at fraction x of a step h, from those at both of its ends.
+
+    The second rate is on the line between both: in that of the quintic the
+    errors of values at the ends would come back divided by h squared.
+    """
     # Newton form about the left end: remainders after the Taylor polynomial there.
     dq = (q1 - q0) - h * (v0 + 0.5 * h * a0)
     dv = h * ((v1 - v0) - h * a0)
@@ -122,8 +126,7 @@ def quintic(
     c5 = 6.0 * dq - 3.0 * dv + 0.5 * da
     q = q0 + x * (h * v0 + x * (0.5 * h * h * a0 + x * (c3 + x * (c4 + x * c5))))
     v = v0 + x * (h * a0 + x * (3.0 * c3 + x * (4.0 * c4 + x * 5.0 * c5)) / h)
-    a = a0 + x * (6.0 * c3 + x * (12.0 * c4 + x * 20.0 * c5)) / (h * h)
-    return q, v, a
+    return q, v, a0 + x * (a1 - a0)
 
 
 @jit

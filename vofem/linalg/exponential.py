@@ -42,6 +42,76 @@ def oscillator(delta: float, p: float, t: float) -> tuple[float, float]:
 
 
 @jit
+def oscillator_change(delta: float, p: float, t: float) -> tuple[float, float]:
+    """Return ``c - 1, s`` of `oscillator`, both with all digits however short t is."""
+    square = p - delta * delta
+    if square > 0.0:
+        w = np.sqrt(square)
+        sine, cosine = np.sin(0.5 * w * t), np.cos(0.5 * w * t)
+        turn = -2.0 * sine * sine
+        if delta == 0.0:
+            return turn, 2.0 * sine * cosine / w
+        decay = np.expm1(-delta * t)
+        return decay + turn + decay * turn, (1.0 + decay) * 2.0 * sine * cosine / w
+    if square == 0.0:
+        decay = np.expm1(-delta * t)
+        return decay, (1.0 + decay) * t
+    kappa = np.sqrt(-square)
+    slow = np.expm1(-p / (delta + kappa) * t)
+    fast = (1.0 + slow) * np.expm1(-2.0 * kappa * t)
+    return slow + 0.5 * fast, -fast / (2.0 * kappa)
+
+
+@jit
+def oscillator_remainder(delta: float, p: float, t: float) -> tuple[float, float]:
+    """Return ``c - 1 + delta t, s - t`` of `oscillator`: what is of second order in t, with all digits."""
+    if max(delta, np.sqrt(p)) * t > 0.5:
+        change, s = oscillator_change(delta, p, t)
+        return change + delta * t, s - t
+    # The series of s; that of c = s' + delta s follows.
+    before, term = t, -delta * t * t
+    total_c, total_s = 0.0, term
+    for k in range(2, 40):
+        # Here `before` and `term` are those of t^(k-1) and t^k.
+        after = -(2.0 * delta * t * k * term + p * t * t * before) / (k * (k + 1))
+        total_c += (k + 1) * after / t + delta * term if t > 0.0 else 0.0
+        total_s += after
+        before, term = term, after
+        if abs(after) + abs(before) <= 1e-19 * abs(total_s):
+            break
+    return total_c, total_s
+
+
+@jit
+def matrix_change(generator: Array, t: float) -> Array:
+    """Return ``exp(A t) - I`` of a small matrix A, shape (n, n), by Taylor's series and squaring.
+
+    Squaring the difference from I keeps the digits of slow motion beside fast decay.
+    """
+    n = generator.shape[0]
+    size = 0.0
+    for i in range(n):
+        row = 0.0
+        for j in range(n):
+            row += abs(generator[i, j])
+        size = max(size, row)
+    halvings = 0
+    h = t
+    while size * h > 0.5:
+        h *= 0.5
+        halvings += 1
+    x = generator * h
+    change = x.copy()
+    term = x.copy()
+    for k in range(2, 19):
+        term = (term @ x) / k
+        change += term
+    for _ in range(halvings):
+        change = change @ change + 2.0 * change
+    return change
+
+
+@jit
 def _taylor(points: Complex, count: int) -> complex:
     """Return the divided difference of exp over `count` points that lie close together."""
     mean = 0.0 + 0.0j

@@ -104,6 +104,7 @@ def run(
         kernel = FixedSteps(system, start, counters)
         kernel.plan(step, steps)
     initial = kernel.state.status.copy()
+    kernel.bands.until = t_end
     note_chatter(system, notes)
     out = kernel.output(stored, probes)
     solution = march(
@@ -125,6 +126,7 @@ def _pilot(system: System, start: State, t_end: float, counters: Counters) -> Ou
     """Return a rough run of equal steps, which tells how far things move."""
     kernel = FixedSteps(system, start, counters)
     kernel.plan(t_end / _STEPS, _STEPS)
+    kernel.bands.until = t_end
     out = kernel.output(np.linspace(0.0, t_end, _STEPS + 1), None)
     cursor = 0
     while not kernel.finished:

@@ -3,7 +3,8 @@
 Velocities and loads are sums of exponentials, so their products integrate in
 closed form, segment by segment, independently of the energies that they must
 balance. Blocks whose motion is no plain sum of exponentials (resonant, rigid,
-critically damped) are integrated by Gauss-Legendre panels that resolve them.
+critically damped, in clusters) are integrated by Gauss-Legendre panels that resolve them.
+What is left of a motion when a contact is pinned counts as dissipated.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.effects.time_functions import Piece
+from vofem.integrators.event_driven.clusters import ClusterFlow
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.integrators.event_driven.motion import Motion, Special
 from vofem.integrators.event_driven.segment import Segment
@@ -24,8 +26,8 @@ from vofem.system import CLOSED, ContactLaws
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-#: Roots closer than this, relatively, make a block degenerate.
-_DOUBLE = 1e-3
+#: Roots closer than this, relatively, make a block degenerate: squares of its exponentials lose twice the digits.
+_DOUBLE = 3e-2
 
 #: Taylor coefficients of the integral of ``s exp(x s)`` from 0 to 1; enough for |x| < 0.5.
 _RAMP_SERIES = np.array([1.0 / (math.factorial(k) * (k + 2)) for k in range(16)])
@@ -38,6 +40,7 @@ def work_and_dissipation(
     laws: ContactLaws | None,
     segments: Iterable[Segment],
     damped: bool,
+    pinning: Array | None,
     work: Array,
     dissipated: Array,
 ) -> None:
@@ -49,11 +52,18 @@ def work_and_dissipation(
         From t = 0 on, without a gap.
     damped : bool
         Whether there are dampers at all.
+    pinning : ndarray, shape (n_segments,), optional
+        Energy lost at the beginning of every segment, J.
     work, dissipated : ndarray, shape (n_times,)
         Filled.
     """
     done, lost = 0.0, 0.0
-    for segment in segments:
+    for index, segment in enumerate(segments):
+        if pinning is not None:
+            lost += pinning[index]
+            dissipated[segment.wanted] = lost
+        if not (segment.pieces or damped):
+            continue
         tau = np.append(segment.tau, segment.duration)
         velocities = _Velocities(space, laws, segment)
         if segment.pieces:
@@ -86,6 +96,7 @@ class _Velocities:
         first = np.where(overdamped & (second != 0), spectrum.p / np.where(second == 0, 1.0, second), first)
         self.odd = np.abs(first - second) <= _DOUBLE * np.maximum(np.abs(first), np.abs(second))
         self.odd[motion.special.block] = True
+        self.odd[motion.clusters.member] = True
         gap = np.where(self.odd, 1.0, first - second)
         self.mu = np.zeros((n, 3 + 2 * h), dtype=complex)
         self.z, self.v = np.zeros_like(self.mu), np.zeros_like(self.mu)
@@ -174,8 +185,9 @@ class _Velocities:
         total = unique[:, None] + unique[None, :]
         steady = np.abs(total) * max(float(tau.max()), 1e-300) < 1e-12
         quotient = np.where(steady, 0.0, gram / np.where(steady, 1.0, total))
-        wave = np.exp(np.outer(tau, unique))
-        moving = np.einsum("ti,ti->t", wave @ quotient, wave) - quotient.sum()
+        # exp((a + b) tau) - 1 by exp(a tau) - 1 and exp(b tau) - 1: in short segments nothing else keeps its digits.
+        wave = np.expm1(np.outer(tau, unique))
+        moving = np.einsum("ti,ti->t", wave @ quotient, wave) + 2.0 * wave @ quotient.sum(axis=1)
         return (moving + gram[steady].sum() * tau).real
 
     def _classical_dissipation(self, tau: Array) -> Array:
@@ -251,10 +263,21 @@ def _only(motion: Motion, keep: NDArray[np.bool_]) -> Motion:
         old.g2[entries],
         old.ramp[entries],
     )
-    return Motion(
-        spectrum, motion.z[keep], motion.v[keep], motion.omega, motion.steady_z[keep], motion.steady_v[keep],
-        motion.poly_z[keep], motion.poly_v[keep], special,
-    )  # fmt: skip
+    together: ClusterFlow = motion.clusters
+    return replace(
+        motion,
+        spectrum=spectrum,
+        start=(motion.start[0][keep], motion.start[1][keep]),
+        z=motion.z[keep],
+        v=motion.v[keep],
+        steady_z=motion.steady_z[keep],
+        steady_v=motion.steady_v[keep],
+        poly_z=motion.poly_z[keep],
+        poly_v=motion.poly_v[keep],
+        special=special,
+        # Their members are kept always, or there are none.
+        clusters=together._replace(member=number[together.member].astype(np.int64)),
+    )
 
 
 def _quickest(motion: Motion) -> float:

@@ -3,7 +3,9 @@
 A block's motion is a free part from its own state, a particular part (the
 steady answer to harmonics, constants and ramps) and, where the particular
 part would divide by almost zero (resonance, rigid motion), the response from
-rest instead.
+rest instead. All are evaluated as changes since the beginning, which keep
+their digits however small they are: what a stiff contact does in its short
+time is known far better than the displacement on top of which it happens.
 """
 
 from __future__ import annotations
@@ -14,8 +16,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.integrators.event_driven.clusters import NO_CLUSTERS, ClusterFlow, add_clusters, cluster_flow, cluster_rates
 from vofem.integrators.event_driven.spectrum import Spectrum
-from vofem.linalg.exponential import exponential_response, oscillator, ramp_response
+from vofem.linalg.exponential import (
+    exponential_response,
+    oscillator,
+    oscillator_change,
+    oscillator_remainder,
+    ramp_response,
+)
 from vofem.linalg.jit import jit
 
 Array = NDArray[np.float64]
@@ -23,6 +32,9 @@ Complex = NDArray[np.complex128]
 
 #: A harmonic counts as resonant where the steady answer would exceed ten times the static one.
 _RESONANT = 0.1
+
+#: Time over that of the quickest block from which on it has decayed, and what is of second order in time is rounding.
+_LONG = 1e6
 
 
 class Special(NamedTuple):
@@ -69,17 +81,26 @@ class Motion:
     Attributes
     ----------
     spectrum : Spectrum
-    z, v : ndarray, shape (n,)
+    displacement, velocity : ndarray, shape (n,)
+        Modal state at tau = 0, pinned contacts at their gaps.
+    start : (ndarray, ndarray)
+        Block states (z, v) at tau = 0, each of shape (m,).
+    z, v : ndarray, shape (m,)
         Free part at tau = 0.
     omega : ndarray, shape (n_h,)
-    steady_z, steady_v : ndarray of complex, shape (n, n_h)
+    steady_z, steady_v : ndarray of complex, shape (m, n_h)
         Steady answers to the harmonics.
-    poly_z, poly_v : ndarray, shape (n, 2)
+    poly_z, poly_v : ndarray, shape (m, 2)
         Constant and slope of the answers to constants and ramps.
     special : Special
+    clusters : ClusterFlow
+        Blocks that belong to clusters have none of the above, but all of their motion here.
     """
 
     spectrum: Spectrum
+    displacement: Array
+    velocity: Array
+    start: tuple[Array, Array]
     z: Array
     v: Array
     omega: Array
@@ -88,23 +109,82 @@ class Motion:
     poly_z: Array
     poly_v: Array
     special: Special
+    clusters: ClusterFlow = NO_CLUSTERS
 
-    def blocks(self, tau: Array) -> tuple[Array, Array]:
-        """Return the block states (z, v), each of shape (n, n_times)."""
-        z, v = _free(self.spectrum.delta, self.spectrum.p, self.z, self.v, tau)
-        z += self.poly_z[:, :1] + self.poly_z[:, 1:] * tau
-        v += self.poly_v[:, :1] + self.poly_v[:, 1:] * tau
+    def changes(self, tau: Array) -> tuple[Array, Array]:
+        """Return by how much the block states (z, v) have changed at tau, each of shape (m, n_times)."""
+        z, v = _free_changes(self.spectrum.delta, self.spectrum.p, self.z, self.v, tau, 0)
+        if self.clusters.rate.size:
+            add_clusters(self.clusters, tau, z, v)
+        if np.any(self.poly_z[:, 1]) or np.any(self.poly_v[:, 1]):
+            z += self.poly_z[:, 1:] * tau
+            v += self.poly_v[:, 1:] * tau
         if self.omega.size:
-            wave = np.exp(1j * self.omega[:, None] * tau)
-            z += (self.steady_z @ wave).real
-            v += (self.steady_v @ wave).real
+            turned = np.expm1(1j * self.omega[:, None] * tau)
+            z += (self.steady_z @ turned).real
+            v += (self.steady_v @ turned).real
         if self.special.block.size:
             _add_special(self.spectrum.delta, self.spectrum.p, *self.special, tau, z, v)
         return z, v
 
+    def blocks(self, tau: Array) -> tuple[Array, Array]:
+        """Return the block states (z, v), each of shape (m, n_times)."""
+        z, v = self.changes(tau)
+        z += self.start[0][:, None]
+        v += self.start[1][:, None]
+        return z, v
+
+    def mode_changes(self, tau: Array) -> tuple[Array, Array]:
+        """Return by how much modal displacements and velocities have changed, each of shape (n, n_times).
+
+        In complex modes the displacements of short times are sums of block
+        velocities that are not small: they are taken from the initial velocity
+        and from what is of second order in time, unless that has long been rounding.
+        """
+        z, v = self.changes(tau)
+        spectrum, real, blocks = self.spectrum, self.spectrum.real, self.spectrum.blocks
+        if blocks is None:
+            return spectrum.to_modes(z, v, shifted=False)
+        both = blocks.out @ np.concatenate([z, v])
+        displacement = both[: z.shape[0]]
+        short = tau * max(spectrum.frequency[-1], spectrum.delta.max()) < _LONG
+        if np.any(short):
+            later = np.concatenate(self._remainders(tau, z, v))
+            first = real.down(self.velocity)[:, None] * tau
+            displacement = np.where(short, first + blocks.out[: z.shape[0]] @ later, displacement)
+        return real.up(displacement), real.up(both[z.shape[0] :])
+
+    def _remainders(self, tau: Array, z: Array, v: Array) -> tuple[Array, Array]:
+        """Return what is of second order in tau of the changes (z, v), each of shape (m, n_times)."""
+        spectrum = self.spectrum
+        free_z, free_v = _free_changes(spectrum.delta, spectrum.p, self.z, self.v, tau, 1)
+        if self.omega.size:
+            turned = np.expm1(1j * self.omega[:, None] * tau) - 1j * self.omega[:, None] * tau
+            free_z += (self.steady_z @ turned).real
+            free_v += (self.steady_v @ turned).real
+        if self.special.block.size:
+            rest_z, rest_v = np.zeros_like(z), np.zeros_like(v)
+            _add_special(spectrum.delta, spectrum.p, *self.special, tau, rest_z, rest_v)
+            for k, g1, g2, ramp in zip(
+                self.special.block, self.special.g1, self.special.g2, self.special.ramp, strict=True
+            ):
+                if not ramp:
+                    rest_z[k] -= g1.real * tau
+                    rest_v[k] -= g2.real * tau
+            free_z += rest_z
+            free_v += rest_v
+        if self.clusters.rate.size:
+            rate_z, rate_v = np.zeros((z.shape[0], 1)), np.zeros((z.shape[0], 1))
+            cluster_rates(self.clusters, rate_z[:, 0], rate_v[:, 0])
+            member = self.clusters.member
+            free_z[member] = z[member] - (rate_z + self.poly_z[:, 1:])[member] * tau
+            free_v[member] = v[member] - (rate_v + self.poly_v[:, 1:])[member] * tau
+        return free_z, free_v
+
     def modes(self, tau: Array) -> tuple[Array, Array]:
         """Return modal displacements and velocities, each of shape (n, n_times)."""
-        return self.spectrum.to_modes(*self.blocks(tau))
+        displacement, velocity = self.mode_changes(tau)
+        return displacement + self.displacement[:, None], velocity + self.velocity[:, None]
 
 
 def start_motion(spectrum: Spectrum, displacement: Array, velocity: Array, forcing: Forcing, horizon: float) -> Motion:
@@ -120,11 +200,20 @@ def start_motion(spectrum: Spectrum, displacement: Array, velocity: Array, forci
     delta, p = spectrum.delta, spectrum.p
     n, n_h = p.size, forcing.omega.size
     z, v = spectrum.to_blocks(displacement, velocity)
+    start = z, v
+    if spectrum.real.pinned.shape[0]:
+        # Pinned contacts are put at their gaps.
+        displacement, velocity = spectrum.to_modes(z, v)
     steady_z, steady_v = np.zeros((n, n_h), dtype=complex), np.zeros((n, n_h), dtype=complex)
     special: list[tuple[int, complex, complex, complex, bool]] = []
     slow = p * horizon**2 < 1.0
+    plain = spectrum.plain
+    waves = []
     for h, w in enumerate(forcing.omega):
         g1, g2 = spectrum.inputs(forcing.harmonic[:, h])
+        if plain is not None:
+            waves.append((g1, g2))
+            g1, g2 = g1 * plain, g2 * plain
         impedance = p - w * w + 2j * delta * w
         apart = np.abs(impedance) >= _RESONANT * np.maximum(p, w * w)
         apart &= ~(slow & (w * horizon < 1.0))
@@ -133,11 +222,23 @@ def start_motion(spectrum: Spectrum, displacement: Array, velocity: Array, forci
         special.extend(
             (int(k), 1j * w, g1[k], g2[k], False) for k in np.flatnonzero(~apart) if g1[k] != 0 or g2[k] != 0
         )
-    poly_z, poly_v = _polynomial(spectrum, forcing, slow, special)
+    (poly_z, poly_v), forcing = _static(spectrum, forcing, horizon)
+    nothing = np.zeros(n), np.zeros(n)
+    constant = spectrum.inputs(forcing.constant) if np.any(forcing.constant) else nothing
+    slope = spectrum.inputs(forcing.slope) if np.any(forcing.slope) else nothing
+    more_z, more_v = _polynomial(spectrum, constant, slope, slow, special)
+    poly_z, poly_v = poly_z + more_z, poly_v + more_v
     z = z - poly_z[:, 0] - steady_z.real.sum(axis=1)
     v = v - poly_v[:, 0] - steady_v.real.sum(axis=1)
+    together = NO_CLUSTERS
+    if plain is not None:
+        assert spectrum.blocks is not None
+        together = cluster_flow(spectrum.blocks.clusters, z, v, forcing.omega, waves, constant, slope, horizon)
+        z, v = z * plain, v * plain
     late = _special(special) if special else _NOTHING
-    return Motion(spectrum, z, v, forcing.omega, steady_z, steady_v, poly_z, poly_v, late)
+    return Motion(
+        spectrum, displacement, velocity, start, z, v, forcing.omega, steady_z, steady_v, poly_z, poly_v, late, together
+    )
 
 
 def _special(entries: list[tuple[int, complex, complex, complex, bool]]) -> Special:
@@ -150,19 +251,45 @@ def _special(entries: list[tuple[int, complex, complex, complex, bool]]) -> Spec
 _NOTHING = _special([])
 
 
+def _static(spectrum: Spectrum, forcing: Forcing, horizon: float) -> tuple[tuple[Array, Array], Forcing]:
+    """Return the answer of complex modes to constants and ramps as far as statics tells it, and the forcing left.
+
+    A stiff contact behind a gap exerts a force on its way to rest that would
+    drown slow blocks in its rounding; its static displacement does not.
+    """
+    m = spectrum.p.size
+    nothing = np.zeros((m, 2)), np.zeros((m, 2))
+    if spectrum.blocks is None or not (np.any(forcing.constant) or np.any(forcing.slope)):
+        return nothing, forcing
+    assert spectrum.damping is not None
+    p = spectrum.real.p
+    fast = p * horizon**2 >= 1.0
+    safe = np.where(fast, p, 1.0)
+    constant, slope = spectrum.real.down(forcing.constant), spectrum.real.down(forcing.slope)
+    rate = np.where(fast, slope / safe, 0.0)
+    constant = constant - spectrum.damping @ rate
+    rest = np.where(fast, constant / safe, 0.0)
+    state = np.stack([np.concatenate([rest, rate]), np.concatenate([rate, np.zeros(m)])], axis=1)
+    both = spectrum.blocks.into @ state
+    left = (spectrum.real.up(np.where(fast, 0.0, force)) for force in (constant, slope))
+    return (both[:m], both[m:]), Forcing(forcing.omega, forcing.harmonic, *left)
+
+
 def _polynomial(
     spectrum: Spectrum,
-    forcing: Forcing,
+    constant: tuple[Array, Array],
+    slope: tuple[Array, Array],
     slow: NDArray[np.bool_],
     special: list[tuple[int, complex, complex, complex, bool]],
 ) -> tuple[Array, Array]:
-    """Return the particular answers to ``constant + slope tau``; slow blocks go to `special`."""
+    """Return the particular answers to inputs ``constant + slope tau``; slow blocks go to `special`."""
     delta, p = spectrum.delta, spectrum.p
     poly_z, poly_v = np.zeros((p.size, 2)), np.zeros((p.size, 2))
-    if not np.any(forcing.constant) and not np.any(forcing.slope):
+    (c1, c2), (r1, r2) = constant, slope
+    if not (np.any(c1) or np.any(c2) or np.any(r1) or np.any(r2)):
         return poly_z, poly_v
-    c1, c2 = spectrum.inputs(forcing.constant)
-    r1, r2 = spectrum.inputs(forcing.slope)
+    if spectrum.plain is not None:
+        c1, c2, r1, r2 = (g * spectrum.plain for g in (c1, c2, r1, r2))
     fast = ~slow
     d, q = delta[fast], p[fast]
     poly_v[fast, 1] = -r1[fast]
@@ -213,12 +340,17 @@ def _add_special(
 
 
 @jit
-def _free(delta: Array, p: Array, z0: Array, v0: Array, tau: Array) -> tuple[Array, Array]:
+def _free_changes(delta: Array, p: Array, z0: Array, v0: Array, tau: Array, order: int) -> tuple[Array, Array]:
+    """Return by how much free blocks have changed, beyond the change in proportion to time if `order` is 1."""
     n, m = p.size, tau.size
     z, v = np.empty((n, m)), np.empty((n, m))
     for k in range(n):
+        push, pull = p[k] * z0[k] + delta[k] * v0[k], v0[k] + delta[k] * z0[k]
         for i in range(m):
-            c, s = oscillator(delta[k], p[k], tau[i])
-            z[k, i] = c * z0[k] + s * (v0[k] + delta[k] * z0[k])
-            v[k, i] = c * v0[k] - s * (p[k] * z0[k] + delta[k] * v0[k])
+            if order:
+                c, s = oscillator_remainder(delta[k], p[k], tau[i])
+            else:
+                c, s = oscillator_change(delta[k], p[k], tau[i])
+            z[k, i] = c * z0[k] + s * pull
+            v[k, i] = c * v0[k] - s * push
     return z, v

@@ -203,9 +203,7 @@ def _follow(
                 solution.counters.gap_evaluations += evaluations * len(system.contacts)
                 if np.any(hits):
                     entered = dict(zip(owner[hits].tolist(), entering[hits].tolist(), strict=True))
-            solution.end_segment(tau)
-            z, v = motion.modes(np.array([tau]))
-            displacement, velocity = z[:, 0], v[:, 0]
+            displacement, velocity = solution.end_segment(tau)
             t = stops[stop] if tau >= duration else t + tau
             if entered is not None:
                 status = solution.enter(t, status, entered, displacement, velocity, pin_fraction)

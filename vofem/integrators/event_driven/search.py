@@ -6,7 +6,13 @@ amplitude of fast blocks give a step within which it provably stays below a
 threshold at rounding level; the step is taken, again and again. Far from an
 event the fast blocks count by their amplitude, so the step is set by the slow
 motion; close to it the steps converge quadratically, from the left, to the
-first root. Nothing is sampled at a fixed rate.
+first root. Nothing is sampled at a fixed rate. Where a function hardly leaves
+zero, as between masses that begin to move together, so that bounds on its
+second derivative allow no step worth the name, derivatives up to the eighth
+are computed and the ninth is bounded.
+
+Functions are evaluated as changes since the segment's beginning, where a
+contact that has just closed or opened has a gap of exactly zero.
 """
 
 from __future__ import annotations
@@ -17,8 +23,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.integrators.event_driven.clusters import ClusterFlow, cluster_change
 from vofem.integrators.event_driven.motion import Motion, special_response
-from vofem.linalg.exponential import oscillator
+from vofem.linalg.exponential import oscillator_change, oscillator_remainder
 from vofem.linalg.jit import jit
 
 Array = NDArray[np.float64]
@@ -31,33 +38,58 @@ _ROUNDING = 64.0 * float(np.finfo(float).eps)
 #: Motions smaller than this are searched after multiplication by a power of two.
 _TINY = 1e-100
 
+#: Derivatives that are bounded where a function hardly leaves zero, and the step, in terms of the shortest time
+#: scale, below which that is tried.
+_ORDER = 9
+_SHORT = 1e-3
+
 
 @dataclass(frozen=True)
 class EventFunctions:
-    """What is watched: ``phi = w z + u v - constant + slope tau + sum Re(harmonic exp(i w tau))`` over block states.
+    """What is watched: ``phi = start + change of (w z + u v + slope tau + sum Re(harmonic exp(i w tau)))``, of blocks.
 
     Attributes
     ----------
     w : ndarray, shape (k, m)
     u : ndarray, shape (k, m) or (k, 0)
-    constant, slope : ndarray, shape (k,)
+    w_size, u_size : ndarray, like w and u
+        Bounds on the terms that w and u are summed of.
+    start : ndarray, shape (k,)
+        Values at tau = 0.
+    rate : ndarray, shape (k,)
+        Rates at tau = 0, NaN where they are to be computed; of complex modes only.
+    constant : ndarray, shape (k,)
+        Size of the constants from which these were computed.
+    slope : ndarray, shape (k,)
     harmonic : ndarray of complex, shape (k, n_h)
         With the frequencies of the motion.
     """
 
     w: Array
     u: Array
+    w_size: Array
+    u_size: Array
+    start: Array
+    rate: Array
     constant: Array
     slope: Array
     harmonic: Complex
 
 
 class _Watch(NamedTuple):
-    """Event functions over blocks: ``phi = w z + u v + poly + steady``; u has no columns for classical damping."""
+    """Event functions: changes of ``w z + u v + slope tau + steady`` since start; u has no columns for real modes.
+
+    In complex modes `rate` is that at tau = 0, and `offset` what rounding has taken from the rate of the blocks.
+    """
 
     w: Array
     u: Array
-    poly: Array
+    w_size: Array
+    u_size: Array
+    start: Array
+    rate: Array
+    offset: Array
+    slope: Array
     steady: Complex
     constant: Array
 
@@ -68,6 +100,8 @@ class _Flow(NamedTuple):
     delta: Array
     p: Array
     frequency: Array
+    z_start: Array
+    v_start: Array
     z0: Array
     v0: Array
     omega: Array
@@ -76,15 +110,21 @@ class _Flow(NamedTuple):
     g1: Complex
     g2: Complex
     ramp: NDArray[np.bool_]
+    clusters: ClusterFlow
 
 
 class _Point(NamedTuple):
-    """Work space: block states and rates without the particular part, size of their inputs' shares, phi, its rate."""
+    """Work space: block states, rates and changes without the particular part, sizes of inputs' shares, phi, rate.
+
+    In complex modes changes are those beyond the ones in proportion to time.
+    """
 
     z: Array
     v: Array
     zdot: Array
     vdot: Array
+    dz: Array
+    dv: Array
     size: Array
     phi: Array
     rate: Array
@@ -117,12 +157,15 @@ def next_event(functions: EventFunctions, motion: Motion, duration: float) -> tu
     if u.shape[1]:
         poly = poly + u @ motion.poly_v
         steady = steady + u @ motion.steady_v
-    poly[:, 0] -= functions.constant
-    poly[:, 1] += functions.slope
-    watch = _Watch(w, u, poly, steady, np.abs(functions.constant))
+    constant = np.maximum(np.abs(functions.constant), np.abs(poly[:, 0]))
+    watch = _Watch(
+        w, u, functions.w_size, functions.u_size, functions.start, functions.rate, np.zeros(w.shape[0]),
+        poly[:, 1] + functions.slope, steady, constant,
+    )  # fmt: skip
     flow = _Flow(
-        spectrum.delta, spectrum.p, spectrum.frequency, motion.z, motion.v, motion.omega,
+        spectrum.delta, spectrum.p, spectrum.frequency, *motion.start, motion.z, motion.v, motion.omega,
         motion.special.block, motion.special.exponent, motion.special.g1, motion.special.g2, motion.special.ramp,
+        motion.clusters,
     )  # fmt: skip
     factor = _raise(watch, flow)
     if factor != 1.0:
@@ -142,10 +185,12 @@ def _largest(watch: _Watch, flow: _Flow) -> float:
     size = 0.0
     for k in range(flow.z0.size):
         size = max(size, abs(flow.z0[k]), abs(flow.v0[k]))
+    for k in range(flow.clusters.state.size):
+        size = max(size, abs(flow.clusters.state[k]))
     for e in range(flow.g1.size):
         size = max(size, abs(flow.g1[e]), abs(flow.g2[e]))
     for j in range(watch.constant.size):
-        size = max(size, watch.constant[j], abs(watch.poly[j, 0]), abs(watch.poly[j, 1]))
+        size = max(size, watch.constant[j], abs(watch.start[j]), abs(watch.slope[j]))
         for h in range(watch.steady.shape[1]):
             size = max(size, abs(watch.steady[j, h]))
     return size
@@ -153,9 +198,27 @@ def _largest(watch: _Watch, flow: _Flow) -> float:
 
 def _raised(watch: _Watch, flow: _Flow, factor: float) -> tuple[_Watch, _Flow]:
     """Return the same motion, which is linear in its state and its loads, multiplied by a factor."""
+    clusters = flow.clusters
+    together = clusters._replace(
+        state=factor * clusters.state, push=factor * clusters.push, jerk=factor * clusters.jerk
+    )
     return (
-        watch._replace(poly=factor * watch.poly, steady=factor * watch.steady, constant=factor * watch.constant),
-        flow._replace(z0=factor * flow.z0, v0=factor * flow.v0, g1=factor * flow.g1, g2=factor * flow.g2),
+        watch._replace(
+            start=factor * watch.start,
+            rate=factor * watch.rate,
+            slope=factor * watch.slope,
+            steady=factor * watch.steady,
+            constant=factor * watch.constant,
+        ),
+        flow._replace(
+            z_start=factor * flow.z_start,
+            v_start=factor * flow.v_start,
+            z0=factor * flow.z0,
+            v0=factor * flow.v0,
+            g1=factor * flow.g1,
+            g2=factor * flow.g2,
+            clusters=together,
+        ),
     )
 
 
@@ -163,49 +226,94 @@ def _raised(watch: _Watch, flow: _Flow, factor: float) -> tuple[_Watch, _Flow]:
 def _evaluate(tau: float, watch: _Watch, flow: _Flow, at: _Point) -> None:
     """Fill `at` with the states, the event functions and their rates at tau."""
     n, m = flow.p.size, watch.w.shape[0]
-    z, v, zdot, vdot = at.z, at.v, at.zdot, at.vdot
+    z, v, zdot, vdot, dz, dv = at.z, at.v, at.zdot, at.vdot, at.dz, at.dv
+    mixed = watch.u.shape[1] > 0
     for k in range(n):
         delta, p, z0, v0 = flow.delta[k], flow.p[k], flow.z0[k], flow.v0[k]
-        c, s = oscillator(delta, p, tau)
-        z[k] = c * z0 + s * (v0 + delta * z0)
-        v[k] = c * v0 - s * (p * z0 + delta * v0)
+        if mixed:
+            c, s = oscillator_remainder(delta, p, tau)
+        else:
+            c, s = oscillator_change(delta, p, tau)
+        dz[k] = c * z0 + s * (v0 + delta * z0)
+        dv[k] = c * v0 - s * (p * z0 + delta * v0)
+        z[k] = z0 + dz[k]
+        v[k] = v0 + dv[k]
+        if mixed:
+            z[k] += tau * v0
+            v[k] -= tau * (p * z0 + 2.0 * delta * v0)
         zdot[k] = 0.0
         vdot[k] = 0.0
         at.size[k] = 0.0
     for e in range(flow.block.size):
         k = flow.block[e]
-        dz, dv = special_response(flow.delta[k], flow.p[k], flow.exponent[e], flow.g1[e], flow.g2[e], flow.ramp[e], tau)
-        z[k] += dz
-        v[k] += dv
-        at.size[k] += abs(dz) + abs(dv) * tau
+        more_z, more_v = special_response(
+            flow.delta[k], flow.p[k], flow.exponent[e], flow.g1[e], flow.g2[e], flow.ramp[e], tau
+        )
+        early = tau if mixed and not flow.ramp[e] else 0.0
+        dz[k] += more_z - early * flow.g1[e].real
+        dv[k] += more_v - early * flow.g2[e].real
+        z[k] += more_z
+        v[k] += more_v
+        at.size[k] += abs(more_z) + abs(more_v) * tau
         wave = complex(tau, 0.0) if flow.ramp[e] else np.exp(flow.exponent[e] * tau)
         zdot[k] += (flow.g1[e] * wave).real
         vdot[k] += (flow.g2[e] * wave).real
     for k in range(n):
         zdot[k] += v[k]
         vdot[k] -= 2.0 * flow.delta[k] * v[k] + flow.p[k] * z[k]
+    if flow.clusters.rate.size:
+        _evaluate_clusters(tau, flow, at)
     for j in range(m):
-        value = watch.poly[j, 0] + watch.poly[j, 1] * tau
-        slope = watch.poly[j, 1]
+        value = watch.start[j] + (watch.rate[j] if mixed else watch.slope[j]) * tau
+        slope = watch.slope[j] + watch.offset[j]
         for h in range(flow.omega.size):
-            wave = watch.steady[j, h] * np.exp(1j * flow.omega[h] * tau)
-            value += wave.real
-            slope -= flow.omega[h] * wave.imag
+            half = 0.5 * flow.omega[h] * tau
+            sine, cosine = np.sin(half), np.cos(half)
+            steady = watch.steady[j, h]
+            turned = complex(-2.0 * sine * sine, 2.0 * sine * cosine)
+            value += (steady * turned).real
+            if mixed:
+                value += steady.imag * flow.omega[h] * tau
+            slope -= flow.omega[h] * (steady + steady * turned).imag
         for k in range(n):
-            value += watch.w[j, k] * z[k]
+            value += watch.w[j, k] * dz[k]
             slope += watch.w[j, k] * zdot[k]
         for k in range(watch.u.shape[1]):
-            value += watch.u[j, k] * v[k]
+            value += watch.u[j, k] * dv[k]
             slope += watch.u[j, k] * vdot[k]
         at.phi[j] = value
         at.rate[j] = slope
 
 
 @jit
+def _evaluate_clusters(tau: float, flow: _Flow, at: _Point) -> None:
+    """Fill in the states, changes and rates of the blocks that belong to clusters."""
+    clusters = flow.clusters
+    for c in range(clusters.rate.size):
+        change = cluster_change(clusters, c, tau)
+        start = clusters.state[clusters.states[c] : clusters.states[c + 1]]
+        now = start + change
+        size = now.size
+        matrix = clusters.matrix[clusters.matrices[c] : clusters.matrices[c + 1]].reshape(size, size)
+        rate, begin = matrix @ now, matrix @ start
+        first, count = clusters.members[c], clusters.members[c + 1] - clusters.members[c]
+        norm = 0.0
+        for i in range(2 * count):
+            norm += start[i] ** 2 + now[i] ** 2
+        for i in range(count):
+            k = clusters.member[first + i]
+            at.z[k], at.v[k] = now[i], now[count + i]
+            # Wherever there are clusters modes are complex.
+            at.dz[k], at.dv[k] = change[i] - tau * begin[i], change[count + i] - tau * begin[count + i]
+            at.zdot[k], at.vdot[k] = rate[i], rate[count + i]
+            at.size[k] = np.sqrt(norm)
+
+
+@jit
 def _noise(watch: _Watch, flow: _Flow, tau: float, at: _Point, noise: Array) -> None:
     """Fill in the level below which each function is lost in the rounding of the terms that make it up by tau."""
     for j in range(watch.w.shape[0]):
-        size = watch.constant[j] + abs(watch.poly[j, 0]) + abs(watch.poly[j, 1]) * tau
+        size = watch.constant[j] + abs(watch.slope[j]) * tau
         for h in range(flow.omega.size):
             size += abs(watch.steady[j, h])
         for k in range(flow.p.size):
@@ -213,22 +321,22 @@ def _noise(watch: _Watch, flow: _Flow, tau: float, at: _Point, noise: Array) -> 
             amplitude = abs(flow.z0[k]) + abs(flow.v0[k]) * tau
             if flow.frequency[k] > 0.0:
                 amplitude = min(amplitude, energy / flow.frequency[k])
-            size += abs(watch.w[j, k]) * (amplitude + at.size[k])
+            size += watch.w_size[j, k] * (amplitude + at.size[k])
             if watch.u.shape[1]:
-                size += abs(watch.u[j, k]) * (energy + abs(at.v[k]))
+                size += watch.u_size[j, k] * (energy + abs(at.v[k]))
         noise[j] = _ROUNDING * size + 1e-300
 
 
 @jit
 def _still(j: int, watch: _Watch, flow: _Flow, at: _Point) -> bool:
     """Return whether the rate of a function is the rounding of its terms."""
-    size = abs(watch.poly[j, 1])
+    size = abs(watch.slope[j])
     for h in range(flow.omega.size):
         size += flow.omega[h] * abs(watch.steady[j, h])
     for k in range(flow.p.size):
-        size += abs(watch.w[j, k] * at.zdot[k])
+        size += watch.w_size[j, k] * abs(at.zdot[k])
         if watch.u.shape[1]:
-            size += abs(watch.u[j, k] * at.vdot[k])
+            size += watch.u_size[j, k] * abs(at.vdot[k])
     return abs(at.rate[j]) <= _ROUNDING * size
 
 
@@ -244,13 +352,101 @@ def _reach(distance: float, rate: float, curvature: float) -> float:
 
 
 @jit
+def _far_reach(
+    j: int,
+    watch: _Watch,
+    flow: _Flow,
+    at: _Point,
+    tau: float,
+    duration: float,
+    distance: float,
+    step: float,
+    amplitude: Array,
+    speed: Array,
+) -> float:
+    """Return how long function j provably rises by less than `distance`, by its derivatives up to a high one.
+
+    Parameters
+    ----------
+    step : float
+        No longer than this; the bounds hold until then.
+    amplitude, speed : ndarray, shape (n,)
+        Bounds on block states (z, v).
+    """
+    n = flow.p.size
+    value, size = np.zeros(_ORDER + 1), np.zeros(_ORDER + 1)
+    for h in range(flow.omega.size):
+        wave = watch.steady[j, h] * np.exp(1j * flow.omega[h] * tau)
+        for i in range(1, _ORDER + 1):
+            wave *= 1j * flow.omega[h]
+            value[i] += wave.real
+            size[i] += abs(wave)
+    value[1] += watch.slope[j] + watch.offset[j]
+    size[1] += abs(watch.slope[j])
+    z, v, z_size, v_size = at.z.copy(), at.v.copy(), amplitude.copy(), speed.copy()
+    clusters = flow.clusters
+    now, norm = clusters.state.copy(), np.zeros(clusters.rate.size)
+    for c in range(clusters.rate.size):
+        now[clusters.states[c] : clusters.states[c + 1]] += cluster_change(clusters, c, tau)
+        norm[c] = amplitude[clusters.member[clusters.members[c]]]
+    for i in range(1, _ORDER + 1):
+        in_z, in_v, in_z_size, in_v_size = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
+        for e in range(flow.block.size):
+            k = flow.block[e]
+            if flow.ramp[e]:
+                factor = complex(tau if i == 1 else (1.0 if i == 2 else 0.0), 0.0)
+                largest = duration if i == 1 else abs(factor)
+            else:
+                factor = np.exp(flow.exponent[e] * tau) * flow.exponent[e] ** (i - 1)
+                largest = abs(flow.exponent[e]) ** (i - 1)
+            in_z[k] += (flow.g1[e] * factor).real
+            in_v[k] += (flow.g2[e] * factor).real
+            in_z_size[k] += abs(flow.g1[e]) * largest
+            in_v_size[k] += abs(flow.g2[e]) * largest
+        for k in range(n):
+            delta, p = flow.delta[k], flow.p[k]
+            z[k], v[k] = v[k] + in_z[k], in_v[k] - 2.0 * delta * v[k] - p * z[k]
+            z_size[k], v_size[k] = v_size[k] + in_z_size[k], in_v_size[k] + 2.0 * delta * v_size[k] + p * z_size[k]
+        for c in range(clusters.rate.size):
+            part = now[clusters.states[c] : clusters.states[c + 1]]
+            matrix = clusters.matrix[clusters.matrices[c] : clusters.matrices[c + 1]].reshape(part.size, part.size)
+            part[:] = matrix @ part
+            first, count = clusters.members[c], clusters.members[c + 1] - clusters.members[c]
+            # The norm of a derivative bounds all of its entries.
+            push = clusters.push[c] if i == 1 else clusters.jerk[c] * clusters.quickness[c] ** (i - 2)
+            norm[c] = clusters.rate[c] * norm[c] + push
+            for entry in range(count):
+                k = clusters.member[first + entry]
+                z[k], v[k] = part[entry], part[count + entry]
+                z_size[k], v_size[k] = norm[c], norm[c]
+        for k in range(n):
+            value[i] += watch.w[j, k] * z[k]
+            size[i] += watch.w_size[j, k] * z_size[k]
+            if watch.u.shape[1]:
+                value[i] += watch.u[j, k] * v[k]
+                size[i] += watch.u_size[j, k] * v_size[k]
+    reach = step
+    for _ in range(200):
+        rise, term = 0.0, 1.0
+        for i in range(1, _ORDER + 1):
+            term *= reach / i
+            slope = size[i] if i == _ORDER else max(value[i], 0.0) + _ROUNDING * size[i]
+            rise += slope * term
+        if rise <= distance:
+            return reach
+        reach *= 0.5
+    return reach
+
+
+@jit
 def _march(
     watch: _Watch, flow: _Flow, levels: NDArray[np.int64], duration: float
 ) -> tuple[float, NDArray[np.bool_], int]:
     n, m = flow.p.size, watch.w.shape[0]
     delta, p, frequency = flow.delta, flow.p, flow.frequency
     mixed = watch.u.shape[1] > 0
-    at = _Point(np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(m), np.empty(m))
+    work = np.empty((7, n))
+    at = _Point(work[0], work[1], work[2], work[3], work[4], work[5], work[6], np.empty(m), np.empty(m))
     noise = np.empty(m)
     hits = np.zeros(m, dtype=np.bool_)
     evaluations = 0
@@ -267,11 +463,21 @@ def _march(
         g2_rate[k] += abs(flow.g2[e]) * quickness
         if frequency[k] > 0.0:
             longest = min(longest, 4.0 / frequency[k])
+    clusters = flow.clusters
+    for c in range(clusters.rate.size):
+        if clusters.growth[c] > 0.0:
+            longest = min(longest, 1.0 / clusters.growth[c])
     steady_curvature = np.zeros(m)
     for j in range(m):
         for h in range(flow.omega.size):
             steady_curvature[j] += abs(watch.steady[j, h]) * flow.omega[h] ** 2
 
+    if mixed:
+        _evaluate(0.0, watch, flow, at)
+        for j in range(m):
+            if np.isnan(watch.rate[j]):
+                watch.rate[j] = at.rate[j]
+            watch.offset[j] = watch.rate[j] - at.rate[j]
     speed, amplitude, push, jerk = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     tau, before = 0.0, 0.0
     # When each function was last seen at or below zero: one above it within rounding has its root before `before`.
@@ -311,6 +517,18 @@ def _march(
                 amplitude[k] = abs(at.z[k]) + (speed[k] + g1[k]) * step
             push[k] = (2.0 * delta[k] + frequency[k]) * speed[k] + g2[k]
             jerk[k] = 2.0 * delta[k] * push[k] + p[k] * (speed[k] + g1[k]) + g2_rate[k]
+        for c in range(clusters.rate.size):
+            first, count = clusters.members[c], clusters.members[c + 1] - clusters.members[c]
+            norm = 0.0
+            for i in range(count):
+                k = clusters.member[first + i]
+                norm += at.z[k] ** 2 + at.v[k] ** 2
+            norm = (np.sqrt(norm) + clusters.push[c] * step) * np.exp(clusters.growth[c] * step)
+            change = clusters.rate[c] * (clusters.rate[c] * norm + clusters.push[c]) + clusters.jerk[c]
+            for i in range(count):
+                k = clusters.member[first + i]
+                speed[k], amplitude[k], push[k], jerk[k] = norm, norm, change, change
+        allowed = step
         for j in range(m):
             # Blocks below a level count by value, rate and curvature bound, those above by amplitude.
             fast, value, rate, curvature = 0.0, at.phi[j], at.rate[j], steady_curvature[j]
@@ -350,6 +568,8 @@ def _march(
                 reach = max(reach, idle[j])
             else:
                 idle[j] = 0.0
+            if reach < _SHORT * patience and reach < step:
+                reach = max(reach, _far_reach(j, watch, flow, at, tau, duration, distance, allowed, amplitude, speed))
             step = min(step, reach)
         before = tau
         tau = duration if step >= duration - tau else tau + step

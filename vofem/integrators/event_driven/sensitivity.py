@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.integrators.event_driven.clusters import add_clusters, free_flow
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.integrators.event_driven.spectrum import Spectrum
 from vofem.linalg.exponential import oscillator
@@ -77,7 +78,16 @@ class Perturbation:
     def drift(self, spectrum: Spectrum, duration: float) -> None:
         """Follow the free motion of a status."""
         z, v = spectrum.to_blocks(self._z, self._v, shifted=False)
-        _drift(spectrum.delta, spectrum.p, z, v, duration)
+        if spectrum.plain is None:
+            _drift(spectrum.delta, spectrum.p, z, v, duration)
+        else:
+            assert spectrum.blocks is not None
+            dz, dv = np.zeros((z.size, 1)), np.zeros((z.size, 1))
+            add_clusters(free_flow(spectrum.blocks.clusters, z, v), np.array([duration]), dz, dv)
+            together = spectrum.plain == 0.0
+            z_c, v_c = (z + dz[:, 0])[together], (v + dv[:, 0])[together]
+            _drift(spectrum.delta, spectrum.p, z, v, duration)
+            z[together], v[together] = z_c, v_c
         self._z, self._v = spectrum.to_modes(z, v, shifted=False)
         self._renormalise()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -14,8 +15,6 @@ from vofem.integrators.base import (
     ContactSamples,
     Energies,
     initial_status,
-    spring_force,
-    spring_potential,
     status_at,
 )
 from vofem.integrators.event_driven.modal_samples import ModalSamples
@@ -29,6 +28,9 @@ from vofem.integrators.event_driven.spectrum import Spectra, Spectrum
 from vofem.system import CLOSED, OPEN, PINNED, ContactLaws, Counters, Events, State, System
 
 Array = NDArray[np.float64]
+
+#: Terms of a contact's coordinate over its size, from which on it is a difference of large numbers.
+_CANCELLING = 8.0
 Status = NDArray[np.int64]
 
 #: With fewer events growth is not looked at unasked: it would cost more than it tells.
@@ -41,6 +43,9 @@ _MOST_MOTIONS, _FEW_MODES = 32, 300
 
 #: Statuses whose event functions are kept.
 _MOST_PLAIN = 8
+
+#: A contact within this share of its displacement and its gap touches at the start.
+_TOUCHING = 4.0 * float(np.finfo(float).eps)
 
 
 class EventSolution:
@@ -57,9 +62,12 @@ class EventSolution:
         self._starts: list[float] = []
         self._durations: list[float] = []
         self._states: list[tuple[Status, Array, Array]] = []
+        # Gap functions at the begin of the segments, and the last segment's changes; found again where needed.
+        self._gaps: list[Array] = []
+        self._changed: tuple[int, Array, Array] | None = None
         self._event_log: list[tuple[float, int, int]] = []
         self._initial = np.empty(0, dtype=np.int64)
-        self._plain: dict[tuple[bytes, int], tuple[EventFunctions, NDArray[np.int64], Status]] = {}
+        self._plain: dict[tuple[bytes, int], tuple[EventFunctions, NDArray[np.int64], Status, Array]] = {}
         # Counters tell of the run; what sampling costs later is not counted.
         self._motions: dict[int, Motion] = {}
         # Statuses in the order of the run, each with its first segment, whose eigensystems are still to be computed.
@@ -146,16 +154,74 @@ class EventSolution:
         return self._initial
 
     def add_segment(self, t: float, status: Status, displacement: Array, velocity: Array) -> Motion:
-        """Begin a segment at time t in a modal state."""
+        """Begin a segment at time t in a modal state.
+
+        Contacts that have just switched are put at their gaps to the last bit: a stiff one would turn the rounding of
+        the displacement into energy.
+        """
+        if self._states:
+            switched = np.flatnonzero((status != self._states[-1][0]) & (status != PINNED))
+            if switched.size:
+                displacement = self._at_gaps(switched, displacement)
         self._starts.append(t)
         # In memory as they are when read from a file, so that a restored run computes with the same bits.
         self._states.append((status, np.ascontiguousarray(displacement), np.ascontiguousarray(velocity)))
         self.counters.steps += 1
         return self.motion(len(self._starts) - 1)
 
-    def end_segment(self, duration: float) -> None:
-        """Keep how long the last segment lasted, s: the difference of its ends has lost digits to their size."""
+    def _at_gaps(self, switched: NDArray[np.int64], displacement: Array) -> Array:
+        """Return the displacement nearest to a given one at which some contacts are at their gaps.
+
+        Where a contact's coordinate is a small difference of large modal displacements it is left as it is: what its
+        rounding would move are these.
+        """
+        assert self.system.contacts is not None
+        rows, gap = self.space.contacts[switched], self.system.contacts.gap[switched]
+        off = rows @ displacement - gap
+        if np.any(np.abs(rows) @ np.abs(displacement) > _CANCELLING * (np.abs(gap) + np.abs(off))):
+            return displacement
+        if switched.size == 1:
+            return np.asarray(displacement - rows[0] * (off[0] / (rows[0] @ rows[0])))
+        # Two contacts at one point have one row.
+        return np.asarray(displacement - np.linalg.lstsq(rows, off, rcond=None)[0])
+
+    def end_segment(self, duration: float) -> tuple[Array, Array]:
+        """End the last segment after a duration in s; return the modal state there, two arrays of shape (n,).
+
+        The duration is kept: the difference of the segment's ends has lost digits to their size.
+        """
         self._durations.append(duration)
+        index = len(self._durations) - 1
+        motion, (displacement, velocity) = self.motion(index), self._whole_changes(index)
+        return motion.displacement + displacement, motion.velocity + velocity
+
+    def _whole_changes(self, index: int) -> tuple[Array, Array]:
+        """Return by how much modal displacement and velocity change over a segment, each of shape (n,)."""
+        if self._changed is None or self._changed[0] != index:
+            displacement, velocity = self.motion(index).mode_changes(np.array([self._durations[index]]))
+            self._changed = index, displacement[:, 0], velocity[:, 0]
+        return self._changed[1:]
+
+    def _gap_functions(self, index: int) -> Array:
+        """Return the gap functions s at the begin of a segment, shape (n_contacts,).
+
+        They are sums of changes, so that they are known far better than
+        displacements are; a contact that has just closed or opened has 0.
+        """
+        laws, rows = self.system.contacts, self.space.contacts
+        assert laws is not None
+        while len(self._gaps) <= index:
+            k = len(self._gaps)
+            status, displacement, _ = self._states[k]
+            if k:
+                gaps = self._gaps[-1] + rows @ self._whole_changes(k - 1)[0]
+                gaps[status != self._states[k - 1][0]] = 0.0
+            else:
+                gaps = rows @ displacement - laws.gap
+                gaps[np.abs(gaps) <= _TOUCHING * (np.abs(rows) @ np.abs(displacement) + np.abs(laws.gap))] = 0.0
+            gaps[status == PINNED] = 0.0
+            self._gaps.append(gaps)
+        return self._gaps[index]
 
     def event_functions(self, motion: Motion) -> tuple[EventFunctions, NDArray[np.int64], Status]:
         """Return the functions to watch in the last segment, the contact of each and the status it leads to.
@@ -166,26 +232,34 @@ class EventSolution:
         laws, status = self.system.contacts, self._states[-1][0]
         assert laws is not None
         spectrum, count = motion.spectrum, motion.omega.size
+        gaps = self._gap_functions(len(self._states) - 1)
         key = (status.tobytes(), count)
         if key not in self._plain:
             if len(self._plain) >= _MOST_PLAIN:
                 self._plain.clear()
             self._plain[key] = self._plain_functions(laws, status, spectrum, count)
-        functions, plain, leads = self._plain[key]
+        functions, plain, leads, sign = self._plain[key]
+        rate = sign * (self.space.contacts[plain] @ motion.velocity)
+        functions = replace(functions, start=sign * gaps[plain], rate=rate)
         held = np.flatnonzero(status == PINNED)
         if not held.size:
             return functions, plain, leads
-        w, u, level, none = functions.w, functions.u, functions.constant, functions.slope
         force = self._reactions(len(self._starts) - 1)
-        w_r, u_r = spectrum.functions(force.displacement, force.velocity)
-        width = max(u.shape[1], u_r.shape[1])
-        u = u if u.shape[1] == width else np.zeros((plain.size, width))
+        now = force.at(motion, np.zeros(1))[:, 0]
+        w, u = spectrum.functions(force.displacement, force.velocity)
+        w_size, u_size = spectrum.sizes(np.abs(force.displacement), np.abs(force.velocity))
+        none = np.zeros((plain.size, u.shape[1]))
+        u_plain, u_plain_size = (functions.u, functions.u_size) if functions.u.shape[1] else (none, none)
         jump = laws.stiffness[held] * laws.gap[held]
         functions = EventFunctions(
-            np.vstack([w, -w_r, w_r]),
-            np.vstack([u, -u_r, u_r]),
-            np.concatenate([level, force.constant, jump - force.constant]),
-            np.concatenate([none, -force.slope, force.slope]),
+            np.vstack([functions.w, -w, w]),
+            np.vstack([u_plain, -u, u]),
+            np.vstack([functions.w_size, w_size, w_size]),
+            np.vstack([u_plain_size, u_size, u_size]),
+            np.concatenate([functions.start, -now, now - jump]),
+            np.concatenate([functions.rate, np.full(2 * held.size, np.nan)]),
+            np.concatenate([functions.constant, force.constant, jump - force.constant]),
+            np.concatenate([functions.slope, -force.slope, force.slope]),
             np.vstack([functions.harmonic, -force.harmonic, force.harmonic]),
         )
         leads = np.concatenate([leads, np.full(held.size, OPEN), np.full(held.size, CLOSED)])
@@ -193,17 +267,22 @@ class EventSolution:
 
     def _plain_functions(
         self, laws: ContactLaws, status: Status, spectrum: Spectrum, count: int
-    ) -> tuple[EventFunctions, NDArray[np.int64], Status]:
-        """Return what `event_functions` does for contacts that are not pinned, the same whenever a status returns."""
+    ) -> tuple[EventFunctions, NDArray[np.int64], Status, Array]:
+        """Return what `event_functions` does for contacts that are not pinned, the same whenever a status returns.
+
+        And the signs of their gap functions.
+        """
         plain = np.flatnonzero(status != PINNED)
         sign = np.where(status[plain] == CLOSED, -1.0, 1.0)
         rows = sign[:, None] * self.space.contacts[plain]
         level = sign * laws.gap[plain]
         if spectrum.real.shift is not None:
             level = level - rows @ spectrum.real.shift
-        w, u = spectrum.rows(rows)
-        functions = EventFunctions(w, u, level, np.zeros(plain.size), np.zeros((plain.size, count), dtype=complex))
-        return functions, plain, np.where(status[plain] == CLOSED, OPEN, CLOSED)
+        none = np.zeros(plain.size)
+        functions = EventFunctions(
+            *spectrum.rows(rows), none, none, level, none, np.zeros((plain.size, count), dtype=complex)
+        )
+        return functions, plain, np.where(status[plain] == CLOSED, OPEN, CLOSED), sign
 
     def enter(
         self, t: float, status: Status, entered: dict[int, int], displacement: Array, velocity: Array, fraction: float
@@ -328,17 +407,29 @@ class EventSolution:
 
     def modal(self, times: Array) -> tuple[Array, Array]:
         """Return modal displacements and velocities at any times, each of shape (n, n_times)."""
-        z, v = np.empty((self.space.size, times.size)), np.empty((self.space.size, times.size))
-        for index, mine, tau in self.visit(times):
-            z[:, mine], v[:, mine] = self.motion(index).modes(tau)
+        z, v, _ = self._trajectory(times, gaps=False)
         return z, v
+
+    def _trajectory(self, times: Array, *, gaps: bool = True) -> tuple[Array, Array, Array]:
+        """Return `modal`, and the gap functions of the contacts, shape (n_contacts, n_times), where wanted."""
+        z, v = np.empty((self.space.size, times.size)), np.empty((self.space.size, times.size))
+        gaps = gaps and self.system.contacts is not None
+        s = np.empty((len(self.space.contacts) if gaps else 0, times.size))
+        for index, mine, tau in self.visit(times):
+            motion = self.motion(index)
+            displacement, velocity = motion.mode_changes(tau)
+            if gaps:
+                s[:, mine] = self._gap_functions(index)[:, None] + self.space.contacts @ displacement
+            z[:, mine] = displacement + motion.displacement[:, None]
+            v[:, mine] = velocity + motion.velocity[:, None]
+        return z, v, s
 
     def sample(self, times: Array) -> ModalSamples:
         """Return the motion at any times; the acceleration is that of the equation of motion."""
-        z, v = self.modal(times)
-        return ModalSamples(self.space.shapes, z, v, lambda: self._acceleration(times, z, v))
+        z, v, s = self._trajectory(times)
+        return ModalSamples(self.space.shapes, z, v, lambda: self._acceleration(times, z, v, s))
 
-    def _acceleration(self, times: Array, z: Array, v: Array) -> Array:
+    def _acceleration(self, times: Array, z: Array, v: Array, s: Array) -> Array:
         space = self.space
         a = -space.stiffness[:, None] * z - space.damping[:, None] * v
         if space.coupling is not None:
@@ -346,7 +437,7 @@ class EventSolution:
         for vector, load in zip(space.loads, self.system.loads, strict=True):
             a += np.outer(vector, load.function(times))
         if self.system.contacts is not None:
-            a -= space.contacts.T @ self._contact_force(times, z, v)
+            a -= space.contacts.T @ self._contact_force(times, v, s)
         return a
 
     def _reactions(self, index: int) -> Reactions:
@@ -357,15 +448,16 @@ class EventSolution:
         forcing = self._forcing(self._starts[index], status)
         return reactions(self.space, laws, status, self._spectra[status], forcing)
 
-    def _contact_force(self, times: Array, z: Array, v: Array) -> Array:
-        assert self.system.contacts is not None
-        rows = self.space.contacts
-        force = spring_force(self.system.contacts, rows @ z, rows @ v, status_at(self.events, times))
+    def _contact_force(self, times: Array, v: Array, s: Array) -> Array:
+        laws = self.system.contacts
+        assert laws is not None
+        elastic = laws.stiffness[:, None] * (s + (laws.gap - laws.offset)[:, None])
+        damped = laws.damping[:, None] * (self.space.contacts @ v)
+        force = np.where(status_at(self.events, times) == CLOSED, elastic + damped, 0.0)
         for index, mine, tau in self.visit(times):
             held = np.flatnonzero(self._states[index][0] == PINNED)
             if held.size:
                 # The interval's ends are roots, found to rounding.
-                laws = self.system.contacts
                 jump = (laws.stiffness[held] * laws.gap[held])[:, None]
                 force[np.ix_(held, mine)] = np.clip(self._reactions(index).at(self.motion(index), tau), 0.0, jump)
         return force
@@ -374,9 +466,9 @@ class EventSolution:
         """Return status, K_eq and force of the contacts at any times."""
         laws = self.system.contacts
         assert laws is not None
-        z, v = self.modal(times)
+        _, v, s = self._trajectory(times)
         status = status_at(self.events, times)
-        force = self._contact_force(times, z, v)
+        force = self._contact_force(times, v, s)
         stiffness = np.where(status == CLOSED, laws.stiffness[:, None], 0.0)
         gap = np.where(laws.gap > 0, laws.gap, 1.0)[:, None]
         return ContactSamples(status, np.where(status == PINNED, force / gap, stiffness), force)
@@ -424,14 +516,41 @@ class EventSolution:
         from vofem.integrators.event_driven.energy import work_and_dissipation
 
         system, space = self.system, self.space
-        z, v = self.modal(times)
+        z, v, s = self._trajectory(times)
         contact, work, dissipated = np.zeros((3, times.size))
         damped = system.damped
+        pinning = None
         if system.contacts is not None:
-            contact = spring_potential(system.contacts, space.contacts @ z, status_at(self.events, times))
+            contact = _contact_potential(system.contacts, s, status_at(self.events, times))
             damped = damped or bool(np.any(system.contacts.damping > 0))
-        if (damped or system.loads) and times.size:
-            work_and_dissipation(space, system.contacts, self._segments(times), damped, work, dissipated)
+            pinning = self._lost_in_pinning()
+        if (damped or system.loads or pinning is not None) and times.size:
+            work_and_dissipation(space, system.contacts, self._segments(times), damped, pinning, work, dissipated)
         kinetic = 0.5 * np.sum(v**2, axis=0)
         strain = 0.5 * np.sum(space.stiffness[:, None] * z**2, axis=0)
         return Energies(kinetic, strain, contact, dissipated, work)
+
+    def _lost_in_pinning(self) -> Array | None:
+        """Return the kinetic energy that pinning takes at the begin of every segment, J; None where nothing is pinned.
+
+        It is that of what is left of the normal velocity, which `pinned` removes.
+        """
+        events = self.events
+        if not (np.any(events.status == PINNED) or np.any(events.initial == PINNED)):
+            return None
+        lost = np.zeros(len(self._states))
+        for index, (status, _, velocity) in enumerate(self._states):
+            held = self.space.contacts[status == PINNED]
+            if held.shape[0]:
+                speed = held @ velocity
+                lost[index] = 0.5 * speed @ np.linalg.solve(held @ held.T, speed)
+        return lost
+
+
+def _contact_potential(laws: ContactLaws, s: Array, status: NDArray[np.int64]) -> Array:
+    """Return the energy stored in the contact springs by their gap functions, (n_contacts, n_times), shape (n_times,).
+
+    ``K0 (u^2 - gap^2)/2`` under the jump law, ``K0 (u - gap)^2/2`` under the other; zero while open or pinned.
+    """
+    lever = np.where(laws.jump[:, None], s + 2.0 * laws.gap[:, None], s)
+    return np.asarray(np.sum(np.where(status == CLOSED, 0.5 * laws.stiffness[:, None] * s * lever, 0.0), axis=0))

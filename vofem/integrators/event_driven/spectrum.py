@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.integrators.event_driven.complex_modes import Blocks, damped_blocks
+from vofem.integrators.event_driven.complex_modes import Blocks, damped_blocks, state_scale
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.linalg.secular import constrain, rank_one
 from vofem.system import CLOSED, PINNED, ContactLaws, Counters
@@ -82,16 +82,19 @@ class Spectrum:
     Attributes
     ----------
     delta, p : ndarray, shape (m,)
-        Decay rate in 1/s and squared frequency in 1/s^2 of each block.
+        Decay rate in 1/s and squared frequency in 1/s^2 of each block; see `Blocks` for those of clusters.
     real : RealModes
     blocks : Blocks, optional
         Where damping couples the real modes.
+    damping : ndarray, shape (m, m), optional
+        Their damping there.
     """
 
     delta: Array
     p: Array
     real: RealModes
     blocks: Blocks | None = None
+    damping: Array | None = None
 
     @cached_property
     def frequency(self) -> Array:
@@ -107,6 +110,16 @@ class Spectrum:
         count = int(np.ceil(np.log(positive[-1] / positive[0]) / np.log(_LEVEL_RATIO)))
         edges = positive[0] * _LEVEL_RATIO ** np.arange(1, min(count, 40))
         return np.unique(np.append(np.searchsorted(self.frequency, edges), self.p.size)).astype(np.int64)
+
+    @cached_property
+    def plain(self) -> Array | None:
+        """One for every block of its own, zero for the members of clusters, shape (m,); None where there are none."""
+        if self.blocks is None or not self.blocks.clusters:
+            return None
+        plain = np.ones(self.p.size)
+        for cluster in self.blocks.clusters:
+            plain[cluster.member] = 0.0
+        return plain
 
     @property
     def classical(self) -> bool:
@@ -162,9 +175,44 @@ class Spectrum:
             both = both + velocity @ self.blocks.out[m:]
         return np.ascontiguousarray(both[:, :m]), np.ascontiguousarray(both[:, m:])
 
-    def rows(self, rows: Array) -> tuple[Array, Array]:
-        """Return (W, U) with ``rows @ displacement = W z + U v`` for modal rows (k, n), the shift aside."""
-        return self.functions(rows if self.real.modes is None else rows @ self.real.modes)
+    def sizes(self, displacement: Array, velocity: Array | None = None) -> tuple[Array, Array]:
+        """Return bounds on the terms that `functions` are summed of, from such bounds over the real modes, (k, m)."""
+        m = self.p.size
+        if self.blocks is None:
+            return self.functions(displacement, velocity)
+        out = self._out_sizes
+        both = displacement @ out[:m]
+        if velocity is not None:
+            both = both + velocity @ out[m:]
+        return np.ascontiguousarray(both[:, :m]), np.ascontiguousarray(both[:, m:])
+
+    @cached_property
+    def _out_sizes(self) -> Array:
+        """Bounds on the terms that the map from blocks is made of, shape (2m, 2m).
+
+        A complex mode is known to rounding of its energy: a slow motion's
+        share in a quick mode may be all rounding.
+        """
+        assert self.blocks is not None
+        assert self.damping is not None
+        omega = state_scale(self.real.p, self.damping.diagonal())
+        omega = np.where(omega > 0.0, omega, 1.0)
+        scale = np.concatenate([omega, np.ones(omega.size)])
+        out = np.abs(self.blocks.out)
+        energy = np.sqrt(np.sum((scale[:, None] * out) ** 2, axis=0))
+        floor = np.outer(1.0 / scale, energy)
+        # Parts that are not coupled share nothing at all.
+        return np.where(out > 0.0, np.maximum(out, floor), 0.0)
+
+    def rows(self, rows: Array) -> tuple[Array, Array, Array, Array]:
+        """Return (W, U) with ``rows @ displacement = W z + U v`` for modal rows (k, n), the shift aside.
+
+        And bounds on what each of their entries is the sum of, which tell its rounding.
+        """
+        modes = self.real.modes
+        if modes is None:
+            return *self.functions(rows), *self.sizes(np.abs(rows))
+        return *self.functions(rows @ modes), *self.sizes(np.abs(rows) @ np.abs(modes))
 
 
 class Spectra:
@@ -221,8 +269,9 @@ class Spectra:
         damping = np.asarray(real.down(real.down(full).T))
         rows = space.contacts if real.modes is None else space.contacts @ real.modes
         damping = damping + (rows.T * dampers) @ rows
-        blocks = damped_blocks(real.p, 0.5 * (damping + damping.T))
-        return Spectrum(blocks.delta, blocks.p, real, blocks)
+        damping = 0.5 * (damping + damping.T)
+        blocks = damped_blocks(real.p, damping)
+        return Spectrum(blocks.delta, blocks.p, real, blocks, damping)
 
     def _closed_modes(self, closed: NDArray[np.bool_]) -> RealModes:
         """Return the modes with some contacts closed, from the nearest known status with fewer of them closed."""

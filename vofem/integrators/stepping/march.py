@@ -44,7 +44,15 @@ def chunk(size: int) -> int:
 
 
 class Banded:
-    """A system's unknowns in an order that keeps its band narrow, and its loads."""
+    """A system's unknowns in an order that keeps its band narrow, and its loads.
+
+    Attributes
+    ----------
+    until : float
+        End of the run in s, beyond which no load is asked for its value.
+    """
+
+    until = np.inf
 
     def __init__(self, system: System, counters: Counters, *matrices: object) -> None:
         self.system, self.counters = system, counters
@@ -54,9 +62,17 @@ class Banded:
         self.loads = np.array([load.vector[self.order] for load in system.loads]).reshape(-1, system.size)
 
     def load_values(self, t: Array) -> Array:
-        """Return the loads' functions at times t, shape (n_loads, n_times)."""
+        """Return the loads' functions at times t, shape (n_loads, n_times).
+
+        A step that ends beyond the run takes them as going on straight: a measured load may be known no longer.
+        """
         self.counters.load_evaluations += t.size * len(self.system.loads)
-        return np.array([load.function(t) for load in self.system.loads]).reshape(-1, t.size)
+        values = np.array([load.function(np.minimum(t, self.until)) for load in self.system.loads]).reshape(-1, t.size)
+        late = t > self.until
+        if self.system.loads and np.any(late):
+            mirrored = np.maximum(2.0 * self.until - t[late], 0.0)
+            values[:, late] = 2.0 * values[:, late] - [load.function(mirrored) for load in self.system.loads]
+        return values
 
 
 def _order(system: System, matrices: list[Any]) -> IntArray:
