@@ -15,10 +15,12 @@ import numpy as np
 from cases import many_contacts, paper_beam
 
 import vofem as vf
-from vofem.simulate import METHODS
 from vofem.system import Counters
 
 ELEMENTS, T_END, TIMES = 25, 20.0, 201
+
+#: Those for any scene: force_driven is for one printed law alone.
+METHODS = ("event_driven", "energy_conserving", "generalized_alpha", "central_difference")
 
 #: Name, and a function that returns the scene: the bare cantilever under its load with one thing added.
 ADDED: tuple[tuple[str, Callable[[], vf.Scene]], ...] = (
