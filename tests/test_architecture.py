@@ -144,6 +144,10 @@ def test_import_loads_numpy_only():
     assert loaded_after("import vofem") == []
 
 
+def test_naming_the_public_interface_loads_numpy_only():
+    assert loaded_after("import vofem\nfor name in vofem.__all__: getattr(vofem, name)") == []
+
+
 def test_a_chain_of_masses_needs_no_finite_elements():
     code = """
 import vofem as vf

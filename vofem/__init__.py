@@ -66,8 +66,8 @@ from vofem.statics import Equilibrium, QuasiStatic, equilibrium, quasi_static
 
 if TYPE_CHECKING:
     import vofem.studies.accuracy as accuracy
+    from vofem.io.saved import load, resume
     from vofem.io.scene_file import dump_scene, load_scene
-    from vofem.io.storage.run_file import load
 
 __all__ = [
     "Approximated",
@@ -139,9 +139,9 @@ __all__ = [
 _LATER = {
     "accuracy": "vofem.studies.accuracy",
     "dump_scene": "vofem.io.scene_file",
-    "load": "vofem.io.storage.run_file",
+    "load": "vofem.io.saved",
     "load_scene": "vofem.io.scene_file",
-    "resume": "vofem.io.storage.checkpoint",
+    "resume": "vofem.io.saved",
 }
 
 

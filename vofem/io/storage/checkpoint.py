@@ -81,35 +81,7 @@ def resume(
     progress: Progress = None,
     checkpoint_every: float = 60.0,
 ) -> Result:
-    """Go on with a run from its checkpoint, to the same outcome, bit for bit, as if it had never stopped.
-
-    The checkpoint is kept up to date on the way.
-
-    Parameters
-    ----------
-    path : path
-        What was given as ``checkpoint`` to `vofem.simulate`.
-    scene : Scene, optional
-        Needed where the scene holds Python callables, which no file can hold:
-        the same scene again.
-    progress : bool or callable, optional
-        As in `vofem.simulate`.
-    checkpoint_every : float
-        Seconds of wall time between two checkpoints.
-
-    Returns
-    -------
-    Result
-
-    Raises
-    ------
-    StorageError
-        If the file is missing, of another kind, damaged, or of a newer vofem.
-    ArgumentError
-        If the scene is another one.
-    MissingCallableError
-        If the scene holds callables and was not given.
-    """
+    """Go on with a run from its checkpoint; see `vofem.resume`."""
     with reading(path, "a checkpoint of vofem.simulate") as file:
         if "vofem_checkpoint" not in file:
             kind = "a saved run: read it with vofem.load" if "vofem" in file else "an HDF5 file of another program"

@@ -101,31 +101,7 @@ def _write_toml(group: h5py.Group, result: Result, goal: Path) -> None:
 
 
 def load(path: str | os.PathLike[str]) -> Result:
-    """Return the Result that `Result.save` has written, whole.
-
-    Every quantity at `times` is the same to the last bit, and of an
-    event-driven run those at other times too, on a machine with the same
-    libraries. Points are found by the name of their body and x, so points of
-    the original bodies serve.
-
-    Where the scene held Python callables, the values that the run has taken
-    stand for them: what needs another value raises `MissingCallableError`,
-    which names the callable.
-
-    Parameters
-    ----------
-    path : path
-        Of a file that `Result.save` has written.
-
-    Returns
-    -------
-    Result
-
-    Raises
-    ------
-    StorageError
-        If the file is missing, of another kind, damaged, or of a newer vofem.
-    """
+    """Return the Result that `Result.save` has written; see `vofem.load`."""
     with reading(path) as file:
         own = _checked(file)
         history = read_history(file["history"])

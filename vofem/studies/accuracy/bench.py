@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import ArgumentError, VofemError
-from vofem.integrators import event_driven
 from vofem.result import Result
 from vofem.scene import Scene, as_scene
-from vofem.simulate import simulate
+from vofem.simulate import choose, simulate
 from vofem.studies.accuracy.exact import Exact, Question, exact, rounding
 from vofem.studies.accuracy.quantities import Observed, compare, observe
 from vofem.studies.accuracy.spread import spread
@@ -116,7 +115,7 @@ class Bench:
     @property
     def closed_form(self) -> bool:
         """Whether event_driven can run the scene."""
-        return event_driven.refusal(self.source.scene(self.source.own).model.system) is None
+        return choose(self.source.scene(self.source.own).model.system).method == "event_driven"
 
     def prepare(self, meshes: Iterable[int]) -> None:
         """Compute the reference, and on every mesh the run that is exact in time."""

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.integrators import event_driven
 from vofem.result import Result
 from vofem.scene import Scene
-from vofem.simulate import simulate
+from vofem.simulate import choose, simulate
 from vofem.studies.accuracy.quantities import Observed, observe
 from vofem.studies.accuracy.scaled import scaled
 
@@ -76,7 +75,7 @@ class Question:
 
 def exact(scene: Scene, question: Question) -> Exact:
     """Return the run of a scene that is exact in time up to an estimated error."""
-    if event_driven.refusal(scene.model.system) is None:
+    if choose(scene.model.system).method == "event_driven":
         return _by_events(scene, question)
     return _by_steps(scene, question)
 

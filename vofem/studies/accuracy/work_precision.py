@@ -9,10 +9,8 @@ import numpy as np
 
 from vofem._validate import choice, number
 from vofem.errors import ArgumentError
-from vofem.integrators import event_driven
-from vofem.integrators.critical_step import critical_step
 from vofem.scene import Scene
-from vofem.simulate import METHODS
+from vofem.simulate import METHODS, choose
 from vofem.studies.accuracy.bench import Bench, Effort, Progress, Source
 from vofem.studies.accuracy.study import Run, Setting, Study
 
@@ -154,6 +152,8 @@ def default_steps(source: Source, method: str, elements: int, t_end: float) -> l
     """Return steps worth looking at, s."""
     if method != "central_difference":
         return [t_end / count for count in _STEPS]
+    from vofem.integrators.critical_step import critical_step
+
     limit = critical_step(source.scene(elements).model.system, None)
     return [min(fraction * limit, t_end / count) for fraction, count in zip(_FRACTIONS, _STEPS[1:], strict=False)]
 
@@ -167,9 +167,10 @@ def applicable(source: Source, methods: Iterable[str] | None) -> list[str]:
     """Return the methods asked for, or those that can treat the scene."""
     system = source.scene(source.own).model.system
     if methods is None:
-        if system.printed is not None:
-            return ["force_driven"]
-        others = {"force_driven"} if event_driven.refusal(system) is None else {"force_driven", "event_driven"}
+        best = choose(system).method
+        if best == "force_driven":
+            return [best]
+        others = {"force_driven"} if best == "event_driven" else {"force_driven", "event_driven"}
         return [name for name in METHODS if name not in others]
     if isinstance(methods, str):
         methods = [methods]
