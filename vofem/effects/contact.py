@@ -6,9 +6,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from vofem._validate import choice, number, one_of
+from vofem._validate import choice, number
 from vofem.assembly import ContactEntry, SystemBuilder
 from vofem.bodies.base import Point, Row, as_point, automatic_name
+from vofem.effects.side import side_of
 from vofem.errors import ArgumentError
 
 
@@ -98,11 +99,7 @@ class Contact:
                 "K0*gap at closing) or 'penetration' (an elastic stop behind a gap)"
             )
         self.acts_on = choice(f"{label}: acts_on", acts_on, ("displacement", "penetration"))
-        if self.b is not None and side is not None:
-            raise ArgumentError(f"{label}: side is {side!r}, but a contact between two points has none; remove it")
-        if self.b is None and side is None:
-            raise ArgumentError(f"{label}: side is missing, expected {one_of(('below', 'above'))} for a stop")
-        self.side = None if side is None else choice(f"{label}: side", side, ("below", "above"))
+        self.side = side_of(label, "a contact", self.b, side)
         self.gap = number(f"{label}: gap", gap)
         if self.acts_on == "displacement" and self.gap < 0:
             raise ArgumentError(

@@ -7,6 +7,7 @@ from typing import Any
 from vofem._validate import choice, number, one_of
 from vofem.assembly import SystemBuilder
 from vofem.bodies.base import Point, Row, as_point, automatic_name
+from vofem.effects.side import side_of
 from vofem.effects.softening import Backbone, Softening
 from vofem.errors import ArgumentError
 from vofem.fractional.constants import ideal
@@ -170,11 +171,7 @@ class CrushingStop:
         label = f"CrushingStop {self.name!r}"
         self.a: Point = as_point(f"{label}: a", a)
         self.b: Point | None = None if b is None else as_point(f"{label}: b", b)
-        if self.b is not None and side is not None:
-            raise ArgumentError(f"{label}: side is {side!r}, but a stop between two points has none; remove it")
-        if self.b is None and side is None:
-            raise ArgumentError(f"{label}: side is missing, expected {one_of(('below', 'above'))}")
-        self.side = None if side is None else choice(f"{label}: side", side, ("below", "above"))
+        self.side = side_of(label, "a stop", self.b, side)
         self.gap = number(f"{label}: gap", gap)
         self.stiffness = number(f"{label}: stiffness", stiffness, positive=True)
         self.linear_limit = number(f"{label}: linear_limit", linear_limit, positive=True)

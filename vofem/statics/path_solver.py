@@ -14,6 +14,7 @@ from vofem.integrators.stepping.memory import (
     memory_force,
 )
 from vofem.integrators.stepping.recall import memory_energy_of
+from vofem.statics.line_search import lowest
 from vofem.statics.solver import Solve, solver_of
 from vofem.system import CLOSED, OPEN, PINNED, System
 
@@ -153,22 +154,13 @@ class PathSolver:
         return bool(np.all(miss <= 4e-15 * scale)) and np.array_equal(now, status)
 
     def _line_search(self, u: Array, w: Array, du: Array, dw: Array, width: float) -> float:
-        """Return the minimum of the energy along a direction, by bisection on its monotone derivative."""
+        """Return how far to go along a direction to where the energy is least."""
 
         def derivative(x: float) -> float:
             reaction = self._law(u + x * du, width)[0]
             return float(du @ (reaction - (w + x * dw)))
 
-        if derivative(1.0) <= 0.0:
-            return 1.0
-        low, high = 0.0, 1.0
-        for _ in range(60):
-            middle = 0.5 * (low + high)
-            if derivative(middle) > 0.0:
-                high = middle
-            else:
-                low = middle
-        return 0.5 * (low + high)
+        return lowest(derivative)
 
     def _pinned(self, factor: float, tangent: Array, intercept: Array, status: Status) -> tuple[Array, Array]:
         """Return u and reactions with pinned contacts held at their gap exactly; springs by their tangents."""

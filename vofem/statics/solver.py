@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from vofem.errors import SingularSystemError
 from vofem.integrators.rounding import graded
+from vofem.statics.line_search import lowest
 from vofem.system import CLOSED, OPEN, PINNED, ContactLaws, System
 
 Array = NDArray[np.float64]
@@ -135,22 +136,13 @@ class ContactSolver:
         return u, slope * u + intercept
 
     def _line_search(self, u: Array, w: Array, du: Array, dw: Array, ramp: Array) -> float:
-        """Return the minimum of the energy along a direction, by bisection on its monotone derivative."""
+        """Return how far to go along a direction to where the energy is least."""
 
         def derivative(x: float) -> float:
             reaction = self._law(u + x * du, ramp)[0]
             return float(du @ (reaction - self.shift * (u + x * du) - (w + x * dw)))
 
-        if derivative(1.0) <= 0.0:
-            return 1.0
-        low, high = 0.0, 1.0
-        for _ in range(60):
-            middle = 0.5 * (low + high)
-            if derivative(middle) > 0.0:
-                high = middle
-            else:
-                low = middle
-        return 0.5 * (low + high)
+        return lowest(derivative)
 
     def exact(self, status: Status) -> tuple[Array, Array]:
         """Return u and the reactions for a status, pinned contacts held at their gap exactly."""
