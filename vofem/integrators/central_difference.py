@@ -167,7 +167,6 @@ def run(
     initial, acceleration = kernel.state.status.copy(), kernel.start_acceleration
     first = stored_energy(system, start.q, start.v) - 0.125 * dt**2 * float(acceleration @ (system.mass @ acceleration))
     points = tap(probes, kernel.bands.order)
-    kernel.bands.until = t_end
     out = output(stored, system.size, points, len(system.springs), kernel.laws.state.size)
     return march(
         kernel, "central_difference", start, initial, t_end, dt, out, notes,

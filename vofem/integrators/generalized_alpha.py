@@ -193,7 +193,6 @@ def run(
     note_chatter(system, notes)
     kernel = _GeneralizedAlpha(system, start, dt, steps, chosen, counters)
     points = tap(probes, kernel.bands.order)
-    kernel.bands.until = t_end
     out = output(stored, system.size, points, len(system.springs), kernel.laws.state.size)
     return march(
         kernel, "generalized_alpha", start, kernel.state.status.copy(), t_end, dt, out, notes,

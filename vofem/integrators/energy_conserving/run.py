@@ -104,7 +104,6 @@ def run(
         kernel = FixedSteps(system, start, counters)
         kernel.plan(step, steps)
     initial = kernel.state.status.copy()
-    kernel.bands.until = t_end
     note_chatter(system, notes)
     out = kernel.output(stored, probes)
     solution = march(

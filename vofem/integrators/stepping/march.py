@@ -182,6 +182,7 @@ def march(
     """
     system, counters = kernel.bands.system, kernel.bands.counters
     held = _held(kernel)[0]
+    kernel.bands.until = t_end
     energy = stored_energy(system, start.q, start.v) + held
     log: list[Array] = []
     cursor, recorded, wanted_end = 0, Recorded(), t_end
