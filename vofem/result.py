@@ -14,6 +14,7 @@ from vofem._validate import Named
 from vofem.errors import ArgumentError
 from vofem.histories import ContactHistory, Energy, Motion, ProbeHistory, Reaction, SpringHistory, reaction_of
 from vofem.integrators.base import ContactSamples, ProbeSamples, Solution
+from vofem.integrators.registry import advice
 from vofem.memory import past_of
 from vofem.scene import Scene
 from vofem.system import Counters
@@ -91,7 +92,7 @@ class Result(Motion):
 
     def spring_state(self, name: str) -> Array | None:
         """Return the state of a spring with memory at the last time, with which another scene can start, or None."""
-        memory, springs = self.model.system.memory, getattr(self.solution, "springs", None)
+        memory, springs = self.model.system.memory, self.solution.springs
         if memory is None or springs is None:
             return None
         return past_of(memory.laws, springs.past, name)
@@ -137,15 +138,15 @@ class Result(Motion):
         ArgumentError
             For a run of another method.
         """
-        found = getattr(self.solution, "sensitivity", None)
+        found = self.solution.sensitivity
         if found is None:
-            raise ArgumentError(f"a run of {self.method} does not tell its sensitivity; use method='event_driven'")
+            raise ArgumentError(f"a run of {self.method} does not tell its sensitivity; use {advice(exact=True)}")
         return found
 
     @property
     def truncation(self) -> Truncation | None:
         """What an event_driven run in Ritz vectors left out: `vectors`, `error`, `rounding`; None for all modes."""
-        return getattr(self.solution, "truncation", None)
+        return self.solution.truncation
 
     # -- files ------------------------------------------------------------------------------------
 

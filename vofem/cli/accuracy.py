@@ -9,7 +9,7 @@ from pathlib import Path
 from vofem.cli.common import FINE, Commands
 from vofem.cli.output import made
 from vofem.errors import ArgumentError
-from vofem.simulate import METHODS
+from vofem.simulate import method_names
 
 
 def add_accuracy(commands: Commands) -> None:
@@ -19,7 +19,7 @@ def add_accuracy(commands: Commands) -> None:
     accuracy.add_argument("--output", type=Path, help="folder for what is written (output/NAME of the scene file)")
     accuracy.add_argument("--t-end", type=float, help="in s, instead of the file's")
     accuracy.add_argument("--tolerance", type=float, default=1e-6, help="of the largest displacement, for the advice")
-    accuracy.add_argument("--methods", nargs="+", metavar="METHOD", help=", ".join(METHODS))
+    accuracy.add_argument("--methods", nargs="+", metavar="METHOD", help=", ".join(method_names()))
     accuracy.add_argument("--dt", type=float, nargs="+", metavar="DT", help="steps in s")
     accuracy.add_argument("--tol", type=float, nargs="+", default=[], metavar="TOL", help="of energy_conserving")
     accuracy.add_argument("--elements", type=int, nargs="+", metavar="N", help="of all beams together")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from vofem.cli.common import FINE, Commands, print_method
 from vofem.cli.output import made, write
-from vofem.simulate import METHODS
+from vofem.simulate import method_names
 
 if TYPE_CHECKING:
     from vofem.io.scene_file import SceneFile
@@ -19,7 +19,7 @@ def add_run(commands: Commands) -> None:
     run = commands.add_parser("run", help="simulate a scene file; write histories and pictures")
     run.add_argument("scene", type=Path, help="scene file, TOML")
     run.add_argument("--output", type=Path, help="folder for what is written (output/NAME of the scene file)")
-    run.add_argument("--method", help=f"{', '.join(('auto', *METHODS))}; instead of the file's")
+    run.add_argument("--method", help=f"{', '.join(('auto', *method_names()))}; instead of the file's")
     run.add_argument("--t-end", type=float, help="in s, instead of the file's")
     run.add_argument("--dt", type=float, help="in s, instead of the file's")
     run.add_argument("--no-pictures", action="store_true", help="write numbers only")

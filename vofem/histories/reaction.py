@@ -45,7 +45,7 @@ def reaction_of(run: Run, beam: Beam, where: Any, t: ArrayLike | None, samples: 
     force = None
     if system.contacts is not None:
         force = run.contact_samples.force if t is None else run.solution.contacts(times).force
-    modes = getattr(run.solution, "modes", None) if system.modal_damping is not None else None
+    modes = run.solution.modes if system.modal_damping is not None else None
     remembers = system.memory is not None or system.springpots is not None
     pull = _spring_force(run, beam, where, t) if remembers else None
     return Reaction(*support_reaction(run.model, beam, where, times, samples, force, modes, pull))
@@ -58,6 +58,6 @@ def _spring_force(run: Run, beam: Beam, where: Any, t: ArrayLike | None) -> Arra
             f"reaction of Beam {beam.name!r} at {where!r}: springs with memory know their forces at the run's "
             "times; name the times in times= when simulating"
         )
-    springs = getattr(run.solution, "springs", None)
+    springs = run.solution.springs
     assert springs is not None
     return np.asarray(springs.force)

@@ -38,7 +38,7 @@ class SpringHistory:
 
     @property
     def _samples(self) -> SpringSamples:
-        samples = getattr(self._run.solution, "springs", None)
+        samples = self._run.solution.springs
         assert samples is not None
         return samples
 

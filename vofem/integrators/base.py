@@ -25,6 +25,9 @@ from vofem.system import CLOSED, OPEN, PINNED, ContactLaws, Counters, Events
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
+    from vofem.integrators.event_driven.lifted import Truncation
+    from vofem.integrators.event_driven.sensitivity import Sensitivity
+
 Array = NDArray[np.float64]
 
 
@@ -153,12 +156,46 @@ class ProbeSamples:
 
 
 class Solution(Protocol):
-    """What a run leaves behind."""
+    """What a run leaves behind.
+
+    Attributes
+    ----------
+    t_end : float
+        In s.
+    times : ndarray, shape (n_times,)
+        In s.
+    counters : Counters
+    notes : list of str
+    """
 
     t_end: float
     times: Array
     counters: Counters
     notes: list[str]
+
+    @property
+    def continuous(self) -> bool:
+        """Whether the motion is known at any time, and not at stored times alone."""
+
+    @property
+    def springs(self) -> SpringSamples | None:
+        """Springs with memory and springpots at `times`; None where there are none."""
+
+    @property
+    def probes(self) -> ProbeSamples | None:
+        """Points that were recorded at every step; None where the method records none."""
+
+    @property
+    def modes(self) -> tuple[Array, Array] | None:
+        """Squared frequencies and shapes of the contact-free modes that were used; None without modes."""
+
+    @property
+    def sensitivity(self) -> Sensitivity | None:
+        """How a perturbation grows along the run; None where the method does not know."""
+
+    @property
+    def truncation(self) -> Truncation | None:
+        """What Ritz vectors left out; None where all degrees of freedom were kept."""
 
     @property
     def start_energy(self) -> float:

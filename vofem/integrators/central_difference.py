@@ -29,6 +29,8 @@ from vofem.errors import StepSizeError
 from vofem.integrators.base import ProbeRows, Samples, initial_status
 from vofem.integrators.critical_step import critical_step
 from vofem.integrators.damping_matrix import damping_matrix
+from vofem.integrators.methods import CENTRAL_DIFFERENCE
+from vofem.integrators.registry import advice
 from vofem.integrators.stepped import SteppedSolution, step_count, storage_times
 from vofem.integrators.stepping.callbacks import Callbacks, call
 from vofem.integrators.stepping.energies import kinetic_energy
@@ -150,15 +152,13 @@ def run(
             raise StepSizeError(
                 f"central differences would take {t_end / dt:.2g} steps: the critical step is {limit:.4g} s for masses "
                 f"of {mass.min():.3g} to {mass.max():.3g} kg at their degrees of freedom and all contacts closed. Give "
-                "light or massless parts more mass, or choose method='event_driven', which has no step, or "
-                "method='energy_conserving', which is stable at any"
+                f"light or massless parts more mass, or choose {_without_limit()}"
             )
         notes.append(f"step: dt = {dt:.6g} s was chosen; the critical step is {limit:.6g} s")
     elif not dt < limit:
         raise StepSizeError(
             f"dt is {dt:g} s, beyond the critical step {limit:.4g} s of central differences with all contacts "
-            f"closed (2/omega_max, omega_max = {2.0 / limit:.6g} rad/s); choose dt below it, or "
-            "method='event_driven', which has no step, or method='energy_conserving', which is stable at any"
+            f"closed (2/omega_max, omega_max = {2.0 / limit:.6g} rad/s); choose dt below it, or {_without_limit()}"
         )
     steps = step_count(t_end, dt)
     stored = storage_times(times, t_end, dt, steps, system.size, notes)
@@ -169,10 +169,15 @@ def run(
     points = tap(probes, kernel.bands.order)
     out = output(stored, system.size, points, len(system.springs), kernel.laws.state.size)
     return march(
-        kernel, "central_difference", start, initial, t_end, dt, out, notes,
+        kernel, CENTRAL_DIFFERENCE, start, initial, t_end, dt, out, notes,
         first_energy=first, blow_up=_BLOW_UP, watch=watch, resume=resume,
         probes=probes,
     )  # fmt: skip
+
+
+def _without_limit() -> str:
+    """Return what a message recommends where the critical step is too small."""
+    return f"{advice(exact=True)}, which has no step, or {advice(conserves=True)}, which is stable at any"
 
 
 def _tangents(system: System, start: State) -> Array | None:

@@ -7,10 +7,21 @@ from typing import Any
 import numpy as np
 
 from vofem.errors import MethodError
+from vofem.integrators.registry import advice
 from vofem.system import Counters, System
 
 #: Modal damping makes C a full matrix; beyond this size that is refused.
 _LARGEST_FULL = 3000
+
+
+def too_full(system: System) -> str | None:
+    """Return why modal damping of a system is beyond methods that need C as a matrix, or None."""
+    if system.modal_damping is None or system.size <= _LARGEST_FULL:
+        return None
+    return (
+        f"ModalDamping makes C a full matrix, too large for {system.size} degrees of freedom "
+        f"(at most {_LARGEST_FULL}); use RayleighDamping, or {advice(exact=True)}"
+    )
 
 
 def damping_matrix(system: System, counters: Counters) -> Any:
@@ -23,11 +34,9 @@ def damping_matrix(system: System, counters: Counters) -> Any:
     """
     if system.modal_damping is None:
         return system.sparse_damping
-    if system.size > _LARGEST_FULL:
-        raise MethodError(
-            f"ModalDamping makes C a full matrix, too large for {system.size} degrees of freedom "
-            f"(at most {_LARGEST_FULL}); use RayleighDamping, or method='event_driven'"
-        )
+    reason = too_full(system)
+    if reason is not None:
+        raise MethodError(reason)
     from scipy.sparse import csc_matrix
 
     from vofem.linalg.eigen import modal_basis

@@ -27,6 +27,7 @@ from vofem.errors import ConvergenceError, LimitLoadError, MethodError
 from vofem.integrators.applied_force import AppliedForce
 from vofem.integrators.base import Energies, Samples, SpringSamples
 from vofem.integrators.damping_matrix import damping_matrix
+from vofem.integrators.methods import FORCE_DRIVEN
 from vofem.integrators.stepped import SteppedSolution, step_count
 from vofem.integrators.watching import Snapshot, Watch, deferred_interrupts
 from vofem.memory import PrintedLaw
@@ -45,6 +46,16 @@ class _Regime:
     rising: bool
     beyond: bool
     residual: float
+
+
+def refusal(system: System) -> str | None:
+    """Return why this method cannot treat the system and what can, or None."""
+    if system.printed is not None:
+        return None
+    return (
+        f"{FORCE_DRIVEN.name} follows Eq. 22 of the paper, HystereticSpring(..., memory='printed'), which this scene "
+        "does not hold; choose method='auto'"
+    )
 
 
 def run(
@@ -80,11 +91,9 @@ def run(
     LimitLoadError
         If the applied force reaches what the spring can carry.
     """
+    reason = refusal(system)
     if system.printed is None:
-        raise MethodError(
-            "force_driven follows Eq. 22 of the paper, HystereticSpring(..., memory='printed'), which this scene does "
-            "not hold; choose method='auto'"
-        )
+        raise MethodError(reason)
     if times is None:
         steps = 1000 if dt is None else step_count(t_end, dt)
         times = np.minimum(np.arange(steps + 1) * (t_end / 1000 if dt is None else dt), t_end)
@@ -195,7 +204,9 @@ class _Run:
                 events=self._events(regime),
             )  # fmt: skip
             if found.status < 0:
-                raise ConvergenceError(f"force_driven found no way on from t = {found.t[-1]:g} s: {found.message}")
+                raise ConvergenceError(
+                    f"{FORCE_DRIVEN.name} found no way on from t = {found.t[-1]:g} s: {found.message}"
+                )
             self.counters.steps += found.t.size - 1
             self.longest = max(self.longest, float(np.max(np.diff(found.t))))
             self.y, begin = found.y[:, -1], float(found.t[-1])

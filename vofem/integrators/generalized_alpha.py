@@ -36,6 +36,7 @@ from vofem._validate import number
 from vofem.errors import ArgumentError, ConvergenceError
 from vofem.integrators.base import ProbeRows, Samples, initial_status
 from vofem.integrators.damping_matrix import damping_matrix
+from vofem.integrators.methods import GENERALIZED_ALPHA
 from vofem.integrators.stepped import SteppedSolution, step_count, storage_times
 from vofem.integrators.stepping.balance import Structure, balance, structure
 from vofem.integrators.stepping.callbacks import Callbacks
@@ -195,7 +196,7 @@ def run(
     points = tap(probes, kernel.bands.order)
     out = output(stored, system.size, points, len(system.springs), kernel.laws.state.size)
     return march(
-        kernel, "generalized_alpha", start, kernel.state.status.copy(), t_end, dt, out, notes,
+        kernel, GENERALIZED_ALPHA, start, kernel.state.status.copy(), t_end, dt, out, notes,
         first_energy=stored_energy(system, start.q, start.v), blow_up=_BLOW_UP, watch=watch, resume=resume,
         probes=probes,
     )  # fmt: skip
@@ -300,7 +301,7 @@ class _GeneralizedAlpha:
             self.callbacks.complain(self.dt)
         if failed >= 0:
             raise ConvergenceError(
-                f"generalized_alpha found no solution of the step from t = {failed * self.dt:g} s at dt = "
+                f"{GENERALIZED_ALPHA.name} found no solution of the step from t = {failed * self.dt:g} s at dt = "
                 f"{self.dt:g} s; a nonlinear spring that softens may leave none, or the state has blown up: reduce dt"
             )
         self.done += count

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +51,11 @@ class SteppedSolution:
     notes: list[str]
     springs: SpringSamples | None = None
     probes: ProbeSamples | None = None
+
+    continuous: ClassVar[bool] = False
+    modes: ClassVar[None] = None
+    sensitivity: ClassVar[None] = None
+    truncation: ClassVar[None] = None
 
     def _place(self, times: Array) -> tuple[NDArray[np.int64], Array]:
         """Return the stored interval of every time and the fraction of it."""

@@ -54,6 +54,6 @@ def picture_times(result: Result, output: OutputSettings) -> tuple[float, ...]:
         middle = 0.5 * sum(min(intervals))
         # A stepping method may have stored few times; event_driven knows them all.
         nearest = float(result.times[int(np.argmin(np.abs(result.times - middle)))])
-        return (middle if result.method == "event_driven" else nearest,)
+        return (middle if result.solution.continuous else nearest,)
     motion = np.max(np.abs([result.displacement(point) for point in history_points(result.scene, output)]), axis=0)
     return (float(result.times[int(np.argmax(motion))]),)

@@ -100,7 +100,7 @@ def _orthogonal(shapes: Array, mass: Any) -> Array:
     except LinAlgError:
         raise SingularSystemError(
             "the vibration modes cannot be told apart in double precision: stiffnesses or masses differ too much; "
-            "make soft and stiff parts differ less, or step in time with method='energy_conserving'"
+            "make soft and stiff parts differ less, or step in time"
         ) from None
     return np.asarray(solve_triangular(factor, shapes.T, trans="T").T)
 
@@ -115,7 +115,7 @@ def _indefinite(squares: bool) -> SingularSystemError:
     return SingularSystemError(
         "the stiffness matrix is indefinite: the structure without contacts has buckled. "
         "The usual cause is a compressive axial force (tension < 0) beyond the critical one; "
-        "reduce it, or step in time with method='energy_conserving'"
+        "reduce it, or step in time"
     )
 
 

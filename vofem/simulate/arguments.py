@@ -12,9 +12,10 @@ from vofem._validate import array, nearest, number, one_of
 from vofem.bodies.base import as_point
 from vofem.errors import ArgumentError
 from vofem.integrators.base import ProbeRows
+from vofem.integrators.registry import advice, method_named, method_names
 from vofem.lookup import rows_over
 from vofem.scene import Scene, as_scene
-from vofem.simulate.methods import METHODS, choose, hint, option_names
+from vofem.simulate.methods import choose, hint, option_names
 from vofem.simulate.plan import Plan
 
 Array = NDArray[np.float64]
@@ -43,27 +44,29 @@ def checked_plan(
     system = as_scene("simulate", scene).model.system
     chosen = choose(system).method if method == "auto" else method
     _check_options(chosen, method, options)
-    if chosen == "event_driven":
+    description = method_named(chosen)
+    if not description.steps:
         if dt is not None:
-            raise ArgumentError("simulate: dt was given, but event_driven has no step; leave it out")
-        if tol is not None:
-            number("simulate: tol", tol, positive=True)
+            raise ArgumentError(f"simulate: dt was given, but {chosen} has no step; leave it out")
         wanted = np.linspace(0.0, t_end, 1001) if wanted is None else wanted
-    elif tol is not None:
-        if chosen != "energy_conserving":
+    if tol is not None:
+        tol = number("simulate: tol", tol, positive=True)
+        if description.adaptive:
+            options = {**options, "tol": tol}
+        elif not (description.exact and method == "auto"):
+            # Where "auto" takes a method without errors of steps, any tolerance is met.
+            has = "no step" if not description.steps else "no steps that follow a tolerance"
             raise ArgumentError(
-                f"simulate: tol was given, but {chosen} has no steps that follow a tolerance; "
-                "choose method='energy_conserving', or leave it out"
+                f"simulate: tol was given, but {chosen} has {has}; choose {advice(adaptive=True)}, or leave it out"
             )
-        options = {**options, "tol": number("simulate: tol", tol, positive=True)}
     step = None if dt is None else number("simulate: dt", dt, positive=True)
     return Plan(chosen, t_end, wanted, step, options, None if probes is None else _probe_rows(scene, probes))
 
 
 def _check_options(chosen: str, method: str, options: dict[str, Any]) -> None:
     """Raise for a method that there is not, or options that it does not take."""
-    if chosen not in METHODS:
-        names = ("auto", *METHODS)
+    names = ("auto", *method_names())
+    if chosen not in names:
         raise ArgumentError(f"simulate: method is {method!r}, expected {one_of(names)}{hint(method, names)}")
     taken = option_names(chosen)
     unknown = sorted(set(options) - set(taken))

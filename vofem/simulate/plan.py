@@ -4,21 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.errors import MethodError
 from vofem.integrators.base import ProbeRows, ProbeSamples, Solution
+from vofem.integrators.registry import method_named
 from vofem.progress import Progress, Watcher
 from vofem.result import Result
 from vofem.scene import Scene
 
 Array = NDArray[np.float64]
-
-#: Methods that take steps, and record points at each of them.
-_STEPPING = ("energy_conserving", "generalized_alpha", "central_difference")
 
 
 @dataclass(frozen=True)
@@ -56,12 +54,17 @@ def run_plan(
     """Run a plan from the start or from a snapshot, watched as asked for."""
     from vofem.integrators.coarse import unresolved_contacts
 
-    integrator = import_module(f"vofem.integrators.{plan.method}")
-    arguments = plan.options if plan.method == "event_driven" else {"dt": plan.dt, **plan.options}
-    if plan.method in _STEPPING:
-        arguments = {**arguments, "probes": plan.probes}
+    method = method_named(plan.method)
+    reason = method.refusal(scene.model.system)
+    if reason is not None:
+        raise MethodError(reason)
+    arguments = dict(plan.options)
+    if method.steps:
+        arguments["dt"] = plan.dt
+    if method.records:
+        arguments["probes"] = plan.probes
     with Watcher(plan.t_end, progress, save, every) as watcher:
-        solution = integrator.run(
+        solution = method.run(
             scene.model.system, scene.initial_state(), plan.t_end, plan.times,
             watch=None if watcher.idle else watcher, resume=snapshot, **arguments,
         )  # fmt: skip
@@ -79,7 +82,7 @@ def _recorded(probes: ProbeRows | None, solution: Solution) -> ProbeSamples | No
     """Return what a run has recorded at points; without steps, their motion at its times."""
     if probes is None:
         return None
-    record: ProbeSamples | None = getattr(solution, "probes", None)
+    record = solution.probes
     if record is None:
         samples = solution.sample(solution.times)
         motion = (np.asarray(samples.along(probes.rows, kind)) for kind in "qva")

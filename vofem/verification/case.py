@@ -3,25 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
+from vofem.integrators import methods as built_in
+from vofem.integrators.registry import methods
 from vofem.modes import Modes, modes
 from vofem.result import Result
 from vofem.scene import Scene
-from vofem.simulate import METHODS, simulate
+from vofem.simulate import simulate
 from vofem.statics import Equilibrium, equilibrium
 
 #: Verdicts. "told": beyond its tolerance, and a note of the run says so.
 PASSED, TOLD, REFUSED, STOPPED, FAILED = "passed", "told", "refused", "stopped", "FAILED"
 
-# What follows the printed law of a single loaded mass has cases of its own among the tests of springs with memory.
-DYNAMIC = tuple(method for method in METHODS if method != "force_driven")
+#: The methods of this package, of each of which the cases say what is expected. Those that are made for one law have
+#: tests of their own.
+DYNAMIC = tuple(method.name for method in built_in.BUILT_IN if not method.special)
 
-#: All that can be verified: the methods of `simulate`, and `equilibrium` and `modes`.
-SUBJECTS = (*DYNAMIC, "equilibrium", "modes")
+EVENT_DRIVEN = built_in.EVENT_DRIVEN.name
+CONSERVING = built_in.ENERGY_CONSERVING.name
+ALPHA = built_in.GENERALIZED_ALPHA.name
+CENTRAL = built_in.CENTRAL_DIFFERENCE.name
 
-EVENT_DRIVEN, CONSERVING, ALPHA, CENTRAL = DYNAMIC
+#: What is verified beside methods.
+_OTHERS = ("equilibrium", "modes")
+
+
+def subjects() -> tuple[str, ...]:
+    """Return all that can be verified: the methods of `simulate`, and `equilibrium` and `modes`."""
+    return (*(method.name for method in methods() if not method.special), *_OTHERS)
 
 
 @dataclass(frozen=True)
@@ -63,6 +74,8 @@ class How:
         Regular expression that the error message, or one of the notes, must match.
     slow : bool
         Left out in quick runs.
+    may_refuse : bool
+        Whether the method may refuse the case instead, whatever is expected of it otherwise.
     """
 
     tolerance: float | Mapping[str, float] = 0.0
@@ -70,6 +83,7 @@ class How:
     expected: str = PASSED
     says: str = ""
     slow: bool = False
+    may_refuse: bool = False
 
 
 class Run:
@@ -127,6 +141,19 @@ class Case:
     def label(self) -> str:
         """Number and name."""
         return self.name if self.number is None else f"{self.number}. {self.name}"
+
+    def hows(self) -> dict[str, How]:
+        """Return how all methods are run, those that were registered from outside this package included.
+
+        Of these the same is expected as of energy_conserving at its step or, without steps, of event_driven, except
+        that they may refuse the case.
+        """
+        found = dict(self.how)
+        for method in methods():
+            like = self.how.get(CONSERVING if method.steps else EVENT_DRIVEN)
+            if method.name not in DYNAMIC and not method.special and like is not None:
+                found[method.name] = replace(like, may_refuse=True)
+        return found
 
 
 def stepping(dt: float, tolerance: float | Mapping[str, float], **more: Any) -> dict[str, How]:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 from xml.etree import ElementTree
 
-from vofem.verification.case import FAILED, PASSED, REFUSED, STOPPED, SUBJECTS, TOLD
+from vofem.verification.case import FAILED, PASSED, REFUSED, STOPPED, TOLD, subjects
 from vofem.verification.runner import Measured, Outcome
 
 HEADINGS = ("case", "source", "quantity", "reference", "got", "error", "tolerance", "method", "verdict")
@@ -79,17 +79,17 @@ def markdown(outcomes: Iterable[Outcome]) -> str:
         "",
         "## Methods and cases",
         "",
-        "| case | " + " | ".join(SUBJECTS) + " |",
-        "| --- |" + " --- |" * len(SUBJECTS),
+        "| case | " + " | ".join(subjects()) + " |",
+        "| --- |" + " --- |" * len(subjects()),
     ]
     for case in dict.fromkeys(o.case for o in outcomes):
         mine = {o.method: o for o in outcomes if o.case is case}
-        cells = [_cell(mine[method]) if method in mine else "" for method in SUBJECTS]
+        cells = [_cell(mine[method]) if method in mine else "" for method in subjects()]
         lines.append(f"| {_escaped(case.label)} | " + " | ".join(cells) + " |")
     lines += ["", "## Quantities", "", "| " + " | ".join((*HEADINGS[:-1], "options", HEADINGS[-1])) + " |"]
     lines.append("|" + " --- |" * (len(HEADINGS) + 1))
     for outcome in outcomes:
-        options = ", ".join(f"{k} = {v:.4g}" for k, v in outcome.case.how[outcome.method].options.items())
+        options = ", ".join(f"{k} = {v:.4g}" for k, v in outcome.case.hows()[outcome.method].options.items())
         for row in rows(outcome):
             lines.append("| " + " | ".join(_escaped(text) for text in (*row[:-1], options, row[-1])) + " |")
     said = [o for o in outcomes if o.message and o.verdict != PASSED]

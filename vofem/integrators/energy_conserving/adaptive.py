@@ -24,6 +24,7 @@ from vofem.integrators.energy_conserving.step import (
     combine,
     step,
 )
+from vofem.integrators.methods import ENERGY_CONSERVING
 from vofem.integrators.stepping.laws import Laws, with_state
 from vofem.integrators.stepping.memory import commit_all
 from vofem.integrators.stepping.record import Output, Trail
@@ -131,7 +132,7 @@ class AdaptiveSteps(Setting):
             last = self.rung + 1 >= _RUNGS
             if solves < 0 and last:
                 raise ConvergenceError(
-                    f"energy_conserving found no solution of the step from t = {t:g} s, however small; "
+                    f"{ENERGY_CONSERVING.name} found no solution of the step from t = {t:g} s, however small; "
                     "a nonlinear spring that softens may leave none"
                 )
             ratio = self._ratio(rough, smooth, dt) if solves >= 0 else np.inf

@@ -17,6 +17,7 @@ from vofem.integrators.energy_conserving.step import (
     combine,
     step,
 )
+from vofem.integrators.methods import ENERGY_CONSERVING
 from vofem.integrators.stepping.laws import Laws, with_state
 from vofem.integrators.stepping.march import chunk
 from vofem.integrators.stepping.record import Output, Trail
@@ -64,7 +65,7 @@ class FixedSteps(Setting):
         self.complain(self.dt)
         if failed >= 0:
             raise ConvergenceError(
-                f"energy_conserving found no solution of the step from t = {failed * self.dt:g} s at dt = "
+                f"{ENERGY_CONSERVING.name} found no solution of the step from t = {failed * self.dt:g} s at dt = "
                 f"{self.dt:g} s; a nonlinear spring that softens may leave none: reduce dt"
             )
         self.done += count

@@ -29,6 +29,7 @@ from vofem.errors import ArgumentError
 from vofem.integrators.base import ProbeRows
 from vofem.integrators.energy_conserving.adaptive import AdaptiveSteps
 from vofem.integrators.energy_conserving.fixed import FixedSteps
+from vofem.integrators.methods import ENERGY_CONSERVING
 from vofem.integrators.stepped import SteppedSolution, step_count, storage_times
 from vofem.integrators.stepping.march import march, note_chatter, stored_energy
 from vofem.integrators.stepping.record import Output
@@ -107,7 +108,7 @@ def run(
     note_chatter(system, notes)
     out = kernel.output(stored, probes)
     solution = march(
-        kernel, "energy_conserving", start, initial, t_end, step, out, notes,
+        kernel, ENERGY_CONSERVING, start, initial, t_end, step, out, notes,
         first_energy=stored_energy(system, start.q, start.v), blow_up=_BLOW_UP, watch=watch, resume=resume,
         probes=probes,
     )  # fmt: skip

@@ -99,6 +99,10 @@ class TruncatedSolution:
         Whether there are slopes among the degrees of freedom.
     """
 
+    continuous = True
+    springs = None
+    probes = None
+
     def __init__(
         self,
         reduced: EventSolution,
@@ -122,6 +126,11 @@ class TruncatedSolution:
     def modes(self) -> tuple[Array, Array]:
         """Squared frequencies (count,) and shapes (n, count) of the Ritz vectors without contacts."""
         return self.reduced.space.stiffness, self.vectors @ self.reduced.space.shapes
+
+    @property
+    def segments(self) -> tuple[list[float], list[float], list[tuple[IntArray, Array, Array]]]:
+        """Begin, duration and state of every segment, in Ritz vectors; see `EventSolution.segments`."""
+        return self.reduced.segments
 
     @property
     def events(self) -> Events:

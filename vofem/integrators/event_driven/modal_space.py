@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.errors import SingularSystemError
+from vofem.integrators.registry import advice
 from vofem.linalg.eigen import modal_basis
 from vofem.system import Counters, System
 
@@ -61,7 +63,11 @@ class ModalSpace:
 
 def modal_space(system: System, counters: Counters) -> ModalSpace:
     """Solve the contact-free eigenproblem and express all rows in its modes."""
-    squares, shapes = modal_basis(system.mass, system.stiffness, system.scale, system.rigid, system.strain)
+    try:
+        squares, shapes = modal_basis(system.mass, system.stiffness, system.scale, system.rigid, system.strain)
+    except SingularSystemError as error:
+        cure = f" with {advice(conserves=True)}" if str(error).endswith("step in time") else ""
+        raise SingularSystemError(f"{error}{cure}") from None
     counters.eigensolves += 1
     n = squares.size
     damping, coupling = np.zeros(n), None

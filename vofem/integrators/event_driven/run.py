@@ -24,6 +24,8 @@ from vofem.integrators.event_driven.truncated import (
     run_truncated,
     too_many_inputs,
 )
+from vofem.integrators.methods import EVENT_DRIVEN
+from vofem.integrators.registry import advice
 from vofem.integrators.rounding import graded
 from vofem.integrators.watching import Snapshot, Watch, deferred_interrupts
 from vofem.system import Counters, State, System
@@ -47,37 +49,37 @@ def refusal(system: System) -> str | None:
     """Return why this method cannot treat the system and what can, or None."""
     if system.memory is not None:
         return (
-            f"{system.memory.laws[0].label} remembers its past, and event_driven needs laws that are piecewise linear "
-            "in the displacement. Use method='energy_conserving', 'generalized_alpha' or 'central_difference'"
+            f"{system.memory.laws[0].label} remembers its past, and {EVENT_DRIVEN.name} needs laws that are "
+            f"piecewise linear in the displacement. Use {advice(system, steps=True)}"
         )
     if system.springpots is not None:
         return (
-            f"{system.springpots.laws[0].label} has a force that its whole past decides, and event_driven needs "
+            f"{system.springpots.laws[0].label} has a force that its whole past decides, and {EVENT_DRIVEN.name} needs "
             "systems whose future follows from their present displacements and velocities. "
-            "Use method='energy_conserving', 'generalized_alpha' or 'central_difference'"
+            f"Use {advice(system, steps=True)}"
         )
     if system.printed is not None:
         return (
             f"{system.printed.label} follows Eq. 22, whose stiffness varies with the applied force. "
-            "Use method='force_driven'"
+            f"Use {advice(system, special=True)}"
         )
     for load in system.loads:
         if not load.function.closed_form:
             return (
-                f"{load.name} has no closed form, which event_driven needs. Ways out: write it with Sine, Ramp, "
+                f"{load.name} has no closed form, which {EVENT_DRIVEN.name} needs. Ways out: write it with Sine, Ramp, "
                 "Pulse, Tabulated and their sums; approximate it, vf.Approximated(f, t_end, tolerance); or "
-                "choose method='energy_conserving'"
+                f"choose {advice(conserves=True)}"
             )
     if system.nonlinear is not None:
         return (
-            f"NonlinearSpring {system.nonlinear.laws[0].name!r} is not piecewise linear, which event_driven needs. "
-            "Choose method='energy_conserving'"
+            f"NonlinearSpring {system.nonlinear.laws[0].name!r} is not piecewise linear, which "
+            f"{EVENT_DRIVEN.name} needs. Choose {advice(conserves=True)}"
         )
     if system.contacts is not None and not system.contacts.ideal:
         k = int(np.argmax(np.isfinite(system.contacts.resolution)))
         return (
             f"Contact {system.contacts.names[k]!r} has a resolved switch, whose force is not piecewise linear; "
-            "event_driven needs switch='ideal'. Choose method='energy_conserving'"
+            f"{EVENT_DRIVEN.name} needs switch='ideal'. Choose {advice(conserves=True)}"
         )
     if system.size > MOST_UNKNOWNS and too_many_inputs(system) is not None:
         return _too_large(system)
@@ -88,8 +90,8 @@ def _too_large(system: System) -> str:
     why = too_many_inputs(system)
     more, cure = ("", "leave truncation= out") if why is None else (f", and its {why}", "use fewer contacts")
     return (
-        f"the system has {system.size} degrees of freedom, event_driven takes at most {MOST_UNKNOWNS} with all modes"
-        f"{more}. Use fewer elements, {cure}, or choose method='energy_conserving'"
+        f"the system has {system.size} degrees of freedom, {EVENT_DRIVEN.name} takes at most "
+        f"{MOST_UNKNOWNS} with all modes{more}. Use fewer elements, {cure}, or choose {advice(conserves=True)}"
     )
 
 

@@ -51,6 +51,11 @@ _TOUCHING = 4.0 * float(np.finfo(float).eps)
 class EventSolution:
     """The run as a sequence of linear segments, each known in closed form."""
 
+    continuous = True
+    springs = None
+    probes = None
+    truncation = None
+
     def __init__(self, system: System, space: ModalSpace, t_end: float, times: Array, counters: Counters) -> None:
         self.t_end = t_end
         self.times = times
@@ -96,6 +101,11 @@ class EventSolution:
         if len(first) <= solution._spectra.capacity:
             solution._awaited = list(first.values())[::-1]
         return solution
+
+    @property
+    def modes(self) -> tuple[Array, Array]:
+        """Squared frequencies (n,) and shapes (n, n) of the modes without contacts."""
+        return self.space.stiffness, self.space.shapes
 
     @property
     def segments(self) -> tuple[list[float], list[float], list[tuple[Status, Array, Array]]]:

@@ -15,6 +15,7 @@ from vofem.errors import MethodError
 from vofem.integrators.event_driven.lifted import TruncatedSolution, Truncation
 from vofem.integrators.event_driven.reduction import Reduction, input_rows
 from vofem.integrators.event_driven.solution import EventSolution
+from vofem.integrators.registry import advice
 from vofem.system import State, System
 
 Array = NDArray[np.float64]
@@ -68,7 +69,7 @@ def run_truncated(
         cause = "a compressive axial force (tension < 0)" if system.strain is None else "stiffnesses that differ much"
         raise MethodError(
             f"rounding spoils {reduction.rounding:.1e} of the static response of {system.size} degrees of freedom: "
-            f"{cause} on a fine mesh. Use fewer elements, or choose method='energy_conserving'"
+            f"{cause} on a fine mesh. Use fewer elements, or choose {advice(conserves=True)}"
         )
     inputs = len(reduction.loads) + len(reduction.states)
     count = max(_LEAST, _EACH // 2 * (inputs + reduction.basis.rigid))

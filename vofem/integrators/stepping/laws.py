@@ -18,6 +18,7 @@ from vofem.errors import MethodError
 from vofem.integrators.stepping.backbone import Memory
 from vofem.integrators.stepping.callbacks import Callbacks, call
 from vofem.integrators.stepping.memory import build_memory, commit_all, memory_force, memory_mean
+from vofem.integrators.stepping.refusal import follows_the_force
 from vofem.integrators.stepping.resolved import resolved_force, resolved_integrals
 from vofem.linalg.jit import jit
 from vofem.system import System
@@ -71,11 +72,9 @@ def build_laws(system: System, callbacks: Callbacks | None) -> Laws:
     MethodError
         For the law that is printed in the paper, which the applied force drives.
     """
-    if system.printed is not None:
-        raise MethodError(
-            f"{system.printed.label} with memory='printed' is Eq. 22, which the applied force drives; "
-            "method='force_driven' follows it, and methods that step in time take memory='cyclic'"
-        )
+    reason = follows_the_force(system)
+    if reason is not None:
+        raise MethodError(reason)
     contacts = system.contacts
     smooth = 0 if callbacks is None else callbacks.addresses.shape[0]
     count = 0 if contacts is None else len(contacts)

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from vofem.errors import InstabilityError
 from vofem.integrators.base import Energies, ProbeRows, Samples, SpringSamples
+from vofem.integrators.method import Method
+from vofem.integrators.registry import advice
 from vofem.integrators.rounding import static_loss
 from vofem.integrators.stepped import SteppedSolution
 from vofem.integrators.stepping.callbacks import Callbacks
@@ -137,7 +139,7 @@ class Kernel(Protocol):
 
 def march(
     kernel: Kernel,
-    method: str,
+    method: Method,
     start: State,
     initial: IntArray,
     t_end: float,
@@ -156,8 +158,7 @@ def march(
     Parameters
     ----------
     kernel : Kernel
-    method : str
-        For messages.
+    method : Method
     start : State
     initial : ndarray of int, shape (n_contacts,)
         Status of the contacts at t = 0.
@@ -297,7 +298,7 @@ def note_chatter(system: System, notes: list[str]) -> None:
     if system.contacts is not None and bool(np.any(system.contacts.jump & (system.contacts.gap > 0))):
         notes.append(
             "chatter: under acts_on='displacement' a contact that should rest at its gap chatters with the amplitude "
-            "of a step; method='event_driven' pins it"
+            f"of a step; {advice(exact=True)} pins it"
         )
 
 
@@ -308,7 +309,7 @@ def stored_energy(system: System, q: Array, v: Array) -> float:
     return float(sum(part[0] for part in parts))
 
 
-def _check(kernel: Kernel, method: str, first: float, dt: float, blow_up: float) -> None:
+def _check(kernel: Kernel, method: Method, first: float, dt: float, blow_up: float) -> None:
     trail, back = kernel.trail, kernel.bands.back
     held, lost = _held(kernel)
     now = stored_energy(kernel.bands.system, trail.q[back], trail.v[back]) + held
@@ -319,16 +320,16 @@ def _check(kernel: Kernel, method: str, first: float, dt: float, blow_up: float)
         if loss > _SPOILT:
             cure = (
                 f"rounding spoils {min(loss, 1.0):.1g} of static responses on this mesh: use fewer elements or a mesh "
-                "less graded, or choose method='event_driven'"
+                f"less graded, or choose {advice(exact=True)}"
             )
-        elif method == "energy_conserving":
-            cure = f"reduce dt = {dt:g} s, or choose method='event_driven' where it applies"
+        elif method.conserves:
+            cure = f"reduce dt = {dt:g} s, or choose {advice(exact=True)} where it applies"
         else:
             cure = (
-                f"reduce dt = {dt:g} s, or choose method='event_driven', or method='energy_conserving' where that does "
+                f"reduce dt = {dt:g} s, or choose {advice(exact=True)}, or {advice(conserves=True)} where that does "
                 "not apply"
             )
         raise InstabilityError(
-            f"{method} blew up before t = {kernel.reached():g} s: energy {now:.3g} J, from {first:.3g} J at the start "
-            f"and {work:.3g} J of work; {cure}"
+            f"{method.name} blew up before t = {kernel.reached():g} s: energy {now:.3g} J, from {first:.3g} J at the "
+            f"start and {work:.3g} J of work; {cure}"
         )

@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.integrators.base import Energies, Samples
+from vofem.integrators.method import Method
+from vofem.integrators.registry import advice
 from vofem.integrators.rounding import static_loss
 from vofem.system import ContactLaws, System
 
@@ -25,14 +27,14 @@ _MOST_TIMES = 5000
 
 
 def tell(
-    system: System, method: str, times: Array, samples: Samples, parts: Energies, first: float, dt: float | None
+    system: System, method: Method, times: Array, samples: Samples, parts: Energies, first: float, dt: float | None
 ) -> list[str]:
     """Return notes on a run from its stored times.
 
     Parameters
     ----------
     system : System
-    method : str
+    method : Method
     times : ndarray, shape (n_times,)
     samples : Samples
     parts : Energies
@@ -48,7 +50,7 @@ def tell(
         return notes
     # Between steps the motion is interpolated, which says nothing of the method's own balance.
     on = np.abs(times / dt - np.round(times / dt)) < 1e-6 if dt is not None else times >= 0.0
-    if method != "energy_conserving" and np.any(on):
+    if not method.conserves and np.any(on):
         missing = (total - first + parts.dissipated - parts.work)[on] / scale
         notes += _energy(times[on], missing)
     if dt is not None:
@@ -58,8 +60,8 @@ def tell(
     loss = static_loss(system)
     if loss > _ROUNDING:
         notes.append(
-            f"rounding: static responses are off by {loss:.1e} in {method} on this mesh of {system.size} unknowns, "
-            "slow motion by up to as much; use fewer elements or a mesh less graded, or choose method='event_driven', "
+            f"rounding: static responses are off by {loss:.1e} in {method.name} on this mesh of {system.size} "
+            f"unknowns, slow motion by up to as much; use fewer elements or a mesh less graded, or choose {advice(exact=True)}, "
             "which loses less"
         )
     return notes
@@ -73,7 +75,7 @@ def _energy(times: Array, missing: Array) -> list[str]:
     how = "lost by the steps" if missing[worst] < 0.0 else "made out of nothing"
     return [
         f"energy: by t = {times[worst]:.4g} s {abs(missing[worst]):.2g} of the largest energy was {how}; reduce dt, or "
-        "choose method='energy_conserving', which keeps it at any step"
+        f"choose {advice(conserves=True)}, which keeps it at any step"
     ]
 
 
@@ -94,7 +96,7 @@ def _coarse(system: System, samples: Samples, scale: float, dt: float) -> list[s
     return [
         f"step: steps of {dt:.4g} s do not resolve the motion, in which energy changes its form up to {share:.2g} "
         "times over within one; positions and contact forces are not accurate then. Reduce dt, or choose "
-        "method='event_driven' where it applies"
+        f"{advice(exact=True)} where it applies"
     ]
 
 
@@ -120,5 +122,5 @@ def _missed(laws: ContactLaws, samples: Samples, times: Array, dt: float) -> lis
         return []
     return [
         f"contacts: {missed} closings shorter than a step, the first of contact {where!r}, were or may have been "
-        "passed over; reduce dt, or choose method='event_driven', which misses none"
+        f"passed over; reduce dt, or choose {advice(exact=True)}, which misses none"
     ]

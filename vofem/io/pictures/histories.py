@@ -193,7 +193,7 @@ def _end(result: Result) -> float:
 
 def _times(result: Result, contacts: list[Contact]) -> Array:
     end = _end(result)
-    if result.method != "event_driven":
+    if not result.solution.continuous:
         return result.times[result.times <= end]
     dense = np.linspace(0.0, end, max(_DENSE, result.times.size))
     events = [np.concatenate([result.contacts[c.name].closings, result.contacts[c.name].openings]) for c in contacts]

@@ -178,7 +178,7 @@ def _times_of_range(result: Result) -> Array:
     """Return times spread over the run: a stepping method knows those that it has stored, and not between."""
     # Its last step may reach beyond the end of the run, where nothing is known.
     stored = result.times[result.times <= result.solution.t_end]
-    if result.method == "event_driven":
+    if result.solution.continuous:
         return np.linspace(0.0, float(stored[-1]), _TIMES)
     return stored[np.unique(np.linspace(0, stored.size - 1, _TIMES).round().astype(int))]
 

@@ -50,7 +50,7 @@ def space_time(result: Result, path: str | os.PathLike[str], *, body: Beam | str
     goal = goal_of(path)
     end = min(float(result.times[-1]), result.solution.t_end)
     stored = result.times[result.times <= end]
-    times = np.linspace(0.0, end, _TIMES) if result.method == "event_driven" else stored
+    times = np.linspace(0.0, end, _TIMES) if result.solution.continuous else stored
     masses = body is None and not any(isinstance(b, Beam) for b in result.scene.bodies)
     if body is None and not masses and any(not isinstance(b, Beam) for b in result.scene.bodies):
         raise ArgumentError("the scene has beams and masses; say which beam with body=")

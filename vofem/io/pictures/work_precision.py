@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from vofem.integrators.registry import method_named
 from vofem.io.pictures.axes import COLORS, INK, goal_of, panels, plain, save
 from vofem.studies.accuracy import Study
 from vofem.studies.accuracy.study import Setting
@@ -43,7 +44,7 @@ def work_precision(study: Study, path: str | os.PathLike[str], title: str = "") 
     figure, grid = panels((11.0, 5.2), 1, 2, sharey=True)
     meshes = sorted({run.setting.elements for run in study.runs})
     methods = list(dict.fromkeys(run.setting.method for run in study.runs))
-    colors = {name: INK if name == "event_driven" else COLORS[k % len(COLORS)] for k, name in enumerate(methods)}
+    colors = {name: INK if method_named(name).exact else COLORS[k % len(COLORS)] for k, name in enumerate(methods)}
     marks = {n: _MARKERS[k % len(_MARKERS)] for k, n in enumerate(meshes)}
     # What is exact is drawn at rounding, not at minus infinity.
     lowest = max(study.floor, 1e-16)

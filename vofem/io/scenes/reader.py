@@ -12,7 +12,7 @@ from vofem.io.scenes.kinds import NUMBER, Kind
 from vofem.io.scenes.parts import BodyByName
 from vofem.io.scenes.place import Book, Invalid, Place
 from vofem.io.scenes.schema import BODIES, EFFECTS, FIELD
-from vofem.io.scenes.settings import OUTPUT, RUN, OutputSettings, RunSettings
+from vofem.io.scenes.settings import OUTPUT, OutputSettings, RunSettings, run_entry
 from vofem.scene import Scene
 
 _SINGLE = ("run", "output", "initial")
@@ -43,7 +43,7 @@ def read_tables(
     initial = _initial(content.get("initial", {}), root.key("initial"))
     run, output = (
         entry.read(content[entry.name], root.key(entry.name)) if isinstance(content.get(entry.name), dict) else None
-        for entry in (RUN, OUTPUT)
+        for entry in (run_entry(), OUTPUT)
     )
     if isinstance(run, RunSettings) and isinstance(output, OutputSettings):
         for t in output.pictures:

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem.errors import ArgumentError
+from vofem.integrators.registry import method_named, method_names
 from vofem.io.scenes.entry import Entry
 from vofem.io.scenes.kinds import NOT_NEGATIVE, NUMBER, POSITIVE, Choice, Count, Numbers
 from vofem.io.scenes.parts import PointByName
 from vofem.io.scenes.place import INVALID, Book, Invalid, Place
-from vofem.simulate import METHODS, option_names
+from vofem.simulate import option_names
 
 Array = NDArray[np.float64]
 
@@ -156,8 +157,8 @@ def _run(
     for name in options:
         if name not in option_names(method):
             raise ArgumentError(f"{name} is no option of the method {method!r}; remove it, or change method")
-    if dt is not None and method == "event_driven":
-        raise ArgumentError("dt has no meaning for event_driven, which has no step; remove it, or change method")
+    if dt is not None and method != "auto" and not method_named(method).steps:
+        raise ArgumentError(f"dt has no meaning for {method}, which has no step; remove it, or change method")
     return RunSettings(t_end, method, dt, times, options, probes)
 
 
@@ -167,19 +168,25 @@ def _run_values(run: RunSettings) -> dict[str, Any]:
 
 
 _UNIFORM = Entry("times", UniformTimes, {"start": NOT_NEGATIVE, "stop": POSITIVE, "count": Count()})
-RUN = Entry(
-    "run",
-    RunSettings,
-    {
-        "t_end": POSITIVE,
-        "method": Choice(("auto", *METHODS)),
-        "dt": POSITIVE,
-        "times": Times(),
-        "probes": OneOrMore(PointByName()),
-        **{name: Option() for name in option_names()},
-    },
-    build=_run,
-    values=_run_values,
-    optional=option_names(),
-)
+
+
+def run_entry() -> Entry:
+    """Return how ``[run]`` stands in a scene file, for the methods that there are."""
+    return Entry(
+        "run",
+        RunSettings,
+        {
+            "t_end": POSITIVE,
+            "method": Choice(("auto", *method_names())),
+            "dt": POSITIVE,
+            "times": Times(),
+            "probes": OneOrMore(PointByName()),
+            **{name: Option() for name in option_names()},
+        },
+        build=_run,
+        values=_run_values,
+        optional=option_names(),
+    )
+
+
 OUTPUT = Entry("output", OutputSettings, {"history": OneOrMore(PointByName()), "pictures": OneOrMore(NOT_NEGATIVE)})

@@ -13,7 +13,7 @@ from vofem.io.scenes.kinds import Unwritable
 from vofem.io.scenes.place import Book, Place
 from vofem.io.scenes.reader import INITIAL
 from vofem.io.scenes.schema import BODIES, EFFECTS, FIELD
-from vofem.io.scenes.settings import OUTPUT, RUN, OutputSettings, RunSettings
+from vofem.io.scenes.settings import OUTPUT, OutputSettings, RunSettings, run_entry
 from vofem.scene import Scene, as_scene
 
 
@@ -42,7 +42,7 @@ def scene_to_toml(
     root = Place(book)
     blocks = []
     if run is not None:
-        blocks.append(toml_text.table("[run]", RUN.write(run, root.key("run"))))
+        blocks.append(toml_text.table("[run]", run_entry().write(run, root.key("run"))))
     if output is not None and output != OutputSettings():
         blocks.append(toml_text.table("[output]", OUTPUT.write(output, root.key("output"))))
     blocks += _tables(scene.bodies, BODIES, root) + _tables(scene.effects, EFFECTS, root)

@@ -113,7 +113,7 @@ def load(path: str | os.PathLike[str]) -> Result:
         )
         result = Result(scene, str(own.attrs["method"]), solution, history.recorded)
     # Samples in Ritz vectors are summed in another order than those of the history: they are computed anew.
-    if getattr(solution, "truncation", None) is None:
+    if solution.truncation is None:
         result.__dict__["samples"] = history.samples
     result.__dict__["energy"] = history.energy
     if history.contacts is not None:

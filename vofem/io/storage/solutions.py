@@ -51,7 +51,7 @@ def solution_record(solution: Solution) -> dict[str, Any]:
 
 def write_segments(blocks: Blocks, group: h5py.Group, solution: Any) -> None:
     """Write begin, duration and state of every segment of an event-driven run."""
-    starts, durations, states = getattr(solution, "reduced", solution).segments
+    starts, durations, states = solution.segments
     write_array(group, "starts", np.array(starts))
     write_array(group, "durations", np.array(durations))
     write_rows(blocks, group, "status", states, lambda state: state[0], np.int64)
@@ -85,4 +85,4 @@ def restored_solution(
 
 def has_segments(result: Result) -> bool:
     """Return whether a run is a sequence of segments."""
-    return hasattr(getattr(result.solution, "reduced", result.solution), "segments")
+    return not isinstance(result.solution, SteppedSolution)

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import ArgumentError, VofemError
+from vofem.integrators.methods import EVENT_DRIVEN
 from vofem.result import Result
 from vofem.scene import Scene, as_scene
-from vofem.simulate import choose, simulate
+from vofem.simulate import simulate
 from vofem.studies.accuracy.exact import Exact, Question, exact, rounding
 from vofem.studies.accuracy.quantities import Observed, compare, observe
 from vofem.studies.accuracy.spread import spread
@@ -114,8 +115,8 @@ class Bench:
 
     @property
     def closed_form(self) -> bool:
-        """Whether event_driven can run the scene."""
-        return choose(self.source.scene(self.source.own).model.system).method == "event_driven"
+        """Whether a method without errors of steps can run the scene."""
+        return EVENT_DRIVEN.refusal(self.source.scene(self.source.own).model.system) is None
 
     def prepare(self, meshes: Iterable[int]) -> None:
         """Compute the reference, and on every mesh the run that is exact in time."""

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from vofem._validate import number
+from vofem.integrators.registry import method_named
 from vofem.scene import Scene
 from vofem.studies.accuracy.bench import Bench, Progress, Source
 from vofem.studies.accuracy.study import Run, Setting, Study
@@ -134,7 +135,7 @@ def _faster(best: Run | None, run: Run | None) -> Run | None:
 
 def _search(bench: Bench, method: str, elements: int, allowed: float, best: Run | None) -> Run | None:
     """Return the run with the largest step found that meets the tolerance; stop once it is slower than another one."""
-    if method == "event_driven":
+    if not method_named(method).steps:
         run = bench.measure(Setting(method, elements))
         return run if run is not None and run.total.largest <= allowed else None
     dt, before = default_steps(bench.source, method, elements, bench.t_end)[0], None

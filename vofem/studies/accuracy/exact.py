@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.integrators.methods import ENERGY_CONSERVING, EVENT_DRIVEN
 from vofem.result import Result
 from vofem.scene import Scene
-from vofem.simulate import choose, simulate
+from vofem.simulate import simulate
 from vofem.studies.accuracy.quantities import Observed, observe
 from vofem.studies.accuracy.scaled import scaled
 
@@ -75,7 +76,7 @@ class Question:
 
 def exact(scene: Scene, question: Question) -> Exact:
     """Return the run of a scene that is exact in time up to an estimated error."""
-    if choose(scene.model.system).method == "event_driven":
+    if EVENT_DRIVEN.refusal(scene.model.system) is None:
         return _by_events(scene, question)
     return _by_steps(scene, question)
 
@@ -84,7 +85,7 @@ def _by_events(scene: Scene, question: Question) -> Exact:
     result = _event_driven(scene, question)
     horizon = result.sensitivity.horizon()
     observed = observe(result, question.point)
-    error, how = rounding(scene, question, observed, horizon, _event_driven), "event_driven"
+    error, how = rounding(scene, question, observed, horizon, _event_driven), EVENT_DRIVEN.name
     if result.truncation is not None:
         how += f", {result.truncation.vectors} Ritz vectors"
         error += result.truncation.error * float(np.max(np.abs(observed.history)))
@@ -95,7 +96,7 @@ def _event_driven(scene: Scene, question: Question) -> Result:
     options: dict[str, Any] = {}
     if scene.model.system.size > _MANY_UNKNOWNS:
         options["truncation"] = _TRUNCATION
-    return simulate(scene, question.t_end, method="event_driven", times=question.times, progress=False, **options)
+    return simulate(scene, question.t_end, method=EVENT_DRIVEN.name, times=question.times, progress=False, **options)
 
 
 def rounding(scene: Scene, question: Question, observed: Observed, horizon: float, run: Any) -> float:
@@ -139,10 +140,10 @@ def _by_steps(scene: Scene, question: Question) -> Exact:
     order_two = _SECOND_ORDER[0] <= ratio <= _SECOND_ORDER[1]
     error = differences[-1] / 3.0 if order_two else differences[-1]
     checked = "by Richardson's rule at order 2" if order_two else "by the difference to half as many"
-    return Exact(last, f"energy_conserving, {steps} steps, checked {checked}", error, question.t_end)
+    return Exact(last, f"{ENERGY_CONSERVING.name}, {steps} steps, checked {checked}", error, question.t_end)
 
 
 def _stepped(scene: Scene, question: Question, steps: int) -> Observed:
     dt = question.t_end / steps
-    result = simulate(scene, question.t_end, method="energy_conserving", dt=dt, times=question.times, progress=False)
+    result = simulate(scene, question.t_end, method=ENERGY_CONSERVING.name, dt=dt, times=question.times, progress=False)
     return observe(result, question.point)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vofem._validate import number
+from vofem.integrators.registry import method_named
 from vofem.studies.accuracy.quantities import Errors
 
 
@@ -191,7 +192,7 @@ class Study:
     def _where(self, run: Run) -> str:
         """Say which part of the error is the largest."""
         # Without steps, what differs from a run exact in time is what Ritz vectors leave out of a large system.
-        steps = "Ritz vectors" if run.setting.method == "event_driven" else "steps in time"
+        steps = "Ritz vectors" if not method_named(run.setting.method).steps else "steps in time"
         parts = {steps: run.time.largest, "the mesh": run.space}
         if np.isfinite(run.rounding):
             parts["rounding"] = run.rounding

@@ -9,8 +9,9 @@ import numpy as np
 
 from vofem._validate import choice, number
 from vofem.errors import ArgumentError
+from vofem.integrators.registry import method_named, method_names
+from vofem.integrators.registry import methods as all_methods
 from vofem.scene import Scene
-from vofem.simulate import METHODS, choose
 from vofem.studies.accuracy.bench import Bench, Effort, Progress, Source
 from vofem.studies.accuracy.study import Run, Setting, Study
 
@@ -139,18 +140,19 @@ def _series(
     source: Source, method: str, elements: int, t_end: float, dt: Sequence[float] | None, tol: Sequence[float]
 ) -> list[list[Setting]]:
     """Return the settings of one method on one mesh, in series from rough to fine."""
-    if method == "event_driven":
+    description = method_named(method)
+    if not description.steps:
         return [[Setting(method, elements)]]
     steps = list(dt) if dt is not None else default_steps(source, method, elements, t_end)
     series = [[Setting(method, elements, dt=step) for step in sorted(steps, reverse=True)]]
-    if method == "energy_conserving" and tol:
+    if description.adaptive and tol:
         series.append([Setting(method, elements, tol=value) for value in sorted(tol, reverse=True)])
     return series
 
 
 def default_steps(source: Source, method: str, elements: int, t_end: float) -> list[float]:
     """Return steps worth looking at, s."""
-    if method != "central_difference":
+    if not method_named(method).conditional:
         return [t_end / count for count in _STEPS]
     from vofem.integrators.critical_step import critical_step
 
@@ -167,14 +169,10 @@ def applicable(source: Source, methods: Iterable[str] | None) -> list[str]:
     """Return the methods asked for, or those that can treat the scene."""
     system = source.scene(source.own).model.system
     if methods is None:
-        best = choose(system).method
-        if best == "force_driven":
-            return [best]
-        others = {"force_driven"} if best == "event_driven" else {"force_driven", "event_driven"}
-        return [name for name in METHODS if name not in others]
+        return [method.name for method in all_methods() if method.refusal(system) is None]
     if isinstance(methods, str):
         methods = [methods]
-    chosen = [choice("methods", name, METHODS) for name in methods]
+    chosen = [choice("methods", name, method_names()) for name in methods]
     if not chosen:
         raise ArgumentError("methods is empty, expected at least one; leave it out for all that apply")
     return list(dict.fromkeys(chosen))

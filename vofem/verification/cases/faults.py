@@ -9,7 +9,7 @@ import numpy as np
 from vofem.bodies import Mass
 from vofem.effects import Contact, PointLoad
 from vofem.scene import Scene
-from vofem.verification.case import DYNAMIC, REFUSED, STOPPED, Case, How, Quantity, Run
+from vofem.verification.case import DYNAMIC, EVENT_DRIVEN, REFUSED, STOPPED, Case, How, Quantity, Run
 
 
 def cases() -> Iterator[Case]:
@@ -34,7 +34,7 @@ def _load(value: float) -> Case:
         return {"none": 0.0}
 
     how = {method: How(0.0, expected=STOPPED, says=r"load function .* at t = 1\.00") for method in DYNAMIC[1:]}
-    how["event_driven"] = How(0.0, expected=REFUSED, says="no closed form")
+    how[EVENT_DRIVEN] = How(0.0, expected=REFUSED, says="no closed form")
     name = f"a load that turns {value} at 1 s"
     return Case(25, name, "a typed error", (Quantity("none", 0.0, False),), measure, how)
 

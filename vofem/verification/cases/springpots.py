@@ -9,7 +9,7 @@ import numpy as np
 from vofem.bodies import Mass
 from vofem.effects import Constant, PointLoad, Springpot
 from vofem.scene import Scene
-from vofem.verification.case import EVENT_DRIVEN, REFUSED, Case, How, Quantity, Run, stepping
+from vofem.verification.case import CONSERVING, EVENT_DRIVEN, REFUSED, Case, How, Quantity, Run, stepping
 
 #: Mass in kg, coefficient in N s^(1/2)/m and stiffness in N/m.
 MASS, COEFFICIENT, STIFFNESS = 1.0, 0.7, 4.0
@@ -60,5 +60,5 @@ def _case(name: str, u0: float, v0: float, force: float) -> Case:
     quantities = tuple(
         Quantity(f"displacement at {t:g} s [m]", displacement(t, u0, v0, force), relative=False) for t in times
     )
-    how = stepping(1e-3, 5e-6) | {EVENT_DRIVEN: How(expected=REFUSED, says="energy_conserving")}
+    how = stepping(1e-3, 5e-6) | {EVENT_DRIVEN: How(expected=REFUSED, says=CONSERVING)}
     return Case(None, f"fractional oscillator of order 1/2, {name}", _SOURCE, quantities, measure, how)

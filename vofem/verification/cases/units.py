@@ -8,8 +8,9 @@ import numpy as np
 
 from vofem.bodies import Mass
 from vofem.effects import Contact, PointLoad, Sine
+from vofem.integrators.registry import method_named
 from vofem.scene import Scene
-from vofem.verification.case import DYNAMIC, Case, How, Quantity, Run
+from vofem.verification.case import DYNAMIC, EVENT_DRIVEN, Case, How, Quantity, Run
 
 
 def cases() -> Iterator[Case]:
@@ -32,12 +33,12 @@ def _scaled(name: str, length: float, mass: float, time: float, exact: float, st
         histories = []
         for a, b, c in ((1.0, 1.0, 1.0), (length, mass, time)):
             first, scene = _masses(a, b, c)
-            more = {} if run.method == "event_driven" else {"dt": 2.0**-7 * c}
+            more = {"dt": 2.0**-7 * c} if method_named(run.method).steps else {}
             result = run.simulate(scene, 20.0 * c, times=np.linspace(0.0, 20.0, 641) * c, **more)
             histories.append(result.displacement(first) / a)
         size = np.max(np.abs(histories[0]))
         return {"largest difference": float(np.max(np.abs(histories[1] - histories[0])) / size)}
 
     quantities = (Quantity("largest difference", 0.0, relative=False),)
-    how = {method: How(exact if method == "event_driven" else steps) for method in DYNAMIC}
+    how = {method: How(exact if method == EVENT_DRIVEN else steps) for method in DYNAMIC}
     return Case(24, f"units scaled {name}", "the scene in SI units", quantities, measure, how)

@@ -1,0 +1,22 @@
+"""What no method that steps in time can treat."""
+
+from __future__ import annotations
+
+from vofem.integrators.damping_matrix import too_full
+from vofem.integrators.registry import advice
+from vofem.system import System
+
+
+def refusal(system: System) -> str | None:
+    """Return why methods that step in time cannot treat the system and what can, or None."""
+    return follows_the_force(system) or too_full(system)
+
+
+def follows_the_force(system: System) -> str | None:
+    """Return why methods that step in time cannot treat the law that is printed in the paper; None without one."""
+    if system.printed is None:
+        return None
+    return (
+        f"{system.printed.label} with memory='printed' is Eq. 22, which the applied force drives; "
+        f"{advice(system, special=True)} follows it, and methods that step in time take memory='cyclic'"
+    )
