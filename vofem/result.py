@@ -11,13 +11,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import Named
+from vofem.assembly import Model
 from vofem.errors import ArgumentError
 from vofem.histories import ContactHistory, Energy, Motion, ProbeHistory, Reaction, SpringHistory, reaction_of
+from vofem.initial import StoredState
 from vofem.integrators.base import ContactSamples, ProbeSamples, Solution
 from vofem.integrators.registry import advice
 from vofem.memory import past_of
 from vofem.scene import Scene
-from vofem.system import Counters
+from vofem.system import Counters, State
 
 if TYPE_CHECKING:
     from vofem.integrators.event_driven.lifted import Truncation
@@ -46,12 +48,28 @@ class Result(Motion):
         What a user should know.
     recorded : ProbeSamples, optional
         What ``probes=`` of `vofem.simulate` asked for.
+    t_start : float
+        Time of the loads at which the run began, s; `times` count from there.
+    start : State, optional
+        What the run began with instead of the scene's own initial state.
     """
 
-    def __init__(self, scene: Scene, method: str, solution: Solution, recorded: ProbeSamples | None = None) -> None:
-        super().__init__(scene, solution)
+    def __init__(
+        self,
+        scene: Scene,
+        method: str,
+        solution: Solution,
+        recorded: ProbeSamples | None = None,
+        *,
+        model: Model | None = None,
+        t_start: float = 0.0,
+        start: State | None = None,
+    ) -> None:
+        super().__init__(scene, solution, model)
         self.method = method
         self.recorded = recorded
+        self.t_start = t_start
+        self.start = start
 
     def __repr__(self) -> str:
         return (
@@ -96,6 +114,17 @@ class Result(Motion):
         if memory is None or springs is None:
             return None
         return past_of(memory.laws, springs.past, name)
+
+    def as_start(self) -> StoredState:
+        """Return the state at the last time, with which another run can start, without the run."""
+        states = {body.name: self.state_of(body.name) for body in self.scene.bodies}
+        system, springs = self.model.system, {}
+        for law in () if system.memory is None else system.memory.laws:
+            state = self.spring_state(law.name)
+            if state is not None:
+                springs[law.name] = state.copy()
+        pots = () if system.springpots is None else tuple(law.name for law in system.springpots.laws)
+        return StoredState(states, springs, pots, "Result")
 
     @cached_property
     def probes(self) -> Named[ProbeHistory]:

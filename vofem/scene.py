@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterable, Mapping
-from functools import cached_property
-from typing import Any, Protocol
-
-import numpy as np
+from typing import Any
 
 from vofem.assembly import Effect, Model, SystemBuilder
 from vofem.bodies.base import Body
 from vofem.effects.base_motion import BaseMotion
 from vofem.effects.contact import Contact
 from vofem.errors import ArgumentError
+from vofem.initial import Initial, StateSource
 from vofem.system import State
 
 
@@ -21,13 +20,6 @@ def as_scene(what: str, value: Any) -> Scene:
     if isinstance(value, Scene):
         return value
     raise ArgumentError(f"{what}: scene is {value!r}, expected a vofem.Scene; put bodies and effects into one")
-
-
-class StateSource(Protocol):
-    """An earlier outcome that a scene can start from: an `Equilibrium` or a `Result`."""
-
-    def state_of(self, body_name: str) -> tuple[Any, Any]:
-        """Return a body's degrees of freedom and their rates, each of shape (size,)."""
 
 
 class Scene:
@@ -61,10 +53,10 @@ class Scene:
     ) -> None:
         self.bodies: tuple[Body, ...] = _as_tuple("bodies", bodies)
         self.effects: tuple[Effect, ...] = _as_tuple("effects", effects)
-        self.initial = initial
-        self._check()
+        self._model: Model | None = None
+        self._check(initial)
 
-    def _check(self) -> None:
+    def _check(self, initial: Any) -> None:
         if not self.bodies:
             raise ArgumentError("Scene: bodies is empty, expected at least one Beam or Mass")
         for body in self.bodies:
@@ -81,7 +73,7 @@ class Scene:
         self._check_names("bodies", [body.name for body in self.bodies])
         self._check_names("contacts", [contact.name for contact in self.contacts])
         self._check_bases()
-        self._check_initial()
+        self._initial = Initial("Scene", self.bodies, initial)
         present = set(self.bodies)
         for effect in self.effects:
             for point in effect.points():
@@ -104,25 +96,6 @@ class Scene:
                     "counted from the base, so give both bodies the same acceleration"
                 )
 
-    def _check_initial(self) -> None:
-        if self.initial is None or hasattr(self.initial, "state_of"):
-            return
-        if not isinstance(self.initial, Mapping):
-            raise ArgumentError(
-                f"Scene: initial is {self.initial!r}, expected a dict {{body: (displacement, velocity)}}, "
-                "an Equilibrium or a Result"
-            )
-        present = {id(body) for body in self.bodies}
-        for body, value in self.initial.items():
-            if id(body) not in present:
-                cure = "; use the Beam or Mass object itself, not its name" if isinstance(body, str) else ""
-                raise ArgumentError(f"Scene: initial names {body!r}, which is not among the bodies{cure}")
-            if not hasattr(value, "state_of") and not (isinstance(value, (tuple, list)) and len(value) == 2):
-                raise ArgumentError(
-                    f"Scene: initial of {body.label} is {value!r}, expected a pair (displacement, velocity), "
-                    "an Equilibrium or a Result"
-                )
-
     @staticmethod
     def _check_names(what: str, names: list[str]) -> None:
         twice = sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
@@ -134,74 +107,40 @@ class Scene:
         """The contacts among the effects, in order."""
         return tuple(effect for effect in self.effects if isinstance(effect, Contact))
 
-    @cached_property
+    @property
     def model(self) -> Model:
         """The scene compiled: assembled once, when first needed."""
-        builder = SystemBuilder(self.bodies)
-        for effect in self.effects:
-            effect.compile(builder)
-        return builder.build()
+        if self._model is None:
+            builder = SystemBuilder(self.bodies)
+            for effect in self.effects:
+                effect.compile(builder)
+            self._model = builder.build()
+        return self._model
 
-    def initial_state(self) -> State:
-        """Return the state at t = 0 over the free degrees of freedom."""
-        model = self.model
-        q, v = np.zeros(model.size), np.zeros(model.size)
-        for body in self._starting():
-            start = model.offsets[body]
-            part = slice(start, start + body.size)
-            q[part], v[part] = self._start_of(body)
-        return State(q[model.free], v[model.free], self._past())
+    def compiled_as(self, model: Model) -> Scene:
+        """Return the same scene with a model that was compiled before, or with other equations in place of its own."""
+        same = copy.copy(self)
+        same._model = model
+        return same
 
-    def _past(self) -> Any:
-        """Return the state of springs with memory in the outcome that the scene starts from, or None."""
-        memory = self.model.system.memory
-        if memory is None or self.initial is None:
-            return None
-        states, found = [], False
-        for law in memory.laws:
-            state, source = law.virgin(), self._source_of(law.name)
-            known = source.spring_state(law.name) if hasattr(source, "spring_state") else None
-            if known is not None and known.shape == state.shape:
-                state, found = known, True
-            states.append(state)
-        return np.concatenate(states) if found else None
+    @property
+    def initial(self) -> Any:
+        """What bodies start from, as it was given; of earlier outcomes the state that they end with."""
+        return self._initial.given
 
-    def forgotten(self) -> tuple[str, ...]:
-        """Return the names of springpots whose past in the run that the scene starts from is not carried on."""
-        springpots = self.model.system.springpots
-        if springpots is None or self.initial is None:
-            return ()
-        return tuple(
-            law.name for law in springpots.laws if law.name in getattr(self._source_of(law.name), "springs", ())
-        )
+    def initial_state(self, initial: Initial | None = None) -> State:
+        """Return the state at t = 0 over the free degrees of freedom.
 
-    def _source_of(self, spring: str) -> Any:
-        if not isinstance(self.initial, Mapping):
-            return self.initial
-        bodies = [effect.points()[0].body for effect in self.effects if getattr(effect, "name", None) == spring]
-        return self.initial.get(bodies[0]) if bodies else None
+        Parameters
+        ----------
+        initial : Initial, optional
+            What bodies start from instead.
+        """
+        return (initial or self._initial).state(self.model, self.effects)
 
-    def _starting(self) -> tuple[Body, ...]:
-        if self.initial is None:
-            return ()
-        if not isinstance(self.initial, Mapping):
-            return self.bodies
-        return tuple(body for body in self.bodies if body in self.initial)
-
-    def _start_of(self, body: Body) -> tuple[Any, Any]:
-        source: Any = self.initial[body] if isinstance(self.initial, Mapping) else self.initial
-        if not hasattr(source, "state_of"):
-            return (
-                body.interpolate(source[0], "initial displacement"),
-                body.interpolate(source[1], "initial velocity"),
-            )
-        q, v = source.state_of(body.name)
-        if np.shape(q) != (body.size,):
-            raise ArgumentError(
-                f"Scene: initial has {np.shape(q)[0]} degrees of freedom for {body.label}, expected {body.size}; "
-                "start from a scene with the same mesh"
-            )
-        return q, v
+    def forgotten(self, initial: Initial | None = None) -> tuple[str, ...]:
+        """Return the names of springpots whose past in the run that is started from is not carried on."""
+        return (initial or self._initial).forgotten(self.model, self.effects)
 
 
 def _as_tuple(what: str, things: Any) -> tuple[Any, ...]:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vofem.cache import Cache
 from vofem.memory import MemoryLaw, PrintedLaw, SpringpotLaw
 
 if TYPE_CHECKING:
@@ -23,7 +25,9 @@ OPEN, CLOSED, PINNED = 0, 1, 2
 class LoadFunction(Protocol):
     """What a load needs of a function of time; `effects.time_functions.TimeFunction` offers it."""
 
-    closed_form: bool
+    @property
+    def closed_form(self) -> bool:
+        """Whether pieces and derivatives are known."""
 
     def __call__(self, t: ArrayLike) -> Array:
         """Return the values at times t."""
@@ -218,6 +222,18 @@ class System:
     rigid: Array
     springpots: SpringpotLaws | None = None
 
+    @cached_property
+    def cache(self) -> Cache:
+        """What runs have computed of this system for all runs that follow; neither copied nor saved with it."""
+        return Cache()
+
+    def share(self, other: System) -> None:
+        """Use the cache of another system, which must differ from this one in functions of time alone."""
+        self.__dict__["cache"] = other.cache
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "cache"}
+
     @property
     def size(self) -> int:
         """Number of free degrees of freedom."""
@@ -268,6 +284,10 @@ class State:
 @dataclass
 class Counters:
     """Work done by a run. What a scene does not call for stays exactly zero.
+
+    Work that is done once for a scene, such as eigenvalue problems and
+    factorisations, is counted in the run that did it: runs that follow on the
+    same scene find it done, and count none.
 
     Attributes
     ----------

@@ -29,15 +29,15 @@ class Motion:
     solution : Solution
         What the integrator left behind.
     model : Model
-        The compiled scene.
+        The compiled scene, loads counted from the beginning of the run.
     times : ndarray, shape (n_times,)
         In s.
     """
 
-    def __init__(self, scene: Scene, solution: Solution) -> None:
+    def __init__(self, scene: Scene, solution: Solution, model: Model | None = None) -> None:
         self.scene = scene
         self.solution = solution
-        self.model: Model = scene.model
+        self.model: Model = scene.model if model is None else model
         self.times: Array = solution.times
 
     # -- points -----------------------------------------------------------------------------------
@@ -84,8 +84,14 @@ class Motion:
     def state_of(self, body_name: str) -> tuple[Array, Array]:
         """Return a body's degrees of freedom and rates at the last time, each (size,); starts another scene."""
         body = body_named(self.scene.bodies, body_name)
-        q, v = self.samples.last()
+        q, v = self._last
         return self.model.of_body(body, q), self.model.of_body(body, v)
+
+    @cached_property
+    def _last(self) -> tuple[Array, Array]:
+        """Free degrees of freedom and rates at the last time, each (n,)."""
+        samples = self.__dict__.get("samples")
+        return (self.solution.sample(self.times[-1:]) if samples is None else samples).last()
 
     # -- fields -----------------------------------------------------------------------------------
 

@@ -35,7 +35,7 @@ from vofem.integrators.stepped import SteppedSolution, step_count, storage_times
 from vofem.integrators.stepping.callbacks import Callbacks, call
 from vofem.integrators.stepping.energies import kinetic_energy
 from vofem.integrators.stepping.laws import MEMORY, SMOOTH, Laws, build_laws, loaded, place_in_memory, with_state
-from vofem.integrators.stepping.march import Banded, chunk, march, note_chatter, stored_energy, tally
+from vofem.integrators.stepping.march import MOST_FACTORED, Banded, chunk, march, note_chatter, stored_energy, tally
 from vofem.integrators.stepping.memory import commit, memory_force
 from vofem.integrators.stepping.probes import tap
 from vofem.integrators.stepping.recall import remember
@@ -138,8 +138,7 @@ def run(
     """
     counters, notes = Counters(), []
     tangents = _tangents(system, start)
-    limit = critical_step(system, tangents)
-    counters.eigensolves += 1
+    limit = critical_step(system, tangents, counters)
     if tangents is not None:
         notes.append(
             f"step: the critical step of {limit:.6g} s counts nonlinear springs with their tangent at the start; "
@@ -199,19 +198,14 @@ class _CentralDifference:
         self.bands = Banded(system, counters, system.mass, system.stiffness, damping)
         order, n = self.bands.order, system.size
         mass, stiffness = to_band(system.mass, order), to_band(system.stiffness, order)
-        if damping is None:
-            c = np.empty((0, n))
-            a = mass
-        else:
-            c = to_band(damping, order)
-            width = max(mass.shape[0], c.shape[0]) - 1
-            a = widen(mass, width) + 0.5 * dt * widen(c, width)
-        counters.factorizations += 1
-        factored = factor(a, "the mass matrix")
+        c = np.empty((0, n)) if damping is None else to_band(damping, order)
+        parts = system.cache.get(
+            "central-difference matrix", dt, lambda: self._factor(mass, c, counters), MOST_FACTORED
+        )
         self.callbacks = None if system.nonlinear is None else Callbacks(system.nonlinear.laws)
         self.laws = build_laws(system, self.callbacks)
         self.rows = compressed(all_rows(system), order)
-        self.matrices = _Matrices(mass, stiffness, c, factored, *_implicit(system, factored, order))
+        self.matrices = _Matrices(mass, stiffness, c, *parts)
         status = np.empty(0, dtype=np.int64)
         if system.contacts is not None:
             status = initial_status(system.contacts, start.q, start.v)
@@ -228,6 +222,16 @@ class _CentralDifference:
         self.state = _State(start.q[order].copy(), half, status, self.laws.state)
         self.trail = trail(n, self.laws.state)
         leave(self.trail, self.state.q, start.v[order], self.trail.a)
+
+    def _factor(self, mass: Array, c: Array, counters: Counters) -> tuple[Array, Array, Array]:
+        """Return the factored ``M + dt C/2``, and `shape` and `compliance` of `_Matrices`."""
+        a = mass
+        if c.size:
+            width = max(mass.shape[0], c.shape[0]) - 1
+            a = widen(mass, width) + 0.5 * self.dt * widen(c, width)
+        counters.factorizations += 1
+        factored = factor(a, "the mass matrix")
+        return factored, *_implicit(self.bands.system, factored, self.bands.order)
 
     def _keep_history(self, start: State, counters: Counters) -> None:
         """Let springpots keep their past; the force that they begin with is the mean of the first step."""

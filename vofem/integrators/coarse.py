@@ -21,6 +21,10 @@ def unresolved_contacts(system: System) -> list[str]:
     impact force by 2e-5 of the right one at a ratio of 0.01, 5e-3 at 0.25,
     0.14 at 1 and many times at 10.
     """
+    return list(system.cache.get("unresolved contacts", None, lambda: _unresolved(system)))
+
+
+def _unresolved(system: System) -> list[str]:
     laws = system.contacts
     if laws is None or system.size < _MANY:
         return []

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.integrators.switch import steepest
-from vofem.system import System
+from vofem.system import Counters, System
 
 Array = NDArray[np.float64]
 
@@ -52,7 +52,13 @@ def highest_frequency(system: System, tangents: Array | None = None) -> float:
     return float(np.sqrt(max(top, 0.0)) * (1.0 + 1e-5))
 
 
-def critical_step(system: System, tangents: Array | None = None) -> float:
+def critical_step(system: System, tangents: Array | None = None, counters: Counters | None = None) -> float:
     """Return the critical time step of central differences, ``2/omega_max``, in s."""
-    omega = highest_frequency(system, tangents)
+
+    def solve() -> float:
+        if counters is not None:
+            counters.eigensolves += 1
+        return highest_frequency(system, tangents)
+
+    omega = system.cache.get("highest frequency", None if tangents is None else tangents.tobytes(), solve, 8)
     return 2.0 / omega if omega > 0 else np.inf

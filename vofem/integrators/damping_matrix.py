@@ -34,6 +34,12 @@ def damping_matrix(system: System, counters: Counters) -> Any:
     """
     if system.modal_damping is None:
         return system.sparse_damping
+    return system.cache.get("damping matrix", None, lambda: _in_full(system, counters))
+
+
+def _in_full(system: System, counters: Counters) -> Any:
+    """Return C with modal damping."""
+    assert system.modal_damping is not None
     reason = too_full(system)
     if reason is not None:
         raise MethodError(reason)

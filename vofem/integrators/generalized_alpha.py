@@ -43,7 +43,7 @@ from vofem.integrators.stepping.callbacks import Callbacks
 from vofem.integrators.stepping.contact_solve import law
 from vofem.integrators.stepping.energies import kinetic_energy
 from vofem.integrators.stepping.laws import Laws, build_laws, closed_share, loaded, with_state
-from vofem.integrators.stepping.march import Banded, chunk, march, note_chatter, stored_energy, tally
+from vofem.integrators.stepping.march import MOST_FACTORED, Banded, chunk, march, note_chatter, stored_energy, tally
 from vofem.integrators.stepping.memory import commit_all
 from vofem.integrators.stepping.probes import tap
 from vofem.integrators.stepping.recall import remember
@@ -211,7 +211,6 @@ class _GeneralizedAlpha:
         self, system: System, start: State, dt: float, steps: int, chosen: Parameters, counters: Counters
     ) -> None:
         self.dt, self.steps, self.done, self.parameters = dt, steps, 0, chosen
-        am, af, gamma, beta = chosen
         damping = damping_matrix(system, counters)
         self.bands = Banded(system, counters, system.mass, system.stiffness, damping)
         order, n = self.bands.order, system.size
@@ -220,13 +219,9 @@ class _GeneralizedAlpha:
         self.rows = compressed(all_rows(system), order)
         mass, stiffness = to_band(system.mass, order), to_band(system.stiffness, order)
         c = np.empty((0, n)) if damping is None else to_band(damping, order)
-        width = max(mass.shape[0], stiffness.shape[0], c.shape[0]) - 1
-        a = (1.0 - am) * widen(mass, width) + (1.0 - af) * beta * dt**2 * widen(stiffness, width)
-        if damping is not None:
-            a += (1.0 - af) * gamma * dt * widen(c, width)
-        counters.factorizations += 1
-        # Coordinates at the end answer to reactions there, or to dampers' forces over the step, weighted 1 - af.
-        answer = structure(a, "the matrix of a step", self.rows, self.laws, beta * dt**2, 1.0 - af)
+        answer = system.cache.get(
+            "generalized-alpha matrix", (dt, chosen), lambda: self._factor(mass, stiffness, c, counters), MOST_FACTORED
+        )
         self.matrices = _Matrices(mass, stiffness, c, answer)
         status = np.empty(0, dtype=np.int64)
         m = self.laws.table.size
@@ -258,6 +253,17 @@ class _GeneralizedAlpha:
         )  # fmt: skip
         self.trail = trail(n, past)
         leave(self.trail, self.state.q, self.state.v, self.state.a)
+
+    def _factor(self, mass: Array, stiffness: Array, c: Array, counters: Counters) -> Structure:
+        """Return the structure of a step."""
+        (am, af, gamma, beta), dt = self.parameters, self.dt
+        width = max(mass.shape[0], stiffness.shape[0], c.shape[0]) - 1
+        a = (1.0 - am) * widen(mass, width) + (1.0 - af) * beta * dt**2 * widen(stiffness, width)
+        if c.size:
+            a += (1.0 - af) * gamma * dt * widen(c, width)
+        counters.factorizations += 1
+        # Coordinates at the end answer to reactions there, or to dampers' forces over the step, weighted 1 - af.
+        return structure(a, "the matrix of a step", self.rows, self.laws, beta * dt**2, 1.0 - af)
 
     def _keep_history(self, start: State, counters: Counters) -> None:
         """Let springpots keep their past."""

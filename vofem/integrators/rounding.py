@@ -36,6 +36,10 @@ def static_loss(system: System) -> float:
         return 0.0
     if system.size <= _FEW and not graded(system):
         return 0.0
+    return system.cache.get("static loss", None, lambda: _static_loss(system))
+
+
+def _static_loss(system: System) -> float:
     from vofem.integrators.event_driven.reduction import holding, input_rows, two_solutions
 
     try:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from vofem._validate import array, nearest, number, one_of
 from vofem.bodies.base import as_point
 from vofem.errors import ArgumentError
+from vofem.initial import Initial
 from vofem.integrators.base import ProbeRows
 from vofem.integrators.registry import advice, method_named, method_names
 from vofem.lookup import rows_over
@@ -22,7 +23,18 @@ Array = NDArray[np.float64]
 
 
 #: Arguments of every run, which a misspelt option may be meant for.
-_ARGUMENTS = ("method", "dt", "tol", "times", "progress", "probes", "checkpoint", "checkpoint_every")
+_ARGUMENTS = (
+    "initial",
+    "t_start",
+    "method",
+    "dt",
+    "tol",
+    "times",
+    "progress",
+    "probes",
+    "checkpoint",
+    "checkpoint_every",
+)
 
 
 def checked_plan(
@@ -34,6 +46,8 @@ def checked_plan(
     times: ArrayLike | None,
     probes: Mapping[str, Any] | Iterable[Any] | None,
     options: dict[str, Any],
+    initial: Any = None,
+    t_start: float = 0.0,
 ) -> Plan:
     """Return what is to be run, or raise `ArgumentError` for arguments that do not go together.
 
@@ -42,6 +56,8 @@ def checked_plan(
     t_end = number("simulate: t_end", t_end, positive=True)
     wanted = None if times is None else _output_times(times, t_end)
     system = as_scene("simulate", scene).model.system
+    t_start = number("simulate: t_start", t_start, minimum=0)
+    other = None if initial is None else Initial("simulate", scene.bodies, initial, by_name=True)
     chosen = choose(system).method if method == "auto" else method
     _check_options(chosen, method, options)
     description = method_named(chosen)
@@ -60,7 +76,9 @@ def checked_plan(
                 f"simulate: tol was given, but {chosen} has {has}; choose {advice(adaptive=True)}, or leave it out"
             )
     step = None if dt is None else number("simulate: dt", dt, positive=True)
-    return Plan(chosen, t_end, wanted, step, options, None if probes is None else _probe_rows(scene, probes))
+    rows = None if probes is None else _probe_rows(scene, probes)
+    start = None if other is None else scene.initial_state(other)
+    return Plan(chosen, t_end, wanted, step, options, rows, start, t_start, scene.forgotten(other))
 
 
 def _check_options(chosen: str, method: str, options: dict[str, Any]) -> None:

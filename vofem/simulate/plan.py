@@ -15,6 +15,8 @@ from vofem.integrators.registry import method_named
 from vofem.progress import Progress, Watcher
 from vofem.result import Result
 from vofem.scene import Scene
+from vofem.simulate.start_time import model_at
+from vofem.system import State
 
 Array = NDArray[np.float64]
 
@@ -33,6 +35,12 @@ class Plan:
         In s.
     options : dict
     probes : ProbeRows, optional
+    start : State, optional
+        What the run begins with instead of the scene's initial state.
+    t_start : float
+        Time of the loads at which the run begins, s.
+    forgotten : tuple of str
+        Names of springpots whose past is not carried on.
     """
 
     method: str
@@ -41,6 +49,9 @@ class Plan:
     dt: float | None
     options: dict[str, Any]
     probes: ProbeRows | None
+    start: State | None = None
+    t_start: float = 0.0
+    forgotten: tuple[str, ...] = ()
 
 
 def run_plan(
@@ -55,7 +66,9 @@ def run_plan(
     from vofem.integrators.coarse import unresolved_contacts
 
     method = method_named(plan.method)
-    reason = method.refusal(scene.model.system)
+    model = model_at(scene.model, plan.t_start)
+    start = scene.initial_state() if plan.start is None else plan.start
+    reason = method.refusal(model.system)
     if reason is not None:
         raise MethodError(reason)
     arguments = dict(plan.options)
@@ -65,17 +78,17 @@ def run_plan(
         arguments["probes"] = plan.probes
     with Watcher(plan.t_end, progress, save, every) as watcher:
         solution = method.run(
-            scene.model.system, scene.initial_state(), plan.t_end, plan.times,
+            model.system, start, plan.t_end, plan.times,
             watch=None if watcher.idle else watcher, resume=snapshot, **arguments,
         )  # fmt: skip
-    solution.notes.extend(unresolved_contacts(scene.model.system))
-    forgotten = scene.forgotten()
-    if forgotten and snapshot is None:
+    solution.notes.extend(unresolved_contacts(model.system))
+    if plan.forgotten and snapshot is None:
         solution.notes.append(
-            f"springpots: Springpot {forgotten[0]!r} begins without the past that it has in the earlier run, at rest "
-            "in its place; vofem.resume carries it on"
+            f"springpots: Springpot {plan.forgotten[0]!r} begins without the past that it has in the earlier run, at "
+            "rest in its place; vofem.resume carries it on"
         )
-    return Result(scene, plan.method, solution, _recorded(plan.probes, solution))
+    recorded = _recorded(plan.probes, solution)
+    return Result(scene, plan.method, solution, recorded, model=model, t_start=plan.t_start, start=plan.start)
 
 
 def _recorded(probes: ProbeRows | None, solution: Solution) -> ProbeSamples | None:

@@ -9,6 +9,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from vofem._validate import number
+from vofem.initial import StateSource
 from vofem.progress import Progress
 from vofem.result import Result
 from vofem.scene import Scene
@@ -20,6 +21,8 @@ def simulate(
     scene: Scene,
     t_end: float,
     *,
+    initial: Mapping[Any, Any] | StateSource | None = None,
+    t_start: float = 0.0,
     method: str = "auto",
     dt: float | None = None,
     tol: float | None = None,
@@ -32,11 +35,24 @@ def simulate(
 ) -> Result:
     """Simulate a scene from t = 0 to t_end.
 
+    What does not depend on the start or on time, such as matrices, vibration
+    modes and factorisations, is computed in the first run of a scene and kept
+    with it: runs of the same scene that follow begin at once.
+
     Parameters
     ----------
     scene : Scene
     t_end : float
-        In s, positive.
+        Duration in s, positive.
+    initial : dict, Equilibrium or Result, optional
+        What the run begins with instead of the scene's own ``initial``: a dict
+        as in `Scene`, the outcome of `vofem.equilibrium`, or an earlier run,
+        whose state at its last time is taken, not its time. Bodies and springs
+        are matched by name, so that the outcome may be that of another scene.
+    t_start : float
+        Time of the loads at which the run begins, s: a load is
+        ``function(t_start + t)``, and so is an order of a springpot that varies.
+        Times of the run and of its result count from 0 all the same.
     method : {"auto", "event_driven", "energy_conserving", "generalized_alpha", "central_difference", "force_driven"}
         "auto" takes event_driven, which is exact up to rounding, where it
         applies, and else energy_conserving, which is stable at any step;
@@ -47,7 +63,8 @@ def simulate(
     tol : float, optional
         Of energy_conserving: chooses the steps. The errors of all steps
         together, estimated, stay below this fraction of the largest
-        displacement.
+        displacement. "auto" accepts it with event_driven too, which has no
+        error of steps.
     times : array_like, shape (n_times,), optional
         Where results are wanted, increasing, within [0, t_end]. Without it:
         1001 uniform times for event_driven and with `tol`, else every step.
@@ -95,7 +112,7 @@ def simulate(
     Ctrl-C ends a run between two steps: what was computed until then is
     returned, and a note says so. A second Ctrl-C interrupts at once.
     """
-    plan = checked_plan(scene, t_end, method, dt, tol, times, probes, options)
+    plan = checked_plan(scene, t_end, method, dt, tol, times, probes, options, initial, t_start)
     every = number("simulate: checkpoint_every", checkpoint_every, minimum=0)
     save = None
     if checkpoint is not None:

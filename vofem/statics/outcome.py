@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from vofem._validate import Named
 from vofem.assembly import Model
 from vofem.bodies.beam import Beam
+from vofem.initial import StoredState
 from vofem.lookup import body_named, row_of, the_beam
 
 Array = NDArray[np.float64]
@@ -80,6 +81,10 @@ class Equilibrium:
         cure = "; as the start of a scene give the outcome for the bodies that it holds: initial={body: outcome}"
         values = self._model.of_body(body_named(self._model.offsets, body_name, cure), self._q)
         return values, np.zeros_like(values)
+
+    def as_start(self) -> StoredState:
+        """Return the state with which a run can start, without the outcome."""
+        return StoredState({b.name: self.state_of(b.name) for b in self._model.offsets}, {}, source="Equilibrium")
 
     def displacement(self, point: Any) -> float:
         """Return the displacement of a point in m."""

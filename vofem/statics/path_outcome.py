@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import Named
 from vofem.assembly import Model
+from vofem.initial import StoredState
 from vofem.lookup import body_named, row_of, the_beam
 from vofem.memory import past_of
 
@@ -101,6 +102,12 @@ class QuasiStatic:
         """Return the state of a spring with memory at the last factor, with which a scene can start, or None."""
         memory = self._model.system.memory
         return None if memory is None else past_of(memory.laws, self._past, name)
+
+    def as_start(self) -> StoredState:
+        """Return the state with which a run can start, without the outcome."""
+        springs = {name: self.spring_state(name) for name in self.springs}
+        known = {name: state for name, state in springs.items() if state is not None}
+        return StoredState({b.name: self.state_of(b.name) for b in self._model.offsets}, known, source="QuasiStatic")
 
     def displacement(self, point: Any) -> Array:
         """Return the displacement of a point in m, shape (n_factors,)."""

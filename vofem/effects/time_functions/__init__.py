@@ -11,6 +11,7 @@ from vofem.effects.time_functions.base import Scaled, Sum, TimeFunction
 from vofem.effects.time_functions.conversion import as_time_function
 from vofem.effects.time_functions.named import Constant, Pulse, Ramp, Sine
 from vofem.effects.time_functions.piece import Piece
+from vofem.effects.time_functions.shifted import Shifted
 from vofem.effects.time_functions.tabulated import Tabulated
 
 __all__ = [
@@ -20,6 +21,7 @@ __all__ = [
     "Pulse",
     "Ramp",
     "Scaled",
+    "Shifted",
     "Sine",
     "Sum",
     "Tabulated",

@@ -14,7 +14,7 @@ from vofem.integrators.stepping.balance import structure
 from vofem.integrators.stepping.callbacks import Callbacks
 from vofem.integrators.stepping.energies import kinetic_energy
 from vofem.integrators.stepping.laws import build_laws, loaded
-from vofem.integrators.stepping.march import Banded, tally
+from vofem.integrators.stepping.march import MOST_FACTORED, Banded, tally
 from vofem.integrators.stepping.probes import tap
 from vofem.integrators.stepping.record import Output, leave, output, trail
 from vofem.integrators.stepping.rows import all_rows, compressed
@@ -88,6 +88,9 @@ class Setting:
 
     def factor(self, dt: float) -> Factored:
         """Return the factored matrix of a step size, with the compliance of the laws' rows."""
+        return self.bands.system.cache.get("midpoint matrix", dt, lambda: self._factor(dt), MOST_FACTORED)
+
+    def _factor(self, dt: float) -> Factored:
         mass, stiffness, c = self.matrices
         width = max(part.shape[0] for part in self.matrices) - 1
         a = widen(mass, width) + (0.25 * dt**2) * widen(stiffness, width)

@@ -161,7 +161,10 @@ def run(
         raise MethodError(_too_large(system))
     solution = _follow(system, start, t_end, times, max_events, pin_fraction, watch, resume)
     if system.size > _LOSSY or graded(system):
-        loss = loss_in_all_modes(system, solution.space.stiffness, solution.space.shapes)
+        space = solution.space
+        loss = system.cache.get(
+            "loss in all modes", None, lambda: loss_in_all_modes(system, space.stiffness, space.shapes)
+        )
         if loss is not None and loss > _WORTH_TELLING:
             solution.notes.insert(
                 0,
@@ -177,7 +180,7 @@ def _follow(
 ) -> EventSolution:  # fmt: skip
     """Follow all modes of a system from event to event."""
     counters = Counters()
-    space = modal_space(system, counters)
+    space = system.cache.get("modal space", None, lambda: modal_space(system, counters))
     solution = EventSolution(system, space, t_end, times, counters)
     if resume is None:
         momentum = system.mass @ np.stack([start.q, start.v], axis=1)

@@ -63,7 +63,7 @@ class EventSolution:
         self.notes: list[str] = []
         self.system = system
         self.space = space
-        self._spectra = Spectra(space, system.contacts, counters)
+        self._spectra = Spectra(space, system.contacts, counters, system.cache)
         self._starts: list[float] = []
         self._durations: list[float] = []
         self._states: list[tuple[Status, Array, Array]] = []
@@ -87,6 +87,8 @@ class EventSolution:
 
         They come out as in the run to the last bit, as far as all of them can be kept in memory.
         """
+        # The modes of the file are those of all runs of this system.
+        system.cache.get("modal space", None, lambda: space)
         solution = cls(system, space, t_end, times, Counters())
         solution.counters, solution.notes = counters, notes
         solution._starts, solution._durations = segments.starts.tolist(), segments.durations.tolist()

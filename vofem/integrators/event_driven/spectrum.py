@@ -13,12 +13,13 @@ further by complex modes.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.cache import Cache
 from vofem.integrators.event_driven.complex_modes import Blocks, damped_blocks, state_scale
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.linalg.secular import constrain, rank_one
@@ -223,6 +224,10 @@ class Spectra:
     space : ModalSpace
     laws : ContactLaws, optional
     counters : Counters
+    cache : Cache
+        Of the system; holds what earlier runs have computed. The last bits of an eigensystem depend on the order in
+        which contacts were closed one after the other to gain it. It is looked up by that order, which is the run's
+        own, so that a run gives the same bits whatever has run before.
 
     Attributes
     ----------
@@ -230,12 +235,13 @@ class Spectra:
         How many are kept; the oldest make room.
     """
 
-    def __init__(self, space: ModalSpace, laws: ContactLaws | None, counters: Counters) -> None:
+    def __init__(self, space: ModalSpace, laws: ContactLaws | None, counters: Counters, cache: Cache) -> None:
         self._space = space
         self._laws = laws
         self._counters = counters
+        self._cache = cache
         self._known: dict[bytes, Spectrum] = {}
-        self._closed: dict[bytes, RealModes] = {}
+        self._closed: dict[bytes, tuple[tuple[int, ...], RealModes]] = {}
         self._visited: set[bytes] = set()
         self.capacity = max(8, _MOST_MEMORY // (8 * 4 * max(space.size, 1) ** 2))
 
@@ -247,17 +253,19 @@ class Spectra:
                 self._visited.add(key)
                 self._counters.statuses += 1
             _make_room(self._known, self.capacity)
-            self._known[key] = self._compute(status)
+            order, real = self._closed_modes(status == CLOSED)
+            self._known[key] = self._cache.get(
+                "eigensystem", (order, key), lambda: self._compute(status, real), self.capacity
+            )
         return self._known[key]
 
-    def _compute(self, status: Status) -> Spectrum:
-        space, laws = self._space, self._laws
-        real = self._closed_modes(status == CLOSED)
+    def _compute(self, status: Status, closed: RealModes) -> Spectrum:
+        space, laws, real = self._space, self._laws, closed
         for j in np.flatnonzero(status == PINNED):
             real = _pin(real, space.contacts[j])
             self._counters.rank_one_updates += 1
         if laws is not None and np.any(status == PINNED):
-            real = _shifted(self._closed_modes(status == CLOSED), real, laws.gap[status == PINNED])
+            real = _shifted(closed, real, laws.gap[status == PINNED])
         dampers = np.zeros(0) if laws is None else laws.damping * (status == CLOSED)
         uniform = space.damping.size == 0 or bool(np.all(space.damping == space.damping[0]))
         mixed = real.modes is not None and not uniform
@@ -273,28 +281,38 @@ class Spectra:
         blocks = damped_blocks(real.p, damping)
         return Spectrum(blocks.delta, blocks.p, real, blocks, damping)
 
-    def _closed_modes(self, closed: NDArray[np.bool_]) -> RealModes:
-        """Return the modes with some contacts closed, from the nearest known status with fewer of them closed."""
+    def _closed_modes(self, closed: NDArray[np.bool_]) -> tuple[tuple[int, ...], RealModes]:
+        """Return the modes with some contacts closed, and the order in which they were closed.
+
+        They are gained from the nearest status that the run knows with fewer of them closed.
+        """
         key = closed.tobytes()
         if key in self._closed:
             return self._closed[key]
         space, laws = self._space, self._laws
         none = np.zeros((0, space.size))
+        order: tuple[int, ...] = ()
         modes = RealModes(space.stiffness, None, none, none)
         missing = np.flatnonzero(closed)
         for other, candidate in self._closed.items():
             known = np.frombuffer(other, dtype=bool)
             if not np.any(known & ~closed) and np.sum(closed & ~known) < missing.size:
-                modes, missing = candidate, np.flatnonzero(closed & ~known)
-        for j in missing:
+                (order, modes), missing = candidate, np.flatnonzero(closed & ~known)
+        for j in missing.tolist():
             assert laws is not None
-            row = space.contacts[j] if modes.modes is None else space.contacts[j] @ modes.modes
-            values, vectors = rank_one(modes.p, np.ascontiguousarray(row), float(laws.stiffness[j]))
-            modes = RealModes(values, vectors if modes.modes is None else modes.modes @ vectors, none, none)
-            self._counters.rank_one_updates += 1
+            order, before, stiffness = (*order, j), modes, float(laws.stiffness[j])
+            modes = self._cache.get("closed modes", order, partial(self._close, before, j, stiffness), self.capacity)
         _make_room(self._closed, self.capacity)
-        self._closed[key] = modes
-        return modes
+        self._closed[key] = order, modes
+        return order, modes
+
+    def _close(self, modes: RealModes, contact: int, stiffness: float) -> RealModes:
+        """Return the modes with one more contact closed."""
+        row, none = self._space.contacts[contact], np.zeros((0, self._space.size))
+        row = row if modes.modes is None else row @ modes.modes
+        values, vectors = rank_one(modes.p, np.ascontiguousarray(row), stiffness)
+        self._counters.rank_one_updates += 1
+        return RealModes(values, vectors if modes.modes is None else modes.modes @ vectors, none, none)
 
 
 def _make_room(known: dict[bytes, Any], limit: int) -> None:

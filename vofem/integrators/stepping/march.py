@@ -36,6 +36,9 @@ _SPOILT = 1e-3
 _CHUNK_WORK = 1_000_000
 
 
+#: Factored matrices of a method that are kept with a system: those of all step sizes that `tol` tries, and some more.
+MOST_FACTORED = 48
+
 #: Laws from which on the order of the unknowns looks at their rows.
 _MANY = 16
 

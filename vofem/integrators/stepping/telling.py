@@ -61,8 +61,8 @@ def tell(
     if loss > _ROUNDING:
         notes.append(
             f"rounding: static responses are off by {loss:.1e} in {method.name} on this mesh of {system.size} "
-            f"unknowns, slow motion by up to as much; use fewer elements or a mesh less graded, or choose {advice(exact=True)}, "
-            "which loses less"
+            f"unknowns, slow motion by up to as much; use fewer elements or a mesh less graded, or choose "
+            f"{advice(exact=True)}, which loses less"
         )
     return notes
 

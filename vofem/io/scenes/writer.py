@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from vofem.errors import SceneFileError
+from vofem.initial import StoredState
 from vofem.io.scenes import toml_text
 from vofem.io.scenes.entry import Entry
 from vofem.io.scenes.kinds import Unwritable
@@ -73,13 +74,13 @@ def _initial(initial: Any, place: Place) -> list[str]:
     if initial is None:
         return []
     if not isinstance(initial, Mapping):
-        place.report(f"{type(initial).__name__} has no form in a scene file; give displacements and velocities")
+        place.report(f"{_kind(initial)} has no form in a scene file; give displacements and velocities")
         return []
     blocks = []
     for body, state in initial.items():
         here = place.key(body.name)
         if hasattr(state, "state_of"):
-            here.report(f"{type(state).__name__} has no form in a scene file; give displacements and velocities")
+            here.report(f"{_kind(state)} has no form in a scene file; give displacements and velocities")
             continue
         table = {}
         for name, value in zip(INITIAL, state, strict=True):
@@ -89,3 +90,8 @@ def _initial(initial: Any, place: Place) -> list[str]:
                 here.key(name).report(f"{error}; vofem.Polynomial has one" if callable(value) else str(error))
         blocks.append(toml_text.table(f"[initial.{toml_text.key(body.name)}]", table))
     return blocks
+
+
+def _kind(outcome: Any) -> str:
+    """Return the class of the outcome that a state was taken from."""
+    return outcome.source if isinstance(outcome, StoredState) else type(outcome).__name__

@@ -17,7 +17,7 @@ from vofem.errors import ArgumentError, OutputError, StorageError
 from vofem.integrators.base import Samples
 from vofem.io.files import target, try_to_write
 from vofem.io.storage.hdf5 import reading, writing
-from vofem.io.storage.records import Encoder, decode, seed
+from vofem.io.storage.records import Encoder, decode
 from vofem.io.storage.tree import read_tree, write_tree
 from vofem.progress import Progress
 from vofem.result import Result
@@ -37,6 +37,7 @@ class _Begun:
     times: NDArray[np.float64]
     model: Model
     samples: Samples
+    t_start: float
 
 
 def checkpoint_writer(path: str | os.PathLike[str], scene: Scene, plan: Plan) -> Callable[[dict[str, Any]], None]:
@@ -59,9 +60,9 @@ def checkpoint_writer(path: str | os.PathLike[str], scene: Scene, plan: Plan) ->
 
 
 def _writer(goal: Path, scene: Scene, plan: Plan) -> Callable[[dict[str, Any]], None]:
-    start = scene.initial_state()
+    start = scene.initial_state() if plan.start is None else plan.start
     columns = Samples(start.q[:, None], start.v[:, None], np.zeros((start.q.size, 1)))
-    encode = Encoder(_Begun(np.zeros(1), scene.model, columns))
+    encode = Encoder(_Begun(np.zeros(1), scene.model, columns, plan.t_start))
 
     def write(snapshot: dict[str, Any]) -> None:
         with writing(goal, overwrite=True) as blocks:
@@ -94,8 +95,7 @@ def resume(
             )
         record = read_tree(own["run"], decode)
     if scene is None:
-        scene = record["scene"]
-        seed(scene, record["model"])
+        scene = record["scene"].compiled_as(record["model"])
     else:
         _check_same(as_scene("resume", scene), record["model"])
     plan = record["plan"]

@@ -45,6 +45,7 @@ class Taken(Protocol):
     """A run, or its beginning: what tells which values of callables were taken."""
 
     times: NDArray[np.float64]
+    t_start: float
 
     @property
     def model(self) -> Model:
@@ -66,6 +67,8 @@ class Encoder:
 
     def __init__(self, result: Result | Taken) -> None:
         self._result = result
+        #: Times of the loads.
+        self._times = result.t_start + result.times
 
     def __call__(self, value: Any) -> tuple[str, Any] | None:
         """Return tag and plain data, or None for what is plain."""
@@ -82,7 +85,7 @@ class Encoder:
         if isinstance(value, NonlinearLaw):
             return "plain", self._law(value)
         if isinstance(value, TimeFunction) and (isinstance(value, Arbitrary) or not is_data(type(value))):
-            return "plain", StoredFunction.of(value, self._result.times)
+            return "plain", StoredFunction.of(value, self._times)
         if isinstance(value, Body) and not isinstance(value, type):
             raise ArgumentError(f"{value!r} is no Beam and no Mass, so it has no form in a file")
         if callable(value) and not is_data(type(value)):
@@ -188,8 +191,3 @@ def _effect(record: Any) -> Any:
         return EFFECTS[record["entry"]].build(**record["values"])
     except MissingCallableError:
         return record["otherwise"]
-
-
-def seed(scene: Scene, model: Model) -> None:
-    """Let a scene use a model that was compiled before."""
-    scene.__dict__["model"] = model

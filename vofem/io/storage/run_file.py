@@ -26,11 +26,12 @@ from vofem.io.files import refuse_existing, target, try_to_write
 from vofem.io.scenes.writer import scene_to_toml
 from vofem.io.storage.hdf5 import reading, writing
 from vofem.io.storage.history import read_history, write_history
-from vofem.io.storage.records import Encoder, decode, seed
+from vofem.io.storage.records import Encoder, decode
 from vofem.io.storage.solutions import has_segments, restored_solution, solution_record, write_segments
 from vofem.io.storage.tree import read_tree, write_text, write_tree
 from vofem.io.storage.vtkhdf import frame_times, write_fields
 from vofem.result import Result
+from vofem.simulate.start_time import model_at
 
 SUFFIXES = (".vtkhdf", ".h5", ".hdf")
 
@@ -52,7 +53,12 @@ def save(result: Result, path: str | os.PathLike[str], *, overwrite: bool = Fals
         own.attrs["written_by"] = __version__
         own.attrs["method"] = result.method
         _write_toml(own, result, goal)
-        record = {"scene": result.scene, "model": result.model, "solution": solution_record(result.solution)}
+        model, solution = result.scene.model, solution_record(result.solution)
+        if result.solution.truncation is None:
+            # That of the scene, which is written once; `load` shifts its loads again.
+            solution["system"] = model.system
+        record = {"scene": result.scene, "model": model, "solution": solution}
+        record |= {"t_start": result.t_start, "start": result.start}
         write_tree(own.create_group("run"), record, Encoder(result))
         if has_segments(result):
             write_segments(blocks, own.create_group("segments"), result.solution)
@@ -106,12 +112,17 @@ def load(path: str | os.PathLike[str]) -> Result:
         own = _checked(file)
         history = read_history(file["history"])
         record = read_tree(own["run"], decode)
-        scene, model = record["scene"], record["model"]
-        seed(scene, model)
+        scene, t_start = record["scene"].compiled_as(record["model"]), record.get("t_start", 0.0)
+        model = model_at(scene.model, t_start)
+        if "system" in record["solution"]:
+            record["solution"]["system"] = model.system
         solution = restored_solution(
             record["solution"], own, history.samples, history.energy, history.events, history.times
         )
-        result = Result(scene, str(own.attrs["method"]), solution, history.recorded)
+        result = Result(
+            scene, str(own.attrs["method"]), solution, history.recorded, model=model, t_start=t_start,
+            start=record.get("start"),
+        )  # fmt: skip
     # Samples in Ritz vectors are summed in another order than those of the history: they are computed anew.
     if solution.truncation is None:
         result.__dict__["samples"] = history.samples

@@ -17,9 +17,13 @@ from numpy.typing import ArrayLike, NDArray
 from vofem.assembly import SystemBuilder
 from vofem.bodies.base import Point
 from vofem.effects.time_functions import Piece, TimeFunction
-from vofem.errors import ArgumentError, MissingCallableError
+from vofem.errors import MissingCallableError
+from vofem.initial import StoredState
 
 Array = NDArray[np.float64]
+
+# Files of earlier versions name `StoredState` in this module.
+__all__ = ["StoredCallable", "StoredEffect", "StoredFunction", "StoredLaw", "StoredState", "missing", "name_of"]
 
 
 def name_of(function: Any) -> str:
@@ -192,29 +196,3 @@ class StoredEffect:
     def describe(self) -> str:
         """Return what the effect said."""
         return self.shown
-
-
-@dataclass(frozen=True, eq=False)
-class StoredState:
-    """The state at t = 0 of a saved run, as the degrees of freedom of every body; starts a scene like an outcome.
-
-    Attributes
-    ----------
-    states : dict of str to (ndarray, ndarray)
-        Degrees of freedom and rates by the name of the body, each (size,).
-    springs : dict of str to ndarray
-        States of springs with memory by name.
-    """
-
-    states: dict[str, tuple[Array, Array]]
-    springs: dict[str, Array]
-
-    def state_of(self, body_name: str) -> tuple[Array, Array]:
-        """Return a body's degrees of freedom and their rates, each (size,)."""
-        if body_name not in self.states:
-            raise ArgumentError(f"the saved state holds no body {body_name!r}; there are {list(self.states)}")
-        return self.states[body_name]
-
-    def spring_state(self, name: str) -> Array | None:
-        """Return the state of a spring with memory, or None."""
-        return self.springs.get(name)

@@ -7,7 +7,6 @@ run itself has it, whatever the method.
 
 from __future__ import annotations
 
-import copy
 from dataclasses import fields, replace
 from typing import Any
 
@@ -33,10 +32,7 @@ def scaled(scene: Scene) -> Scene | None:
     system = scene.model.system
     if any(_is_there(getattr(system, field.name)) for field in fields(system) if field.name not in _KNOWN):
         return None
-    same = copy.copy(scene)
-    # The place where `Scene.model`, a cached property, keeps its value.
-    same.__dict__["model"] = replace(scene.model, system=_times(system, _FACTOR))
-    return same
+    return scene.compiled_as(replace(scene.model, system=_times(system, _FACTOR)))
 
 
 def _is_there(value: Any) -> bool:

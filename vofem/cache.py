@@ -1,0 +1,40 @@
+"""What was computed of an object once and serves again: by kind and key, within a bound on numbers."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Hashable
+from typing import TypeVar
+
+T = TypeVar("T")
+
+
+class Cache:
+    """Values by kind and key. Threads may share it: what one of them computes the others wait for."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, dict[Hashable, object]] = {}
+        self._lock = threading.RLock()
+
+    def get(self, kind: str, key: Hashable, make: Callable[[], T], most: int = 1) -> T:
+        """Return the value of a key, which is made where it is not known.
+
+        Parameters
+        ----------
+        kind : str
+            What the value is.
+        key : hashable
+            What it depends on beside the object that owns the cache.
+        make : callable
+            Returns the value.
+        most : int
+            How many values of the kind are kept; the oldest make room.
+        """
+        with self._lock:
+            known = self._known.setdefault(kind, {})
+            if key not in known:
+                value = make()
+                while len(known) >= max(most, 1):
+                    del known[next(iter(known))]
+                known[key] = value
+            return known[key]  # type: ignore[return-value]

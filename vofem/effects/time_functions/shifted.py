@@ -1,0 +1,51 @@
+"""Functions of time that begin later."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vofem.effects.time_functions.base import TimeFunction, inside
+from vofem.effects.time_functions.piece import Piece
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Shifted(TimeFunction):
+    """``function(start + t)``: a function of time as a run sees it that begins at `start`, in s."""
+
+    function: TimeFunction
+    start: float
+
+    def __call__(self, t: ArrayLike) -> Array:
+        """Return the values at times t."""
+        return self.function(self.start + np.asarray(t, dtype=float))
+
+    @property
+    def closed_form(self) -> bool:  # type: ignore[override]
+        """Whether the function has a closed form."""
+        return self.function.closed_form
+
+    def derivative(self, t: ArrayLike, order: int = 1) -> Array:
+        """Return the derivative of the function at the shifted times."""
+        return self.function.derivative(self.start + np.asarray(t, dtype=float), order)
+
+    def breakpoints(self, t_end: float) -> Array:
+        """Return the function's breakpoints in (start, start + t_end), counted from start.
+
+        Each is the first number that, added to start, is not before the breakpoint: there the next piece holds.
+        """
+        known = self.function.breakpoints(self.start + t_end)
+        times = known - self.start
+        early = self.start + times < known
+        while np.any(early):
+            times = np.where(early, np.nextafter(times, np.inf), times)
+            early = self.start + times < known
+        return inside(times, t_end)
+
+    def piece(self, t0: float) -> Piece:
+        """Return the function's piece at the shifted time."""
+        return self.function.piece(self.start + t0)

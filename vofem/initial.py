@@ -1,0 +1,173 @@
+"""What bodies start from: numbers and fields, or the state in which an earlier outcome ends."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem._validate import nearest
+from vofem.errors import ArgumentError
+from vofem.system import State
+
+if TYPE_CHECKING:
+    from vofem.assembly import Effect, Model
+    from vofem.bodies.base import Body
+
+Array = NDArray[np.float64]
+
+
+class StateSource(Protocol):
+    """An earlier outcome that a run can start from: an `Equilibrium`, a `Result`."""
+
+    def state_of(self, body_name: str) -> tuple[Any, Any]:
+        """Return a body's degrees of freedom and their rates, each of shape (size,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class StoredState:
+    """A state by names, as the degrees of freedom of every body: what a start keeps of an earlier outcome.
+
+    Attributes
+    ----------
+    states : dict of str to (ndarray, ndarray)
+        Degrees of freedom and rates by the name of the body, each (size,).
+    springs : dict of str to ndarray
+        States of hysteretic springs by name.
+    springpots : tuple of str
+        Names of springpots, whose past is not kept.
+    source : str
+        Class of the outcome, for messages.
+    """
+
+    states: dict[str, tuple[Array, Array]]
+    springs: dict[str, Array]
+    springpots: tuple[str, ...] = ()
+    source: str = "StoredState"
+
+    def state_of(self, body_name: str) -> tuple[Array, Array]:
+        """Return a body's degrees of freedom and their rates, each (size,)."""
+        if body_name not in self.states:
+            names = tuple(self.states)
+            raise ArgumentError(
+                f"no body is named {body_name!r}; there are {list(names)}{nearest(body_name, names)}; as the start of "
+                "a scene give the outcome for the bodies that it holds: initial={body: outcome}"
+            )
+        return self.states[body_name]
+
+    def spring_state(self, name: str) -> Array | None:
+        """Return the state of a hysteretic spring, or None."""
+        return self.springs.get(name)
+
+
+def state_alone(source: Any) -> Any:
+    """Return the state that an outcome ends with, without the outcome; anything else as it is."""
+    return source.as_start() if hasattr(source, "as_start") else source
+
+
+class Initial:
+    """What the bodies of a scene start from, checked.
+
+    Parameters
+    ----------
+    what : str
+        Whose argument it is, for messages.
+    bodies : iterable of Body
+        Of the scene.
+    given : dict, outcome or None
+    by_name : bool
+        Whether a body among the keys stands for the scene's body of the same name.
+
+    Attributes
+    ----------
+    given : dict, StoredState or None
+        As it was given, but of outcomes only the state.
+    """
+
+    def __init__(self, what: str, bodies: Iterable[Body], given: Any, *, by_name: bool = False) -> None:
+        self._what = what
+        self._bodies = tuple(bodies)
+        if given is not None and not hasattr(given, "state_of") and not isinstance(given, Mapping):
+            raise ArgumentError(
+                f"{what}: initial is {given!r}, expected a dict {{body: (displacement, velocity)}}, "
+                "an Equilibrium or a Result"
+            )
+        self.given: Any = state_alone(given)
+        if isinstance(given, Mapping):
+            self.given = {self._own(body, by_name): state_alone(value) for body, value in given.items()}
+            for body, value in self.given.items():
+                if not hasattr(value, "state_of") and not (isinstance(value, (tuple, list)) and len(value) == 2):
+                    raise ArgumentError(
+                        f"{what}: initial of {body.label} is {value!r}, expected a pair (displacement, velocity), "
+                        "an Equilibrium or a Result"
+                    )
+
+    def _own(self, body: Any, by_name: bool) -> Body:
+        """Return the scene's body that a key names."""
+        for own in self._bodies:
+            if own is body or (by_name and not isinstance(body, str) and own.name == getattr(body, "name", None)):
+                return own
+        cure = "; use the Beam or Mass object itself, not its name" if isinstance(body, str) else ""
+        raise ArgumentError(f"{self._what}: initial names {body!r}, which is not among the bodies{cure}")
+
+    def state(self, model: Model, effects: Iterable[Effect]) -> State:
+        """Return the state over the free degrees of freedom of a model of the scene."""
+        q, v = np.zeros(model.size), np.zeros(model.size)
+        for body in self._starting():
+            start = model.offsets[body]
+            part = slice(start, start + body.size)
+            q[part], v[part] = self._start_of(body)
+        return State(q[model.free], v[model.free], self._past(model, effects))
+
+    def _past(self, model: Model, effects: Iterable[Effect]) -> Any:
+        """Return the state of hysteretic springs in the outcome that the run starts from, or None."""
+        memory = model.system.memory
+        if memory is None or self.given is None:
+            return None
+        states, found = [], False
+        for law in memory.laws:
+            state, source = law.virgin(), self._source_of(law.name, effects)
+            known = source.spring_state(law.name) if hasattr(source, "spring_state") else None
+            if known is not None and known.shape == state.shape:
+                state, found = known, True
+            states.append(state)
+        return np.concatenate(states) if found else None
+
+    def forgotten(self, model: Model, effects: Iterable[Effect]) -> tuple[str, ...]:
+        """Return the names of springpots whose past in the run that is started from is not carried on."""
+        springpots = model.system.springpots
+        if springpots is None or self.given is None:
+            return ()
+        sources = [(law.name, self._source_of(law.name, effects)) for law in springpots.laws]
+        return tuple(name for name, source in sources if isinstance(source, StoredState) and name in source.springpots)
+
+    def _source_of(self, spring: str, effects: Iterable[Effect]) -> Any:
+        if not isinstance(self.given, Mapping):
+            return self.given
+        bodies = [effect.points()[0].body for effect in effects if getattr(effect, "name", None) == spring]
+        return self.given.get(bodies[0]) if bodies else None
+
+    def _starting(self) -> tuple[Body, ...]:
+        if self.given is None:
+            return ()
+        if not isinstance(self.given, Mapping):
+            return self._bodies
+        return tuple(body for body in self._bodies if body in self.given)
+
+    def _start_of(self, body: Body) -> tuple[Any, Any]:
+        source: Any = self.given[body] if isinstance(self.given, Mapping) else self.given
+        if not hasattr(source, "state_of"):
+            return (
+                body.interpolate(source[0], "initial displacement"),
+                body.interpolate(source[1], "initial velocity"),
+            )
+        q, v = source.state_of(body.name)
+        if np.shape(q) != (body.size,):
+            raise ArgumentError(
+                f"{self._what}: initial has {np.shape(q)[0]} degrees of freedom for {body.label}, expected "
+                f"{body.size}; start from a scene with the same mesh"
+            )
+        return q, v
