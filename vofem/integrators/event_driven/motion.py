@@ -92,6 +92,8 @@ class Motion:
         Steady answers to the harmonics.
     poly_z, poly_v : ndarray, shape (m, 2)
         Constant and slope of the answers to constants and ramps.
+    ramps : bool
+        Whether any of these slopes is not zero.
     special : Special
     clusters : ClusterFlow
         Blocks that belong to clusters have none of the above, but all of their motion here.
@@ -108,6 +110,7 @@ class Motion:
     steady_v: Complex
     poly_z: Array
     poly_v: Array
+    ramps: bool
     special: Special
     clusters: ClusterFlow = NO_CLUSTERS
 
@@ -116,7 +119,7 @@ class Motion:
         z, v = _free_changes(self.spectrum.delta, self.spectrum.p, self.z, self.v, tau, 0)
         if self.clusters.rate.size:
             add_clusters(self.clusters, tau, z, v)
-        if np.any(self.poly_z[:, 1]) or np.any(self.poly_v[:, 1]):
+        if self.ramps:
             z += self.poly_z[:, 1:] * tau
             v += self.poly_v[:, 1:] * tau
         if self.omega.size:
@@ -214,20 +217,28 @@ def start_motion(spectrum: Spectrum, displacement: Array, velocity: Array, forci
         if plain is not None:
             waves.append((g1, g2))
             g1, g2 = g1 * plain, g2 * plain
-        impedance = p - w * w + 2j * delta * w
-        apart = np.abs(impedance) >= _RESONANT * np.maximum(p, w * w)
-        apart &= ~(slow & (w * horizon < 1.0))
-        steady_z[apart, h] = ((1j * w + 2.0 * delta[apart]) * g1[apart] + g2[apart]) / impedance[apart]
+        impedance, rate, apart = spectrum.response(w, horizon, lambda w=w: _response(delta, p, slow, w, horizon))
+        if apart is None:
+            steady_z[:, h] = (rate * g1 + g2) / impedance
+            steady_v[:, h] = 1j * w * steady_z[:, h] - g1
+            continue
+        steady_z[apart, h] = (rate[apart] * g1[apart] + g2[apart]) / impedance[apart]
         steady_v[apart, h] = 1j * w * steady_z[apart, h] - g1[apart]
         special.extend(
             (int(k), 1j * w, g1[k], g2[k], False) for k in np.flatnonzero(~apart) if g1[k] != 0 or g2[k] != 0
         )
-    (poly_z, poly_v), forcing = _static(spectrum, forcing, horizon)
     nothing = np.zeros(n), np.zeros(n)
-    constant = spectrum.inputs(forcing.constant) if np.any(forcing.constant) else nothing
-    slope = spectrum.inputs(forcing.slope) if np.any(forcing.slope) else nothing
-    more_z, more_v = _polynomial(spectrum, constant, slope, slow, special)
-    poly_z, poly_v = poly_z + more_z, poly_v + more_v
+    constant, slope = nothing, nothing
+    pushed = bool(forcing.constant.any() or forcing.slope.any())
+    if pushed:
+        (poly_z, poly_v), forcing = _static(spectrum, forcing, horizon)
+        constant = spectrum.inputs(forcing.constant) if np.any(forcing.constant) else nothing
+        slope = spectrum.inputs(forcing.slope) if np.any(forcing.slope) else nothing
+        more_z, more_v = _polynomial(spectrum, constant, slope, slow, special)
+        poly_z, poly_v = poly_z + more_z, poly_v + more_v
+    else:
+        poly_z, poly_v = np.zeros((n, 2)), np.zeros((n, 2))
+    ramps = pushed and bool(np.any(poly_z[:, 1]) or np.any(poly_v[:, 1]))
     z = z - poly_z[:, 0] - steady_z.real.sum(axis=1)
     v = v - poly_v[:, 0] - steady_v.real.sum(axis=1)
     together = NO_CLUSTERS
@@ -237,8 +248,20 @@ def start_motion(spectrum: Spectrum, displacement: Array, velocity: Array, forci
         z, v = z * plain, v * plain
     late = _special(special) if special else _NOTHING
     return Motion(
-        spectrum, displacement, velocity, start, z, v, forcing.omega, steady_z, steady_v, poly_z, poly_v, late, together
-    )
+        spectrum, displacement, velocity, start, z, v, forcing.omega, steady_z, steady_v, poly_z, poly_v, ramps, late,
+        together,
+    )  # fmt: skip
+
+
+def _response(
+    delta: Array, p: Array, slow: NDArray[np.bool_], w: float, horizon: float
+) -> tuple[Complex, Complex, NDArray[np.bool_] | None]:
+    """Return impedance and ``i w + 2 delta`` of the blocks at a frequency, and which have steady answers; None: all."""
+    impedance = p - w * w + 2j * delta * w
+    apart = np.abs(impedance) >= _RESONANT * np.maximum(p, w * w)
+    if w * horizon < 1.0:
+        apart &= ~slow
+    return impedance, 1j * w + 2.0 * delta, None if apart.all() else apart
 
 
 def _special(entries: list[tuple[int, complex, complex, complex, bool]]) -> Special:
@@ -259,7 +282,7 @@ def _static(spectrum: Spectrum, forcing: Forcing, horizon: float) -> tuple[tuple
     """
     m = spectrum.p.size
     nothing = np.zeros((m, 2)), np.zeros((m, 2))
-    if spectrum.blocks is None or not (np.any(forcing.constant) or np.any(forcing.slope)):
+    if spectrum.blocks is None:
         return nothing, forcing
     assert spectrum.damping is not None
     p = spectrum.real.p
@@ -286,10 +309,14 @@ def _polynomial(
     delta, p = spectrum.delta, spectrum.p
     poly_z, poly_v = np.zeros((p.size, 2)), np.zeros((p.size, 2))
     (c1, c2), (r1, r2) = constant, slope
-    if not (np.any(c1) or np.any(c2) or np.any(r1) or np.any(r2)):
-        return poly_z, poly_v
     if spectrum.plain is not None:
         c1, c2, r1, r2 = (g * spectrum.plain for g in (c1, c2, r1, r2))
+    if not slow.any():
+        poly_v[:, 1] = -r1
+        poly_z[:, 1] = (r2 - 2.0 * delta * poly_v[:, 1]) / p
+        poly_v[:, 0] = poly_z[:, 1] - c1
+        poly_z[:, 0] = (c2 - 2.0 * delta * poly_v[:, 0] - poly_v[:, 1]) / p
+        return poly_z, poly_v
     fast = ~slow
     d, q = delta[fast], p[fast]
     poly_v[fast, 1] = -r1[fast]

@@ -72,6 +72,8 @@ class EventSolution:
         self._changed: tuple[int, Array, Array] | None = None
         self._event_log: list[tuple[float, int, int]] = []
         self._initial = np.empty(0, dtype=np.int64)
+        # Whether springs of closed contacts act from somewhere else than zero.
+        self._pushed = system.contacts is not None and bool(np.any(system.contacts.offset))
         self._plain: dict[tuple[bytes, int], tuple[EventFunctions, NDArray[np.int64], Status, Array]] = {}
         # Counters tell of the run; what sampling costs later is not counted.
         self._motions: dict[int, Motion] = {}
@@ -389,20 +391,25 @@ class EventSolution:
         constant, slope = np.zeros(space.size), np.zeros(space.size)
         harmonics: dict[float, NDArray[np.complex128]] = {}
         for vector, piece in zip(space.loads, self.load_pieces(t), strict=True):
-            constant += piece.constant * vector
-            slope += piece.slope * vector
+            if piece.constant:
+                constant += piece.constant * vector
+            if piece.slope:
+                slope += piece.slope * vector
             for w, amplitude in piece.harmonics:
-                harmonics[w] = harmonics.get(w, np.zeros(space.size, dtype=complex)) + amplitude * vector
+                wave = amplitude * vector
+                harmonics[w] = harmonics[w] + wave if w in harmonics else wave
         laws = self.system.contacts
         if laws is not None:
             closed = status == CLOSED
-            if closed.any():
+            if closed.any() and self._pushed:
                 constant += (laws.stiffness * laws.offset * closed) @ space.contacts
         spectrum = self._spectra[status]
         if spectrum.real.shift_force is not None:
             constant += spectrum.real.shift_force
         omega = np.array(list(harmonics))
-        waves = np.stack(list(harmonics.values()), axis=1) if harmonics else np.zeros((space.size, 0), dtype=complex)
+        waves = np.empty((space.size, omega.size), dtype=complex)
+        for h, wave in enumerate(harmonics.values()):
+            waves[:, h] = wave
         return Forcing(omega, waves, constant, slope)
 
     def visit(self, times: Array) -> list[tuple[int, NDArray[np.int64], Array]]:

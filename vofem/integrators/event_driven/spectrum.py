@@ -12,6 +12,7 @@ further by complex modes.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
@@ -30,6 +31,9 @@ Status = NDArray[np.int64]
 
 #: Ratio of frequencies between two levels of a spectrum.
 _LEVEL_RATIO = 6.0
+
+#: Frequencies of loads for which responses of a spectrum are kept.
+_MOST_RESPONSES = 16
 
 #: Memory that kept eigensystems may take, bytes.
 _MOST_MEMORY = 512 * 2**20
@@ -121,6 +125,20 @@ class Spectrum:
         for cluster in self.blocks.clusters:
             plain[cluster.member] = 0.0
         return plain
+
+    def response(self, w: float, horizon: float, make: Callable[[], Any]) -> Any:
+        """Return what `make` returns, kept by a frequency of loads in rad/s and a horizon in s."""
+        key = (float(w), horizon)
+        found = self._responses.get(key)
+        if found is None:
+            if len(self._responses) >= _MOST_RESPONSES:
+                self._responses.clear()
+            found = self._responses[key] = make()
+        return found
+
+    @cached_property
+    def _responses(self) -> dict[tuple[float, float], Any]:
+        return {}
 
     @property
     def classical(self) -> bool:
