@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import sys
 from importlib import import_module
 
 import numpy as np
@@ -15,9 +16,10 @@ from vofem.integrators.method import Method
 from vofem.integrators.methods import BUILT_IN, EVENT_DRIVEN
 from vofem.integrators.registry import advice, method_names, register, unregister
 from vofem.integrators.stepped import SteppedSolution, step_count
+from vofem.io.scenes.settings import RunSettings
 from vofem.simulate import choose
 from vofem.system import Counters, Events
-from vofem.verification import FAILED, catalogue, select, verify
+from vofem.verification import PASSED, catalogue, select, verify
 
 
 def refusal(system):
@@ -92,12 +94,12 @@ def test_simulate_takes_a_method_of_ones_own(runge_kutta):
     assert 14.0 < errors[0] / errors[1] < 18.0
     rough = vf.simulate(scene, 5.0, method="runge_kutta", dt=0.05, stages=1)
     assert np.max(np.abs(rough.displacement(mass) - exact(rough.times))) > 100 * errors[1]
-    with pytest.raises(vf.ArgumentError, match="does not know the option 'stage', did you mean 'stages'"):
+    with pytest.raises(vf.ArgumentError, match="does not know the option 'stage'; did you mean 'stages'"):
         vf.simulate(scene, 5.0, method="runge_kutta", stage=1)
     with pytest.raises(vf.ArgumentError, match=r"tol was given, but runge_kutta has no steps that follow"):
         vf.simulate(scene, 5.0, method="runge_kutta", tol=1e-6)
     stop = vf.Contact(mass, gap=0.1, stiffness=1.0, acts_on="penetration", side="above")
-    with pytest.raises(vf.MethodError, match="for linear systems. Use method='energy_conserving'"):
+    with pytest.raises(vf.MethodError, match=r"for linear systems\. Use method='energy_conserving'"):
         vf.simulate(vf.Scene([mass], [stop]), 1.0, method="runge_kutta")
 
 
@@ -130,8 +132,8 @@ def test_verify_takes_a_method_of_ones_own(runge_kutta, capsys):
     assert {outcome.verdict for outcome in verify(chosen, "runge_kutta")} == {"refused"}
     assert main(["verify", "--case", "24", "--method", "runge_kutta"]) == 0
     assert "runge_kutta" in capsys.readouterr().out
-    stretched = [outcome for outcome in verify(select(catalogue(), "stretched"), "runge_kutta")]
-    assert all(outcome.verdict != FAILED for outcome in stretched)
+    (passed,) = verify(select(catalogue(), "impulse on an oscillator, zeta = 0.7"), "runge_kutta")
+    assert passed.verdict == PASSED, passed.message
 
 
 def test_accuracy_takes_a_method_of_ones_own(runge_kutta, tmp_path, capsys):
@@ -150,7 +152,7 @@ def test_accuracy_takes_a_method_of_ones_own(runge_kutta, tmp_path, capsys):
 def test_scene_files_take_a_method_of_ones_own(runge_kutta, tmp_path):
     scene, _ = oscillator()
     file = tmp_path / "scene.toml"
-    vf.dump_scene(scene, file, vf.RunSettings(1.0, "runge_kutta", 0.1, options={"stages": 1}))
+    vf.dump_scene(scene, file, RunSettings(1.0, "runge_kutta", 0.1, options={"stages": 1}))
     assert vf.load_scene(file).simulate().counters.steps == 10
     unregister("runge_kutta")
     try:
@@ -195,6 +197,7 @@ def test_tol_is_refused_where_it_means_nothing():
 
 def test_choose_says_what_refuses_all(monkeypatch):
     scene, _ = oscillator()
-    monkeypatch.setattr("vofem.simulate.methods.ranked", lambda: [Method("never", run, lambda system: "it is Monday")])
+    never = Method("never", run, lambda system: "it is Monday")
+    monkeypatch.setattr(sys.modules["vofem.simulate.methods"], "ranked", lambda: [never])
     with pytest.raises(vf.MethodError, match="never: it is Monday"):
         choose(scene.model.system)

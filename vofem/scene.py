@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import threading
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -13,6 +14,9 @@ from vofem.effects.contact import Contact
 from vofem.errors import ArgumentError
 from vofem.initial import Initial, StateSource
 from vofem.system import State
+
+#: Threads that run one scene compile it once. A scene holds no lock of its own, so that it can be copied and pickled.
+_COMPILING = threading.RLock()
 
 
 def as_scene(what: str, value: Any) -> Scene:
@@ -111,11 +115,15 @@ class Scene:
     def model(self) -> Model:
         """The scene compiled: assembled once, when first needed."""
         if self._model is None:
-            builder = SystemBuilder(self.bodies)
-            for effect in self.effects:
-                effect.compile(builder)
-            self._model = builder.build()
+            with _COMPILING:
+                self._model = self._model or self._compiled()
         return self._model
+
+    def _compiled(self) -> Model:
+        builder = SystemBuilder(self.bodies)
+        for effect in self.effects:
+            effect.compile(builder)
+        return builder.build()
 
     def compiled_as(self, model: Model) -> Scene:
         """Return the same scene with a model that was compiled before, or with other equations in place of its own."""

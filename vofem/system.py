@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -222,17 +221,19 @@ class System:
     rigid: Array
     springpots: SpringpotLaws | None = None
 
-    @cached_property
+    @property
     def cache(self) -> Cache:
         """What runs have computed of this system for all runs that follow; neither copied nor saved with it."""
-        return Cache()
+        # One step, so that threads find the same one.
+        known: Cache = self.__dict__.get("_cache") or self.__dict__.setdefault("_cache", Cache())
+        return known
 
     def share(self, other: System) -> None:
         """Use the cache of another system, which must differ from this one in functions of time alone."""
-        self.__dict__["cache"] = other.cache
+        self.__dict__["_cache"] = other.cache
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name != "cache"}
+        return {name: value for name, value in self.__dict__.items() if name != "_cache"}
 
     @property
     def size(self) -> int:

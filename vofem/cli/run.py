@@ -21,6 +21,9 @@ def add_run(commands: Commands) -> None:
     run.add_argument("--output", type=Path, help="folder for what is written (output/NAME of the scene file)")
     run.add_argument("--method", help=f"{', '.join(('auto', *method_names()))}; instead of the file's")
     run.add_argument("--t-end", type=float, help="in s, instead of the file's")
+    run.add_argument(
+        "--t-start", type=float, help="time of the loads at which the run begins, s, instead of the file's"
+    )
     run.add_argument("--dt", type=float, help="in s, instead of the file's")
     run.add_argument("--no-pictures", action="store_true", help="write numbers only")
     run.add_argument("--save", type=Path, metavar="RUN", help="file .vtkhdf for the whole run; ParaView opens it too")
@@ -57,7 +60,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 def _changes(arguments: argparse.Namespace, file: SceneFile) -> dict[str, Any]:
     """Return what the command line says instead of the file."""
-    given = {"method": arguments.method, "t_end": arguments.t_end, "dt": arguments.dt}
+    given = {"method": arguments.method, "t_end": arguments.t_end, "t_start": arguments.t_start, "dt": arguments.dt}
     changes = {name: value for name, value in given.items() if value is not None}
     if "t_end" in changes and file.run is not None:
         # The times of the file belong to the duration of the file.

@@ -11,6 +11,7 @@ time is known far better than the displacement on top of which it happens.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -217,7 +218,7 @@ def start_motion(spectrum: Spectrum, displacement: Array, velocity: Array, forci
         if plain is not None:
             waves.append((g1, g2))
             g1, g2 = g1 * plain, g2 * plain
-        impedance, rate, apart = spectrum.response(w, horizon, lambda w=w: _response(delta, p, slow, w, horizon))
+        impedance, rate, apart = spectrum.response(w, horizon, partial(_response, delta, p, slow, w, horizon))
         if apart is None:
             steady_z[:, h] = (rate * g1 + g2) / impedance
             steady_v[:, h] = 1j * w * steady_z[:, h] - g1
@@ -261,7 +262,7 @@ def _response(
     apart = np.abs(impedance) >= _RESONANT * np.maximum(p, w * w)
     if w * horizon < 1.0:
         apart &= ~slow
-    return impedance, 1j * w + 2.0 * delta, None if apart.all() else apart
+    return np.asarray(impedance), np.asarray(1j * w + 2.0 * delta), None if apart.all() else apart
 
 
 def _special(entries: list[tuple[int, complex, complex, complex, bool]]) -> Special:

@@ -53,6 +53,8 @@ class RunSettings:
         Those of the method.
     probes : tuple of points
         Recorded at every step.
+    t_start : float
+        Time of the loads at which the run begins, s.
     """
 
     t_end: float
@@ -61,12 +63,13 @@ class RunSettings:
     times: UniformTimes | ArrayLike | None = None
     options: dict[str, Any] = field(default_factory=dict)
     probes: tuple[Any, ...] = ()
+    t_start: float = 0.0
 
     def arguments(self) -> dict[str, Any]:
         """Return keyword arguments for `vofem.simulate`."""
         times = self.times.array() if isinstance(self.times, UniformTimes) else self.times
         given = {"t_end": self.t_end, "method": self.method, "dt": self.dt, "times": times}
-        return {**given, "probes": self.probes or None, **self.options}
+        return {**given, "probes": self.probes or None, "t_start": self.t_start, **self.options}
 
 
 @dataclass(frozen=True)
@@ -149,8 +152,9 @@ class Option:
 
 
 def _run(
-    t_end: float, method: str = "auto", dt: Any = None, times: Any = None, probes: Any = (), **options: Any
-) -> RunSettings:
+    t_end: float, method: str = "auto", dt: Any = None, times: Any = None, probes: Any = (), t_start: float = 0.0,
+    **options: Any,
+) -> RunSettings:  # fmt: skip
     last = times.stop if isinstance(times, UniformTimes) else times[-1] if times else 0.0
     if last > t_end * (1.0 + 1e-12):
         raise ArgumentError(f"times reaches to {last:g} s, beyond t_end = {t_end:g} s")
@@ -159,12 +163,12 @@ def _run(
             raise ArgumentError(f"{name} is no option of the method {method!r}; remove it, or change method")
     if dt is not None and method != "auto" and not method_named(method).steps:
         raise ArgumentError(f"dt has no meaning for {method}, which has no step; remove it, or change method")
-    return RunSettings(t_end, method, dt, times, options, probes)
+    return RunSettings(t_end, method, dt, times, options, probes, t_start)
 
 
 def _run_values(run: RunSettings) -> dict[str, Any]:
     given = {"t_end": run.t_end, "method": run.method, "dt": run.dt, "times": run.times, "probes": run.probes}
-    return {**given, **run.options}
+    return {**given, "t_start": run.t_start, **run.options}
 
 
 _UNIFORM = Entry("times", UniformTimes, {"start": NOT_NEGATIVE, "stop": POSITIVE, "count": Count()})
@@ -181,6 +185,7 @@ def run_entry() -> Entry:
             "dt": POSITIVE,
             "times": Times(),
             "probes": OneOrMore(PointByName()),
+            "t_start": NOT_NEGATIVE,
             **{name: Option() for name in option_names()},
         },
         build=_run,
