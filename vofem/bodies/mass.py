@@ -41,7 +41,7 @@ class Mass:
                 f"Mass {self.name!r}: mass is {self.mass!r}, expected a positive number of at least {TINY:g}. What is "
                 "massless has no motion of its own: join what it connects by one Spring (two in series have the "
                 "stiffness k1 k2/(k1 + k2)), or give it a small mass; a ratio of 1e-12 does no harm except to "
-                "method='central_difference'"
+                "explicit methods, whose critical step it shortens"
             )
         self.stiffness = number(f"Mass {self.name!r}: stiffness", stiffness, minimum=0)
         self.damping = number(f"Mass {self.name!r}: damping", damping, minimum=0)
