@@ -80,7 +80,7 @@ def _residual(
             modes = modal_basis(system.mass, system.stiffness, system.scale, system.rigid, system.strain)
         squares, shapes = modes
         rates = samples.along((system.mass @ shapes).T, "v")
-        force = shapes @ (2.0 * system.modal_damping * np.sqrt(squares)[:, None] * rates)
+        force = shapes @ (system.modal_rates(squares)[:, None] * rates)
         total = total + model.mass[[dof]][:, model.free] @ force
     value = np.asarray(total)[0]
     for vector, load in zip(model.load_vectors, system.loads, strict=True):

@@ -41,7 +41,7 @@ class SystemBuilder:
         self._printed: list[PrintedLaw] = []
         self._springpots: list[tuple[Row, SpringpotLaw]] = []
         self._rayleigh: tuple[float, float] | None = None
-        self._modal: float | None = None
+        self._modal: float | Array | None = None
         self._loads: list[Load] = []
         self._contacts: list[ContactEntry] = []
         supported: list[IntArray] = []
@@ -110,9 +110,14 @@ class SystemBuilder:
         before = self._rayleigh or (0.0, 0.0)
         self._rayleigh = (before[0] + alpha, before[1] + beta)
 
-    def add_modal_damping(self, ratio: float) -> None:
-        """Damp every mode of (K, M) by a ratio of its critical damping."""
-        self._modal = (self._modal or 0.0) + ratio
+    def add_modal_damping(self, ratio: float | Array) -> None:
+        """Damp the modes of (K, M) by one ratio of critical damping, or by one for each; the last holds for the rest."""
+        if self._modal is not None and (np.ndim(ratio) or np.ndim(self._modal)):
+            parts = [np.atleast_1d(np.asarray(part, dtype=float)) for part in (self._modal, ratio)]
+            longest = max(part.size for part in parts)
+            self._modal = sum((np.pad(part, (0, longest - part.size), "edge") for part in parts), np.zeros(longest))
+        else:
+            self._modal = ratio if self._modal is None else self._modal + ratio
 
     def add_point_load(self, row: Row, function: LoadFunction, name: str) -> None:
         """Add the load ``b * function(t)``."""

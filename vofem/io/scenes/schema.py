@@ -17,6 +17,7 @@ from vofem.io.scenes.kinds import (
     POSITIVE_BASIS,
     Choice,
     MeshPath,
+    NumberOrNumbers,
     Numbers,
     Supports,
     YesOrNo,
@@ -192,5 +193,5 @@ EFFECTS = _table(
     Entry("base_motion", effects.BaseMotion, {"body": BodyByName(), "acceleration": TIME_FUNCTION}),
     Entry("gravity", effects.Gravity, {"g": NUMBER}),
     Entry("rayleigh_damping", effects.RayleighDamping, {"alpha": NOT_NEGATIVE, "beta": NOT_NEGATIVE}),
-    Entry("modal_damping", effects.ModalDamping, {"ratio": NOT_NEGATIVE}),
+    Entry("modal_damping", effects.ModalDamping, {"ratio": NumberOrNumbers(NOT_NEGATIVE)}),
 )
