@@ -1,5 +1,7 @@
 """Ratios of critical damping by mode, against the exact decay of single modes."""
 
+import itertools
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -18,7 +20,7 @@ def omega_of(mode):
 
 def chain(damping, mode):
     masses = [vf.Mass(MASS, STIFFNESS if i in (0, COUNT - 1) else 0.0, name=f"m{i}") for i in range(COUNT)]
-    springs = [vf.Spring(a, b, stiffness=STIFFNESS) for a, b in zip(masses[:-1], masses[1:], strict=True)]
+    springs = [vf.Spring(a, b, stiffness=STIFFNESS) for a, b in itertools.pairwise(masses)]
     shape = np.sin(np.arange(1, COUNT + 1) * mode * np.pi / (COUNT + 1))
     return vf.Scene(masses, [*springs, *damping], {m: (s, 0.0) for m, s in zip(masses, shape, strict=True)}), shape
 

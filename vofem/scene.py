@@ -150,7 +150,7 @@ class Scene:
             start = model.offsets[body]
             part = slice(start, start + body.size)
             q[part], v[part] = self._start_of(body)
-        return State(q[model.free], v[model.free], self._past())
+        return State(model.reduced(q, "initial displacement"), model.reduced(v, "initial velocity"), self._past())
 
     def _past(self) -> Any:
         """Return the state of springs with memory in the outcome that the scene starts from, or None."""

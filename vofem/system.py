@@ -203,6 +203,9 @@ class System:
     scale : ndarray, shape (n,)
         Length that makes a degree of freedom a displacement; balances eigenproblems.
     springpots : SpringpotLaws, optional
+    rotation : ndarray of bool, shape (n,), optional
+        True where a degree of freedom is a rotation, False where it is a
+        displacement; None in runs that were saved before it was known.
     """
 
     mass: csc_matrix
@@ -219,6 +222,7 @@ class System:
     strain: csr_matrix | None
     rigid: Array
     springpots: SpringpotLaws | None = None
+    rotation: NDArray[np.bool_] | None = None
 
     @property
     def size(self) -> int:

@@ -58,6 +58,22 @@ class BodyMatrices:
     scale: Array
 
 
+@dataclass(frozen=True)
+class DegreesOfFreedom:
+    """What the degrees of freedom of a body are.
+
+    Attributes
+    ----------
+    x : ndarray, shape (size,)
+        Place on the axis of the body in m; NaN where the body has none.
+    rotation : ndarray of bool, shape (size,)
+        True for a rotation (rad), False for a displacement (m).
+    """
+
+    x: Array
+    rotation: NDArray[np.bool_]
+
+
 @runtime_checkable
 class Body(Protocol):
     """A thing with mass. Bodies compare and hash by identity."""
@@ -67,6 +83,10 @@ class Body(Protocol):
     @property
     def size(self) -> int:
         """Number of degrees of freedom, supported ones included."""
+
+    @property
+    def degrees_of_freedom(self) -> DegreesOfFreedom:
+        """Place and kind of every degree of freedom."""
 
     def matrices(self) -> BodyMatrices:
         """Return mass, stiffness, damping and supports."""

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import number
 from vofem.bodies.axis import axis_of
-from vofem.bodies.base import Array, BodyMatrices, Row, automatic_name
+from vofem.bodies.base import Array, BodyMatrices, DegreesOfFreedom, Row, automatic_name
 from vofem.bodies.beam_matrices import beam_matrices, beam_strains, consistent_load
 from vofem.bodies.beam_point import BeamPoint
 from vofem.bodies.coefficient import Coefficient, basis_for, positive_coefficient
@@ -196,6 +196,11 @@ class Beam:
     def size(self) -> int:
         """Number of degrees of freedom, two per node, supported ones included."""
         return self._axis.size
+
+    @property
+    def degrees_of_freedom(self) -> DegreesOfFreedom:
+        """Displacement and slope of every node."""
+        return DegreesOfFreedom(np.repeat(self.nodes, 2), np.tile([False, True], self.nodes.size))
 
     def at(self, where: float | str) -> BeamPoint:
         """Return the point at x (m, any place on the axis), at "left" or "right", or at a named point of a mesh.

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from vofem._validate import TINY, number
-from vofem.bodies.base import Array, BodyMatrices, Row, automatic_name
+from vofem.bodies.base import Array, BodyMatrices, DegreesOfFreedom, Row, automatic_name
 from vofem.errors import ArgumentError
 
 
@@ -58,6 +58,11 @@ class Mass:
     def size(self) -> int:
         """One."""
         return 1
+
+    @property
+    def degrees_of_freedom(self) -> DegreesOfFreedom:
+        """One displacement, at no place."""
+        return DegreesOfFreedom(np.full(1, np.nan), np.zeros(1, dtype=bool))
 
     def matrices(self) -> BodyMatrices:
         """Return the 1 x 1 matrices."""

@@ -64,6 +64,10 @@ class Motion:
     def _some(self, body: Body, indices: NDArray[np.int64], t: ArrayLike | None, kind: str) -> Array:
         """Return some of a body's degrees of freedom (kind "q", "v" or "a"), shape (len(indices), n_times)."""
         dofs, free = indices + self.model.offsets[body], self.model.free
+        if self.model.transform is not None:
+            rows = self.model.transform[dofs][:, free]
+            needed = np.unique(rows.indices).astype(np.int64)
+            return np.asarray(rows[:, needed] @ getattr(self._at(t).take(needed), kind))
         place = np.minimum(np.searchsorted(free, dofs), free.size - 1)
         moving = free[place] == dofs
         values: Array = getattr(self._at(t).take(place), kind)

@@ -125,10 +125,12 @@ def arrange(view: Snapshot, size: tuple[int, int], magnification: float | None) 
     lower = (SCALE_BAND if beams else 40.0) * full
     upper = size[1] - HEADER * full
     room = upper - lower - (DIAGRAMS * full if beams else 0.0)
-    unit, chosen = _choose(view, order, room, full, scale, magnification)
+    unit, chosen = _choose(view, order, _rows(view, order, shifts), room, full, scale, magnification)
     motion = chosen * scale
+    rows = _rows(view, order, shifts)
     needs = _needs(view, order, unit)
-    axes, total = _heights(needs, view, motion, unit)
+    heights, total = _heights(needs, rows, view, motion, unit)
+    axes = [heights[rows[need.body]] for need in needs]
     left = max(0.0, room - total)
     # Room that is left goes to the moment diagrams first.
     extra = min(left, 0.4 * DIAGRAMS * full) if beams else 0.0
@@ -144,13 +146,19 @@ def arrange(view: Snapshot, size: tuple[int, int], magnification: float | None) 
 
 
 def _choose(
-    view: Snapshot, order: list[Body], room: float, full: float, scale: float, wanted: float | None
+    view: Snapshot,
+    order: list[Body],
+    rows: dict[Body, int],
+    room: float,
+    full: float,
+    scale: float,
+    wanted: float | None,
 ) -> tuple[float, float]:
     """Return the unit and the magnification: bodies are drawn smaller only where the motion would not be seen."""
     fallback: tuple[float, float] | None = None
     for unit in full * 0.85 ** np.arange(14):
         needs = _needs(view, order, float(unit))
-        chosen = _magnify(needs, view, room, float(unit), scale, wanted)
+        chosen = _magnify(needs, rows, view, room, float(unit), scale, wanted)
         if chosen is None:
             continue
         fallback = fallback or (float(unit), chosen)
@@ -192,6 +200,9 @@ def _shifts(view: Snapshot) -> dict[Body, float]:
     bodies = [state.body for state in view.bodies]
     roots = [b for b in bodies if isinstance(b, Beam)] + [b for b in bodies if not isinstance(b, Beam)]
     first = roots[0]
+    # Joints first: what is tied stands where it is tied.
+    pairs = [(joint.a, joint.b) for joint in view.joints]
+    pairs += [(link.a, link.b) for link in view.links if link.b is not None]
     shifts: dict[Body, float] = {}
     for root in roots:
         if root in shifts:
@@ -201,12 +212,11 @@ def _shifts(view: Snapshot) -> dict[Body, float]:
         shifts[root] = 0.0 if isinstance(root, Beam) else middle
         found = [root]
         for body in found:
-            for link, a, b in _pairs(view):
-                assert link.b is not None
-                for here, there, x, y in ((a, b, link.a, link.b), (b, a, link.b, link.a)):
-                    if here is body and there not in shifts:
-                        shifts[there] = shifts[here] + place_of(x) - place_of(y)
-                        found.append(there)
+            for a, b in pairs:
+                for x, y in ((a, b), (b, a)):
+                    if x.body is body and y.body not in shifts:
+                        shifts[y.body] = shifts[body] + place_of(x) - place_of(y)
+                        found.append(y.body)
     return shifts
 
 
@@ -237,12 +247,47 @@ def _needs(view: Snapshot, order: list[Body], unit: float) -> list[_Needs]:
     return needs
 
 
-def _heights(needs: list[_Needs], view: Snapshot, motion: float, unit: float) -> tuple[list[float], float]:
-    """Return the height of each axis over the lower end of the lowest lane, and the height of all."""
-    axes = [needs[0].extent(False, motion, unit)]
-    for low, high in itertools.pairwise(needs):
+def _rows(view: Snapshot, order: list[Body], shifts: dict[Body, float]) -> dict[Body, int]:
+    """Return the row of every body, from the lowest: beams that a joint ties end to end share one."""
+    spans = {b: (b.origin + shifts[b], b.origin + b.length + shifts[b]) for b in order if isinstance(b, Beam)}
+    tied = {frozenset((joint.a.body, joint.b.body)) for joint in view.joints}
+    linked = {frozenset((a, b)) for _, a, b in _pairs(view)}
+    rows: list[list[Body]] = []
+    for body in order:
+        for row in rows:
+            pairs = [frozenset((body, other)) for other in row]
+            if body not in spans or not any(pair in tied for pair in pairs) or any(pair in linked for pair in pairs):
+                continue
+            slack = 1e-9 * (spans[body][1] - spans[body][0])
+            if all(spans[body][0] > spans[o][1] - slack or spans[body][1] < spans[o][0] + slack for o in row):
+                row.append(body)
+                break
+        else:
+            rows.append([body])
+    return {body: number for number, row in enumerate(rows) for body in row}
+
+
+def _merged(needs: list[_Needs]) -> _Needs:
+    """Return the needs of bodies that share a row."""
+    return _Needs(
+        needs[0].body,
+        max(need.half for need in needs),
+        any(need.below for need in needs),
+        any(need.above for need in needs),
+        max(need.down for need in needs),
+        max(need.up for need in needs),
+    )
+
+
+def _heights(
+    needs: list[_Needs], rows: dict[Body, int], view: Snapshot, motion: float, unit: float
+) -> tuple[list[float], float]:
+    """Return the height of the axis of each row over the lower end of the lowest row, and the height of all."""
+    merged = [_merged([need for need in needs if rows[need.body] == row]) for row in range(max(rows.values()) + 1)]
+    axes = [merged[0].extent(False, motion, unit)]
+    for row, (low, high) in enumerate(itertools.pairwise(merged)):
         apart = low.extent(True, motion, unit) + high.extent(False, motion, unit)
-        gaps = [k.gap for k, a, b in _pairs(view) if {a, b} == {low.body, high.body}]
+        gaps = [k.gap for k, a, b in _pairs(view) if {rows[a], rows[b]} == {row, row + 1}]
         if gaps:
             # The spring between them needs room both at its rest length and at its shortest.
             spring = max(
@@ -250,19 +295,25 @@ def _heights(needs: list[_Needs], view: Snapshot, motion: float, unit: float) ->
             )
             apart = max(apart, low.half + high.half + spring)
         axes.append(axes[-1] + apart)
-    return axes, axes[-1] + needs[-1].extent(True, motion, unit)
+    return axes, axes[-1] + merged[-1].extent(True, motion, unit)
 
 
 def _magnify(
-    needs: list[_Needs], view: Snapshot, room: float, unit: float, scale: float, wanted: float | None
+    needs: list[_Needs],
+    rows: dict[Body, int],
+    view: Snapshot,
+    room: float,
+    unit: float,
+    scale: float,
+    wanted: float | None,
 ) -> float | None:
     """Return the largest 1, 2 or 5 times a power of ten that fits, or None where it would show nothing."""
     size = max(max(need.down, need.up) for need in needs)
     if wanted is not None or size == 0.0:
         chosen = 1.0 if wanted is None else wanted
-        return chosen if _heights(needs, view, chosen * scale, unit)[1] <= room else None
+        return chosen if _heights(needs, rows, view, chosen * scale, unit)[1] <= room else None
     chosen = nice_below(MOTION * unit / (size * scale))
-    while _heights(needs, view, chosen * scale, unit)[1] > room:
+    while _heights(needs, rows, view, chosen * scale, unit)[1] > room:
         chosen = nice_below(chosen * 0.99)
         if chosen * scale * size < 0.2 * MOTION * unit:
             return None

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from vofem._validate import number
 from vofem.bodies import Beam
+from vofem.effects import Joint
 from vofem.errors import ArgumentError
 from vofem.io.pictures import shapes
 from vofem.io.pictures.drawing import (
@@ -16,12 +17,13 @@ from vofem.io.pictures.drawing import (
     MASS,
     OPEN_TEXT,
     OUTLINE,
+    PAPER,
     SPRING,
     Drawing,
     Label,
     Strip,
 )
-from vofem.io.pictures.layout import BAR, Lane, Layout, arrange, side_of_ground
+from vofem.io.pictures.layout import BAR, Lane, Layout, arrange, place_of, side_of_ground
 from vofem.io.pictures.links import add_links
 from vofem.io.pictures.snapshot import Snapshot
 from vofem.io.pictures.units import length, nice_above, nice_below, prefixed, spell, three_digits
@@ -50,6 +52,8 @@ def sketch(view: Snapshot, size: tuple[int, int], magnification: float | None) -
         else:
             _mass(drawing, layout, lane, side_of_ground(index, len(layout.lanes)))
     add_links(drawing, view, layout)
+    for joint in view.joints:
+        _joint(drawing, layout, joint)
     if not beams:
         _scale_of_motion(drawing, layout)
     return drawing
@@ -184,6 +188,21 @@ def _beam(drawing: Drawing, layout: Layout, lane: Lane, beam: Beam, factor: floa
             shapes.guide(drawing, place, float(np.interp(place, x, y)), depth, reach, unit, -facing)
     if len(layout.lanes) > 1:
         _name(drawing, beam.name, float(x[0]) - 52.0 * unit, lane.axis, 20.0 * layout.text)
+
+
+def _joint(drawing: Drawing, layout: Layout, joint: Joint) -> None:
+    """Add a joint: a ring in the axis for a hinge, a disc for a rigid one, and a bar between two rows."""
+    ends = []
+    for point in joint.points():
+        lane = layout.lanes[point.body]
+        eta = float(np.interp(place_of(point), lane.state.x, lane.state.eta))
+        ends.append((float(layout.along(point.body, place_of(point))), lane.axis + eta * layout.motion))
+    if layout.lanes[joint.a.body].axis != layout.lanes[joint.b.body].axis:
+        drawing.line([x for x, _ in ends], [y for _, y in ends], BLOCK, 5.0 * layout.unit)
+    for x, y in ends:
+        drawing.dot(np.array([x]), np.array([y]), INK, 20.0 * layout.unit)
+        if joint.kind == "hinge":
+            drawing.dot(np.array([x]), np.array([y]), PAPER, 12.0 * layout.unit)
 
 
 def _mass(drawing: Drawing, layout: Layout, lane: Lane, side: str) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vofem._validate import number
 from vofem.bodies import Beam
 from vofem.bodies.base import Body, Point
-from vofem.effects import Foundation, HystereticSpring, IwanSpring, NonlinearSpring, Spring, Springpot
+from vofem.effects import Foundation, HystereticSpring, IwanSpring, Joint, NonlinearSpring, Spring, Springpot
 from vofem.errors import ArgumentError
 from vofem.result import Result
 from vofem.scene import Scene
@@ -97,6 +97,7 @@ class Snapshot:
     time: float | None
     bodies: tuple[BodyState, ...]
     links: tuple[Link, ...]
+    joints: tuple[Joint, ...] = ()
 
 
 def snapshot(outcome: Result | Equilibrium, t: float | None, scene: Scene | None = None) -> Snapshot:
@@ -118,12 +119,16 @@ def snapshot(outcome: Result | Equilibrium, t: float | None, scene: Scene | None
             raise ArgumentError("a picture of an equilibrium needs scene=, the Scene that it is the equilibrium of")
         states = {name: (c.status, c.force) for name, c in outcome.contacts.items()}
         bodies = tuple(_at_rest(outcome, body) for body in scene.bodies)
-        return Snapshot(None, bodies, _links(scene, states))
+        return Snapshot(None, bodies, _links(scene, states), _joints(scene))
     if not isinstance(outcome, Result):
         raise ArgumentError(f"expected the outcome of simulate or equilibrium, found {outcome!r}")
     time = number("the time of a picture", t)
     bodies = tuple(_in_motion(outcome, body, time) for body in outcome.scene.bodies)
-    return Snapshot(time, bodies, _links(outcome.scene, _contact_states(outcome, time)))
+    return Snapshot(time, bodies, _links(outcome.scene, _contact_states(outcome, time)), _joints(outcome.scene))
+
+
+def _joints(scene: Scene) -> tuple[Joint, ...]:
+    return tuple(effect for effect in scene.effects if isinstance(effect, Joint))
 
 
 def _contact_states(result: Result, t: float) -> dict[str, tuple[str, float]]:

@@ -173,6 +173,7 @@ EFFECTS = _table(
         effects.Springpot,
         {"name": NAME, "a": _POINT, "b": _POINT, "coefficient": NOT_NEGATIVE, "order": _ORDER},
     ),
+    Entry("joint", effects.Joint, {"name": NAME, "a": _POINT, "b": _POINT, "kind": Choice(("rigid", "hinge"))}),
     Entry("dashpot", effects.Dashpot, {"a": _POINT, "b": _POINT, "damping": NOT_NEGATIVE}),
     Entry("rotational_spring", effects.RotationalSpring, {"point": _POINT, "other": _POINT, "stiffness": NOT_NEGATIVE}),
     Entry("point_mass", effects.PointMass, {"point": _POINT, "mass": NOT_NEGATIVE, "inertia": NOT_NEGATIVE}),

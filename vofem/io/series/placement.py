@@ -4,7 +4,8 @@ x runs along the beams, y points up as the displacement does. Every body has
 its own plane: its z is its number in the scene times a spacing, so that bodies
 stay apart in space and coincide in the side view. A body that an effect joins
 to one already placed stands so that the two points have the same x, and higher
-by the gap for b over a: in the side view they touch when the gap closes.
+by the gap for b over a: in the side view they touch when the gap closes. Bodies
+tied by a joint share a plane.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from vofem.bodies import Beam
 from vofem.bodies.base import Body, Point, Row
+from vofem.effects import Joint
 from vofem.errors import ArgumentError
 from vofem.scene import Scene
 
@@ -86,7 +88,9 @@ def place(scene: Scene, magnification: float) -> Placement:
     """Return the places of all bodies and contacts, with gaps drawn `magnification` times as large."""
     size = _size(scene, magnification)
     origins = {body: np.array([0.0, 0.0, k * _SPACING * size]) for k, body in enumerate(scene.bodies)}
-    joints = [e for e in scene.effects if len(e.points()) == 2]
+    pairs = [e for e in scene.effects if len(e.points()) == 2]
+    # Joints first: what is tied stands where it is tied.
+    pairs.sort(key=lambda effect: not isinstance(effect, Joint))
     placed: set[Body] = set()
     for root in scene.bodies:
         if root in placed:
@@ -94,13 +98,15 @@ def place(scene: Scene, magnification: float) -> Placement:
         placed.add(root)
         found = [root]
         for body in found:
-            for effect in joints:
+            for effect in pairs:
                 a, b = effect.points()
                 gap = magnification * getattr(effect, "gap", 0.0)
                 for here, there, up in ((a, b, gap), (b, a, -gap)):
                     if here.body is body and there.body not in placed:
                         along = origins[body][0] + _along(here) - _along(there)
                         origins[there.body][:2] = along, origins[body][1] + up
+                        if isinstance(effect, Joint):
+                            origins[there.body][2] = origins[body][2]
                         placed.add(there.body)
                         found.append(there.body)
     return Placement(origins, tuple(_touches(scene, origins, magnification)), _STOP * size)
