@@ -148,7 +148,7 @@ def unknowns(
         members = np.flatnonzero(component == number)
         part = conditions[members]
         touched = np.unique(part.indices)
-        labels = [constraints[k].label for k in members]
+        labels = [constraints[k].label for k in members.tolist()]
         pivots, solved, inverse = _solved(part[:, touched].toarray(), fixed[touched], scale[touched], labels)
         eliminated[touched[pivots]] = True
         row, column = np.nonzero(solved)

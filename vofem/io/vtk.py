@@ -80,7 +80,8 @@ def write_series(
                  ``body``, ``element``, ``contact``: numbers from 0 in the order of the
                  scene, -1 for none; ``contact_state``: 0 open, 1 closed, 2 pinned, -1 no
                  contact; ``contact_force`` in N, positive pushes apart, and
-                 ``contact_stiffness`` in N/m, NaN where there is no contact
+                 ``contact_stiffness`` in N/m, NaN where there is no contact; in N m and
+                 N m/rad of contacts that act on rotations
     field data   ``TimeValue`` in s, ``magnification``
     ===========  ==========================================================================
 

@@ -172,7 +172,7 @@ def _choose(
 
 
 def _pairs(view: Snapshot) -> list[tuple[Link, Body, Body]]:
-    return [(link, link.a.body, link.b.body) for link in view.links if link.b is not None]
+    return [(link, link.a.body, link.b.body) for link in view.links if link.b is not None and not link.rotation]
 
 
 def place_of(point: Point) -> float:
@@ -224,7 +224,7 @@ def _needs(view: Snapshot, order: list[Body], unit: float) -> list[_Needs]:
     needs = []
     for index, body in enumerate(order):
         state = next(s for s in view.bodies if s.body is body)
-        stops = [link for link in view.links if link.b is None and link.a.body is body]
+        stops = [link for link in view.links if link.b is None and link.a.body is body and not link.rotation]
         sides = {link.side for link in stops}
         if getattr(body, "stiffness", 0.0):
             sides.add(side_of_ground(index, len(order)))
@@ -249,7 +249,9 @@ def _needs(view: Snapshot, order: list[Body], unit: float) -> list[_Needs]:
 
 def _rows(view: Snapshot, order: list[Body], shifts: dict[Body, float]) -> dict[Body, int]:
     """Return the row of every body, from the lowest: beams that a joint ties end to end share one."""
-    spans = {b: (b.origin + shifts[b], b.origin + b.length + shifts[b]) for b in order if isinstance(b, Beam)}
+    spans: dict[Body, tuple[float, float]] = {
+        b: (b.origin + shifts[b], b.origin + b.length + shifts[b]) for b in order if isinstance(b, Beam)
+    }
     tied = {frozenset((joint.a.body, joint.b.body)) for joint in view.joints}
     linked = {frozenset((a, b)) for _, a, b in _pairs(view)}
     rows: list[list[Body]] = []

@@ -41,7 +41,9 @@ def add_links(drawing: Drawing, view: Snapshot, layout: Layout) -> None:
     wanted: list[tuple[Link, float, float, float]] = []
     for index, link in enumerate(view.links):
         lane = layout.lanes[link.a.body]
-        if link.b is not None:
+        if link.rotation:
+            x, y = _rotation(drawing, layout, link)
+        elif link.b is not None:
             x, y = _between(drawing, layout, link, half)
         elif link.side == "above":
             assert lane.ceiling is not None
@@ -65,7 +67,7 @@ def _slots(view: Snapshot, layout: Layout) -> tuple[dict[int, float], float]:
         if getattr(body, "stiffness", 0.0) and side != "aside":
             groups.setdefault((id(lane), side), []).append((-1 - i, float(layout.along(body, 0.0))))
     for index, link in enumerate(view.links):
-        if link.b is None:
+        if link.b is None and not link.rotation:
             at = float(layout.along(link.a.body, place_of(link.a)))
             groups.setdefault((id(layout.lanes[link.a.body]), link.side), []).append((index, at))
     pitch = 60.0 * layout.unit
@@ -122,6 +124,23 @@ def _stop(
     return x, 0.5 * (pad + ground)
 
 
+def _rotation(drawing: Drawing, layout: Layout, link: Link) -> tuple[float, float]:
+    """Draw what acts on rotations as a spiral at its point a, with a line to its point b; return its label's place."""
+    ends = []
+    for point in (link.a, link.b):
+        if point is not None:
+            x = float(layout.along(point.body, place_of(point)))
+            upper, lower = (_foot(layout, point, x, face).now for face in (1.0, -1.0))
+            ends.append((x, 0.5 * (upper + lower)))
+    color, width = _COLORS[link.status][0], 3.0 * layout.unit
+    if len(ends) == 2:
+        drawing.line([x for x, _ in ends], [y for _, y in ends], color, width)
+    radius = 20.0 * layout.unit
+    shapes.spiral(drawing, *ends[0], radius, color, width)
+    drawing.taken.append((ends[0][0] - radius, ends[0][1] - radius, ends[0][0] + radius, ends[0][1] + radius))
+    return ends[0]
+
+
 def _is_far(layout: Layout, link: Link) -> bool:
     """Return whether the gap of a stop is too large to be drawn to scale."""
     lane = layout.lanes[link.a.body]
@@ -173,7 +192,7 @@ def _labels(drawing: Drawing, layout: Layout, wanted: list[tuple[Link, float, fl
         if link.status == "spring":
             continue
         color = _COLORS[link.status][1]
-        text = "open" if link.status == "open" else spell(link.force, "N")
+        text = "open" if link.status == "open" else spell(link.force, "N·m" if link.rotation else "N")
         if link.status == "open" and link.b is None and _is_far(layout, link):
             text = f"open, gap {spell(link.gap, 'm')}"
         if link.status == "pinned":

@@ -35,7 +35,13 @@ def along_beam(scene: Scene, beam: Beam) -> list[Place]:
     held = set(scene.model.system.contacts.names) if scene.model.system.contacts is not None else set()
     for effect in scene.effects:
         if isinstance(effect, Contact):
-            surface = None if effect.b is not None else -effect.gap if effect.side == "below" else effect.gap
+            surface = (
+                None
+                if effect.b is not None or effect.of == "rotation"
+                else -effect.gap
+                if effect.side == "below"
+                else effect.gap
+            )
             places += [Place(effect.name, place_of(p), surface) for p in effect.points() if p.body is beam]
         elif isinstance(effect, Foundation) and effect.beam is beam:
             nodes = [(f"{effect.name}[{node}]", float(x)) for node, x in enumerate(beam.nodes)]

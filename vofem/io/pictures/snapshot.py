@@ -11,7 +11,16 @@ from numpy.typing import NDArray
 from vofem._validate import number
 from vofem.bodies import Beam
 from vofem.bodies.base import Body, Point
-from vofem.effects import Foundation, HystereticSpring, IwanSpring, Joint, NonlinearSpring, Spring, Springpot
+from vofem.effects import (
+    Foundation,
+    HystereticSpring,
+    IwanSpring,
+    Joint,
+    NonlinearSpring,
+    RotationalSpring,
+    Spring,
+    Springpot,
+)
 from vofem.errors import ArgumentError
 from vofem.result import Result
 from vofem.scene import Scene
@@ -78,7 +87,9 @@ class Link:
     status : str
         "open", "closed", "pinned", or "spring".
     force : float
-        In N, positive pushes the bodies apart.
+        In N, positive pushes the bodies apart; of a rotation in N m.
+    rotation : bool
+        Whether it acts on rotations; gaps are not drawn then.
     """
 
     name: str
@@ -88,6 +99,7 @@ class Link:
     gap: float
     status: str
     force: float
+    rotation: bool = False
 
 
 @dataclass(frozen=True)
@@ -141,8 +153,23 @@ def _contact_states(result: Result, t: float) -> dict[str, tuple[str, float]]:
 
 
 def _links(scene: Scene, states: dict[str, tuple[str, float]]) -> tuple[Link, ...]:
-    contacts = [Link(c.name, c.a, c.b, c.side or "below", c.gap, *states[c.name]) for c in scene.contacts]
-    springs = [Link("", s.a, s.b, "below", 0.0, "spring", 0.0) for s in scene.effects if isinstance(s, _SPRINGS)]
+    contacts = [
+        Link(
+            c.name, c.a, c.b, c.side or "below", 0.0 if c.of == "rotation" else c.gap, *states[c.name],
+            c.of == "rotation",
+        )
+        for c in scene.contacts
+    ]  # fmt: skip
+    springs = [
+        Link("", s.a, s.b, "below", 0.0, "spring", 0.0, s.of == "rotation")
+        for s in scene.effects
+        if isinstance(s, _SPRINGS)
+    ]
+    springs += [
+        Link("", s.point, s.other, "below", 0.0, "spring", 0.0, True)
+        for s in scene.effects
+        if isinstance(s, RotationalSpring)
+    ]
     beds = [
         Link(name, f.beam.at(float(x)), None, "below", f.gap, *states[name])
         for f in scene.effects

@@ -11,6 +11,7 @@ tied by a joint share a plane.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,7 +101,7 @@ def place(scene: Scene, magnification: float) -> Placement:
         for body in found:
             for effect in pairs:
                 a, b = effect.points()
-                gap = magnification * getattr(effect, "gap", 0.0)
+                gap = magnification * _gap(effect)
                 for here, there, up in ((a, b, gap), (b, a, -gap)):
                     if here.body is body and there.body not in placed:
                         along = origins[body][0] + _along(here) - _along(there)
@@ -115,8 +116,13 @@ def place(scene: Scene, magnification: float) -> Placement:
 def _size(scene: Scene, magnification: float) -> float:
     """Return the longest beam, or the largest gap where there are only masses, m."""
     lengths = [body.length for body in scene.bodies if isinstance(body, Beam)]
-    gaps = [abs(magnification * contact.gap) for contact in scene.contacts]
+    gaps = [abs(magnification * _gap(contact)) for contact in scene.contacts]
     return max(lengths, default=0.0) or max(gaps, default=0.0) or 1.0
+
+
+def _gap(effect: Any) -> float:
+    """Return the gap of an effect in m; 0 where it is one of rotations."""
+    return float(getattr(effect, "gap", 0.0)) if getattr(effect, "of", "displacement") == "displacement" else 0.0
 
 
 def _along(point: Point) -> float:
@@ -141,7 +147,8 @@ def _touches(scene: Scene, origins: dict[Body, Array], magnification: float) -> 
             point, side = _node_of(scene, index)
             a, b = foot(point), None
         up = 1.0 if side == "above" else -1.0
-        stop = a.place + np.array([0.0, up * magnification * laws.gap[index], 0.0])
+        gap = laws.gap[index] if name not in known else _gap(known[name])
+        stop = a.place + np.array([0.0, up * magnification * gap, 0.0])
         touches.append(Touch(index, a, b, stop))
     return touches
 

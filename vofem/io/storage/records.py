@@ -118,7 +118,14 @@ class Encoder:
         if isinstance(effect, StoredEffect):
             return effect
         entry = next((entry for entry in EFFECTS.values() if type(effect) is entry.made), None)
-        shown = StoredEffect(type(effect).__name__, effect.describe(), tuple(effect.points()), _callables(effect))
+        shown = StoredEffect(
+            type(effect).__name__,
+            effect.describe(),
+            tuple(effect.points()),
+            _callables(effect),
+            getattr(effect, "name", ""),
+            getattr(effect, "of", "displacement"),
+        )
         if entry is None:
             return shown
         beam = getattr(effect, "beam", None)

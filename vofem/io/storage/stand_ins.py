@@ -174,12 +174,18 @@ class StoredEffect:
     touched : tuple of points
     callables : str
         Names of what it needs.
+    name : str
+        Its own; empty where it has none.
+    of : str
+        "displacement" or "rotation": what it acts on.
     """
 
     kind: str
     shown: str
     touched: tuple[Point, ...]
     callables: str
+    name: str = ""
+    of: str = "displacement"
 
     def points(self) -> tuple[Point, ...]:
         """Return the points that it touches."""
