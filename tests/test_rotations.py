@@ -125,7 +125,7 @@ def test_a_springpot_of_order_one_in_rotation_is_a_dashpot_in_rotation():
     assert run.energy.dissipated[-1] > 1e-3
 
 
-@pytest.mark.parametrize("method", ("event_driven", *STEPPING))
+@pytest.mark.parametrize("method", ["event_driven", *STEPPING])
 def test_a_stop_against_rotation_in_motion(method):
     """A beam that is all but rigid turns about its end into a rotational stop: half a sine of known length."""
     beam = vf.Beam(LENGTH, 1e3, RHO, 1, {"left": "pinned"}, name="beam")
@@ -236,7 +236,7 @@ def test_what_has_no_rotation_is_refused():
     mass, beam = vf.Mass(1.0, name="m"), pinned_beam()
     with pytest.raises(ArgumentError, match="Mass 'm' has no slope"):
         vf.Spring(beam.at(0.0), mass, stiffness=1.0, of="rotation")
-    with pytest.raises(ArgumentError, match="of is 'angle'"):
+    with pytest.raises(ArgumentError, match="'angle'"):
         vf.BilinearSpring(beam.at(0.0), stiffness=1.0, linear_limit=1.0, of="angle")
     with pytest.raises(ArgumentError, match="gap is -0.1 rad"):
         vf.Contact(beam.at(0.0), gap=-0.1, stiffness=1.0, side="above", acts_on="displacement", of="rotation")

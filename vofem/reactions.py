@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.assembly import Model
-from vofem.bodies.beam import SUPPORTS, Beam
-from vofem.errors import ArgumentError
+from vofem.bodies.base import Body
 from vofem.integrators.base import Sampled
 
 Array = NDArray[np.float64]
@@ -17,7 +16,7 @@ Array = NDArray[np.float64]
 
 def support_reaction(
     model: Model,
-    beam: Beam,
+    body: Body,
     where: Any,
     times: Array,
     samples: Sampled,
@@ -39,14 +38,11 @@ def support_reaction(
     ArgumentError
         If there is no support at that place.
     """
-    node = beam.node_at(where)
-    if node not in beam.supports:
-        places = ", ".join(f"x = {beam.nodes[k]:g}" for k in beam.supports) or "none"
-        raise ArgumentError(f"Beam {beam.name!r} has no support at {where!r}; its supports: {places}")
     result = np.zeros((2, times.size))
-    for dof in SUPPORTS[beam.supports[node]]:
-        row = model.unknowns.support_row(model.offsets[beam] + 2 * node + dof, model.size)
-        result[dof] = residual(model, row, times, samples, contact_force, modes, spring_force)
+    for dof in body.supported_at(where).tolist():
+        row = model.unknowns.support_row(model.offsets[body] + dof, model.size)
+        kind = int(body.degrees_of_freedom.rotation[dof])
+        result[kind] += residual(model, row, times, samples, contact_force, modes, spring_force)
     return result[0], result[1]
 
 

@@ -123,12 +123,11 @@ class Result(Motion):
 
         Parameters
         ----------
-        body : Beam
+        body : Body or str
         where : "left", "right" or x
             The place of a support.
         """
-        beam = self._beam(body)
-        return reaction_of(self, beam, where, t, self._at(t))
+        return reaction_of(self, self._body(body), where, t, self._at(t))
 
     def joint_force(self, joint: Any, t: ArrayLike | None = None) -> Reaction:
         """Return what a joint does to the body of its point a at `times`, or at times t; to b it does the opposite.

@@ -123,8 +123,8 @@ class HystereticSpring(TwoPoints):
         """Return name, points and numbers."""
         return (
             f"HystereticSpring {self.name!r} from {self._where()}: {self.stiffness:g} {self.units.stiffness}, "
-            f"linear to {self.linear_limit:g} {self.units.coordinate}, limit load {self.limit_load:g} {self.units.force}, "
-            f"memory {self.memory}"
+            f"linear to {self.linear_limit:g} {self.units.coordinate}, "
+            f"limit load {self.limit_load:g} {self.units.force}, memory {self.memory}"
         )
 
 

@@ -91,7 +91,17 @@ class Motion:
         q, v = self.samples.last()
         return self.model.of_body(body, q), self.model.of_body(body, v)
 
+    def along_shape(self, body: Any, t: ArrayLike | None = None) -> Array:
+        """Return the displacement of the places of a body's shape in m, shape (len(x), n_times)."""
+        found = body_named(self.scene.bodies, body)
+        rows = found.shape.rows
+        return np.asarray(rows @ self._some(found, np.arange(found.size), t, "q"))
+
     # -- fields -----------------------------------------------------------------------------------
+
+    def _body(self, body: Any) -> Body:
+        """Return the body of that name; where none is given the only beam."""
+        return self._beam(None) if body is None else body_named(self.scene.bodies, body)
 
     def _beam(self, body: Any) -> Beam:
         return the_beam(self.scene.bodies, body)

@@ -1,4 +1,4 @@
-"""What a support does to a beam along a run."""
+"""What a support or a joint does to a body along a run."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import nearest
-from vofem.bodies.beam import Beam
+from vofem.bodies.base import Body
 from vofem.errors import ArgumentError
 from vofem.histories.run import Run
 from vofem.integrators.base import Sampled
@@ -28,20 +28,20 @@ class Reaction(NamedTuple):
     moment: Array
 
 
-def reaction_of(run: Run, beam: Beam, where: Any, t: ArrayLike | None, samples: Sampled) -> Reaction:
+def reaction_of(run: Run, body: Body, where: Any, t: ArrayLike | None, samples: Sampled) -> Reaction:
     """Return the reaction of a support; see `vofem.Result.reaction`.
 
     Parameters
     ----------
     run : Run
-    beam : Beam
+    body : Body
     where : "left", "right" or x
     t : array_like, optional
         Times in s; those of the run where not given.
     samples : Sampled
         The motion at these times.
     """
-    return Reaction(*support_reaction(run.model, beam, where, *_state(run, f"reaction of {beam.label}", t, samples)))
+    return Reaction(*support_reaction(run.model, body, where, *_state(run, f"reaction of {body.label}", t, samples)))
 
 
 def joint_force_of(run: Run, name: str, t: ArrayLike | None, samples: Sampled) -> Reaction:

@@ -24,6 +24,16 @@ BEAM_HALF, MASS_HALF, BAR, SPRING_ROOM, PAD, MOTION = 26.0, 34.0, 18.0, 74.0, 10
 HEADER, SCALE_BAND, DIAGRAMS, SIDES = 74.0, 112.0, 150.0, (190.0, 210.0)
 
 
+def is_line(body: Body) -> bool:
+    """Return whether a body is drawn as a line, not as a block."""
+    return body.shape.kind == "line"
+
+
+def moves_across(body: Body) -> bool:
+    """Return whether a body is displaced upward, and not along the picture."""
+    return body.shape.direction[1] != 0.0
+
+
 @dataclass(frozen=True)
 class Lane:
     """The place of a body.
@@ -112,10 +122,11 @@ def side_of_ground(index: int, count: int) -> str:
 def arrange(view: Snapshot, size: tuple[int, int], magnification: float | None) -> Layout:
     """Return the places of all bodies, at the largest short magnification that fits."""
     order = _stack(view)
-    beams = [body for body in order if isinstance(body, Beam)]
+    beams = [body for body in order if is_line(body)]
+    bending = any(isinstance(body, Beam) for body in order)
     shifts = _shifts(view)
-    starts = [beam.origin + shifts[beam] for beam in beams] + [shifts[b] for b in order if b not in beams]
-    ends = [beam.origin + beam.length + shifts[beam] for beam in beams] + starts[len(beams) :]
+    starts = [body.shape.x[0] + shifts[body] for body in order]
+    ends = [body.shape.x[-1] + shifts[body] for body in order]
     width = size[0] * (1.0 - sum(SIDES) / 1600.0)
     start, span = min(starts), max(ends) - min(starts)
     if span == 0.0:  # masses only: a column in the middle of a picture one metre wide
@@ -124,7 +135,7 @@ def arrange(view: Snapshot, size: tuple[int, int], magnification: float | None) 
     full = min(size[0] / 1600.0, size[1] / 700.0)
     lower = (SCALE_BAND if beams else 40.0) * full
     upper = size[1] - HEADER * full
-    room = upper - lower - (DIAGRAMS * full if beams else 0.0)
+    room = upper - lower - (DIAGRAMS * full if bending else 0.0)
     unit, chosen = _choose(view, order, _rows(view, order, shifts), room, full, scale, magnification)
     motion = chosen * scale
     rows = _rows(view, order, shifts)
@@ -133,7 +144,7 @@ def arrange(view: Snapshot, size: tuple[int, int], magnification: float | None) 
     axes = [heights[rows[need.body]] for need in needs]
     left = max(0.0, room - total)
     # Room that is left goes to the moment diagrams first.
-    extra = min(left, 0.4 * DIAGRAMS * full) if beams else 0.0
+    extra = min(left, 0.4 * DIAGRAMS * full) if bending else 0.0
     lowest = lower + 0.5 * (left - extra)
     lanes = {}
     for need, axis in zip(needs, axes, strict=True):
@@ -198,7 +209,7 @@ def _stack(view: Snapshot) -> list[Body]:
 def _shifts(view: Snapshot) -> dict[Body, float]:
     """Return by how much each body is moved along, so that the first link between two bodies is upright."""
     bodies = [state.body for state in view.bodies]
-    roots = [b for b in bodies if isinstance(b, Beam)] + [b for b in bodies if not isinstance(b, Beam)]
+    roots = [b for b in bodies if is_line(b)] + [b for b in bodies if not is_line(b)]
     first = roots[0]
     # Joints first: what is tied stands where it is tied.
     pairs = [(joint.a, joint.b) for joint in view.joints]
@@ -208,8 +219,8 @@ def _shifts(view: Snapshot) -> dict[Body, float]:
         if root in shifts:
             continue
         # A mass that nothing ties to a beam stands in the middle.
-        middle = first.origin + 0.5 * first.length if isinstance(first, Beam) else 0.0
-        shifts[root] = 0.0 if isinstance(root, Beam) else middle
+        middle = 0.5 * float(first.shape.x[0] + first.shape.x[-1])
+        shifts[root] = 0.0 if is_line(root) else middle
         found = [root]
         for body in found:
             for a, b in pairs:
@@ -225,6 +236,7 @@ def _needs(view: Snapshot, order: list[Body], unit: float) -> list[_Needs]:
     for index, body in enumerate(order):
         state = next(s for s in view.bodies if s.body is body)
         stops = [link for link in view.links if link.b is None and link.a.body is body and not link.rotation]
+        stops = stops if moves_across(body) else []
         sides = {link.side for link in stops}
         if getattr(body, "stiffness", 0.0):
             sides.add(side_of_ground(index, len(order)))
@@ -237,7 +249,7 @@ def _needs(view: Snapshot, order: list[Body], unit: float) -> list[_Needs]:
         needs.append(
             _Needs(
                 body,
-                (BEAM_HALF if isinstance(body, Beam) else MASS_HALF) * unit,
+                (BEAM_HALF if is_line(body) else MASS_HALF) * unit,
                 "below" in sides,
                 "above" in sides,
                 max(-state.low, gaps["below"]),
@@ -250,7 +262,7 @@ def _needs(view: Snapshot, order: list[Body], unit: float) -> list[_Needs]:
 def _rows(view: Snapshot, order: list[Body], shifts: dict[Body, float]) -> dict[Body, int]:
     """Return the row of every body, from the lowest: beams that a joint ties end to end share one."""
     spans: dict[Body, tuple[float, float]] = {
-        b: (b.origin + shifts[b], b.origin + b.length + shifts[b]) for b in order if isinstance(b, Beam)
+        b: (b.shape.x[0] + shifts[b], b.shape.x[-1] + shifts[b]) for b in order if is_line(b)
     }
     tied = {frozenset((joint.a.body, joint.b.body)) for joint in view.joints}
     linked = {frozenset((a, b)) for _, a, b in _pairs(view)}

@@ -45,7 +45,7 @@ class BodyState:
 
     Attributes
     ----------
-    body : Beam or Mass
+    body : Body
     x : ndarray, shape (k,)
         Places along the axis in m; 0 for a mass.
     eta : ndarray, shape (k,)
@@ -188,7 +188,7 @@ def _links(scene: Scene, states: dict[str, tuple[str, float]]) -> tuple[Link, ..
 
 def _at_rest(outcome: Equilibrium, body: Body) -> BodyState:
     if not isinstance(body, Beam):
-        return _mass(body, np.array([outcome.displacement(body)]))
+        return _plain(body, np.asarray(body.shape.rows @ outcome.state_of(body.name)[0])[:, None])
     x, eta, moment = _sampled(
         body, lambda x: outcome.deflection(x, body)[:, None], lambda x: outcome.bending_moment(x, body)[:, None]
     )
@@ -199,7 +199,7 @@ def _in_motion(result: Result, body: Body, t: float) -> BodyState:
     # The picture's own time comes first, then the run.
     times = np.concatenate([[t], _times_of_range(result)])
     if not isinstance(body, Beam):
-        return _mass(body, result.displacement(body, times))
+        return _plain(body, result.along_shape(body, times))
     x, eta, moment = _sampled(
         body, lambda x: result.deflection(x, times, body), lambda x: result.bending_moment(x, times, body)
     )
@@ -259,6 +259,7 @@ def _beam(beam: Beam, x: Array, eta: Array, moment: Array) -> BodyState:
     )
 
 
-def _mass(body: Body, u: Array) -> BodyState:
-    low, high = float(np.min(u, initial=0.0)), float(np.max(u, initial=0.0))
-    return BodyState(body, np.zeros(1), u[:1], np.zeros(1), np.ones(1), low, high, 0.0, 0.0)
+def _plain(body: Body, u: Array) -> BodyState:
+    """Return a body without bending moments, from the displacement of its places, shape (k, n_times)."""
+    x, low, high = body.shape.x, float(np.min(u, initial=0.0)), float(np.max(u, initial=0.0))
+    return BodyState(body, x, u[:, 0], np.zeros(x.size), np.ones(x.size), low, high, 0.0, 0.0)

@@ -115,7 +115,7 @@ def place(scene: Scene, magnification: float) -> Placement:
 
 def _size(scene: Scene, magnification: float) -> float:
     """Return the longest beam, or the largest gap where there are only masses, m."""
-    lengths = [body.length for body in scene.bodies if isinstance(body, Beam)]
+    lengths = [float(np.ptp(body.shape.x)) for body in scene.bodies]
     gaps = [abs(magnification * _gap(contact)) for contact in scene.contacts]
     return max(lengths, default=0.0) or max(gaps, default=0.0) or 1.0
 
@@ -148,7 +148,7 @@ def _touches(scene: Scene, origins: dict[Body, Array], magnification: float) -> 
             a, b = foot(point), None
         up = 1.0 if side == "above" else -1.0
         gap = laws.gap[index] if name not in known else _gap(known[name])
-        stop = a.place + np.array([0.0, up * magnification * gap, 0.0])
+        stop = a.place + up * magnification * gap * np.array([*a.body.shape.direction, 0.0])
         touches.append(Touch(index, a, b, stop))
     return touches
 
@@ -160,7 +160,7 @@ def _node_of(scene: Scene, index: int) -> tuple[Point, str]:
     row = model.contact_rows[[index]].tocoo()
     for body, start in model.offsets.items():
         if row.nnz == 1 and start <= row.col[0] < start + body.size and isinstance(body, Beam):
-            node, slope = divmod(int(row.col[0]) - start, 2)
-            if not slope:
-                return body.at(float(body.nodes[node])), "above" if row.data[0] > 0 else "below"
+            known, dof = body.degrees_of_freedom, int(row.col[0]) - start
+            if not known.rotation[dof]:
+                return body.at(float(known.x[dof])), "above" if row.data[0] > 0 else "below"
     raise ArgumentError(f"contact {index} of the scene lies on no point that could be shown")

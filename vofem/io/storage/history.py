@@ -14,8 +14,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.bodies import Beam
-from vofem.bodies.base import Point
+from vofem.bodies.base import Body, Point
 from vofem.effects.two_points import Units, units_of
 from vofem.histories import Energy
 from vofem.integrators.base import ContactSamples, ProbeSamples, Samples
@@ -233,13 +232,19 @@ def _inverse(units: Units) -> str:
 
 
 def _reactions(file: _Group, result: Result) -> None:
-    held = [(body, node) for body in result.scene.bodies if isinstance(body, Beam) for node in body.supports]
+    held = [(body, x) for body in result.scene.bodies for x in _supported_places(body)]
     if not held:
         return
-    file.coordinate("support", [f"{beam.name}@{float(beam.nodes[node])!r}" for beam, node in held])
-    found = [result.reaction(beam, float(beam.nodes[node])) for beam, node in held]
+    file.coordinate("support", [f"{body.name}@{x!r}" for body, x in held])
+    found = [result.reaction(body, x) for body, x in held]
     file.series("reaction_force", "support", np.stack([part.force for part in found]), units="N")
     file.series("reaction_moment", "support", np.stack([part.moment for part in found]), units="N m")
+
+
+def _supported_places(body: Body) -> list[float]:
+    """Return the places of supports in m, ascending."""
+    x = body.degrees_of_freedom.x[body.matrices().supported]
+    return [float(place) for place in np.unique(x[~np.isnan(x)])]
 
 
 def read_history(group: h5py.Group) -> History:

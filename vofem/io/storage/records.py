@@ -21,14 +21,16 @@ from vofem.bodies import Beam, BeamPoint, Mass
 from vofem.bodies.base import Body
 from vofem.effects import Resolved
 from vofem.effects.time_functions import Arbitrary, TimeFunction
-from vofem.errors import ArgumentError, MissingCallableError
+from vofem.errors import MissingCallableError
 from vofem.integrators.base import Samples
 from vofem.io.scenes.schema import EFFECTS
 from vofem.io.storage.stand_ins import (
+    StoredBody,
     StoredCallable,
     StoredEffect,
     StoredFunction,
     StoredLaw,
+    StoredPoint,
     StoredState,
     name_of,
 )
@@ -83,8 +85,12 @@ class Encoder:
             return "plain", self._law(value)
         if isinstance(value, TimeFunction) and (isinstance(value, Arbitrary) or not is_data(type(value))):
             return "plain", StoredFunction.of(value, self._result.times)
+        if isinstance(value, (StoredBody, StoredPoint)):
+            return None
         if isinstance(value, Body) and not isinstance(value, type):
-            raise ArgumentError(f"{value!r} is no Beam and no Mass, so it has no form in a file")
+            return "plain", StoredBody.of(value)
+        if callable(getattr(value, "row", None)) and hasattr(value, "body") and not isinstance(value, type):
+            return "plain", StoredPoint.of(value)
         if callable(value) and not is_data(type(value)):
             return "plain", StoredCallable(name_of(value))
         return None
