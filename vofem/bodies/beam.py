@@ -328,6 +328,14 @@ class Beam:
         """Return EI and its derivative d(EI)/dx at x (m), each of shape (k,); at a node, to its right."""
         return self._EI.with_slope(x)
 
+    def mass_per_length(self, x: ArrayLike) -> Array:
+        """Return rhoA in kg/m at x (m), shape (k,); at a node, to its right."""
+        return self._rhoA.with_slope(x)[0]
+
+    def locate(self, x: ArrayLike) -> tuple[IntArray, Array]:
+        """Return elements and places in them, from 0 to 1, of points x (m); at a node, the element to its right."""
+        return self._axis.locate(f"a point of {self.label}", x)
+
     def interpolate(self, field: Any, what: str) -> Array:
         """Return the degrees of freedom, shape (size,), of an initial field.
 

@@ -12,6 +12,8 @@ from vofem._validate import array
 from vofem.assembly import Model
 from vofem.bodies.base import Body
 from vofem.bodies.beam import Beam
+from vofem.bodies.recovery import recovered_sections
+from vofem.effects.line_loads import line_loads
 from vofem.errors import ArgumentError
 from vofem.integrators.base import Sampled, Solution
 from vofem.lookup import body_named, row_of, the_beam
@@ -130,24 +132,59 @@ class Motion:
         """Return d(eta)/dx, shape (len(x), len(t))."""
         return self._field(x, t, body, 1)
 
-    def bending_moment(self, x: ArrayLike, t: ArrayLike | None = None, body: Any = None) -> Array:
+    def bending_moment(
+        self, x: ArrayLike, t: ArrayLike | None = None, body: Any = None, *, recovered: bool = False
+    ) -> Array:
         """Return ``M = EI eta''`` in N m, shape (len(x), len(t)); at a node, that of the element to its right.
 
-        It is the moment of the cubics: within an element of length h under a
-        distributed load q (weight and inertia included) it is off by up to
-        ``q h^2/12``, which refining the mesh removes quadratically.
+        Parameters
+        ----------
+        x, t, body
+            As for `deflection`.
+        recovered : bool
+            False: the moment of the cubics. Within an element of length h under
+            a distributed load q (weight and inertia included) it is off by up
+            to ``q h^2/12``, which refining the mesh removes quadratically.
+            True: the moment that balances distributed loads, weight, inertia,
+            foundations and tension within every element, from the forces at
+            its ends. It converges with the fourth power of h where the motion
+            is smooth; accelerations that jump, at a start or an impact, enter
+            it. Damping forces inside elements are left out.
         """
         beam = self._beam(body)
+        if recovered:
+            return self._sections(beam, x, t)[0]
         return beam.bending_stiffness(x)[0][:, None] * self._field(x, t, beam, 2)
 
-    def shear_force(self, x: ArrayLike, t: ArrayLike | None = None, body: Any = None) -> Array:
+    def shear_force(
+        self, x: ArrayLike, t: ArrayLike | None = None, body: Any = None, *, recovered: bool = False
+    ) -> Array:
         """Return ``V = (EI eta'')'`` in N, shape (len(x), len(t)); constant within an element where EI is.
 
         It is the mean over the element of the shear force: under a distributed
         load q it differs by up to ``q h/2`` at the ends of an element of length
-        h. At a support `reaction` is exact.
+        h; with ``recovered=True`` it balances the load, as `bending_moment`.
+        At a support `reaction` is exact.
         """
         beam = self._beam(body)
+        if recovered:
+            return self._sections(beam, x, t)[1]
         stiffness, change = beam.bending_stiffness(x)
         shear = stiffness[:, None] * self._field(x, t, beam, 3)
         return shear + change[:, None] * self._field(x, t, beam, 2) if np.any(change) else shear
+
+    def _sections(self, beam: Beam, x: ArrayLike, t: ArrayLike | None) -> tuple[Array, Array]:
+        """Return bending moment and shear force that balance loads and inertia, each (len(x), len(t))."""
+        times = self.times if t is None else np.atleast_1d(np.asarray(t, dtype=float))
+        every = np.arange(beam.size)
+        q, a = (self._some(beam, every, t, kind) for kind in ("q", "a"))
+        known = line_loads(self.scene.effects, beam)
+
+        def load(places: Array) -> Array:
+            eta = beam.field_matrix(places)
+            total = known.pressure(places, times) - beam.mass_per_length(places)[:, None] * (eta @ a)
+            if known.bedding:
+                total -= known.bed(places)[:, None] * (eta @ q)
+            return total + beam.tension * (beam.field_matrix(places, 2) @ q) if beam.tension else total
+
+        return recovered_sections(beam, x, q, load)

@@ -29,7 +29,7 @@ class Place(NamedTuple):
     surface: float | None
 
 
-def along_line(scene: Scene, beam: Body) -> list[Place]:
+def along_beam(scene: Scene, beam: Body) -> list[Place]:
     """Return the contacts of a beam or another line, those of a one-sided foundation at every node among them."""
     places = []
     held = set(scene.model.system.contacts.names) if scene.model.system.contacts is not None else set()

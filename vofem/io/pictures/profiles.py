@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from vofem.bodies import Beam
 from vofem.errors import ArgumentError
 from vofem.io.pictures.axes import COLORS, INK, goal_of, legend, panels, plain, save
-from vofem.io.pictures.places import Place, along_line, one_beam
+from vofem.io.pictures.places import Place, along_beam, one_beam
 from vofem.io.pictures.units import length
 from vofem.result import Result
 from vofem.scene import Scene
@@ -98,7 +98,7 @@ class _Shapes:
         assert within is not None
         self.times = times
         self.beam = one_beam(within, body)
-        self.places = along_line(within, self.beam)
+        self.places = along_beam(within, self.beam)
         self.x = np.union1d(np.linspace(self.beam.nodes[0], self.beam.nodes[-1], _POINTS), self.beam.nodes)
         self.held = np.array([p.x for p in self.places])
         if isinstance(outcome, Equilibrium):

@@ -13,7 +13,7 @@ from vofem.errors import ArgumentError
 from vofem.io.pictures.axes import INK, goal_of, panels, save
 from vofem.io.pictures.histories import closed_intervals
 from vofem.io.pictures.layout import is_line
-from vofem.io.pictures.places import along_line, between_masses, one_line
+from vofem.io.pictures.places import along_beam, between_masses, one_line
 from vofem.io.pictures.units import length
 from vofem.result import Result
 
@@ -67,7 +67,7 @@ def space_time(result: Result, path: str | os.PathLike[str], *, body: Beam | str
             eta = result.deflection(x, times, line)
         else:
             x, eta = line.shape.x, result.along_shape(line, times)
-        places = along_line(result.scene, line)
+        places = along_beam(result.scene, line)
     peak = float(np.max(np.abs(eta)))
     bound = min(peak, 3.0 * float(np.sqrt(np.mean(eta**2))))
     factor, unit = length(bound)
