@@ -341,3 +341,58 @@ def test_pictures_show_joined_beams_at_one_place(tmp_path):
     from vofem.io.render import render
 
     assert render(run, 0.5, tmp_path / "side.png").path.stat().st_size > 5000
+
+
+# -- fine meshes, and runs that are broken off -----------------------------------------------------
+
+
+def test_fine_meshes_keep_their_digits_through_a_joint():
+    a, b, joint = two_halves(1500, 1500)
+    rest = vf.equilibrium(vf.Scene([a, b], [joint, vf.PointLoad(b.at(1.0), 1.0)]))
+    assert_allclose(rest.displacement(b.at(1.0)), 8.0 / (3.0 * EI), rtol=1e-11)
+    a, b, hinge = gerber(1500)
+    rest = vf.equilibrium(vf.Scene([a, b], [hinge, vf.DistributedLoad(b, 1.0)]))
+    assert_allclose(rest.displacement(a.at(1.0)), 0.5 / (3.0 * EI), rtol=1e-11)
+
+
+def test_ritz_vectors_of_joined_beams():
+    tips = []
+    for elements in (10, 300):
+        a, b, hinge = gerber(elements)
+        effects = [
+            hinge,
+            vf.PointLoad(b.at(0.5), vf.Sine(2.0, 3.0)),
+            vf.Contact(a.at(1.0), gap=0.01, side="above", stiffness=300.0, acts_on="penetration"),
+        ]
+        run = vf.simulate(vf.Scene([a, b], effects), 0.6, times=[0.0, 0.3, 0.6])
+        assert (run.truncation is None) == (elements == 10)
+        tips.append(run.displacement(a.at(1.0)))
+    assert_allclose(tips[1], tips[0], rtol=0.0, atol=2e-6)
+
+
+def test_a_run_of_joined_beams_with_an_iwan_law_in_rotation_resumes_to_the_last_bit(tmp_path, monkeypatch):
+    # Looks at the outcome every few steps.
+    monkeypatch.setattr("vofem.integrators.stepping.march._CHUNK_WORK", 2000)
+    a, b, hinge = gerber()
+    knee = vf.IwanSpring(
+        b.at("left"), a.at("right"), of="rotation", elongation=[0.001, 0.004], force=[0.05, 0.08], name="knee"
+    )
+    scene = vf.Scene([a, b], [hinge, knee, vf.PointLoad(b.at(0.5), vf.Sine(2.0, 9.0))])
+    options = {"dt": 1e-3, "method": "energy_conserving", "times": np.linspace(0.0, 1.0, 11)}
+    whole = vf.simulate(scene, 1.0, **options)
+    assert whole.springs["knee"].dissipated[-1] > 1e-6
+    assert whole.energy.balance_error < 1e-9
+
+    class PowerLossError(Exception):
+        pass
+
+    def lose_power(t, t_end):
+        if t > 0.5 * t_end:
+            raise PowerLossError
+
+    path = tmp_path / "run.checkpoint"
+    with pytest.raises(PowerLossError):
+        vf.simulate(scene, 1.0, checkpoint=path, checkpoint_every=0.0, progress=lose_power, **options)
+    resumed = vf.resume(path)
+    assert np.array_equal(resumed.displacement(a.at(1.0)), whole.displacement(a.at(1.0)))
+    assert np.array_equal(resumed.springs["knee"].force, whole.springs["knee"].force)
