@@ -36,7 +36,7 @@ def contact_laws(entries: Sequence[ContactEntry], size: int, unknown: Unknowns) 
     )
     for name, row in zip(laws.names, laws.rows, strict=True):
         if not np.any(row.data):
-            raise ArgumentError(f"Contact {name!r} can never move: its points lie on supports")
+            raise ArgumentError(f"Contact {name!r} can never move: its points lie on supports or are tied by a joint")
     return rows, laws
 
 
@@ -78,4 +78,4 @@ def check_springs(memory: MemoryLaws | None, springpots: SpringpotLaws | None) -
             if names.count(law.name) > 1:
                 raise ArgumentError(f"springs named {law.name!r} occur more than once; give each its own name")
             if not np.any(row.data):
-                raise ArgumentError(f"{law.label} can never move: its points lie on supports")
+                raise ArgumentError(f"{law.label} can never move: its points lie on supports or are tied by a joint")

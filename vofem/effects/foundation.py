@@ -91,11 +91,12 @@ class Foundation:
         share = 0.5 * (np.append(h, 0.0) + np.insert(h, 0, 0.0))
         offset = builder.offsets[self.beam]
         held = {node for node, kind in self.beam.supports.items() if kind != "guided"}
+        displacements = np.flatnonzero(~self.beam.degrees_of_freedom.rotation)
         for node, stiffness in enumerate(self.along(self.beam.nodes) * share):
             # A node on a support never moves, one without stiffness never pushes.
             if node in held or stiffness == 0.0:
                 continue
-            row = Row(np.array([offset + 2 * node]), np.array([-1.0]))
+            row = Row(np.array([offset + displacements[node]]), np.array([-1.0]))
             builder.add_contact(
                 ContactEntry(f"{self.name}[{node}]", row, self.gap, float(stiffness), 0.0, False, np.inf)
             )

@@ -14,6 +14,7 @@ from vofem.assembly import Effect, Model
 from vofem.bodies.beam import Beam
 from vofem.bodies.recovery import recovered_sections
 from vofem.effects.line_loads import line_loads
+from vofem.effects.two_points import units_of
 from vofem.lookup import body_named, row_of, the_beam
 
 Array = NDArray[np.float64]
@@ -74,7 +75,8 @@ class Equilibrium:
         self.contacts = Named(dict(contacts))
         self.iterations = iterations
         self.notes = [
-            f"contact {name!r} is pinned at its gap with a reaction of {contact.force:.6g} N: the load lies between "
+            f"contact {name!r} is pinned at its gap with a reaction of {contact.force:.6g} "
+            f"{units_of(effects, name).force}: the load lies between "
             "the open and the closed equilibrium of acts_on='displacement'"
             for name, contact in self.contacts.items()
             if contact.pinned

@@ -53,13 +53,18 @@ class BodyByName:
             return place.expected(self.expected, value)
         beams = tuple(name for name, body in place.book.bodies.items() if isinstance(body, Beam))
         body = _body(value, place, self.expected, beams if self.beam else ())
-        if self.beam and not hasattr(body, "at"):
+        if self.beam and not _has_axis(body):
             return place.expected(self.expected, value, ", which is a mass")
         return body
 
     def write(self, value: Any, book: Book) -> str:
         """Return the name."""
         return NAME.write(value.name, book)
+
+
+def _has_axis(body: Body | Invalid) -> bool:
+    """Return whether a body has points along an axis; of what could not be read this is not known."""
+    return isinstance(body, Invalid) or hasattr(body, "at")
 
 
 @dataclass(frozen=True)
@@ -90,7 +95,7 @@ class PointByName:
         if "body" not in value:
             return place.key("body").report("missing, expected the name of a body")
         body = BodyByName().read(value["body"], place.key("body"))
-        if not hasattr(body, "at") and "at" not in value:
+        if not _has_axis(body) and "at" not in value:
             return body
         if "at" not in value:
             return place.key("at").report("missing, expected an x, 'left', 'right' or a name of the mesh")

@@ -21,7 +21,7 @@ from vofem.bodies import Beam, BeamPoint, Mass
 from vofem.bodies.base import Body
 from vofem.effects import Resolved
 from vofem.effects.time_functions import Arbitrary, TimeFunction
-from vofem.errors import MissingCallableError
+from vofem.errors import ArgumentError, MissingCallableError
 from vofem.integrators.base import Samples
 from vofem.io.scenes.schema import EFFECTS
 from vofem.io.storage.stand_ins import (
@@ -87,6 +87,12 @@ class Encoder:
             return "plain", StoredFunction.of(value, self._result.times)
         if isinstance(value, (StoredBody, StoredPoint)):
             return None
+        if isinstance(value, (Beam, Mass)):
+            # What stands for it would have no fields, which results of beams offer.
+            raise ArgumentError(
+                f"{value!r} is of a class derived from Beam or Mass, so it is no Beam and no Mass that could be made "
+                "again, and has no form in a file; derive from vofem.bodies.BaseBody instead"
+            )
         if isinstance(value, Body) and not isinstance(value, type):
             return "plain", StoredBody.of(value)
         if callable(getattr(value, "row", None)) and hasattr(value, "body") and not isinstance(value, type):
