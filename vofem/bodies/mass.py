@@ -11,6 +11,11 @@ from vofem.bodies.base import Array, BodyMatrices, DegreesOfFreedom, IntArray, P
 from vofem.errors import ArgumentError
 
 
+#: All masses have these, and there may be very many of them.
+_FREEDOM = DegreesOfFreedom(np.full(1, np.nan), np.zeros(1, dtype=bool))
+_BLOCK = Shape("block", np.zeros(1), np.ones((1, 1)))
+
+
 class Mass:
     """A mass on a spring and a dashpot to ground: ``m u'' + c u' + k u = f``.
 
@@ -62,12 +67,12 @@ class Mass:
     @property
     def degrees_of_freedom(self) -> DegreesOfFreedom:
         """One displacement, at no place."""
-        return DegreesOfFreedom(np.full(1, np.nan), np.zeros(1, dtype=bool))
+        return _FREEDOM
 
     @property
     def shape(self) -> Shape:
         """A block that moves upward."""
-        return Shape("block", np.zeros(1), np.ones((1, 1)))
+        return _BLOCK
 
     def sections(self) -> dict[str, Any]:
         """Return nothing."""
