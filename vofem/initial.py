@@ -120,7 +120,9 @@ class Initial:
             start = model.offsets[body]
             part = slice(start, start + body.size)
             q[part], v[part] = self._start_of(body)
-        return State(q[model.free], v[model.free], self._past(model, effects))
+        return State(
+            model.reduced(q, "initial displacement"), model.reduced(v, "initial velocity"), self._past(model, effects)
+        )
 
     def _past(self, model: Model, effects: Iterable[Effect]) -> Any:
         """Return the state of hysteretic springs in the outcome that the run starts from, or None."""

@@ -54,7 +54,7 @@ def row_of(bodies: Iterable[Body], point: Any) -> tuple[Body, Row]:
     if not hasattr(point, "row"):
         raise ArgumentError(f"expected a point, beam.at(x) or a Mass, found {point!r}")
     body = body_named(bodies, point.body)
-    return body, body.at(point.x).row() if isinstance(body, Beam) else point.row()
+    return body, body.resolve(point)
 
 
 def rows_over(model: Model, bodies: Iterable[Body], points: Iterable[Any]) -> csr_matrix:
@@ -66,4 +66,5 @@ def rows_over(model: Model, bodies: Iterable[Body], points: Iterable[Any]) -> cs
     indices = np.concatenate([row.indices + model.offsets[body] for body, row in found])
     ends = np.cumsum([0, *(row.indices.size for _, row in found)])
     weights = np.concatenate([row.weights for _, row in found])
-    return csr_matrix((weights, indices, ends), shape=(len(found), model.size))[:, model.free]
+    whole = csr_matrix((weights, indices, ends), shape=(len(found), model.size))
+    return model.unknowns.rows(whole)

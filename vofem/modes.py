@@ -54,18 +54,18 @@ class Modes:
 
         Returns
         -------
-        ndarray, shape (len(x),), or (1,) for a mass
+        ndarray, shape (len(x),), or (1,) for a mass; of other bodies at the places of their shape
             In 1/sqrt(kg).
         """
         if not 0 <= k < self.omega.size:
             raise ArgumentError(f"mode {k} was asked for, expected 0 to {self.omega.size - 1}")
         chosen = self._body(body)
         values = self._model.of_body(chosen, self._shapes[:, k])
-        if not isinstance(chosen, Beam):
-            return values
-        if x is None:
-            raise ArgumentError("the shape of a beam needs x, the points to evaluate it at")
-        return np.asarray(chosen.field_matrix(x) @ values)
+        if isinstance(chosen, Beam):
+            if x is None:
+                raise ArgumentError("the shape of a beam needs x, the points to evaluate it at")
+            return np.asarray(chosen.field_matrix(x) @ values)
+        return np.asarray(chosen.shape.rows @ values)
 
     def _body(self, body: Any) -> Body:
         bodies = tuple(self._model.offsets)

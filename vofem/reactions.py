@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.assembly import Model
-from vofem.bodies.beam import SUPPORTS, Beam
-from vofem.errors import ArgumentError
+from vofem.bodies.base import Body
 from vofem.integrators.base import Sampled
 
 Array = NDArray[np.float64]
@@ -17,7 +16,7 @@ Array = NDArray[np.float64]
 
 def support_reaction(
     model: Model,
-    beam: Beam,
+    body: Body,
     where: Any,
     times: Array,
     samples: Sampled,
@@ -39,40 +38,40 @@ def support_reaction(
     ArgumentError
         If there is no support at that place.
     """
-    node = beam.node_at(where)
-    if node not in beam.supports:
-        places = ", ".join(f"x = {beam.nodes[k]:g}" for k in beam.supports) or "none"
-        raise ArgumentError(f"Beam {beam.name!r} has no support at {where!r}; its supports: {places}")
     result = np.zeros((2, times.size))
-    for dof in SUPPORTS[beam.supports[node]]:
-        result[dof] = _residual(
-            model, model.offsets[beam] + 2 * node + dof, times, samples, contact_force, modes, spring_force
-        )
+    for dof in body.supported_at(where).tolist():
+        row = model.unknowns.support_row(model.offsets[body] + dof, model.size)
+        kind = int(body.degrees_of_freedom.rotation[dof])
+        result[kind] += residual(model, row, times, samples, contact_force, modes, spring_force)
     return result[0], result[1]
 
 
-def _residual(
+def residual(
     model: Model,
-    dof: int,
+    weights: Any,
     times: Array,
     samples: Sampled,
     contact_force: Array | None,
     modes: tuple[Array, Array] | None,
     spring_force: Array | None,
 ) -> Array:
-    """Return ``M a + C v + K q - f + contact forces`` of one supported degree of freedom."""
+    """Return ``w.(M a + C v + K q - f + forces of laws)``, shape (n_times,), w being a row, csr_matrix (1, N).
+
+    Of a single supported degree of freedom it is what the support exerts.
+    """
     system = model.system
+    reduce = model.unknowns.rows
 
     def product(matrix: Any, kind: str) -> Array:
-        return samples.along(matrix[[dof]][:, model.free], kind)
+        return samples.along(reduce(weights @ matrix), kind)
 
     total = product(model.mass, "a") + product(model.stiffness, "q")
     if model.damping is not None:
         total = total + product(model.damping, "v")
     if system.rayleigh is not None:
         alpha, beta = system.rayleigh
-        row = alpha * model.mass[[dof]] + beta * model.stiffness[[dof]]
-        total = total + samples.along(row[:, model.free], "v")
+        row = weights @ (alpha * model.mass + beta * model.stiffness)
+        total = total + samples.along(reduce(row), "v")
     if system.modal_damping is not None:
         from vofem.linalg.eigen import modal_basis
 
@@ -80,25 +79,31 @@ def _residual(
             modes = modal_basis(system.mass, system.stiffness, system.scale, system.rigid, system.strain)
         squares, shapes = modes
         rates = samples.along((system.mass @ shapes).T, "v")
-        force = shapes @ (2.0 * system.modal_damping * np.sqrt(squares)[:, None] * rates)
-        total = total + model.mass[[dof]][:, model.free] @ force
+        force = shapes @ (system.modal_rates(squares)[:, None] * rates)
+        total = total + reduce(weights @ model.mass) @ force
     value = np.asarray(total)[0]
     for vector, load in zip(model.load_vectors, system.loads, strict=True):
-        if vector[dof]:
-            value = value - vector[dof] * load.function(times)
+        share = float((weights @ vector)[0])
+        if share:
+            value = value - share * load.function(times)
     if model.nonlinear_rows is not None:
-        column = np.asarray(model.nonlinear_rows[:, [dof]].todense())[:, 0]
+        column = _shares(model.nonlinear_rows, weights)
         assert system.nonlinear is not None
         u = system.nonlinear.rows @ samples.q
         for k in np.flatnonzero(column):
             value = value + column[k] * np.array([system.nonlinear.laws[k].reaction(x) for x in u[k]])
     if spring_force is not None:
         parts = [rows for rows in (model.memory_rows, model.springpot_rows) if rows is not None]
-        column = np.concatenate([np.asarray(rows[:, [dof]].todense())[:, 0] for rows in parts])
+        column = np.concatenate([_shares(rows, weights) for rows in parts])
         if np.any(column):
             value = value + column @ spring_force
     if model.contact_rows is not None and contact_force is not None:
-        column = np.asarray(model.contact_rows[:, [dof]].todense())[:, 0]
+        column = _shares(model.contact_rows, weights)
         if np.any(column):
             value = value + column @ contact_force
     return value
+
+
+def _shares(rows: Any, weights: Any) -> Array:
+    """Return by how much the force of each law counts, shape (n_laws,)."""
+    return np.asarray((rows @ weights.T).todense())[:, 0]

@@ -13,7 +13,16 @@ from numpy.typing import ArrayLike, NDArray
 from vofem._validate import Named
 from vofem.assembly import Model
 from vofem.errors import ArgumentError
-from vofem.histories import ContactHistory, Energy, Motion, ProbeHistory, Reaction, SpringHistory, reaction_of
+from vofem.histories import (
+    ContactHistory,
+    Energy,
+    Motion,
+    ProbeHistory,
+    Reaction,
+    SpringHistory,
+    joint_force_of,
+    reaction_of,
+)
 from vofem.initial import StoredState
 from vofem.integrators.base import ContactSamples, ProbeSamples, Solution
 from vofem.integrators.registry import advice
@@ -144,12 +153,32 @@ class Result(Motion):
 
         Parameters
         ----------
-        body : Beam
+        body : Body or str
         where : "left", "right" or x
             The place of a support.
         """
-        beam = self._beam(body)
-        return reaction_of(self, beam, where, t, self._at(t))
+        return reaction_of(self, self._body(body), where, t, self._at(t))
+
+    def joint_force(self, joint: Any, t: ArrayLike | None = None) -> Reaction:
+        """Return what a joint does to the body of its point a at `times`, or at times t; to b it does the opposite.
+
+        Parameters
+        ----------
+        joint : Joint or str
+        t : array_like, optional
+            In s.
+
+        Returns
+        -------
+        Reaction
+            Force in N, positive upward, and moment in N m, which is zero in a hinge; each (n_times,).
+
+        Raises
+        ------
+        ArgumentError
+            If there is no joint of that name.
+        """
+        return joint_force_of(self, getattr(joint, "name", joint), t, self._at(t))
 
     @cached_property
     def energy(self) -> Energy:

@@ -188,8 +188,10 @@ class System:
     rayleigh : (float, float), optional
         Adds ``alpha M + beta K`` to C. Kept apart because modal coordinates
         make it diagonal, which rounding in a product of matrices would spoil.
-    modal_damping : float, optional
-        Adds this ratio of critical damping to every mode of (K, M).
+    modal_damping : float or ndarray, optional
+        Ratios of critical damping that are added to the modes of (K, M): one for
+        all of them, or one for each vibration mode in ascending order of
+        frequency, rigid motions not counted. Modes beyond the array take its last ratio.
     strain : csr_matrix, shape (n_strains, n), optional
         D with ``K = D'D``, so that energies keep digits that products with K
         lose; None where K is no sum of squares.
@@ -204,13 +206,16 @@ class System:
     scale : ndarray, shape (n,)
         Length that makes a degree of freedom a displacement; balances eigenproblems.
     springpots : SpringpotLaws, optional
+    rotation : ndarray of bool, shape (n,), optional
+        True where a degree of freedom is a rotation, False where it is a
+        displacement; None in runs that were saved before it was known.
     """
 
     mass: csc_matrix
     stiffness: csc_matrix
     damping: csc_matrix | None
     rayleigh: tuple[float, float] | None
-    modal_damping: float | None
+    modal_damping: float | Array | None
     loads: tuple[Load, ...]
     contacts: ContactLaws | None
     nonlinear: NonlinearLaws | None
@@ -220,6 +225,7 @@ class System:
     strain: csr_matrix | None
     rigid: Array
     springpots: SpringpotLaws | None = None
+    rotation: NDArray[np.bool_] | None = None
 
     @property
     def cache(self) -> Cache:
@@ -256,6 +262,23 @@ class System:
     def damped(self) -> bool:
         """Whether there is any damping outside the contacts."""
         return not (self.damping is None and self.rayleigh is None and self.modal_damping is None)
+
+    def modal_rates(self, squares: Array) -> Array:
+        """Return ``2 zeta omega`` in 1/s of the modal damping.
+
+        Parameters
+        ----------
+        squares : ndarray, shape (k,)
+            Squared frequencies of the lowest modes in ascending order, 0 for rigid motions.
+
+        Returns
+        -------
+        ndarray, shape (k,)
+            0 for rigid motions, and everywhere without modal damping.
+        """
+        ratios = np.atleast_1d(np.asarray(self.modal_damping if self.modal_damping is not None else 0.0, dtype=float))
+        number = np.cumsum(squares > 0.0) - 1
+        return np.asarray(2.0 * ratios[np.clip(number, 0, ratios.size - 1)] * np.sqrt(squares))
 
     @property
     def sparse_damping(self) -> csc_matrix | None:

@@ -6,12 +6,14 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vofem.assembly.effect import ContactEntry
 from vofem.assembly.laws import check_springs, contact_laws, memory_laws, nonlinear_laws, springpot_laws
 from vofem.assembly.model import Model
 from vofem.assembly.strains import attached_strains, rigid_motions, strain_rows
-from vofem.assembly.triplets import Triplets, entries, restricted
+from vofem.assembly.triplets import Triplets, entries
+from vofem.assembly.unknowns import Constraint, unknowns
 from vofem.bodies.base import Array, Body, BodyMatrices, IntArray, Point, Row
 from vofem.errors import ArgumentError
 from vofem.memory import MemoryLaw, PrintedLaw, SpringpotLaw
@@ -41,11 +43,13 @@ class SystemBuilder:
         self._printed: list[PrintedLaw] = []
         self._springpots: list[tuple[Row, SpringpotLaw]] = []
         self._rayleigh: tuple[float, float] | None = None
-        self._modal: float | None = None
+        self._modal: float | Array | None = None
         self._loads: list[Load] = []
         self._contacts: list[ContactEntry] = []
+        self._joints: list[tuple[str, list[Row]]] = []
         supported: list[IntArray] = []
         scales: list[Array] = []
+        rotations: list[NDArray[np.bool_]] = []
         self.size = 0
         for body in bodies:
             matrices = self._check(body, body.matrices())
@@ -56,9 +60,11 @@ class SystemBuilder:
                 self._damping.add_matrix(matrices.damping, self.size, self.size)
             supported.append(matrices.supported + self.size)
             scales.append(matrices.scale)
+            rotations.append(body.degrees_of_freedom.rotation)
             self.size += body.size
         self._supported = np.concatenate(supported)
         self._scale = np.concatenate(scales)
+        self._rotation = np.concatenate(rotations)
         self._accelerations: list[tuple[float, LoadFunction, str, Body | None]] = []
 
     @staticmethod
@@ -110,9 +116,14 @@ class SystemBuilder:
         before = self._rayleigh or (0.0, 0.0)
         self._rayleigh = (before[0] + alpha, before[1] + beta)
 
-    def add_modal_damping(self, ratio: float) -> None:
-        """Damp every mode of (K, M) by a ratio of its critical damping."""
-        self._modal = (self._modal or 0.0) + ratio
+    def add_modal_damping(self, ratio: float | Array) -> None:
+        """Damp the modes of (K, M) by one ratio of critical damping, or by one each, of which the last is repeated."""
+        if self._modal is not None and (np.ndim(ratio) or np.ndim(self._modal)):
+            parts = [np.atleast_1d(np.asarray(part, dtype=float)) for part in (self._modal, ratio)]
+            longest = max(part.size for part in parts)
+            self._modal = sum((np.pad(part, (0, longest - part.size), "edge") for part in parts), np.zeros(longest))
+        else:
+            self._modal = ratio if self._modal is None else self._modal + ratio
 
     def add_point_load(self, row: Row, function: LoadFunction, name: str) -> None:
         """Add the load ``b * function(t)``."""
@@ -151,6 +162,10 @@ class SystemBuilder:
         """Add a contact."""
         self._contacts.append(entry)
 
+    def add_joint(self, name: str, rows: Sequence[Row]) -> None:
+        """Add the conditions ``b.q = 0`` of a joint, which hold exactly: of displacements, and then of rotations."""
+        self._joints.append((name, list(rows)))
+
     # -- result -----------------------------------------------------------------------------------
 
     def build(self) -> Model:
@@ -163,43 +178,42 @@ class SystemBuilder:
         strains = attached_strains(self._springs, self._strains, self.size)
         if attached is not None:
             stiffness = stiffness + attached
-        held = np.zeros(self.size, dtype=bool)
-        held[self._supported] = True
-        free = np.flatnonzero(~held)
-        if not free.size:
+        unknown, conditions, joint_rows = unknowns(self._constraints(), self._supported, self._scale)
+        if not unknown.free.size:
             raise ArgumentError("the supports hold every degree of freedom, so nothing can move; remove some")
 
         for value, function, name, only in self._accelerations:
             translation = np.concatenate([body.translation() * (only is None or body is only) for body in self.offsets])
             self._loads.append(Load(value * (mass @ translation), function, name))
-        contact_rows, contacts = contact_laws(self._contacts, self.size, free)
-        nonlinear_rows, nonlinear = nonlinear_laws(self._nonlinear, self.size, free)
-        memory_rows, memory = memory_laws(self._memory, self.size, free)
-        springpot_rows, springpots = springpot_laws(self._springpots, self.size, free)
+        contact_rows, contacts = contact_laws(self._contacts, self.size, unknown)
+        nonlinear_rows, nonlinear = nonlinear_laws(self._nonlinear, self.size, unknown)
+        memory_rows, memory = memory_laws(self._memory, self.size, unknown)
+        springpot_rows, springpots = springpot_laws(self._springpots, self.size, unknown)
         check_springs(memory, springpots)
         if self._printed:
             self._check_printed(stiffness)
         system = System(
-            mass=restricted(mass, free),
-            stiffness=restricted(stiffness, free),
-            damping=None if damping is None else restricted(damping, free),
+            mass=unknown.square(mass),
+            stiffness=unknown.square(stiffness),
+            damping=None if damping is None else unknown.square(damping),
             rayleigh=self._rayleigh,
             modal_damping=self._modal,
-            loads=tuple(Load(load.vector[free], load.function, load.name) for load in self._loads),
+            loads=tuple(Load(unknown.vector(load.vector), load.function, load.name) for load in self._loads),
             contacts=contacts,
             nonlinear=nonlinear,
             memory=memory,
             printed=self._printed[0] if self._printed else None,
-            scale=self._scale[free],
-            strain=strain_rows(self.offsets, strains, self.size, free),
-            rigid=rigid_motions(self.offsets, strains, self._supported, self.size)[free],
+            scale=unknown.scale(self._scale),
+            strain=strain_rows(self.offsets, strains, self.size, unknown),
+            rigid=rigid_motions(self.offsets, strains, conditions, self._supported, self.size)[unknown.free],
             springpots=springpots,
+            rotation=self._rotation[unknown.free],
         )
         vectors = tuple(load.vector for load in self._loads)
         return Model(
             system,
             self.offsets,
-            free,
+            unknown.free,
             mass,
             stiffness,
             damping,
@@ -208,7 +222,22 @@ class SystemBuilder:
             nonlinear_rows,
             memory_rows,
             springpot_rows,
+            transform=unknown.transform,
+            joints=tuple((name, len(rows)) for name, rows in self._joints),
+            joint_rows=joint_rows,
         )
+
+    def _constraints(self) -> list[Constraint]:
+        """Return the conditions of all joints, whose names must differ."""
+        names = [name for name, _ in self._joints]
+        twice = [name for k, name in enumerate(names) if name in names[:k]]
+        if twice:
+            raise ArgumentError(f"joints named {twice[0]!r} occur more than once; give each its own name")
+        return [
+            Constraint(row, f"Joint {name!r}: {kind}")
+            for name, rows in self._joints
+            for row, kind in zip(rows, ("the displacement", "the rotation"), strict=False)
+        ]
 
     def _check_printed(self, stiffness: Any) -> None:
         """Raise where a spring follows the printed law beside anything else that bears load."""

@@ -7,11 +7,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from vofem.assembly.unknowns import Unknowns
 from vofem.bodies.base import Array, Body, IntArray
+from vofem.errors import ArgumentError
 from vofem.system import System
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
+
+
+#: Differences at a joint, relative to the largest value: of one and the same motion, and of displacements and
+#: rotations whose fields were projected body by body.
+_SAME, _FAR = 1e-12, (1e-2, 5e-2)
 
 
 @dataclass(frozen=True)
@@ -25,7 +32,7 @@ class Model:
     offsets : dict of Body to int
         Where a body's degrees of freedom begin among all.
     free : ndarray of int, shape (n,)
-        The free degrees of freedom among all.
+        The unknowns among all degrees of freedom: neither supported nor eliminated by a joint.
     mass, stiffness : csr_matrix, shape (N, N)
         Over all degrees of freedom, supported ones included; for reactions.
     damping : csr_matrix, optional
@@ -36,6 +43,12 @@ class Model:
     nonlinear_rows : csr_matrix, shape (n_laws, N), optional
     memory_rows : csr_matrix, shape (n_springs, N), optional
     springpot_rows : csr_matrix, shape (n_springpots, N), optional
+    transform : csr_matrix, shape (N, N), optional
+        As of `Unknowns`; None where no joint eliminates a degree of freedom.
+    joints : tuple of (str, int)
+        Names of joints and how many conditions each has: 1 of displacements, 2 with rotations.
+    joint_rows : csr_matrix, shape (n_conditions, N), optional
+        Rows that give the force of each condition from what the equations of motion leave over.
     """
 
     system: System
@@ -49,6 +62,9 @@ class Model:
     nonlinear_rows: csr_matrix | None
     memory_rows: csr_matrix | None
     springpot_rows: csr_matrix | None = None
+    transform: csr_matrix | None = None
+    joints: tuple[tuple[str, int], ...] = ()
+    joint_rows: csr_matrix | None = None
 
     @property
     def size(self) -> int:
@@ -57,13 +73,55 @@ class Model:
 
     def expand(self, q: Array) -> Array:
         """Return free values (n, ...) as values of all degrees of freedom (N, ...), zero at supports."""
+        if self.transform is not None:
+            return np.asarray(self.transform[:, self.free] @ q)
         full = np.zeros((self.size, *q.shape[1:]))
         full[self.free] = q
         return full
 
+    @property
+    def unknowns(self) -> Unknowns:
+        """The unknowns, and how all degrees of freedom follow from them."""
+        return Unknowns(self.free, self.transform)
+
+    def reduced(self, full: Array, what: str) -> Array:
+        """Return the unknowns, shape (n,), of given values of all degrees of freedom (N,).
+
+        Fields that are projected body by body differ at joints by the error of
+        the mesh. They are projected once more, by the mass, on what the joints allow.
+
+        Raises
+        ------
+        ArgumentError
+            If the values contradict a joint; `what` is for the message.
+        """
+        q = full[self.free]
+        if self.transform is None:
+            return q
+        rotation = np.concatenate([body.degrees_of_freedom.rotation for body in self.offsets])
+        largest = [float(np.max(np.abs(full[kind]), initial=0.0)) for kind in (~rotation, rotation)]
+        size = np.where(rotation, largest[1], largest[0])
+        gap = np.abs(self.expand(q) - full)
+        if np.all(gap <= _SAME * size):
+            return q
+        far = np.where(rotation, _FAR[1], _FAR[0]) * size
+        if np.any(gap > far):
+            k = int(np.argmax(gap - far))
+            body = next(body for body, start in self.offsets.items() if start <= k < start + body.size)
+            raise ArgumentError(
+                f"Scene: the {what} of {body.label} differs at a joint from that of the body it is tied to; give "
+                "fields that agree there"
+            )
+        from scipy.sparse.linalg import spsolve
+
+        chosen = self.transform[:, self.free]
+        return np.asarray(spsolve(self.system.mass.tocsc(), chosen.T @ (self.mass @ full)))
+
     def of_body(self, body: Body, q: Array) -> Array:
         """Return one body's values, shape (body.size, ...), out of free values (n, ...)."""
         start = self.offsets[body]
+        if self.transform is not None:
+            return np.asarray(self.transform[start : start + body.size][:, self.free] @ q)
         inside = (self.free >= start) & (self.free < start + body.size)
         values = np.zeros((body.size, *q.shape[1:]))
         values[self.free[inside] - start] = q[inside]

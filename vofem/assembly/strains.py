@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vofem.assembly.triplets import Triplets, stacked
+from vofem.assembly.unknowns import Unknowns
 from vofem.bodies.base import Array, Body, IntArray, Row
 from vofem.linalg.null_space import null_space, sparse_null_space
 
@@ -40,7 +41,9 @@ def attached_strains(
     return vstack(parts, format="csr") if parts else None
 
 
-def strain_rows(offsets: dict[Body, int], attached: csr_matrix | None, size: int, free: IntArray) -> csr_matrix | None:
+def strain_rows(
+    offsets: dict[Body, int], attached: csr_matrix | None, size: int, unknown: Unknowns
+) -> csr_matrix | None:
     """Return D with ``K = D'D`` over the free degrees of freedom, or None."""
     from scipy.sparse import vstack
 
@@ -54,11 +57,17 @@ def strain_rows(offsets: dict[Body, int], attached: csr_matrix | None, size: int
     whole: Any = parts.build(count, size)
     if attached is not None:
         whole = vstack([whole, attached], format="csr")
-    return whole[:, free] if free.size < size else whole
+    return unknown.rows(whole) if unknown.free.size < size else whole
 
 
-def rigid_motions(offsets: dict[Body, int], attached: csr_matrix | None, supported: IntArray, size: int) -> Array:
-    """Return a basis, shape (N, r), of the motions that strain nothing and violate no support.
+def rigid_motions(
+    offsets: dict[Body, int],
+    attached: csr_matrix | None,
+    conditions: csr_matrix | None,
+    supported: IntArray,
+    size: int,
+) -> Array:
+    """Return a basis, shape (N, r), of the motions that strain nothing and violate no support and no joint.
 
     They are sought among the rigid motions of the bodies, a problem of a
     few unknowns: the large matrices cannot tell a soft body from a free one.
@@ -69,14 +78,16 @@ def rigid_motions(offsets: dict[Body, int], attached: csr_matrix | None, support
         held = supported[(supported >= start) & (supported < start + body.size)] - start
         motions = motions @ null_space(motions[held], np.ones_like(motions[held]))
         blocks.extend((start, motions[:, [k]]) for k in range(motions.shape[1]))
-    from scipy.sparse import csr_matrix
+    from scipy.sparse import csr_matrix, vstack
 
     if not blocks:
         return np.zeros((size, 0))
-    rows = np.concatenate([start + np.arange(motion.shape[0]) for start, motion in blocks])
+    places = np.concatenate([start + np.arange(motion.shape[0]) for start, motion in blocks])
     columns = np.repeat(np.arange(len(blocks)), [motion.shape[0] for _, motion in blocks])
     entries = np.concatenate([motion[:, 0] for _, motion in blocks])
-    basis = csr_matrix((entries, (rows, columns)), shape=(size, len(blocks)))
-    if attached is None:
+    basis = csr_matrix((entries, (places, columns)), shape=(size, len(blocks)))
+    resisted = [part for part in (attached, conditions) if part is not None]
+    if not resisted:
         return np.asarray(basis.toarray())
-    return np.asarray(basis @ sparse_null_space(attached @ basis, abs(attached) @ abs(basis)))
+    rows: Any = vstack(resisted, format="csr") if len(resisted) > 1 else resisted[0]
+    return np.asarray(basis @ sparse_null_space(rows @ basis, abs(rows) @ abs(basis)))

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem._validate import number
 from vofem.errors import ArgumentError
 
 if TYPE_CHECKING:
@@ -58,15 +59,60 @@ class BodyMatrices:
     scale: Array
 
 
+@dataclass(frozen=True)
+class DegreesOfFreedom:
+    """What the degrees of freedom of a body are.
+
+    Attributes
+    ----------
+    x : ndarray, shape (size,)
+        Place on the axis of the body in m; NaN where the body has none.
+    rotation : ndarray of bool, shape (size,)
+        True for a rotation (rad), False for a displacement (m).
+    """
+
+    x: Array
+    rotation: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Shape:
+    """How a body lies in the plane of a picture, and how it moves there.
+
+    Attributes
+    ----------
+    kind : {"line", "block"}
+        A line is drawn through its places, a block at its one place.
+    x : ndarray, shape (k,)
+        Places along the axis of the body in m, ascending; 0 of a block.
+    rows : csr_matrix or ndarray, shape (k, size)
+        The displacement of these places from the degrees of freedom.
+    direction : (float, float)
+        Unit vector of the displacement in the plane: (0, 1) upward, across the axis; (1, 0) along it.
+    """
+
+    kind: Literal["line", "block"]
+    x: Array
+    rows: Any
+    direction: tuple[float, float] = (0.0, 1.0)
+
+
 @runtime_checkable
 class Body(Protocol):
-    """A thing with mass. Bodies compare and hash by identity."""
+    """A thing with mass. Bodies compare and hash by identity.
+
+    A class written outside may inherit `BaseBody`, which offers all that follows from the rest.
+    """
 
     name: str
 
     @property
     def size(self) -> int:
         """Number of degrees of freedom, supported ones included."""
+
+    @property
+    def degrees_of_freedom(self) -> DegreesOfFreedom:
+        """Place and kind of every degree of freedom."""
 
     def matrices(self) -> BodyMatrices:
         """Return mass, stiffness, damping and supports."""
@@ -84,11 +130,171 @@ class Body(Protocol):
         """Return the degrees of freedom, shape (size,), of an initial field."""
 
     @property
+    def shape(self) -> Shape:
+        """How the body lies and moves in a picture."""
+
+    def sections(self) -> Mapping[str, Any]:
+        """Return what else is known along the shape: matrices, shape (k, size), by name and unit, ``"force [N]"``."""
+
+    def resolve(self, point: Point) -> Row:
+        """Return the row, on this body, of a point of a body of the same name: of another mesh, or of a saved run."""
+
+    def supported_at(self, where: Any) -> IntArray:
+        """Return the supported degrees of freedom at a place, or raise `ArgumentError` where there are none."""
+
+    @property
     def label(self) -> str:
         """Kind and name for messages, such as ``Beam 'deck'``."""
 
-    def describe(self) -> str:
+    def summary(self) -> str:
         """Return one line for `vofem.explain`."""
+
+
+class BaseBody:
+    """What follows from degrees of freedom, matrices and shape; a body written outside may inherit it.
+
+    A subclass sets `name` and offers `size`, `degrees_of_freedom`, `matrices`
+    and `shape`. What is here serves bodies whose degrees of freedom are
+    displacements in one direction; a body with rotations overrides
+    `rigid_motions` and `interpolate`.
+    """
+
+    name: str
+
+    if TYPE_CHECKING:
+
+        @property
+        def size(self) -> int:
+            """Number of degrees of freedom."""
+
+        @property
+        def degrees_of_freedom(self) -> DegreesOfFreedom:
+            """Place and kind of every degree of freedom."""
+
+        @property
+        def shape(self) -> Shape:
+            """How the body lies and moves in a picture."""
+
+        def matrices(self) -> BodyMatrices:
+            """Return mass, stiffness, damping and supports."""
+
+    @property
+    def label(self) -> str:
+        """Kind and name."""
+        return f"{type(self).__name__} {self.name!r}"
+
+    def summary(self) -> str:
+        """Return kind, name and number of degrees of freedom."""
+        return f"{self.label}: {self.size} degrees of freedom"
+
+    def describe(self) -> str:
+        """Return kind, name and number of degrees of freedom."""
+        return self.summary()
+
+    def strain_rows(self) -> csr_matrix | Array | None:
+        """Return None: nothing is known of K as a sum of squares."""
+        return None
+
+    def sections(self) -> Mapping[str, Any]:
+        """Return nothing."""
+        return {}
+
+    def translation(self) -> Array:
+        """Return the unit displacement upward: zero where the body moves along its axis."""
+        return np.where(self.degrees_of_freedom.rotation, 0.0, self.shape.direction[1])
+
+    def rigid_motions(self) -> Array:
+        """Return the displacement of all by the same, where nothing resists it."""
+        motion = np.where(self.degrees_of_freedom.rotation, 0.0, 1.0)[:, None]
+        stiffness = self.matrices().stiffness
+        resisted = np.abs(stiffness @ motion) > 1e-12 * (abs(stiffness) @ motion)
+        return motion[:, : 0 if np.any(resisted) else 1]
+
+    def interpolate(self, field: Any, what: str) -> Array:
+        """Return the values of a field, a number or a callable of x, at the places of the degrees of freedom."""
+        known = self.degrees_of_freedom
+        if np.any(known.rotation):
+            raise ArgumentError(f"{what} of {self.label}: this body says nothing of fields; start from an outcome")
+        values = np.asarray(field(known.x) if callable(field) else field, dtype=float)
+        if values.shape not in ((), known.x.shape) or not np.all(np.isfinite(values)):
+            raise ArgumentError(f"{what} of {self.label} is {field!r}, expected a finite number or a callable of x")
+        held = self.matrices().supported
+        values = np.broadcast_to(values, known.x.shape).copy()
+        if np.any(np.abs(values[held]) > 1e-9 * np.max(np.abs(values), initial=0.0)):
+            raise ArgumentError(f"{what} of {self.label} does not vanish where a support holds it")
+        values[held] = 0.0
+        return values
+
+    def at(self, where: float | str) -> ShapePoint:
+        """Return the point at x (m), or at "left" or "right"; between the places of the shape u is linear in x."""
+        x = self.shape.x
+        if isinstance(where, str):
+            ends = {"left": float(x[0]), "right": float(x[-1])}
+            if where not in ends:
+                raise ArgumentError(f"a point of {self.label} is {where!r}, expected an x, 'left' or 'right'")
+            return ShapePoint(self, ends[where])
+        place, slack = number(f"a point of {self.label}", where), 1e-9 * (x[-1] - x[0])
+        if not x[0] - slack <= place <= x[-1] + slack:
+            raise ArgumentError(
+                f"a point of {self.label} is {place:g} m, expected a place from {x[0]:g} to {x[-1]:g} m"
+            )
+        return ShapePoint(self, place)
+
+    def resolve(self, point: Point) -> Row:
+        """Return the row of a point: its own where it lies on this body, else that of the same x."""
+        return point.row() if point.body is self else self.at(getattr(point, "x", 0.0)).row()
+
+    def supported_at(self, where: Any) -> IntArray:
+        """Return the supported degrees of freedom at x, "left" or "right"."""
+        x, held = self.degrees_of_freedom.x, self.matrices().supported
+        place = self.at(where).x
+        found = held[np.isclose(x[held], place, rtol=1e-9, atol=1e-9 * (np.nanmax(x) - np.nanmin(x)))]
+        if not found.size:
+            places = ", ".join(f"x = {value:g}" for value in np.unique(x[held])) or "none"
+            raise ArgumentError(f"{self.label} has no support at {where!r}; its supports: {places}")
+        return found
+
+
+class ShapePoint:
+    """A point on the line of a body's shape; made by `BaseBody.at`.
+
+    Attributes
+    ----------
+    body : Body
+    x : float
+        In m.
+    """
+
+    def __init__(self, body: Any, x: float) -> None:
+        self.body = body
+        self.x = x
+
+    @property
+    def name(self) -> str:
+        """Body and place, such as ``bar@1.0``."""
+        return f"{self.body.name}@{float(self.x)!r}"
+
+    def row(self) -> Row:
+        """Return the row of the displacement: that of a place of the shape, or between two in proportion."""
+        from scipy.sparse import csr_matrix
+
+        x, rows = self.body.shape.x, csr_matrix(self.body.shape.rows)
+        if x.size == 1:
+            return Row(rows.indices.astype(np.int64), rows.data)
+        right = int(np.clip(np.searchsorted(x, self.x), 1, x.size - 1))
+        share = float(np.clip((self.x - x[right - 1]) / (x[right] - x[right - 1]), 0.0, 1.0))
+        share = round(share) if min(share, 1.0 - share) < 1e-9 else share
+        mixed = csr_matrix((1.0 - share) * rows[right - 1] + share * rows[right])
+        mixed.eliminate_zeros()
+        return Row(mixed.indices.astype(np.int64), mixed.data)
+
+    def slope_row(self) -> Row:
+        """Refuse: nothing is known of rotations."""
+        raise ArgumentError(f"{self.describe()} has no rotation that is known; moments need a beam")
+
+    def describe(self) -> str:
+        """Return body and place."""
+        return f"{self.body.label} at x = {self.x:g} m"
 
 
 class Point(Protocol):

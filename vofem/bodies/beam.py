@@ -13,13 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import number
 from vofem.bodies.axis import axis_of
-from vofem.bodies.base import Array, BodyMatrices, Row, automatic_name
+from vofem.bodies.base import Array, BodyMatrices, DegreesOfFreedom, IntArray, Point, Row, Shape, automatic_name
 from vofem.bodies.beam_matrices import beam_matrices, beam_strains, consistent_load
 from vofem.bodies.beam_point import BeamPoint
 from vofem.bodies.coefficient import Coefficient, basis_for, positive_coefficient
 from vofem.bodies.initial_field import project
 from vofem.bodies.mesh import LineMesh
 from vofem.bodies.supports import SUPPORTS, supported_nodes
+from vofem.errors import ArgumentError
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -155,10 +156,14 @@ class Beam:
     def __repr__(self) -> str:
         return f"Beam(name={self.name!r}, length={self.length:g}, elements={self.element_lengths.size})"
 
-    def describe(self) -> str:
+    def summary(self) -> str:
         """Return name, elements and supports."""
         held = ", ".join(f"{kind} at x = {self.nodes[node]:g}" for node, kind in self.supports.items())
         return f"{self.label}: {self.element_lengths.size} elements, {held or 'free'}"
+
+    def describe(self) -> str:
+        """Return name, elements and supports."""
+        return self.summary()
 
     @property
     def EI(self) -> Any:
@@ -196,6 +201,38 @@ class Beam:
     def size(self) -> int:
         """Number of degrees of freedom, two per node, supported ones included."""
         return self._axis.size
+
+    @property
+    def degrees_of_freedom(self) -> DegreesOfFreedom:
+        """Displacement and slope of every node."""
+        return DegreesOfFreedom(np.repeat(self.nodes, 2), np.tile([False, True], self.nodes.size))
+
+    @cached_property
+    def shape(self) -> Shape:
+        """The axis through its nodes, which moves upward."""
+        return Shape("line", self.nodes, self.field_matrix(self.nodes))
+
+    def sections(self) -> dict[str, Any]:
+        """Return nothing: bending moment and shear force are methods of results."""
+        return {}
+
+    def resolve(self, point: Point) -> Row:
+        """Return the row of the point at the same x."""
+        return self.at(point.x).row() if hasattr(point, "x") else point.row()
+
+    def supported_at(self, where: Any) -> IntArray:
+        """Return the degrees of freedom that the support at a node holds.
+
+        Raises
+        ------
+        ArgumentError
+            If there is no support at that place.
+        """
+        node = self.node_at(where)
+        if node not in self.supports:
+            places = ", ".join(f"x = {self.nodes[k]:g}" for k in self.supports) or "none"
+            raise ArgumentError(f"Beam {self.name!r} has no support at {where!r}; its supports: {places}")
+        return 2 * node + np.array(SUPPORTS[self.supports[node]], dtype=np.int64)
 
     def at(self, where: float | str) -> BeamPoint:
         """Return the point at x (m, any place on the axis), at "left" or "right", or at a named point of a mesh.
@@ -290,6 +327,14 @@ class Beam:
     def bending_stiffness(self, x: ArrayLike) -> tuple[Array, Array]:
         """Return EI and its derivative d(EI)/dx at x (m), each of shape (k,); at a node, to its right."""
         return self._EI.with_slope(x)
+
+    def mass_per_length(self, x: ArrayLike) -> Array:
+        """Return rhoA in kg/m at x (m), shape (k,); at a node, to its right."""
+        return self._rhoA.with_slope(x)[0]
+
+    def locate(self, x: ArrayLike) -> tuple[IntArray, Array]:
+        """Return elements and places in them, from 0 to 1, of points x (m); at a node, the element to its right."""
+        return self._axis.locate(f"a point of {self.label}", x)
 
     def interpolate(self, field: Any, what: str) -> Array:
         """Return the degrees of freedom, shape (size,), of an initial field.

@@ -7,8 +7,12 @@ from typing import Any
 import numpy as np
 
 from vofem._validate import TINY, number
-from vofem.bodies.base import Array, BodyMatrices, Row, automatic_name
+from vofem.bodies.base import Array, BodyMatrices, DegreesOfFreedom, IntArray, Point, Row, Shape, automatic_name
 from vofem.errors import ArgumentError
+
+#: All masses have these, and there may be very many of them.
+_FREEDOM = DegreesOfFreedom(np.full(1, np.nan), np.zeros(1, dtype=bool))
+_BLOCK = Shape("block", np.zeros(1), np.ones((1, 1)))
 
 
 class Mass:
@@ -59,6 +63,28 @@ class Mass:
         """One."""
         return 1
 
+    @property
+    def degrees_of_freedom(self) -> DegreesOfFreedom:
+        """One displacement, at no place."""
+        return _FREEDOM
+
+    @property
+    def shape(self) -> Shape:
+        """A block that moves upward."""
+        return _BLOCK
+
+    def sections(self) -> dict[str, Any]:
+        """Return nothing."""
+        return {}
+
+    def resolve(self, point: Point) -> Row:
+        """Return the row of its displacement."""
+        return self.row()
+
+    def supported_at(self, where: Any) -> IntArray:
+        """Refuse: no support holds a mass."""
+        raise ArgumentError(f"{self.label} has no supports; it rests on its spring and on effects")
+
     def matrices(self) -> BodyMatrices:
         """Return the 1 x 1 matrices."""
         return BodyMatrices(
@@ -101,5 +127,10 @@ class Mass:
         return f"Mass {self.name!r}"
 
     def describe(self) -> str:
-        """Return its name, as a point; what it is made of stands in its repr."""
+        """Return its name, as a point."""
         return self.label
+
+    def summary(self) -> str:
+        """Return its name, mass, spring and dashpot."""
+        ground = [f"{value:g} {unit}" for value, unit in ((self.stiffness, "N/m"), (self.damping, "N s/m")) if value]
+        return f"{self.label}: {self.mass:g} kg, {' and '.join(ground) + ' to ground' if ground else 'free'}"

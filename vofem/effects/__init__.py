@@ -8,6 +8,7 @@ from vofem.effects.damping import ModalDamping, RayleighDamping
 from vofem.effects.foundation import Foundation
 from vofem.effects.hysteretic_spring import CrushingStop, HystereticSpring
 from vofem.effects.jenkins import BilinearSpring, IwanSpring
+from vofem.effects.joint import Joint
 from vofem.effects.loads import DistributedLoad, Gravity, PointLoad, PointMoment
 from vofem.effects.nonlinear_spring import NonlinearSpring
 from vofem.effects.softening import LinearSoftening
@@ -27,6 +28,7 @@ __all__ = [
     "Gravity",
     "HystereticSpring",
     "IwanSpring",
+    "Joint",
     "LinearSoftening",
     "ModalDamping",
     "NonlinearSpring",

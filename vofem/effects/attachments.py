@@ -7,75 +7,63 @@ from typing import Any
 from vofem._validate import number
 from vofem.assembly import SystemBuilder
 from vofem.bodies.base import Point, as_point
+from vofem.effects.two_points import TwoPoints
 
 
-class _TwoPoints:
-    """An attachment between two points, or between a point and ground."""
-
-    a: Point
-    b: Point | None
-
-    def _attach(self, a: Any, b: Any) -> None:
-        kind = type(self).__name__
-        self.a = as_point(f"{kind}: a", a)
-        self.b = None if b is None else as_point(f"{kind}: b", b)
-
-    def points(self) -> tuple[Point, ...]:
-        """Return a, and b where there is one."""
-        return (self.a,) if self.b is None else (self.a, self.b)
-
-    def _where(self) -> str:
-        return f"{self.a.describe()} to {'ground' if self.b is None else self.b.describe()}"
-
-
-class Spring(_TwoPoints):
+class Spring(TwoPoints):
     """A linear spring between two points, or from a point to ground.
 
     Parameters
     ----------
     a, b : points
     stiffness : float
-        In N/m, not negative.
+        In N/m (N m/rad), not negative.
+    of : {"displacement", "rotation"}
+        Whether it acts on displacements (m, N) or on rotations of beams (rad, N m).
     """
 
-    def __init__(self, a: Any, b: Any = None, *, stiffness: float) -> None:
-        self._attach(a, b)
+    def __init__(self, a: Any, b: Any = None, *, stiffness: float, of: str = "displacement") -> None:
+        self._attach("Spring", a, b, of)
         self.stiffness = number("Spring: stiffness", stiffness, minimum=0)
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add ``k b b'`` to K."""
-        builder.add_stiffness(builder.difference(self.a, self.b), self.stiffness)
+        builder.add_stiffness(self._row(builder), self.stiffness)
 
     def describe(self) -> str:
         """Return points and stiffness."""
-        return f"Spring from {self._where()}: {self.stiffness:g} N/m"
+        return f"Spring from {self._where()}: {self.stiffness:g} {self.units.stiffness}"
 
 
-class Dashpot(_TwoPoints):
+class Dashpot(TwoPoints):
     """A linear dashpot between two points, or from a point to ground.
 
     Parameters
     ----------
     a, b : points
     damping : float
-        In N s/m, not negative.
+        In N s/m (N m s/rad), not negative.
+    of : {"displacement", "rotation"}
+        Whether it acts on displacements (m, N) or on rotations of beams (rad, N m).
     """
 
-    def __init__(self, a: Any, b: Any = None, *, damping: float) -> None:
-        self._attach(a, b)
+    def __init__(self, a: Any, b: Any = None, *, damping: float, of: str = "displacement") -> None:
+        self._attach("Dashpot", a, b, of)
         self.damping = number("Dashpot: damping", damping, minimum=0)
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add ``c b b'`` to C."""
-        builder.add_damping(builder.difference(self.a, self.b), self.damping)
+        builder.add_damping(self._row(builder), self.damping)
 
     def describe(self) -> str:
         """Return points and damping."""
-        return f"Dashpot from {self._where()}: {self.damping:g} N s/m"
+        return f"Dashpot from {self._where()}: {self.damping:g} {self.units.damping}"
 
 
 class RotationalSpring:
     """A linear spring on the slope of a beam, to ground or to the slope at another point.
+
+    It is a `Spring` with ``of="rotation"``.
 
     Parameters
     ----------

@@ -6,7 +6,6 @@ from typing import Any
 
 from vofem.assembly import SystemBuilder
 from vofem.bodies.base import Body, Point
-from vofem.bodies.beam import Beam
 from vofem.effects.time_functions import as_time_function
 from vofem.errors import ArgumentError
 
@@ -34,7 +33,7 @@ class BaseMotion:
 
     def points(self) -> tuple[Point, ...]:
         """Return a point of the body, so that the scene can check it."""
-        return (self.body.at("left") if isinstance(self.body, Beam) else self.body,)  # type: ignore[return-value]
+        return (self.body.at("left") if hasattr(self.body, "at") else self.body,)  # type: ignore[return-value]
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add the load."""

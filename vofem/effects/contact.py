@@ -8,8 +8,9 @@ import numpy as np
 
 from vofem._validate import choice, number
 from vofem.assembly import ContactEntry, SystemBuilder
-from vofem.bodies.base import Point, Row, as_point, automatic_name
+from vofem.bodies.base import automatic_name
 from vofem.effects.side import side_of
+from vofem.effects.two_points import TwoPoints
 from vofem.errors import ArgumentError
 
 
@@ -32,7 +33,7 @@ class Resolved:
         return f"Resolved(s0={self.s0:g})"
 
 
-class Contact:
+class Contact(TwoPoints):
     """A contact between two points, or between a point and a stop that is fixed in space.
 
     With ``s = u_a - u_b - gap`` (two points), ``s = -eta - gap`` (a stop
@@ -61,6 +62,9 @@ class Contact:
         elastic stop behind a gap: the force is K0 times ``s``. There is no default.
     switch : "ideal" or Resolved
         Eq. 8, or the operator at a finite s0.
+    of : {"displacement", "rotation"}
+        What u and eta above are: displacements in m, or rotations of beams in rad, positive as
+        the slope; with rotations forces are moments in N m.
     name : str, optional
         Unique in a scene.
 
@@ -81,12 +85,12 @@ class Contact:
         side: Literal["below", "above"] | None = None,
         acts_on: Literal["displacement", "penetration"] | None = None,
         switch: Literal["ideal"] | Resolved = "ideal",
+        of: Literal["displacement", "rotation"] = "displacement",
         name: str | None = None,
     ) -> None:
         self.name = automatic_name(name, "Contact")
         label = f"Contact {self.name!r}"
-        self.a: Point = as_point(f"{label}: a", a)
-        self.b: Point | None = None if b is None else as_point(f"{label}: b", b)
+        self._attach(label, a, b, of)
         if (
             self.b is not None
             and self.a.body is self.b.body
@@ -103,8 +107,8 @@ class Contact:
         self.gap = number(f"{label}: gap", gap)
         if self.acts_on == "displacement" and self.gap < 0:
             raise ArgumentError(
-                f"{label}: gap is {self.gap:g} m, expected a number that is not negative with acts_on='displacement'; "
-                "a preloaded contact needs acts_on='penetration'"
+                f"{label}: gap is {self.gap:g} {self.units.coordinate}, expected a number that is not negative "
+                "with acts_on='displacement'; a preloaded contact needs acts_on='penetration'"
             )
         self.stiffness = number(f"{label}: stiffness", stiffness, positive=True)
         self.damping = number(f"{label}: damping", damping, minimum=0)
@@ -112,19 +116,12 @@ class Contact:
             raise ArgumentError(f"{label}: switch is {switch!r}, expected 'ideal' or vofem.Resolved(s0)")
         self.switch = switch
 
-    def points(self) -> tuple[Point, ...]:
-        """Return a, and b where there is one."""
-        return (self.a,) if self.b is None else (self.a, self.b)
-
     def compile(self, builder: SystemBuilder) -> None:
         """Add the contact's row and law."""
-        row = builder.difference(self.a, self.b)
-        if self.side == "below":
-            row = Row(row.indices, -row.weights)
         builder.add_contact(
             ContactEntry(
                 name=self.name,
-                row=row,
+                row=self._row(builder, -1.0 if self.side == "below" else 1.0),
                 gap=self.gap,
                 stiffness=self.stiffness,
                 damping=self.damping,
@@ -140,9 +137,11 @@ class Contact:
             if self.b is None
             else (f"of {self.a.describe()} below {self.b.describe()}")
         )
-        damper = f", C0 = {self.damping:g} N s/m" if self.damping else ""
+        units, rotation = self.units, " in rotation" if self.of == "rotation" else ""
+        damper = f", C0 = {self.damping:g} {units.damping}" if self.damping else ""
         switch = "" if self.switch == "ideal" else f", {self.switch!r}"
         return (
-            f"Contact {self.name!r} {where}: gap {self.gap:g} m, K0 = {self.stiffness:g} N/m{damper}, "
+            f"Contact {self.name!r} {where}{rotation}: gap {self.gap:g} {units.coordinate}, "
+            f"K0 = {self.stiffness:g} {units.stiffness}{damper}, "
             f"acts on {self.acts_on}{switch}"
         )

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from vofem._validate import number
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vofem._validate import array, number
 from vofem.assembly import SystemBuilder
 from vofem.bodies.base import Point
+from vofem.errors import ArgumentError
 
 
 class RayleighDamping:
@@ -36,16 +40,26 @@ class RayleighDamping:
 
 
 class ModalDamping:
-    """The same ratio of critical damping in every vibration mode of the contact-free system.
+    """Ratios of critical damping in the vibration modes of the contact-free system.
 
     Parameters
     ----------
-    ratio : float
-        Not negative; 1 is critical. Rigid-body modes stay undamped.
+    ratio : float or array_like, shape (k,)
+        Not negative; 1 is critical. A number holds for every vibration mode.
+        Several give one ratio for each mode in ascending order of frequency,
+        and modes beyond the k-th take the last one: no mode is left undamped
+        by a list that is short, and a list that ends with 0 leaves the high
+        modes undamped. Rigid motions are not counted and stay undamped. Modes
+        of equal frequency should have equal ratios, as their order is arbitrary.
+
+    Raises
+    ------
+    ArgumentError
+        For a ratio that is negative or not finite, or an empty list.
     """
 
-    def __init__(self, ratio: float) -> None:
-        self.ratio = number("ModalDamping: ratio", ratio, minimum=0)
+    def __init__(self, ratio: float | ArrayLike) -> None:
+        self.ratio: float | NDArray[np.float64] = _ratios(ratio)
 
     def points(self) -> tuple[Point, ...]:
         """Return nothing: it acts on the whole system."""
@@ -56,5 +70,23 @@ class ModalDamping:
         builder.add_modal_damping(self.ratio)
 
     def describe(self) -> str:
-        """Return the ratio."""
-        return f"ModalDamping: {self.ratio:g} of critical"
+        """Return the ratio or ratios."""
+        if np.ndim(self.ratio) == 0:
+            return f"ModalDamping: {self.ratio:g} of critical"
+        ratios = np.atleast_1d(self.ratio)
+        first = ", ".join(f"{ratio:g}" for ratio in ratios[:5])
+        rest = f" and {ratios.size - 5} more" if ratios.size > 5 else ""
+        return f"ModalDamping: {first}{rest} of critical in modes 1 to {ratios.size}, {ratios[-1]:g} above"
+
+
+def _ratios(ratio: float | ArrayLike) -> float | NDArray[np.float64]:
+    """Return one ratio as a number, several as an array, checked."""
+    if np.ndim(ratio) == 0:
+        return number("ModalDamping: ratio", ratio, minimum=0)
+    ratios = array("ModalDamping: ratio", ratio)
+    if ratios.ndim != 1 or not ratios.size:
+        raise ArgumentError(f"ModalDamping: ratio has shape {ratios.shape}, expected a number or a list of numbers")
+    if np.any(ratios < 0.0):
+        k = int(np.argmax(ratios < 0.0))
+        raise ArgumentError(f"ModalDamping: ratio[{k}] is {ratios[k]:g}, expected a number that is not negative")
+    return ratios

@@ -76,8 +76,8 @@ class Foundation:
         """Return a point of the beam, so that the scene can check it."""
         return (self.beam.at("left"),)
 
-    def _at(self, x: Array) -> Array:
-        """Return k at points x, checked."""
+    def along(self, x: Array) -> Array:
+        """Return k in N/m per m at points x, checked."""
         if not callable(self.stiffness):
             return np.full(x.shape, self.stiffness)
         return evaluate_along(f"Foundation {self.name!r}: stiffness", self.stiffness, x, negative=False)
@@ -91,11 +91,12 @@ class Foundation:
         share = 0.5 * (np.append(h, 0.0) + np.insert(h, 0, 0.0))
         offset = builder.offsets[self.beam]
         held = {node for node, kind in self.beam.supports.items() if kind != "guided"}
-        for node, stiffness in enumerate(self._at(self.beam.nodes) * share):
+        displacements = np.flatnonzero(~self.beam.degrees_of_freedom.rotation)
+        for node, stiffness in enumerate(self.along(self.beam.nodes) * share):
             # A node on a support never moves, one without stiffness never pushes.
             if node in held or stiffness == 0.0:
                 continue
-            row = Row(np.array([offset + 2 * node]), np.array([-1.0]))
+            row = Row(np.array([offset + displacements[node]]), np.array([-1.0]))
             builder.add_contact(
                 ContactEntry(f"{self.name}[{node}]", row, self.gap, float(stiffness), 0.0, False, np.inf)
             )
@@ -107,7 +108,7 @@ class Foundation:
         h = self.beam.element_lengths
         xi = 0.5 * (1.0 + _NODES)
         x = self.beam.nodes[:-1, None] + xi * h[:, None]
-        root = np.sqrt(self._at(x) * 0.5 * _WEIGHTS * h[:, None])
+        root = np.sqrt(self.along(x) * 0.5 * _WEIGHTS * h[:, None])
         entries = np.stack([root * hermite(i, xi, h[:, None]) for i in range(4)], axis=-1)
         rows = h.size * xi.size
         columns = np.repeat(2 * np.arange(h.size), xi.size)[:, None] + np.arange(4)

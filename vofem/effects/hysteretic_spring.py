@@ -6,15 +6,16 @@ from typing import Any
 
 from vofem._validate import choice, number, one_of
 from vofem.assembly import SystemBuilder
-from vofem.bodies.base import Point, Row, as_point, automatic_name
+from vofem.bodies.base import automatic_name
 from vofem.effects.side import side_of
 from vofem.effects.softening import Backbone, Softening
+from vofem.effects.two_points import TwoPoints
 from vofem.errors import ArgumentError
 from vofem.fractional.constants import ideal
 from vofem.memory import PrintedLaw
 
 
-class HystereticSpring:
+class HystereticSpring(TwoPoints):
     """A spring between two points, or from a point to ground, that softens and keeps a residual elongation.
 
     Up to `linear_limit` it is linear. Beyond, a first loading follows the
@@ -44,6 +45,8 @@ class HystereticSpring:
         callable is tabulated once, to 1e-11, up to 1e4 linear limits.
     memory : {"printed", "cyclic"}
         There is no default.
+    of : {"displacement", "rotation"}
+        Whether it acts on displacements (m, N) or on rotations of beams (rad, N m).
     name : str, optional
 
     Raises
@@ -61,12 +64,12 @@ class HystereticSpring:
         linear_limit: float,
         softening: Softening | None = None,
         memory: str | None = None,
+        of: str = "displacement",
         name: str | None = None,
     ) -> None:
         self.name = automatic_name(name, "HystereticSpring")
         label = f"HystereticSpring {self.name!r}"
-        self.a: Point = as_point(f"{label}: a", a)
-        self.b: Point | None = None if b is None else as_point(f"{label}: b", b)
+        self._attach(label, a, b, of)
         self.stiffness = number(f"{label}: stiffness", stiffness, positive=True)
         self.linear_limit = number(f"{label}: linear_limit", linear_limit, positive=True)
         if memory is None:
@@ -77,7 +80,7 @@ class HystereticSpring:
         self.memory = choice(f"{label}: memory", memory, ("printed", "cyclic"))
         self._backbone = Backbone(label, self.stiffness, self.linear_limit, softening)
         self.softening: Softening = self._backbone.softening
-        self._law = self._backbone.law(self.name) if self.memory == "cyclic" else None
+        self._law = self._backbone.law(self.name, unit=self.units.force) if self.memory == "cyclic" else None
 
     @property
     def limit_load(self) -> float:
@@ -106,14 +109,10 @@ class HystereticSpring:
             return self.stiffness * (1.0 - self._backbone.level(abs(force)))
         return self.stiffness
 
-    def points(self) -> tuple[Point, ...]:
-        """Return a, and b where there is one."""
-        return (self.a,) if self.b is None else (self.a, self.b)
-
     def compile(self, builder: SystemBuilder) -> None:
         """Add row and law."""
         if self._law is not None:
-            builder.add_memory(builder.difference(self.a, self.b), self._law)
+            builder.add_memory(self._row(builder), self._law)
             return
         backbone = self._backbone
         builder.add_printed(
@@ -122,14 +121,14 @@ class HystereticSpring:
 
     def describe(self) -> str:
         """Return name, points and numbers."""
-        end = "ground" if self.b is None else self.b.describe()
         return (
-            f"HystereticSpring {self.name!r} from {self.a.describe()} to {end}: {self.stiffness:g} N/m, linear to "
-            f"{self.linear_limit:g} m, limit load {self.limit_load:g} N, memory {self.memory}"
+            f"HystereticSpring {self.name!r} from {self._where()}: {self.stiffness:g} {self.units.stiffness}, "
+            f"linear to {self.linear_limit:g} {self.units.coordinate}, "
+            f"limit load {self.limit_load:g} {self.units.force}, memory {self.memory}"
         )
 
 
-class CrushingStop:
+class CrushingStop(TwoPoints):
     """A stop behind a gap that yields under force and keeps its dent.
 
     With the approach s (as of `Contact`: ``u_a - u_b``, ``-eta`` for a stop
@@ -145,7 +144,7 @@ class CrushingStop:
         In m.
     side : {"below", "above"}
         For a stop fixed in space.
-    stiffness, linear_limit, softening
+    stiffness, linear_limit, softening, of
         As of `HystereticSpring`.
     name : str, optional
 
@@ -165,33 +164,28 @@ class CrushingStop:
         linear_limit: float,
         softening: Softening | None = None,
         side: str | None = None,
+        of: str = "displacement",
         name: str | None = None,
     ) -> None:
         self.name = automatic_name(name, "CrushingStop")
         label = f"CrushingStop {self.name!r}"
-        self.a: Point = as_point(f"{label}: a", a)
-        self.b: Point | None = None if b is None else as_point(f"{label}: b", b)
+        self._attach(label, a, b, of)
         self.side = side_of(label, "a stop", self.b, side)
         self.gap = number(f"{label}: gap", gap)
         self.stiffness = number(f"{label}: stiffness", stiffness, positive=True)
         self.linear_limit = number(f"{label}: linear_limit", linear_limit, positive=True)
         backbone = Backbone(label, self.stiffness, self.linear_limit, softening)
         self.softening: Softening = backbone.softening
-        self._law = backbone.law(self.name, one_sided=True, gap=self.gap)
+        self._law = backbone.law(self.name, one_sided=True, gap=self.gap, unit=self.units.force)
 
     @property
     def limit_load(self) -> float:
         """The force in N that the stop never reaches; inf where there is none."""
         return self._law.limit
 
-    def points(self) -> tuple[Point, ...]:
-        """Return a, and b where there is one."""
-        return (self.a,) if self.b is None else (self.a, self.b)
-
     def compile(self, builder: SystemBuilder) -> None:
         """Add row and law."""
-        row = builder.difference(self.a, self.b)
-        builder.add_memory(Row(row.indices, -row.weights) if self.side == "below" else row, self._law)
+        builder.add_memory(self._row(builder, -1.0 if self.side == "below" else 1.0), self._law)
 
     def describe(self) -> str:
         """Return name, place and numbers."""
@@ -200,7 +194,9 @@ class CrushingStop:
             if self.b is None
             else f"of {self.a.describe()} below {self.b.describe()}"
         )
+        units, rotation = self.units, " in rotation" if self.of == "rotation" else ""
         return (
-            f"CrushingStop {self.name!r} {where}: gap {self.gap:g} m, {self.stiffness:g} N/m, linear to "
-            f"{self.linear_limit:g} m, limit load {self.limit_load:g} N"
+            f"CrushingStop {self.name!r} {where}{rotation}: gap {self.gap:g} {units.coordinate}, {self.stiffness:g} "
+            f"{units.stiffness}, linear to {self.linear_limit:g} {units.coordinate}, limit load {self.limit_load:g} "
+            f"{units.force}"
         )

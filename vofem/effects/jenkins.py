@@ -9,14 +9,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import array, number
 from vofem.assembly import SystemBuilder
-from vofem.bodies.base import Point, as_point, automatic_name
+from vofem.bodies.base import automatic_name
+from vofem.effects.two_points import TwoPoints, Units
 from vofem.errors import ArgumentError
 from vofem.memory import JENKINS, MemoryLaw
 
 Array = NDArray[np.float64]
 
 
-class IwanSpring:
+class IwanSpring(TwoPoints):
     """A spring that follows a measured first loading, and Masing's rules after every reversal.
 
     The curve of the first loading, piecewise linear from the origin through
@@ -32,6 +33,8 @@ class IwanSpring:
     force : array_like, shape (n,)
         In N. Slopes decrease and are not negative. Beyond the last point the
         curve goes on with the last slope.
+    of : {"displacement", "rotation"}
+        Whether it acts on displacements (m, N) or on rotations of beams (rad, N m).
     name : str, optional
 
     Raises
@@ -46,35 +49,36 @@ class IwanSpring:
     """
 
     def __init__(
-        self, a: Any, b: Any = None, *, elongation: ArrayLike, force: ArrayLike, name: str | None = None
+        self,
+        a: Any,
+        b: Any = None,
+        *,
+        elongation: ArrayLike,
+        force: ArrayLike,
+        of: str = "displacement",
+        name: str | None = None,
     ) -> None:
         self.name = automatic_name(name, "IwanSpring")
         label = f"IwanSpring {self.name!r}"
-        self.a: Point = as_point(f"{label}: a", a)
-        self.b: Point | None = None if b is None else as_point(f"{label}: b", b)
+        self._attach(label, a, b, of)
         self.elongation = np.atleast_1d(array(f"{label}: elongation", elongation))
         self.force = np.atleast_1d(array(f"{label}: force", force))
-        self._law = _law(label, self.name, self.elongation, self.force)
+        self._law = _law(label, self.name, self.elongation, self.force, self.units)
 
     @property
     def limit_load(self) -> float:
         """The largest force in N; inf where the last slope is not zero."""
         return self._law.limit
 
-    def points(self) -> tuple[Point, ...]:
-        """Return a, and b where there is one."""
-        return (self.a,) if self.b is None else (self.a, self.b)
-
     def compile(self, builder: SystemBuilder) -> None:
         """Add row and law."""
-        builder.add_memory(builder.difference(self.a, self.b), self._law)
+        builder.add_memory(self._row(builder), self._law)
 
     def describe(self) -> str:
         """Return name, points and numbers."""
-        end = "ground" if self.b is None else self.b.describe()
         return (
-            f"{type(self).__name__} {self.name!r} from {self.a.describe()} to {end}: {self._law.stiffness:g} N/m at "
-            f"first, {(self._law.parameters.size - 1) // 2} Jenkins elements"
+            f"{type(self).__name__} {self.name!r} from {self._where()}: {self._law.stiffness:g} "
+            f"{self.units.stiffness} at first, {(self._law.parameters.size - 1) // 2} Jenkins elements"
         )
 
 
@@ -90,6 +94,8 @@ class BilinearSpring(IwanSpring):
         Elongation at which it first yields, m, positive.
     hardening : float
         Slope after yielding over `stiffness`, from 0 (elastic, perfectly plastic) to below 1.
+    of : {"displacement", "rotation"}
+        Whether it acts on displacements (m, N) or on rotations of beams (rad, N m).
     name : str, optional
 
     Raises
@@ -106,6 +112,7 @@ class BilinearSpring(IwanSpring):
         stiffness: float,
         linear_limit: float,
         hardening: float = 0.0,
+        of: str = "displacement",
         name: str | None = None,
     ) -> None:
         name = automatic_name(name, "BilinearSpring")
@@ -117,11 +124,11 @@ class BilinearSpring(IwanSpring):
             raise ArgumentError(f"{label}: hardening is {self.hardening:g}, expected a number from 0 to below 1")
         reach = np.array([1.0, 2.0]) * self.linear_limit
         pull = self.stiffness * self.linear_limit * np.array([1.0, 1.0 + self.hardening])
-        super().__init__(a, b, elongation=reach, force=pull, name=name)
-        self._law = _jenkins(label, name, self.stiffness * np.array([1.0, self.hardening]), reach[:1])
+        super().__init__(a, b, elongation=reach, force=pull, of=of, name=name)
+        self._law = _jenkins(label, name, self.stiffness * np.array([1.0, self.hardening]), reach[:1], self.units)
 
 
-def _law(label: str, name: str, elongation: Array, force: Array) -> MemoryLaw:
+def _law(label: str, name: str, elongation: Array, force: Array, units: Units) -> MemoryLaw:
     """Return the law of a curve through the origin and some points."""
     if elongation.ndim != 1 or elongation.shape != force.shape:
         raise ArgumentError(
@@ -132,7 +139,8 @@ def _law(label: str, name: str, elongation: Array, force: Array) -> MemoryLaw:
     if not np.all(steps > 0.0):
         k = int(np.argmax(~(steps > 0.0)))
         raise ArgumentError(
-            f"{label}: elongation[{k}] is {elongation[k]:g} m, expected numbers that increase from above zero"
+            f"{label}: elongation[{k}] is {elongation[k]:g} {units.coordinate}, expected numbers that increase "
+            "from above zero"
         )
     slopes = np.diff(force, prepend=0.0) / steps
     # What differences of forces given to some digits cannot tell is no bend.
@@ -140,20 +148,21 @@ def _law(label: str, name: str, elongation: Array, force: Array) -> MemoryLaw:
     slopes[np.abs(slopes) <= noise] = 0.0
     if slopes[-1] < 0.0 or slopes[0] <= 0.0:
         raise ArgumentError(
-            f"{label}: force falls to {force[-1]:g} N at {elongation[-1]:g} m, expected a curve that rises from the "
-            "origin and does not fall"
+            f"{label}: force falls to {force[-1]:g} {units.force} at {elongation[-1]:g} {units.coordinate}, expected a "
+            "curve that rises from the origin and does not fall"
         )
     bends = slopes[:-1] - slopes[1:]
     if np.any(bends < -noise):
         k = int(np.argmax(bends < -noise))
         raise ArgumentError(
-            f"{label}: force bends upward at {elongation[k]:g} m, from {slopes[k]:g} to {slopes[k + 1]:g} N/m, "
-            "expected slopes that do not increase; leave out points, or smooth them"
+            f"{label}: force bends upward at {elongation[k]:g} {units.coordinate}, from {slopes[k]:g} to "
+            f"{slopes[k + 1]:g} {units.stiffness}, expected slopes that do not increase; leave out points, "
+            "or smooth them"
         )
-    return _jenkins(label, name, slopes, elongation[:-1])
+    return _jenkins(label, name, slopes, elongation[:-1], units)
 
 
-def _jenkins(label: str, name: str, slopes: Array, bends: Array) -> MemoryLaw:
+def _jenkins(label: str, name: str, slopes: Array, bends: Array, units: Units) -> MemoryLaw:
     """Return the law of given slopes, shape (n + 1,), with bends between them, shape (n,)."""
     stiffness = slopes[:-1] - slopes[1:]
     kept = stiffness > 1e-12 * slopes[0]
@@ -161,4 +170,4 @@ def _jenkins(label: str, name: str, slopes: Array, bends: Array) -> MemoryLaw:
     limit = float(np.sum(slip[kept])) if slopes[-1] == 0.0 else float("inf")
     onset = float(slopes[0] * bends[kept][0]) if np.any(kept) else float("inf")
     parameters = np.concatenate([slopes[-1:], stiffness[kept], slip[kept]])
-    return MemoryLaw(label, name, JENKINS, float(slopes[0]), onset, limit, False, 0.0, parameters)
+    return MemoryLaw(label, name, JENKINS, float(slopes[0]), onset, limit, False, 0.0, parameters, units.force)

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from vofem._validate import number
 from vofem.assembly import SystemBuilder
 from vofem.bodies.base import Point, as_point
 from vofem.bodies.beam import Beam
+from vofem.bodies.coefficient import evaluate_along
 from vofem.effects.time_functions import Constant, TimeFunction, as_time_function
 from vofem.errors import ArgumentError
 
@@ -97,6 +101,12 @@ class DistributedLoad:
     def compile(self, builder: SystemBuilder) -> None:
         """Add the consistent load vector."""
         builder.add_body_load(self.beam, self.beam.load_vector(self.p), self.f, self.describe())
+
+    def along(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return p in N/m at points x, shape (k,)."""
+        if not callable(self.p):
+            return np.full(x.shape, self.p)
+        return evaluate_along(f"a distributed load on {self.beam.label}", self.p, x)
 
     def describe(self) -> str:
         """Return beam and functions."""

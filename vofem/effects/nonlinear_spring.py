@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from vofem.assembly import SystemBuilder
-from vofem.bodies.base import Point, as_point, automatic_name
+from vofem.bodies.base import automatic_name
+from vofem.effects.two_points import TwoPoints
 from vofem.errors import ArgumentError
 from vofem.system import NonlinearLaw
 
@@ -16,7 +17,7 @@ from vofem.system import NonlinearLaw
 _SAMPLES = (-1.0, -0.1, -1e-2, -1e-3, 1e-3, 1e-2, 0.1, 1.0)
 
 
-class NonlinearSpring:
+class NonlinearSpring(TwoPoints):
     """A spring between two points, or from a point to ground, with a potential.
 
     Only methods that step in time take it.
@@ -29,6 +30,8 @@ class NonlinearSpring:
     force : callable
         ``F(u) = dV/du`` in N; it acts on a as -F and on b as +F, so a linear
         spring has ``F = k u``.
+    of : {"displacement", "rotation"}
+        Whether it acts on displacements (m, N) or on rotations of beams (rad, N m).
     name : str, optional
 
     Raises
@@ -44,15 +47,17 @@ class NonlinearSpring:
         *,
         potential: Callable[[float], float],
         force: Callable[[float], float],
+        of: str = "displacement",
         name: str | None = None,
     ) -> None:
         self.name = automatic_name(name, "NonlinearSpring")
         label = f"NonlinearSpring {self.name!r}"
-        self.a: Point = as_point(f"{label}: a", a)
-        self.b: Point | None = None if b is None else as_point(f"{label}: b", b)
+        self._attach(label, a, b, of)
         for what, function in (("potential", potential), ("force", force)):
             if not callable(function):
-                raise ArgumentError(f"{label}: {what} is {function!r}, expected a callable of the elongation in m")
+                raise ArgumentError(
+                    f"{label}: {what} is {function!r}, expected a callable of the elongation in {self.units.coordinate}"
+                )
         self.law = NonlinearLaw(self.name, potential, force)
         self._check(label)
 
@@ -70,19 +75,15 @@ class NonlinearSpring:
                 slack = abs(right - 2.0 * middle + left) / step + 1e-12 * (abs(right) + abs(left)) / step
                 if abs(slope - force) > 1e-3 * (abs(slope) + abs(force)) + slack:
                     raise ArgumentError(
-                        f"{label}: force({u:g}) is {force:g} N, but the potential grows by {slope:g} N there; "
+                        f"{label}: force({u:g}) is {force:g} {self.units.force}, but the potential grows by {slope:g} "
+                        f"{self.units.force} there; "
                         "expected force = dV/du (positive in tension, like k*u)"
                     )
 
-    def points(self) -> tuple[Point, ...]:
-        """Return a, and b where there is one."""
-        return (self.a,) if self.b is None else (self.a, self.b)
-
     def compile(self, builder: SystemBuilder) -> None:
         """Add row and law."""
-        builder.add_nonlinear(builder.difference(self.a, self.b), self.law)
+        builder.add_nonlinear(self._row(builder), self.law)
 
     def describe(self) -> str:
         """Return name and points."""
-        end = "ground" if self.b is None else self.b.describe()
-        return f"NonlinearSpring {self.name!r} from {self.a.describe()} to {end}"
+        return f"NonlinearSpring {self.name!r} from {self._where()}"

@@ -73,7 +73,7 @@ class Backbone:
         assert not isinstance(self.softening, LinearSoftening)
         return checked_level(self.label, self.softening, force)
 
-    def law(self, name: str, one_sided: bool = False, gap: float = 0.0) -> MemoryLaw:
+    def law(self, name: str, one_sided: bool = False, gap: float = 0.0, unit: str = "N") -> MemoryLaw:
         """Return the cyclic law on this backbone."""
         if isinstance(self.softening, LinearSoftening):
             kind, parameters = HYPERBOLIC, np.array([self.softening.span])
@@ -81,5 +81,5 @@ class Backbone:
             kind = TABULATED
             parameters = tabulate(self.label, self.level, self.stiffness, self.onset, self.limit)
         return MemoryLaw(
-            self.label, name, kind, self.stiffness, self.onset, self.limit, one_sided, gap, parameters
+            self.label, name, kind, self.stiffness, self.onset, self.limit, one_sided, gap, parameters, unit
         )  # fmt: skip

@@ -8,14 +8,15 @@ import numpy as np
 
 from vofem._validate import number
 from vofem.assembly import SystemBuilder
-from vofem.bodies.base import Point, as_point, automatic_name
+from vofem.bodies.base import automatic_name
 from vofem.effects.time_functions import Constant
+from vofem.effects.two_points import TwoPoints
 from vofem.errors import ArgumentError
 from vofem.fractional.laws import ConstantOrder, OrderLaw
 from vofem.memory import SpringpotLaw
 
 
-class Springpot:
+class Springpot(TwoPoints):
     """A fractional dashpot between two points, or from a point to ground: ``force = coefficient D^order u``.
 
     u is the elongation, ``u_a - u_b``, and D^order Caputo's derivative from
@@ -35,6 +36,8 @@ class Springpot:
         that takes an array of times in s, such as a law of
         `vofem.fractional`. An order that varies is frozen at the present:
         the force at t is that of the whole past under the order at t.
+    of : {"displacement", "rotation"}
+        Whether it acts on displacements (m, N) or on rotations of beams (rad, N m).
     name : str, optional
 
     Raises
@@ -49,32 +52,34 @@ class Springpot:
     """
 
     def __init__(
-        self, a: Any, b: Any = None, *, coefficient: float, order: float | OrderLaw, name: str | None = None
+        self,
+        a: Any,
+        b: Any = None,
+        *,
+        coefficient: float,
+        order: float | OrderLaw,
+        of: str = "displacement",
+        name: str | None = None,
     ) -> None:
         self.name = automatic_name(name, "Springpot")
         label = f"Springpot {self.name!r}"
-        self.a: Point = as_point(f"{label}: a", a)
-        self.b: Point | None = None if b is None else as_point(f"{label}: b", b)
+        self._attach(label, a, b, of)
         self.coefficient = number(f"{label}: coefficient", coefficient, minimum=0)
         self.order: float | OrderLaw = _order(label, order)
-
-    def points(self) -> tuple[Point, ...]:
-        """Return a, and b where there is one."""
-        return (self.a,) if self.b is None else (self.a, self.b)
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add row and law."""
         law = SpringpotLaw(f"Springpot {self.name!r}", self.name, self.coefficient, self.order)
-        builder.add_springpot(builder.difference(self.a, self.b), law)
+        builder.add_springpot(self._row(builder), law)
 
     def describe(self) -> str:
         """Return name, points and numbers."""
-        end = "ground" if self.b is None else self.b.describe()
+        force, coordinate = self.units.force, self.units.coordinate
         if callable(self.order):
-            what = f"{self.coefficient:g} N s^order/m, order {_shown(self.order)}"
+            what = f"{self.coefficient:g} {force} s^order/{coordinate}, order {_shown(self.order)}"
         else:
-            what = f"{self.coefficient:g} N s^{self.order:g}/m"
-        return f"Springpot {self.name!r} from {self.a.describe()} to {end}: {what}"
+            what = f"{self.coefficient:g} {force} s^{self.order:g}/{coordinate}"
+        return f"Springpot {self.name!r} from {self._where()}: {what}"
 
 
 def _order(label: str, order: Any) -> float | OrderLaw:

@@ -4,7 +4,16 @@ from vofem.histories.contact import ContactHistory
 from vofem.histories.energy import Energy
 from vofem.histories.motion import Motion
 from vofem.histories.probe import ProbeHistory
-from vofem.histories.reaction import Reaction, reaction_of
+from vofem.histories.reaction import Reaction, joint_force_of, reaction_of
 from vofem.histories.spring import SpringHistory
 
-__all__ = ["ContactHistory", "Energy", "Motion", "ProbeHistory", "Reaction", "SpringHistory", "reaction_of"]
+__all__ = [
+    "ContactHistory",
+    "Energy",
+    "Motion",
+    "ProbeHistory",
+    "Reaction",
+    "SpringHistory",
+    "joint_force_of",
+    "reaction_of",
+]

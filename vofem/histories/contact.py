@@ -18,7 +18,8 @@ class ContactHistory:
 
     Events are `closings`, `openings` and `pinned` intervals, at their own
     times; `closed`, `stiffness`, `force`, `gap_function` and `order` are
-    histories at the run's times, each of shape (n_times,).
+    histories at the run's times, each of shape (n_times,). Of a contact that
+    acts on rotations m stands for rad and N for N m.
 
     Attributes
     ----------

@@ -12,6 +12,8 @@ from vofem._validate import array
 from vofem.assembly import Model
 from vofem.bodies.base import Body
 from vofem.bodies.beam import Beam
+from vofem.bodies.recovery import recovered_sections
+from vofem.effects.line_loads import line_loads
 from vofem.errors import ArgumentError
 from vofem.integrators.base import Sampled, Solution
 from vofem.lookup import body_named, row_of, the_beam
@@ -64,6 +66,10 @@ class Motion:
     def _some(self, body: Body, indices: NDArray[np.int64], t: ArrayLike | None, kind: str) -> Array:
         """Return some of a body's degrees of freedom (kind "q", "v" or "a"), shape (len(indices), n_times)."""
         dofs, free = indices + self.model.offsets[body], self.model.free
+        if self.model.transform is not None:
+            rows = self.model.transform[dofs][:, free]
+            needed = np.unique(rows.indices).astype(np.int64)
+            return np.asarray(rows[:, needed] @ getattr(self._at(t).take(needed), kind))
         place = np.minimum(np.searchsorted(free, dofs), free.size - 1)
         moving = free[place] == dofs
         values: Array = getattr(self._at(t).take(place), kind)
@@ -93,7 +99,17 @@ class Motion:
         samples = self.__dict__.get("samples")
         return (self.solution.sample(self.times[-1:]) if samples is None else samples).last()
 
+    def along_shape(self, body: Any, t: ArrayLike | None = None) -> Array:
+        """Return the displacement of the places of a body's shape in m, shape (len(x), n_times)."""
+        found = body_named(self.scene.bodies, body)
+        rows = found.shape.rows
+        return np.asarray(rows @ self._some(found, np.arange(found.size), t, "q"))
+
     # -- fields -----------------------------------------------------------------------------------
+
+    def _body(self, body: Any) -> Body:
+        """Return the body of that name; where none is given the only beam."""
+        return self._beam(None) if body is None else body_named(self.scene.bodies, body)
 
     def _beam(self, body: Any) -> Beam:
         return the_beam(self.scene.bodies, body)
@@ -122,24 +138,59 @@ class Motion:
         """Return d(eta)/dx, shape (len(x), len(t))."""
         return self._field(x, t, body, 1)
 
-    def bending_moment(self, x: ArrayLike, t: ArrayLike | None = None, body: Any = None) -> Array:
+    def bending_moment(
+        self, x: ArrayLike, t: ArrayLike | None = None, body: Any = None, *, recovered: bool = False
+    ) -> Array:
         """Return ``M = EI eta''`` in N m, shape (len(x), len(t)); at a node, that of the element to its right.
 
-        It is the moment of the cubics: within an element of length h under a
-        distributed load q (weight and inertia included) it is off by up to
-        ``q h^2/12``, which refining the mesh removes quadratically.
+        Parameters
+        ----------
+        x, t, body
+            As for `deflection`.
+        recovered : bool
+            False: the moment of the cubics. Within an element of length h under
+            a distributed load q (weight and inertia included) it is off by up
+            to ``q h^2/12``, which refining the mesh removes quadratically.
+            True: the moment that balances distributed loads, weight, inertia,
+            foundations and tension within every element, from the forces at
+            its ends. It converges with the fourth power of h where the motion
+            is smooth; accelerations that jump, at a start or an impact, enter
+            it. Damping forces inside elements are left out.
         """
         beam = self._beam(body)
+        if recovered:
+            return self._sections(beam, x, t)[0]
         return beam.bending_stiffness(x)[0][:, None] * self._field(x, t, beam, 2)
 
-    def shear_force(self, x: ArrayLike, t: ArrayLike | None = None, body: Any = None) -> Array:
+    def shear_force(
+        self, x: ArrayLike, t: ArrayLike | None = None, body: Any = None, *, recovered: bool = False
+    ) -> Array:
         """Return ``V = (EI eta'')'`` in N, shape (len(x), len(t)); constant within an element where EI is.
 
         It is the mean over the element of the shear force: under a distributed
         load q it differs by up to ``q h/2`` at the ends of an element of length
-        h. At a support `reaction` is exact.
+        h; with ``recovered=True`` it balances the load, as `bending_moment`.
+        At a support `reaction` is exact.
         """
         beam = self._beam(body)
+        if recovered:
+            return self._sections(beam, x, t)[1]
         stiffness, change = beam.bending_stiffness(x)
         shear = stiffness[:, None] * self._field(x, t, beam, 3)
         return shear + change[:, None] * self._field(x, t, beam, 2) if np.any(change) else shear
+
+    def _sections(self, beam: Beam, x: ArrayLike, t: ArrayLike | None) -> tuple[Array, Array]:
+        """Return bending moment and shear force that balance loads and inertia, each (len(x), len(t))."""
+        times = self.times if t is None else np.atleast_1d(np.asarray(t, dtype=float))
+        every = np.arange(beam.size)
+        q, a = (self._some(beam, every, t, kind) for kind in ("q", "a"))
+        known = line_loads(self.scene.effects, beam)
+
+        def load(places: Array) -> Array:
+            eta = beam.field_matrix(places)
+            total = known.pressure(places, times) - beam.mass_per_length(places)[:, None] * (eta @ a)
+            if known.bedding:
+                total -= known.bed(places)[:, None] * (eta @ q)
+            return total + beam.tension * (beam.field_matrix(places, 2) @ q) if beam.tension else total
+
+        return recovered_sections(beam, x, q, load)

@@ -1,4 +1,4 @@
-"""What a support does to a beam along a run."""
+"""What a support or a joint does to a body along a run."""
 
 from __future__ import annotations
 
@@ -7,17 +7,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem.bodies.beam import Beam
+from vofem._validate import nearest
+from vofem.bodies.base import Body
 from vofem.errors import ArgumentError
 from vofem.histories.run import Run
 from vofem.integrators.base import Sampled
-from vofem.reactions import support_reaction
+from vofem.reactions import residual, support_reaction
 
 Array = NDArray[np.float64]
 
 
 class Reaction(NamedTuple):
-    """What a support does to a body: force in N (positive upward) and moment in N m, each (n_times,).
+    """What a support or a joint does to a body: force in N (positive upward) and moment in N m, each (n_times,).
 
     The moment is positive where it does work on a growing slope. The one that
     the support does not hold is zero.
@@ -27,19 +28,45 @@ class Reaction(NamedTuple):
     moment: Array
 
 
-def reaction_of(run: Run, beam: Beam, where: Any, t: ArrayLike | None, samples: Sampled) -> Reaction:
+def reaction_of(run: Run, body: Body, where: Any, t: ArrayLike | None, samples: Sampled) -> Reaction:
     """Return the reaction of a support; see `vofem.Result.reaction`.
 
     Parameters
     ----------
     run : Run
-    beam : Beam
+    body : Body
     where : "left", "right" or x
     t : array_like, optional
         Times in s; those of the run where not given.
     samples : Sampled
         The motion at these times.
     """
+    return Reaction(*support_reaction(run.model, body, where, *_state(run, f"reaction of {body.label}", t, samples)))
+
+
+def joint_force_of(run: Run, name: str, t: ArrayLike | None, samples: Sampled) -> Reaction:
+    """Return what a joint does to its body a; see `vofem.Result.joint_force`.
+
+    Raises
+    ------
+    ArgumentError
+        If there is no joint of that name.
+    """
+    model = run.model
+    names = [known for known, _ in model.joints]
+    if name not in names:
+        raise ArgumentError(f"no joint is named {name!r}; there are {names}{nearest(name, tuple(names))}")
+    first = sum(count for known, count in model.joints[: names.index(name)])
+    times, *rest = _state(run, f"force of Joint {name!r}", t, samples)
+    parts = np.zeros((2, times.size))
+    for k in range(dict(model.joints)[name]):
+        assert model.joint_rows is not None
+        parts[k] = residual(model, model.joint_rows[[first + k]], times, *rest)
+    return Reaction(parts[0], parts[1])
+
+
+def _state(run: Run, label: str, t: ArrayLike | None, samples: Sampled) -> tuple[Array, Sampled, Any, Any, Any]:
+    """Return times, the motion, forces of contacts, modes, and forces of springs with memory."""
     times = run.times if t is None else np.atleast_1d(np.asarray(t, dtype=float))
     system = run.model.system
     force = None
@@ -47,16 +74,15 @@ def reaction_of(run: Run, beam: Beam, where: Any, t: ArrayLike | None, samples: 
         force = run.contact_samples.force if t is None else run.solution.contacts(times).force
     modes = run.solution.modes if system.modal_damping is not None else None
     remembers = system.memory is not None or system.springpots is not None
-    pull = _spring_force(run, beam, where, t) if remembers else None
-    return Reaction(*support_reaction(run.model, beam, where, times, samples, force, modes, pull))
+    return times, samples, force, modes, _spring_force(run, label, t) if remembers else None
 
 
-def _spring_force(run: Run, beam: Beam, where: Any, t: ArrayLike | None) -> Array:
+def _spring_force(run: Run, label: str, t: ArrayLike | None) -> Array:
     """Return the forces of springs with memory, which are known at the run's times only."""
     if t is not None and not np.array_equal(np.atleast_1d(t), run.times):
         raise ArgumentError(
-            f"reaction of Beam {beam.name!r} at {where!r}: springs with memory know their forces at the run's "
-            "times; name the times in times= when simulating"
+            f"{label}: springs with memory know their forces at the run's times; name the times in times= when "
+            "simulating"
         )
     springs = run.solution.springs
     assert springs is not None

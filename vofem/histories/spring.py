@@ -18,9 +18,9 @@ class SpringHistory:
     ----------
     name : str
     elongation : ndarray
-        ``u_a - u_b`` in m; of a crushing stop the approach.
+        ``u_a - u_b`` in m, in rad of a spring in rotation; of a crushing stop the approach.
     force : ndarray
-        In N, positive in tension; of a crushing stop positive where it pushes back.
+        In N (N m in rotation), positive in tension; of a crushing stop positive where it pushes back.
     stored : ndarray
         Energy that would be given back, J. Of a springpot, which is a row of
         springs and dashpots in series: that of its springs.

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from vofem.errors import MethodError
 from vofem.integrators.registry import advice
 from vofem.system import Counters, System
@@ -50,6 +48,6 @@ def _in_full(system: System, counters: Counters) -> Any:
     squares, shapes = modal_basis(system.mass, system.stiffness, system.scale, system.rigid, system.strain)
     counters.eigensolves += 1
     momentum = system.mass @ shapes
-    full = (momentum * (2.0 * system.modal_damping * np.sqrt(squares))) @ momentum.T
+    full = (momentum * system.modal_rates(squares)) @ momentum.T
     full = csc_matrix(0.5 * (full + full.T))
     return full if system.sparse_damping is None else full + system.sparse_damping

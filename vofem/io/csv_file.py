@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from vofem.bodies.base import as_point
+from vofem.effects.two_points import units_of
 from vofem.errors import ArgumentError
 from vofem.io.files import replacing, target
 from vofem.result import Result
@@ -46,8 +47,9 @@ def write_csv(result: Result, points: Mapping[str, Any] | Iterable[Any], path: s
         columns[f"{name} displacement [m]"] = result.displacement(point)
         columns[f"{name} velocity [m/s]"] = result.velocity(point)
     for name, history in result.contacts.items():
-        columns[f"{name} force [N]"] = history.force
-        columns[f"{name} stiffness [N/m]"] = history.stiffness
+        units = units_of(result.scene.effects, name)
+        columns[f"{name} force [{units.force}]"] = history.force
+        columns[f"{name} stiffness [{units.stiffness}]"] = history.stiffness
     return _write(columns, goal)
 
 

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from vofem.bodies import Beam
 from vofem.io.scenes.settings import OutputSettings
 from vofem.result import Result
 from vofem.scene import Scene
@@ -18,7 +17,7 @@ _MOST = 6
 def telling_points(scene: Scene) -> tuple[Any, ...]:
     """Return the points of the contacts and, where there are none, of the other effects.
 
-    A body that none of them touches gives its own: a mass itself, a beam its right end.
+    A body that none of them touches gives its own: a mass itself, a line its right end.
     """
     points: dict[tuple[str, float], Any] = {}
     contacts = scene.contacts
@@ -28,7 +27,7 @@ def telling_points(scene: Scene) -> tuple[Any, ...]:
     touched = {name for name, _ in points}
     for body in scene.bodies:
         if body.name not in touched:
-            points[body.name, 0.0] = body.at("right") if isinstance(body, Beam) else body
+            points[body.name, 0.0] = body.at("right") if hasattr(body, "at") else body
     return tuple(points.values())
 
 

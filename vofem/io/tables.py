@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.effects.two_points import units_of
 from vofem.errors import ArgumentError
 from vofem.histories import ContactHistory
 from vofem.result import Result
@@ -40,10 +41,11 @@ def contact_table(result: Result, name: str, most: int = 20) -> str:
     closings, openings = history.closings, history.openings
     if not closings.size:
         return f"Contact {name!r} does not close"
+    units = units_of(result.scene.effects, name)
     lines = [
         f"Contact {name!r}",
         f"{'':>7}   {'closes [s]':>14}   {'opens [s]':>14}   {'lasts [s]':>11}"
-        f"   {'peak force [N]':>14}   {'impulse [N s]':>14}",
+        f"   {f'peak force [{units.force}]':>14}   {f'impulse [{units.impulse}]':>14}",
     ]
     for k, closing in enumerate(closings[:most]):
         ended = k < openings.size

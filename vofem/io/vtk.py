@@ -75,12 +75,14 @@ def write_series(
     ===========  ==========================================================================
     point data   ``deflection`` (vector) and ``eta`` (its y) in m, ``velocity`` in m/s,
                  ``slope``, ``bending_moment`` in N m, ``shear_force`` in N (NaN where there
-                 is no beam), ``x``: the beam's own coordinate in m
+                 is no beam), what the `sections` of other bodies name, ``x``: the body's own
+                 coordinate in m; bodies that move along their axis are displaced along x
     cell data    ``kind``: 0 beam, 1 mass, 2 contact, 3 the bar that shows a stop;
                  ``body``, ``element``, ``contact``: numbers from 0 in the order of the
                  scene, -1 for none; ``contact_state``: 0 open, 1 closed, 2 pinned, -1 no
                  contact; ``contact_force`` in N, positive pushes apart, and
-                 ``contact_stiffness`` in N/m, NaN where there is no contact
+                 ``contact_stiffness`` in N/m, NaN where there is no contact; in N m and
+                 N m/rad of contacts that act on rotations
     field data   ``TimeValue`` in s, ``magnification``
     ===========  ==========================================================================
 

@@ -47,6 +47,9 @@ class MemoryLaw:
         to zero, N. Of TABULATED elongation, force, slope and work at the knots
         of the backbone, one after the other. Of JENKINS the stiffness of the
         spring beside, then those of the elements, then their slip forces.
+    unit : str
+        Of its force, for messages: "N m" where it acts on a rotation, and then
+        the numbers above are in rad, N m and N m/rad.
     """
 
     label: str
@@ -58,6 +61,7 @@ class MemoryLaw:
     one_sided: bool
     gap: float
     parameters: Array
+    unit: str = "N"
 
     def virgin(self) -> Array:
         """Return the state before any load: energy dissipated (J), then what the kind remembers.

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vofem.bodies import Body, Mass
 from vofem.scene import Scene, as_scene
 from vofem.simulate.methods import choose
 from vofem.system import System
@@ -58,14 +57,6 @@ _KINDS: tuple[tuple[str, Callable[[System], bool]], ...] = (
 )
 
 
-def _told(body: Body) -> str:
-    """Return one line on a body; a mass, which is a point too, describes itself by its name alone."""
-    if not isinstance(body, Mass):
-        return body.describe()
-    ground = [f"{value:g} {unit}" for value, unit in ((body.stiffness, "N/m"), (body.damping, "N s/m")) if value]
-    return f"{body.describe()}: {body.mass:g} kg, {' and '.join(ground) + ' to ground' if ground else 'free'}"
-
-
 def explain(scene: Scene) -> Explanation:
     """Return what will be simulated, by which method and why, and what will not.
 
@@ -76,7 +67,7 @@ def explain(scene: Scene) -> Explanation:
     system = as_scene("explain", scene).model.system
     choice = choose(system)
     return Explanation(
-        bodies=tuple(_told(body) for body in scene.bodies),
+        bodies=tuple(body.summary() for body in scene.bodies),
         effects=tuple(effect.describe() for effect in scene.effects),
         unknowns=system.size,
         method=choice.method,

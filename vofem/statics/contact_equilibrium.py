@@ -49,7 +49,7 @@ def equilibrium(scene: Scene, t: float = 0.0) -> Equilibrium:
     laws = system.contacts
     if laws is None:
         check_held(model, None)
-        return Equilibrium(model, solver_of(system, np.zeros(0))(force), {}, 0)
+        return Equilibrium(model, solver_of(system, np.zeros(0))(force), {}, 0, scene.effects, t)
     if not laws.ideal:
         k = int(np.argmax(np.isfinite(laws.resolution)))
         raise ArgumentError(f"equilibrium needs ideal switches; Contact {laws.names[k]!r} has a resolved one")
@@ -70,4 +70,4 @@ def equilibrium(scene: Scene, t: float = 0.0) -> Equilibrium:
         name: StaticContact(float(reaction[j]), names[int(status[j])], float(u[j] - laws.gap[j]))
         for j, name in enumerate(laws.names)
     }
-    return Equilibrium(model, q, contacts, iterations)
+    return Equilibrium(model, q, contacts, iterations, scene.effects, t)

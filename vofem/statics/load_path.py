@@ -149,6 +149,7 @@ def _check_limit(model: Model, solver: Any, pulls: Array, factor: float, force: 
     load = factor * float(force[np.argmax(np.abs(force))])
     raise LimitLoadError(
         f"{law.label}: the load reaches {load:.6g} N at load factor {factor:g}, where the spring bears its limit "
-        f"load of {law.limit:.6g} N, and no equilibrium exists beyond it. Load it less, or change its softening",
+        f"load of {law.limit:.6g} {law.unit}, and no equilibrium exists beyond it. Load it "
+        "less, or change its softening",
         load, factor, law.limit,
     )  # fmt: skip

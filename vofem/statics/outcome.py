@@ -10,8 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import Named
-from vofem.assembly import Model
+from vofem.assembly import Effect, Model
 from vofem.bodies.beam import Beam
+from vofem.bodies.recovery import recovered_sections
+from vofem.effects.line_loads import line_loads
+from vofem.effects.two_points import units_of
 from vofem.initial import StoredState
 from vofem.lookup import body_named, row_of, the_beam
 
@@ -58,13 +61,23 @@ class Equilibrium:
     notes : list of str
     """
 
-    def __init__(self, model: Model, q: Array, contacts: Mapping[str, StaticContact], iterations: int) -> None:
+    def __init__(
+        self,
+        model: Model,
+        q: Array,
+        contacts: Mapping[str, StaticContact],
+        iterations: int,
+        effects: tuple[Effect, ...] = (),
+        t: float = 0.0,
+    ) -> None:
         self._model = model
+        self._effects, self._t = effects, t
         self._q = q
         self.contacts = Named(dict(contacts))
         self.iterations = iterations
         self.notes = [
-            f"contact {name!r} is pinned at its gap with a reaction of {contact.force:.6g} N: the load lies between "
+            f"contact {name!r} is pinned at its gap with a reaction of {contact.force:.6g} "
+            f"{units_of(effects, name).force}: the load lies between "
             "the open and the closed equilibrium of acts_on='displacement'"
             for name, contact in self.contacts.items()
             if contact.pinned
@@ -106,12 +119,29 @@ class Equilibrium:
         return self._field(x, body, 1)[1]
 
     def bending_moment(self, x: ArrayLike, body: Any = None) -> Array:
-        """Return ``M = EI eta''`` in N m, shape (len(x),)."""
-        beam, curvature = self._field(x, body, 2)
-        return np.reshape(beam.bending_stiffness(np.ravel(x))[0], curvature.shape) * curvature
+        """Return ``M = EI eta''`` in N m, in the shape of x; at a node, that of the element to its right.
+
+        Within elements it balances distributed loads, weight, foundations and
+        tension: it is exact where the displacements of nodes are. Point loads
+        and springs between nodes are counted as at the ends of their element.
+        """
+        return self._sections(x, body)[0]
 
     def shear_force(self, x: ArrayLike, body: Any = None) -> Array:
-        """Return ``V = (EI eta'')'`` in N, shape (len(x),)."""
-        beam, curvature = self._field(x, body, 2)
-        stiffness, change = (np.reshape(part, curvature.shape) for part in beam.bending_stiffness(np.ravel(x)))
-        return np.asarray(stiffness * self._field(x, beam, 3)[1] + change * curvature)
+        """Return ``V = (EI eta'')'`` in N, in the shape of x; as `bending_moment`."""
+        return self._sections(x, body)[1]
+
+    def _sections(self, x: ArrayLike, body: Any) -> tuple[Array, Array]:
+        beam = the_beam(self._model.offsets, body)
+        q = self._model.of_body(beam, self._q)[:, None]
+        known = line_loads(self._effects, beam)
+
+        def load(places: Array) -> Array:
+            total = known.pressure(places, np.array([self._t]))
+            if known.bedding:
+                total -= known.bed(places)[:, None] * (beam.field_matrix(places) @ q)
+            return total + beam.tension * (beam.field_matrix(places, 2) @ q) if beam.tension else total
+
+        shape = np.shape(x) or (1,)
+        moment, shear = recovered_sections(beam, np.ravel(np.asarray(x)), q, load)
+        return moment.reshape(shape), shear.reshape(shape)

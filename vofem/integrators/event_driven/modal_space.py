@@ -76,7 +76,7 @@ def modal_space(system: System, counters: Counters) -> ModalSpace:
         if system.rayleigh is not None:
             damping += system.rayleigh[0] + system.rayleigh[1] * squares
         if system.modal_damping is not None:
-            damping += 2.0 * system.modal_damping * np.sqrt(squares)
+            damping += system.modal_rates(squares)
         if system.damping is not None:
             coupling = shapes.T @ (system.damping @ shapes)
             diagonal = np.diag(coupling)

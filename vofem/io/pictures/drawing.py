@@ -18,6 +18,7 @@ Box = tuple[float, float, float, float]
 COLORMAP = "RdBu_r"
 
 INK = "#16181d"
+PAPER = "#ffffff"
 BLOCK = "#3b4150"
 GROUND = "#c4c7cd"
 OUTLINE = "#a0a3b1"

@@ -84,7 +84,7 @@ def time_history(
         if below:
             _draw_stiffness(run, shown[title], len(points), most, column[1])
             if not alike or column[1].get_subplotspec().is_first_col():
-                column[1].set_ylabel(rf"$K_\mathrm{{eq}}$ [{prefixed(most, 'N/m')[1]}]")
+                column[1].set_ylabel(rf"$K_\mathrm{{eq}}$ [{_unit(run, shown[title], most)}]")
         column[0].set_title(plain(title), fontsize=11)
         column[-1].set_xlabel("time [s]")
         column[-1].set_xlim(0.0, _end(run))
@@ -92,6 +92,12 @@ def time_history(
     for row in grid:
         legend(row[-1], row)
     return save(figure, goal)
+
+
+def _unit(run: Result, contacts: list[Contact], most: float) -> str:
+    """Return the unit of K_eq with its prefix; both where some contacts act on rotations."""
+    units = dict.fromkeys(contact.units.stiffness for contact in contacts) or {"N/m": None}
+    return ", ".join(prefixed(most, unit)[1] for unit in units)
 
 
 def _draw_motion(
@@ -108,7 +114,7 @@ def _draw_motion(
     for index, item in enumerate(contacts):
         color = _color(index, len(points))
         touched = next((point for point in points if _at(item, point)), None)
-        if touched is not None:
+        if touched is not None and item.of == "displacement":
             surface = np.broadcast_to(_surface(run, item, touched, times), times.shape)
             upper.plot(times, surface / factor, color=color, linewidth=1.0, linestyle="--", label=f"{item.name} closes")
         for start, end in closed_intervals(run, item.name):

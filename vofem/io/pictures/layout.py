@@ -24,6 +24,16 @@ BEAM_HALF, MASS_HALF, BAR, SPRING_ROOM, PAD, MOTION = 26.0, 34.0, 18.0, 74.0, 10
 HEADER, SCALE_BAND, DIAGRAMS, SIDES = 74.0, 112.0, 150.0, (190.0, 210.0)
 
 
+def is_line(body: Body) -> bool:
+    """Return whether a body is drawn as a line, not as a block."""
+    return body.shape.kind == "line"
+
+
+def moves_across(body: Body) -> bool:
+    """Return whether a body is displaced upward, and not along the picture."""
+    return body.shape.direction[1] != 0.0
+
+
 @dataclass(frozen=True)
 class Lane:
     """The place of a body.
@@ -112,10 +122,11 @@ def side_of_ground(index: int, count: int) -> str:
 def arrange(view: Snapshot, size: tuple[int, int], magnification: float | None) -> Layout:
     """Return the places of all bodies, at the largest short magnification that fits."""
     order = _stack(view)
-    beams = [body for body in order if isinstance(body, Beam)]
+    beams = [body for body in order if is_line(body)]
+    bending = any(isinstance(body, Beam) for body in order)
     shifts = _shifts(view)
-    starts = [beam.origin + shifts[beam] for beam in beams] + [shifts[b] for b in order if b not in beams]
-    ends = [beam.origin + beam.length + shifts[beam] for beam in beams] + starts[len(beams) :]
+    starts = [body.shape.x[0] + shifts[body] for body in order]
+    ends = [body.shape.x[-1] + shifts[body] for body in order]
     width = size[0] * (1.0 - sum(SIDES) / 1600.0)
     start, span = min(starts), max(ends) - min(starts)
     if span == 0.0:  # masses only: a column in the middle of a picture one metre wide
@@ -124,14 +135,16 @@ def arrange(view: Snapshot, size: tuple[int, int], magnification: float | None) 
     full = min(size[0] / 1600.0, size[1] / 700.0)
     lower = (SCALE_BAND if beams else 40.0) * full
     upper = size[1] - HEADER * full
-    room = upper - lower - (DIAGRAMS * full if beams else 0.0)
-    unit, chosen = _choose(view, order, room, full, scale, magnification)
+    room = upper - lower - (DIAGRAMS * full if bending else 0.0)
+    unit, chosen = _choose(view, order, _rows(view, order, shifts), room, full, scale, magnification)
     motion = chosen * scale
+    rows = _rows(view, order, shifts)
     needs = _needs(view, order, unit)
-    axes, total = _heights(needs, view, motion, unit)
+    heights, total = _heights(needs, rows, view, motion, unit)
+    axes = [heights[rows[need.body]] for need in needs]
     left = max(0.0, room - total)
     # Room that is left goes to the moment diagrams first.
-    extra = min(left, 0.4 * DIAGRAMS * full) if beams else 0.0
+    extra = min(left, 0.4 * DIAGRAMS * full) if bending else 0.0
     lowest = lower + 0.5 * (left - extra)
     lanes = {}
     for need, axis in zip(needs, axes, strict=True):
@@ -144,13 +157,19 @@ def arrange(view: Snapshot, size: tuple[int, int], magnification: float | None) 
 
 
 def _choose(
-    view: Snapshot, order: list[Body], room: float, full: float, scale: float, wanted: float | None
+    view: Snapshot,
+    order: list[Body],
+    rows: dict[Body, int],
+    room: float,
+    full: float,
+    scale: float,
+    wanted: float | None,
 ) -> tuple[float, float]:
     """Return the unit and the magnification: bodies are drawn smaller only where the motion would not be seen."""
     fallback: tuple[float, float] | None = None
     for unit in full * 0.85 ** np.arange(14):
         needs = _needs(view, order, float(unit))
-        chosen = _magnify(needs, view, room, float(unit), scale, wanted)
+        chosen = _magnify(needs, rows, view, room, float(unit), scale, wanted)
         if chosen is None:
             continue
         fallback = fallback or (float(unit), chosen)
@@ -164,7 +183,7 @@ def _choose(
 
 
 def _pairs(view: Snapshot) -> list[tuple[Link, Body, Body]]:
-    return [(link, link.a.body, link.b.body) for link in view.links if link.b is not None]
+    return [(link, link.a.body, link.b.body) for link in view.links if link.b is not None and not link.rotation]
 
 
 def place_of(point: Point) -> float:
@@ -190,23 +209,25 @@ def _stack(view: Snapshot) -> list[Body]:
 def _shifts(view: Snapshot) -> dict[Body, float]:
     """Return by how much each body is moved along, so that the first link between two bodies is upright."""
     bodies = [state.body for state in view.bodies]
-    roots = [b for b in bodies if isinstance(b, Beam)] + [b for b in bodies if not isinstance(b, Beam)]
+    roots = [b for b in bodies if is_line(b)] + [b for b in bodies if not is_line(b)]
     first = roots[0]
+    # Joints first: what is tied stands where it is tied.
+    pairs = [(joint.a, joint.b) for joint in view.joints]
+    pairs += [(link.a, link.b) for link in view.links if link.b is not None]
     shifts: dict[Body, float] = {}
     for root in roots:
         if root in shifts:
             continue
         # A mass that nothing ties to a beam stands in the middle.
-        middle = first.origin + 0.5 * first.length if isinstance(first, Beam) else 0.0
-        shifts[root] = 0.0 if isinstance(root, Beam) else middle
+        middle = 0.5 * float(first.shape.x[0] + first.shape.x[-1])
+        shifts[root] = 0.0 if is_line(root) else middle
         found = [root]
         for body in found:
-            for link, a, b in _pairs(view):
-                assert link.b is not None
-                for here, there, x, y in ((a, b, link.a, link.b), (b, a, link.b, link.a)):
-                    if here is body and there not in shifts:
-                        shifts[there] = shifts[here] + place_of(x) - place_of(y)
-                        found.append(there)
+            for a, b in pairs:
+                for x, y in ((a, b), (b, a)):
+                    if x.body is body and y.body not in shifts:
+                        shifts[y.body] = shifts[body] + place_of(x) - place_of(y)
+                        found.append(y.body)
     return shifts
 
 
@@ -214,7 +235,8 @@ def _needs(view: Snapshot, order: list[Body], unit: float) -> list[_Needs]:
     needs = []
     for index, body in enumerate(order):
         state = next(s for s in view.bodies if s.body is body)
-        stops = [link for link in view.links if link.b is None and link.a.body is body]
+        stops = [link for link in view.links if link.b is None and link.a.body is body and not link.rotation]
+        stops = stops if moves_across(body) else []
         sides = {link.side for link in stops}
         if getattr(body, "stiffness", 0.0):
             sides.add(side_of_ground(index, len(order)))
@@ -227,7 +249,7 @@ def _needs(view: Snapshot, order: list[Body], unit: float) -> list[_Needs]:
         needs.append(
             _Needs(
                 body,
-                (BEAM_HALF if isinstance(body, Beam) else MASS_HALF) * unit,
+                (BEAM_HALF if is_line(body) else MASS_HALF) * unit,
                 "below" in sides,
                 "above" in sides,
                 max(-state.low, gaps["below"]),
@@ -237,12 +259,49 @@ def _needs(view: Snapshot, order: list[Body], unit: float) -> list[_Needs]:
     return needs
 
 
-def _heights(needs: list[_Needs], view: Snapshot, motion: float, unit: float) -> tuple[list[float], float]:
-    """Return the height of each axis over the lower end of the lowest lane, and the height of all."""
-    axes = [needs[0].extent(False, motion, unit)]
-    for low, high in itertools.pairwise(needs):
+def _rows(view: Snapshot, order: list[Body], shifts: dict[Body, float]) -> dict[Body, int]:
+    """Return the row of every body, from the lowest: beams that a joint ties end to end share one."""
+    spans: dict[Body, tuple[float, float]] = {
+        b: (b.shape.x[0] + shifts[b], b.shape.x[-1] + shifts[b]) for b in order if is_line(b)
+    }
+    tied = {frozenset((joint.a.body, joint.b.body)) for joint in view.joints}
+    linked = {frozenset((a, b)) for _, a, b in _pairs(view)}
+    rows: list[list[Body]] = []
+    for body in order:
+        for row in rows:
+            pairs = [frozenset((body, other)) for other in row]
+            if body not in spans or not any(pair in tied for pair in pairs) or any(pair in linked for pair in pairs):
+                continue
+            slack = 1e-9 * (spans[body][1] - spans[body][0])
+            if all(spans[body][0] > spans[o][1] - slack or spans[body][1] < spans[o][0] + slack for o in row):
+                row.append(body)
+                break
+        else:
+            rows.append([body])
+    return {body: number for number, row in enumerate(rows) for body in row}
+
+
+def _merged(needs: list[_Needs]) -> _Needs:
+    """Return the needs of bodies that share a row."""
+    return _Needs(
+        needs[0].body,
+        max(need.half for need in needs),
+        any(need.below for need in needs),
+        any(need.above for need in needs),
+        max(need.down for need in needs),
+        max(need.up for need in needs),
+    )
+
+
+def _heights(
+    needs: list[_Needs], rows: dict[Body, int], view: Snapshot, motion: float, unit: float
+) -> tuple[list[float], float]:
+    """Return the height of the axis of each row over the lower end of the lowest row, and the height of all."""
+    merged = [_merged([need for need in needs if rows[need.body] == row]) for row in range(max(rows.values()) + 1)]
+    axes = [merged[0].extent(False, motion, unit)]
+    for row, (low, high) in enumerate(itertools.pairwise(merged)):
         apart = low.extent(True, motion, unit) + high.extent(False, motion, unit)
-        gaps = [k.gap for k, a, b in _pairs(view) if {a, b} == {low.body, high.body}]
+        gaps = [k.gap for k, a, b in _pairs(view) if {rows[a], rows[b]} == {row, row + 1}]
         if gaps:
             # The spring between them needs room both at its rest length and at its shortest.
             spring = max(
@@ -250,19 +309,25 @@ def _heights(needs: list[_Needs], view: Snapshot, motion: float, unit: float) ->
             )
             apart = max(apart, low.half + high.half + spring)
         axes.append(axes[-1] + apart)
-    return axes, axes[-1] + needs[-1].extent(True, motion, unit)
+    return axes, axes[-1] + merged[-1].extent(True, motion, unit)
 
 
 def _magnify(
-    needs: list[_Needs], view: Snapshot, room: float, unit: float, scale: float, wanted: float | None
+    needs: list[_Needs],
+    rows: dict[Body, int],
+    view: Snapshot,
+    room: float,
+    unit: float,
+    scale: float,
+    wanted: float | None,
 ) -> float | None:
     """Return the largest 1, 2 or 5 times a power of ten that fits, or None where it would show nothing."""
     size = max(max(need.down, need.up) for need in needs)
     if wanted is not None or size == 0.0:
         chosen = 1.0 if wanted is None else wanted
-        return chosen if _heights(needs, view, chosen * scale, unit)[1] <= room else None
+        return chosen if _heights(needs, rows, view, chosen * scale, unit)[1] <= room else None
     chosen = nice_below(MOTION * unit / (size * scale))
-    while _heights(needs, view, chosen * scale, unit)[1] > room:
+    while _heights(needs, rows, view, chosen * scale, unit)[1] > room:
         chosen = nice_below(chosen * 0.99)
         if chosen * scale * size < 0.2 * MOTION * unit:
             return None

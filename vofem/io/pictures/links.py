@@ -6,11 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vofem.bodies import Beam
 from vofem.bodies.base import Point
 from vofem.io.pictures import shapes
-from vofem.io.pictures.drawing import CLOSED, CLOSED_TEXT, OPEN, OPEN_TEXT, SPRING, Drawing, Label
-from vofem.io.pictures.layout import MASS_HALF, Layout, place_of, side_of_ground
+from vofem.io.pictures.drawing import CLOSED, CLOSED_TEXT, GROUND, OPEN, OPEN_TEXT, SPRING, Drawing, Label
+from vofem.io.pictures.layout import MASS_HALF, Layout, moves_across, place_of, side_of_ground
 from vofem.io.pictures.snapshot import Link, Snapshot
 from vofem.io.pictures.units import spell
 
@@ -41,7 +40,11 @@ def add_links(drawing: Drawing, view: Snapshot, layout: Layout) -> None:
     wanted: list[tuple[Link, float, float, float]] = []
     for index, link in enumerate(view.links):
         lane = layout.lanes[link.a.body]
-        if link.b is not None:
+        if link.rotation:
+            x, y = _rotation(drawing, layout, link)
+        elif link.b is None and not moves_across(link.a.body):
+            x, y = _stop_along(drawing, layout, link, half)
+        elif link.b is not None:
             x, y = _between(drawing, layout, link, half)
         elif link.side == "above":
             assert lane.ceiling is not None
@@ -65,7 +68,7 @@ def _slots(view: Snapshot, layout: Layout) -> tuple[dict[int, float], float]:
         if getattr(body, "stiffness", 0.0) and side != "aside":
             groups.setdefault((id(lane), side), []).append((-1 - i, float(layout.along(body, 0.0))))
     for index, link in enumerate(view.links):
-        if link.b is None:
+        if link.b is None and not link.rotation and moves_across(link.a.body):
             at = float(layout.along(link.a.body, place_of(link.a)))
             groups.setdefault((id(layout.lanes[link.a.body]), link.side), []).append((index, at))
     pitch = 60.0 * layout.unit
@@ -98,7 +101,7 @@ def _foot(layout: Layout, point: Point, x: float, face: float) -> _Foot:
     along = layout.along(point.body, state.x)
     depth = lane.half * float(np.interp(x, along, state.depth))
     # Beside its place a link follows the curve that is drawn there.
-    eta = float(np.interp(x, along, state.eta)) if isinstance(point.body, Beam) else float(state.eta[0])
+    eta = float(np.interp(x, along, state.eta)) * point.body.shape.direction[1]
     return _Foot(x, lane.axis + face * depth, lane.axis + face * depth + eta * layout.motion)
 
 
@@ -120,6 +123,41 @@ def _stop(
     if thick:
         drawing.rectangle((x - half, x + half), (pad, pad + face * thick), color)
     return x, 0.5 * (pad + ground)
+
+
+def _rotation(drawing: Drawing, layout: Layout, link: Link) -> tuple[float, float]:
+    """Draw what acts on rotations as a spiral at its point a, with a line to its point b; return its label's place."""
+    ends = []
+    for point in (link.a, link.b):
+        if point is not None:
+            x = float(layout.along(point.body, place_of(point)))
+            upper, lower = (_foot(layout, point, x, face).now for face in (1.0, -1.0))
+            ends.append((x, 0.5 * (upper + lower)))
+    color, width = _COLORS[link.status][0], 3.0 * layout.unit
+    if len(ends) == 2:
+        drawing.line([x for x, _ in ends], [y for _, y in ends], color, width)
+    radius = 20.0 * layout.unit
+    shapes.spiral(drawing, *ends[0], radius, color, width)
+    drawing.taken.append((ends[0][0] - radius, ends[0][1] - radius, ends[0][0] + radius, ends[0][1] + radius))
+    return ends[0]
+
+
+def _stop_along(drawing: Drawing, layout: Layout, link: Link, half: float) -> tuple[float, float]:
+    """Draw a stop or a spring to ground of a body that moves along its axis; return where its label goes."""
+    lane, unit = layout.lanes[link.a.body], layout.unit
+    eta = float(np.interp(place_of(link.a), lane.state.x, lane.state.eta))
+    rest = float(layout.along(link.a.body, place_of(link.a)))
+    face = 1.0 if link.side == "above" else -1.0
+    free, now = rest + face * link.gap * layout.motion, rest + eta * layout.motion
+    pad = free if link.status == "open" else now
+    thick = 0.0 if link.status == "spring" else 7.0 * unit
+    ground = max(free, pad, key=lambda x: face * x) + face * (_SHORTEST + 40.0) * unit
+    color, y = _COLORS[link.status][0], lane.axis
+    shapes.spring(drawing, (pad + face * thick, y), (ground, y), 0.7 * half, color, 3.0 * unit)
+    drawing.rectangle((ground, ground + face * 18.0 * unit), (y - 50.0 * unit, y + 50.0 * unit), GROUND)
+    if thick:
+        drawing.rectangle((pad, pad + face * thick), (y - half, y + half), color)
+    return 0.5 * (pad + ground), y + 0.7 * half + 24.0 * unit
 
 
 def _is_far(layout: Layout, link: Link) -> bool:
@@ -173,7 +211,7 @@ def _labels(drawing: Drawing, layout: Layout, wanted: list[tuple[Link, float, fl
         if link.status == "spring":
             continue
         color = _COLORS[link.status][1]
-        text = "open" if link.status == "open" else spell(link.force, "N")
+        text = "open" if link.status == "open" else spell(link.force, "N·m" if link.rotation else "N")
         if link.status == "open" and link.b is None and _is_far(layout, link):
             text = f"open, gap {spell(link.gap, 'm')}"
         if link.status == "pinned":

@@ -8,7 +8,7 @@ from vofem.bodies import Beam
 from vofem.bodies.base import Body
 from vofem.effects import Contact, Foundation
 from vofem.errors import ArgumentError
-from vofem.io.pictures.layout import place_of
+from vofem.io.pictures.layout import is_line, place_of
 from vofem.scene import Scene
 
 
@@ -29,16 +29,22 @@ class Place(NamedTuple):
     surface: float | None
 
 
-def along_beam(scene: Scene, beam: Beam) -> list[Place]:
-    """Return the contacts of a beam, those of a one-sided foundation at every node among them."""
+def along_beam(scene: Scene, beam: Body) -> list[Place]:
+    """Return the contacts of a beam or another line, those of a one-sided foundation at every node among them."""
     places = []
     held = set(scene.model.system.contacts.names) if scene.model.system.contacts is not None else set()
     for effect in scene.effects:
         if isinstance(effect, Contact):
-            surface = None if effect.b is not None else -effect.gap if effect.side == "below" else effect.gap
+            surface = (
+                None
+                if effect.b is not None or effect.of == "rotation"
+                else -effect.gap
+                if effect.side == "below"
+                else effect.gap
+            )
             places += [Place(effect.name, place_of(p), surface) for p in effect.points() if p.body is beam]
         elif isinstance(effect, Foundation) and effect.beam is beam:
-            nodes = [(f"{effect.name}[{node}]", float(x)) for node, x in enumerate(beam.nodes)]
+            nodes = [(f"{effect.name}[{node}]", float(x)) for node, x in enumerate(effect.beam.nodes)]
             places += [Place(name, x, -effect.gap) for name, x in nodes if name in held]
     return places
 
@@ -68,6 +74,15 @@ def between_masses(scene: Scene) -> list[Place]:
         numbers = [number[point.body] for point in contact.points()]
         places.append(Place(contact.name, sum(numbers) / len(numbers), None))
     return places
+
+
+def one_line(scene: Scene, body: Body | str | None) -> Body:
+    """Return the line of a scene that is meant, a beam or another one: that of this name, or the only one."""
+    lines = [b for b in scene.bodies if is_line(b)]
+    wanted = [b for b in lines if body is None or b.name == getattr(body, "name", body)]
+    if len(wanted) != 1:
+        raise ArgumentError(f"the scene has the beams {[b.name for b in lines]}; say which one with body=")
+    return wanted[0]
 
 
 def one_beam(scene: Scene, body: Beam | str | None) -> Beam:

@@ -75,3 +75,10 @@ def disc(drawing: Drawing, x: float, y: float, radius: float, color: str) -> Non
     """Add a filled circle."""
     angle = np.linspace(0.0, 2.0 * np.pi, 33)[:-1]
     drawing.patches.append(Patch(np.stack([x + radius * np.cos(angle), y + radius * np.sin(angle)], axis=1), color))
+
+
+def spiral(drawing: Drawing, x: float, y: float, radius: float, color: str, width: float) -> None:
+    """Add a spring in rotation: a spiral of two turns and a half."""
+    turn = np.linspace(0.0, 5.0 * np.pi, 121)
+    reach = radius * turn / turn[-1]
+    drawing.line(x + reach * np.cos(turn), y + reach * np.sin(turn), color, width)

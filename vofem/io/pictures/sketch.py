@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from vofem._validate import number
 from vofem.bodies import Beam
+from vofem.effects import Joint
 from vofem.errors import ArgumentError
 from vofem.io.pictures import shapes
 from vofem.io.pictures.drawing import (
@@ -16,12 +17,13 @@ from vofem.io.pictures.drawing import (
     MASS,
     OPEN_TEXT,
     OUTLINE,
+    PAPER,
     SPRING,
     Drawing,
     Label,
     Strip,
 )
-from vofem.io.pictures.layout import BAR, Lane, Layout, arrange, side_of_ground
+from vofem.io.pictures.layout import BAR, Lane, Layout, arrange, is_line, place_of, side_of_ground
 from vofem.io.pictures.links import add_links
 from vofem.io.pictures.snapshot import Snapshot
 from vofem.io.pictures.units import length, nice_above, nice_below, prefixed, spell, three_digits
@@ -47,10 +49,14 @@ def sketch(view: Snapshot, size: tuple[int, int], magnification: float | None) -
         _ground(drawing, layout, lane)
         if isinstance(lane.state.body, Beam):
             _beam(drawing, layout, lane, lane.state.body, factor)
+        elif is_line(lane.state.body):
+            _line(drawing, layout, lane)
         else:
             _mass(drawing, layout, lane, side_of_ground(index, len(layout.lanes)))
     add_links(drawing, view, layout)
-    if not beams:
+    for joint in view.joints:
+        _joint(drawing, layout, joint)
+    if layout.magnification is None:
         _scale_of_motion(drawing, layout)
     return drawing
 
@@ -94,7 +100,8 @@ def _spelled(time: float) -> str:
 def _most_telling(body: object, x: Array, eta: Array) -> tuple[str, float]:
     """Return a place and its displacement: a free tip, or where the beam is deflected most."""
     if not isinstance(body, Beam):
-        return "", float(eta[0])
+        k = int(np.argmax(np.abs(eta)))
+        return f"at x = {x[k]:.3g} m" if x.size > 1 else "", float(eta[k])
     ends = [(node, k) for node, k in ((len(body.nodes) - 1, -1), (0, 0)) if node not in body.supports]
     if len(ends) == 1:
         return "tip", float(eta[ends[0][1]])
@@ -149,8 +156,8 @@ def _name(drawing: Drawing, name: str, x: float, y: float, size: float) -> None:
 
 def _ground(drawing: Drawing, layout: Layout, lane: Lane) -> None:
     bar, body = BAR * layout.unit, lane.state.body
-    first, last = (body.origin, body.origin + body.length) if isinstance(body, Beam) else (0.0, 0.0)
-    margin = (38.0 if isinstance(body, Beam) else 120.0) * layout.unit
+    first, last = body.shape.x[0], body.shape.x[-1]
+    margin = (38.0 if is_line(body) else 120.0) * layout.unit
     ends = float(layout.along(body, first)) - margin, float(layout.along(body, last)) + margin
     if lane.floor is not None:
         drawing.rectangle(ends, (lane.floor - bar, lane.floor), GROUND)
@@ -184,6 +191,41 @@ def _beam(drawing: Drawing, layout: Layout, lane: Lane, beam: Beam, factor: floa
             shapes.guide(drawing, place, float(np.interp(place, x, y)), depth, reach, unit, -facing)
     if len(layout.lanes) > 1:
         _name(drawing, beam.name, float(x[0]) - 52.0 * unit, lane.axis, 20.0 * layout.text)
+
+
+def _line(drawing: Drawing, layout: Layout, lane: Lane) -> None:
+    """Add a line that is no beam: its outline at rest, and its edges and places as they have moved."""
+    state, unit = lane.state, layout.unit
+    across, along = (state.body.shape.direction[k] * state.eta * layout.motion for k in (1, 0))
+    rest, x, y = layout.along(state.body, state.x), layout.along(state.body, state.x) + along, lane.axis + across
+    half = 0.6 * lane.half
+    for side in (-half, half):
+        drawing.line(rest, np.full(x.size, lane.axis + side), OUTLINE, 1.6, behind=True)
+        drawing.line(x, y + side, INK, 2.2)
+    # Cross sections show what moves along the line.
+    for k in range(x.size) if np.ptp(x) / x.size >= 4.0 * unit else (0, -1):
+        drawing.line(x[[k, k]], [y[k] - half, y[k] + half], INK, 2.2 if k in (0, x.size - 1, -1) else 1.0)
+    held = {float(place) for place in state.body.degrees_of_freedom.x[state.body.matrices().supported]}
+    for place in held - {float("nan")}:
+        facing = 1 if place == state.x[0] else -1 if place == state.x[-1] else 0
+        shapes.clamp(drawing, float(layout.along(state.body, place)), lane.axis, half, unit, facing)
+    if len(layout.lanes) > 1:
+        _name(drawing, state.body.name, float(rest[0]) - 52.0 * unit, lane.axis, 20.0 * layout.text)
+
+
+def _joint(drawing: Drawing, layout: Layout, joint: Joint) -> None:
+    """Add a joint: a ring in the axis for a hinge, a disc for a rigid one, and a bar between two rows."""
+    ends = []
+    for point in joint.points():
+        lane = layout.lanes[point.body]
+        eta = float(np.interp(place_of(point), lane.state.x, lane.state.eta))
+        ends.append((float(layout.along(point.body, place_of(point))), lane.axis + eta * layout.motion))
+    if layout.lanes[joint.a.body].axis != layout.lanes[joint.b.body].axis:
+        drawing.line([x for x, _ in ends], [y for _, y in ends], BLOCK, 5.0 * layout.unit)
+    for x, y in ends:
+        drawing.dot(np.array([x]), np.array([y]), INK, 20.0 * layout.unit)
+        if joint.kind == "hinge":
+            drawing.dot(np.array([x]), np.array([y]), PAPER, 12.0 * layout.unit)
 
 
 def _mass(drawing: Drawing, layout: Layout, lane: Lane, side: str) -> None:

@@ -11,7 +11,16 @@ from numpy.typing import NDArray
 from vofem._validate import number
 from vofem.bodies import Beam
 from vofem.bodies.base import Body, Point
-from vofem.effects import Foundation, HystereticSpring, IwanSpring, NonlinearSpring, Spring, Springpot
+from vofem.effects import (
+    Foundation,
+    HystereticSpring,
+    IwanSpring,
+    Joint,
+    NonlinearSpring,
+    RotationalSpring,
+    Spring,
+    Springpot,
+)
 from vofem.errors import ArgumentError
 from vofem.result import Result
 from vofem.scene import Scene
@@ -36,7 +45,7 @@ class BodyState:
 
     Attributes
     ----------
-    body : Beam or Mass
+    body : Body
     x : ndarray, shape (k,)
         Places along the axis in m; 0 for a mass.
     eta : ndarray, shape (k,)
@@ -78,7 +87,9 @@ class Link:
     status : str
         "open", "closed", "pinned", or "spring".
     force : float
-        In N, positive pushes the bodies apart.
+        In N, positive pushes the bodies apart; of a rotation in N m.
+    rotation : bool
+        Whether it acts on rotations; gaps are not drawn then.
     """
 
     name: str
@@ -88,6 +99,7 @@ class Link:
     gap: float
     status: str
     force: float
+    rotation: bool = False
 
 
 @dataclass(frozen=True)
@@ -97,6 +109,7 @@ class Snapshot:
     time: float | None
     bodies: tuple[BodyState, ...]
     links: tuple[Link, ...]
+    joints: tuple[Joint, ...] = ()
 
 
 def snapshot(outcome: Result | Equilibrium, t: float | None, scene: Scene | None = None) -> Snapshot:
@@ -118,12 +131,16 @@ def snapshot(outcome: Result | Equilibrium, t: float | None, scene: Scene | None
             raise ArgumentError("a picture of an equilibrium needs scene=, the Scene that it is the equilibrium of")
         states = {name: (c.status, c.force) for name, c in outcome.contacts.items()}
         bodies = tuple(_at_rest(outcome, body) for body in scene.bodies)
-        return Snapshot(None, bodies, _links(scene, states))
+        return Snapshot(None, bodies, _links(scene, states), _joints(scene))
     if not isinstance(outcome, Result):
         raise ArgumentError(f"expected the outcome of simulate or equilibrium, found {outcome!r}")
     time = number("the time of a picture", t)
     bodies = tuple(_in_motion(outcome, body, time) for body in outcome.scene.bodies)
-    return Snapshot(time, bodies, _links(outcome.scene, _contact_states(outcome, time)))
+    return Snapshot(time, bodies, _links(outcome.scene, _contact_states(outcome, time)), _joints(outcome.scene))
+
+
+def _joints(scene: Scene) -> tuple[Joint, ...]:
+    return tuple(effect for effect in scene.effects if isinstance(effect, Joint))
 
 
 def _contact_states(result: Result, t: float) -> dict[str, tuple[str, float]]:
@@ -136,8 +153,23 @@ def _contact_states(result: Result, t: float) -> dict[str, tuple[str, float]]:
 
 
 def _links(scene: Scene, states: dict[str, tuple[str, float]]) -> tuple[Link, ...]:
-    contacts = [Link(c.name, c.a, c.b, c.side or "below", c.gap, *states[c.name]) for c in scene.contacts]
-    springs = [Link("", s.a, s.b, "below", 0.0, "spring", 0.0) for s in scene.effects if isinstance(s, _SPRINGS)]
+    contacts = [
+        Link(
+            c.name, c.a, c.b, c.side or "below", 0.0 if c.of == "rotation" else c.gap, *states[c.name],
+            c.of == "rotation",
+        )
+        for c in scene.contacts
+    ]  # fmt: skip
+    springs = [
+        Link("", s.a, s.b, "below", 0.0, "spring", 0.0, s.of == "rotation")
+        for s in scene.effects
+        if isinstance(s, _SPRINGS)
+    ]
+    springs += [
+        Link("", s.point, s.other, "below", 0.0, "spring", 0.0, True)
+        for s in scene.effects
+        if isinstance(s, RotationalSpring)
+    ]
     beds = [
         Link(name, f.beam.at(float(x)), None, "below", f.gap, *states[name])
         for f in scene.effects
@@ -156,7 +188,7 @@ def _links(scene: Scene, states: dict[str, tuple[str, float]]) -> tuple[Link, ..
 
 def _at_rest(outcome: Equilibrium, body: Body) -> BodyState:
     if not isinstance(body, Beam):
-        return _mass(body, np.array([outcome.displacement(body)]))
+        return _plain(body, np.asarray(body.shape.rows @ outcome.state_of(body.name)[0])[:, None])
     x, eta, moment = _sampled(
         body, lambda x: outcome.deflection(x, body)[:, None], lambda x: outcome.bending_moment(x, body)[:, None]
     )
@@ -167,7 +199,7 @@ def _in_motion(result: Result, body: Body, t: float) -> BodyState:
     # The picture's own time comes first, then the run.
     times = np.concatenate([[t], _times_of_range(result)])
     if not isinstance(body, Beam):
-        return _mass(body, result.displacement(body, times))
+        return _plain(body, result.along_shape(body, times))
     x, eta, moment = _sampled(
         body, lambda x: result.deflection(x, times, body), lambda x: result.bending_moment(x, times, body)
     )
@@ -227,6 +259,7 @@ def _beam(beam: Beam, x: Array, eta: Array, moment: Array) -> BodyState:
     )
 
 
-def _mass(body: Body, u: Array) -> BodyState:
-    low, high = float(np.min(u, initial=0.0)), float(np.max(u, initial=0.0))
-    return BodyState(body, np.zeros(1), u[:1], np.zeros(1), np.ones(1), low, high, 0.0, 0.0)
+def _plain(body: Body, u: Array) -> BodyState:
+    """Return a body without bending moments, from the displacement of its places, shape (k, n_times)."""
+    x, low, high = body.shape.x, float(np.min(u, initial=0.0)), float(np.max(u, initial=0.0))
+    return BodyState(body, x, u[:, 0], np.zeros(x.size), np.ones(x.size), low, high, 0.0, 0.0)

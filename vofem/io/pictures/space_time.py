@@ -12,7 +12,8 @@ from vofem.bodies import Beam
 from vofem.errors import ArgumentError
 from vofem.io.pictures.axes import INK, goal_of, panels, save
 from vofem.io.pictures.histories import closed_intervals
-from vofem.io.pictures.places import along_beam, between_masses, one_beam
+from vofem.io.pictures.layout import is_line
+from vofem.io.pictures.places import along_beam, between_masses, one_line
 from vofem.io.pictures.units import length
 from vofem.result import Result
 
@@ -51,18 +52,22 @@ def space_time(result: Result, path: str | os.PathLike[str], *, body: Beam | str
     end = min(float(result.times[-1]), result.solution.t_end)
     stored = result.times[result.times <= end]
     times = np.linspace(0.0, end, _TIMES) if result.solution.continuous else stored
-    masses = body is None and not any(isinstance(b, Beam) for b in result.scene.bodies)
-    if body is None and not masses and any(not isinstance(b, Beam) for b in result.scene.bodies):
+    lines = [b for b in result.scene.bodies if is_line(b)]
+    masses = body is None and not lines
+    if body is None and lines and len(lines) < len(result.scene.bodies):
         raise ArgumentError("the scene has beams and masses; say which beam with body=")
     if masses:
         eta = np.array([result.displacement(b, times) for b in result.scene.bodies])
         x = np.arange(1.0, 1.0 + len(eta))
         places = between_masses(result.scene)
     else:
-        beam = one_beam(result.scene, body)
-        x = np.linspace(beam.nodes[0], beam.nodes[-1], _POINTS)
-        eta = result.deflection(x, times, beam)
-        places = along_beam(result.scene, beam)
+        line = one_line(result.scene, body)
+        if isinstance(line, Beam):
+            x = np.linspace(line.nodes[0], line.nodes[-1], _POINTS)
+            eta = result.deflection(x, times, line)
+        else:
+            x, eta = line.shape.x, result.along_shape(line, times)
+        places = along_beam(result.scene, line)
     peak = float(np.max(np.abs(eta)))
     bound = min(peak, 3.0 * float(np.sqrt(np.mean(eta**2))))
     factor, unit = length(bound)

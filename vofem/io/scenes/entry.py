@@ -148,8 +148,8 @@ class Entry:
                 text = text.removeprefix(label)
             for k, word in enumerate(re.findall(r"\w+", text)):
                 name = word if word in self.keys else _SYNONYMS.get(word, "")
-                # "a" is a key of contacts, and an article.
-                if name in self.keys and (len(name) > 1 or k == 0):
+                # "a" and "of" are keys, and words of any sentence.
+                if name in self.keys and (name not in ("a", "of") or k == 0):
                     return None, name, _turned(name, text)
             return None, "", text
 

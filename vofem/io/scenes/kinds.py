@@ -123,6 +123,32 @@ class Numbers:
 
 
 @dataclass(frozen=True)
+class NumberOrNumbers:
+    """One number, or an array of them."""
+
+    each: Number = NUMBER
+
+    @property
+    def expected(self) -> str:
+        """What one is."""
+        return f"{self.each.expected}, or an array of these"
+
+    @property
+    def stand_ins(self) -> tuple[Any, ...]:
+        """Those of one number."""
+        return self.each.stand_ins
+
+    def read(self, value: Any, place: Place) -> Any:
+        """Return a float or a list of floats."""
+        kind: Kind = Numbers(self.expected, self.each) if isinstance(value, list) else self.each
+        return kind.read(value, place)
+
+    def write(self, value: Any, book: Book) -> Any:
+        """Return a plain float or plain floats."""
+        return Numbers().write(value, book) if np.ndim(value) else self.each.write(value, book)
+
+
+@dataclass(frozen=True)
 class Choice:
     """One of some names."""
 

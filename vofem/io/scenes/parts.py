@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from vofem._validate import nearest
-from vofem.bodies import Beam, BeamPoint, Body, Mass
+from vofem.bodies import Beam, BeamPoint, Body
 from vofem.effects.approximated import Approximated
 from vofem.effects.time_functions import Arbitrary, TimeFunction, as_time_function
 from vofem.errors import ArgumentError
@@ -53,13 +53,18 @@ class BodyByName:
             return place.expected(self.expected, value)
         beams = tuple(name for name, body in place.book.bodies.items() if isinstance(body, Beam))
         body = _body(value, place, self.expected, beams if self.beam else ())
-        if self.beam and isinstance(body, Mass):
+        if self.beam and not _has_axis(body):
             return place.expected(self.expected, value, ", which is a mass")
         return body
 
     def write(self, value: Any, book: Book) -> str:
         """Return the name."""
         return NAME.write(value.name, book)
+
+
+def _has_axis(body: Body | Invalid) -> bool:
+    """Return whether a body has points along an axis; of what could not be read this is not known."""
+    return isinstance(body, Invalid) or hasattr(body, "at")
 
 
 @dataclass(frozen=True)
@@ -78,7 +83,7 @@ class PointByName:
         book = place.book
         if value in book.bodies or value in book.broken or "@" not in value:
             body = _body(value, place, self.expected)
-            if isinstance(body, Beam):
+            if hasattr(body, "at"):
                 return place.report(f"expected a point of a beam, found {value!r}; did you mean '{value}@right'?")
             return body
         name, _, where = value.rpartition("@")
@@ -90,7 +95,7 @@ class PointByName:
         if "body" not in value:
             return place.key("body").report("missing, expected the name of a body")
         body = BodyByName().read(value["body"], place.key("body"))
-        if isinstance(body, Mass) and "at" not in value:
+        if not _has_axis(body) and "at" not in value:
             return body
         if "at" not in value:
             return place.key("at").report("missing, expected an x, 'left', 'right' or a name of the mesh")
@@ -103,7 +108,7 @@ class PointByName:
     def _of(body: Any, where: str | float, place: Place, by_name: bool = False) -> Any:
         if isinstance(body, Invalid):
             return body
-        if isinstance(body, Mass):
+        if not hasattr(body, "at"):
             return place.report(f"Mass {body.name!r} has no axis; write {body.name!r} alone")
         if isinstance(where, str) and not by_name and not (body.mesh is not None and where in body.mesh.points):
             with contextlib.suppress(ValueError):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from vofem.bodies import Body, Mass
+from vofem.bodies import Body
 from vofem.errors import VofemError
 from vofem.io.scenes.entry import Entry
 from vofem.io.scenes.kinds import NUMBER, Kind
@@ -138,7 +138,7 @@ def _initial(table: Any, place: Place) -> dict[Body, tuple[Any, Any]]:
             here.expected("a table with displacement and velocity", state)
             continue
         here.unknown_keys(state, INITIAL)
-        kind: Kind = NUMBER if isinstance(body, Mass) else FIELD
+        kind: Kind = FIELD if hasattr(body, "at") else NUMBER
         values = [kind.read(state[key], here.key(key)) if key in state else 0.0 for key in INITIAL]
         if isinstance(body, Invalid):
             continue

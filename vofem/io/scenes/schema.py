@@ -6,6 +6,7 @@ from vofem import effects
 from vofem.bodies import Beam, Mass
 from vofem.bodies.beam import SUPPORTS
 from vofem.effects import time_functions as functions
+from vofem.effects.two_points import UNITS
 from vofem.fractional import TabulatedOrder
 from vofem.io.scenes.beam import Elements, build_beam, values_of_beam
 from vofem.io.scenes.entry import Entry
@@ -17,6 +18,7 @@ from vofem.io.scenes.kinds import (
     POSITIVE_BASIS,
     Choice,
     MeshPath,
+    NumberOrNumbers,
     Numbers,
     Supports,
     YesOrNo,
@@ -71,6 +73,7 @@ _ORDER = OrNumber(
     POSITIVE,
 )
 _POINT = PointByName()
+_OF = Choice(tuple(UNITS))
 _BEAM = BodyByName(beam=True)
 _SWITCH = Switch(Entry("resolved", effects.Resolved, {"s0": POSITIVE}))
 
@@ -118,10 +121,11 @@ EFFECTS = _table(
             "side": Choice(("below", "above")),
             "acts_on": Choice(("displacement", "penetration")),
             "switch": _SWITCH,
+            "of": _OF,
         },
         needed=("acts_on",),
     ),
-    Entry("spring", effects.Spring, {"a": _POINT, "b": _POINT, "stiffness": NOT_NEGATIVE}),
+    Entry("spring", effects.Spring, {"a": _POINT, "b": _POINT, "stiffness": NOT_NEGATIVE, "of": _OF}),
     Entry(
         "hysteretic_spring",
         effects.HystereticSpring,
@@ -133,6 +137,7 @@ EFFECTS = _table(
             "linear_limit": POSITIVE,
             "softening": _SOFTENING,
             "memory": Choice(("printed", "cyclic")),
+            "of": _OF,
         },
         needed=("memory",),
     ),
@@ -148,6 +153,7 @@ EFFECTS = _table(
             "stiffness": POSITIVE,
             "linear_limit": POSITIVE,
             "softening": _SOFTENING,
+            "of": _OF,
         },
     ),
     Entry(
@@ -160,19 +166,21 @@ EFFECTS = _table(
             "stiffness": POSITIVE,
             "linear_limit": POSITIVE,
             "hardening": NOT_NEGATIVE,
+            "of": _OF,
         },
     ),
     Entry(
         "iwan_spring",
         effects.IwanSpring,
-        {"name": NAME, "a": _POINT, "b": _POINT, "elongation": Numbers(), "force": Numbers()},
+        {"name": NAME, "a": _POINT, "b": _POINT, "elongation": Numbers(), "force": Numbers(), "of": _OF},
     ),
     Entry(
         "springpot",
         effects.Springpot,
-        {"name": NAME, "a": _POINT, "b": _POINT, "coefficient": NOT_NEGATIVE, "order": _ORDER},
+        {"name": NAME, "a": _POINT, "b": _POINT, "coefficient": NOT_NEGATIVE, "order": _ORDER, "of": _OF},
     ),
-    Entry("dashpot", effects.Dashpot, {"a": _POINT, "b": _POINT, "damping": NOT_NEGATIVE}),
+    Entry("joint", effects.Joint, {"name": NAME, "a": _POINT, "b": _POINT, "kind": Choice(("rigid", "hinge"))}),
+    Entry("dashpot", effects.Dashpot, {"a": _POINT, "b": _POINT, "damping": NOT_NEGATIVE, "of": _OF}),
     Entry("rotational_spring", effects.RotationalSpring, {"point": _POINT, "other": _POINT, "stiffness": NOT_NEGATIVE}),
     Entry("point_mass", effects.PointMass, {"point": _POINT, "mass": NOT_NEGATIVE, "inertia": NOT_NEGATIVE}),
     Entry("point_load", effects.PointLoad, {"point": _POINT, "f": TIME_FUNCTION}),
@@ -192,5 +200,5 @@ EFFECTS = _table(
     Entry("base_motion", effects.BaseMotion, {"body": BodyByName(), "acceleration": TIME_FUNCTION}),
     Entry("gravity", effects.Gravity, {"g": NUMBER}),
     Entry("rayleigh_damping", effects.RayleighDamping, {"alpha": NOT_NEGATIVE, "beta": NOT_NEGATIVE}),
-    Entry("modal_damping", effects.ModalDamping, {"ratio": NOT_NEGATIVE}),
+    Entry("modal_damping", effects.ModalDamping, {"ratio": NumberOrNumbers(NOT_NEGATIVE)}),
 )

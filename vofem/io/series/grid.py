@@ -41,7 +41,7 @@ class _BeamPoints:
     """The points of a beam: every element has its own, its two ends among them."""
 
     def __init__(self, beam: Beam, per_element: int) -> None:
-        self.beam = beam
+        self.body = beam
         h = beam.element_lengths[:, None]
         xi = np.linspace(0.0, 1.0, per_element)
         self.x = beam.nodes[:-1, None] + xi * h
@@ -71,6 +71,31 @@ class _BeamPoints:
         return np.einsum("tei,epi->tep", local, self.weights[d])
 
 
+class _LinePoints:
+    """The points of a line that is no beam: the two ends of every piece between neighbouring places of its shape."""
+
+    def __init__(self, body: Body) -> None:
+        self.body = body
+        shape = body.shape
+        self.x = np.stack([shape.x[:-1], shape.x[1:]], axis=1)
+        self._matrices = {"eta": shape.rows, **{_plain_name(name): rows for name, rows in body.sections().items()}}
+
+    def fields(self, q: Array, v: Array) -> dict[str, Array]:
+        """Return the fields, each (n_times, n_points), from degrees of freedom and rates, each (size, n_times)."""
+        fields = {name: self._spread(matrix @ q) for name, matrix in self._matrices.items()}
+        return {**fields, "velocity": self._spread(self._matrices["eta"] @ v)}
+
+    @staticmethod
+    def _spread(values: Array) -> Array:
+        """Return values at places, shape (k, n_times), at the ends of all pieces."""
+        return np.stack([values[:-1], values[1:]], axis=1).reshape(-1, values.shape[1]).T
+
+
+def _plain_name(name: str) -> str:
+    """Return the name of a section quantity without its unit, as fields have it."""
+    return name.partition("[")[0].strip().replace(" ", "_")
+
+
 class Grid:
     """Points and cells of a scene, and the fields on them.
 
@@ -95,8 +120,13 @@ class Grid:
     def __init__(self, result: Result, placement: Placement, points_per_element: int) -> None:
         self._result = result
         bodies = result.scene.bodies
-        self._beams = [_BeamPoints(b, points_per_element) for b in bodies if isinstance(b, Beam)]
-        self._masses = [body for body in bodies if not isinstance(body, Beam)]
+        self._beams: list[_BeamPoints | _LinePoints] = [
+            _BeamPoints(body, points_per_element) if isinstance(body, Beam) else _LinePoints(body)
+            for body in bodies
+            if body.shape.kind == "line"
+        ]
+        self._masses = [body for body in bodies if body.shape.kind == "block"]
+        self._sections = sorted({_plain_name(name) for body in bodies for name in body.sections()})
         self._touches = placement.touches
         stops = [touch for touch in self._touches if touch.b is None]
 
@@ -104,19 +134,21 @@ class Grid:
         own: list[Array] = []
         for beam in self._beams:
             x = beam.x.ravel()
-            points.append(placement.origins[beam.beam] + np.stack([x, 0 * x, 0 * x], axis=1))
+            points.append(placement.origins[beam.body] + np.stack([x, 0 * x, 0 * x], axis=1))
             own.append(x)
         points.extend(placement.origins[mass][None, :] for mass in self._masses)
         for touch in self._touches:
             points.append(np.stack([touch.a.place, touch.stop if touch.b is None else touch.b.place]))
         for touch in stops:
-            points.append(touch.stop + placement.half_stop * np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]))
+            up = touch.a.body.shape.direction
+            across = placement.half_stop * np.array([up[1], -up[0], 0.0])
+            points.append(np.stack([touch.stop - across, touch.stop + across]))
         self.points = np.concatenate(points)
         self._beam_points = sum(x.size for x in own)
         rest = self.points.shape[0] - self._beam_points
         self.point_data = {"x": np.concatenate([*own, np.full(rest, np.nan)])}
 
-        counts = [beam.x.shape[0] * (points_per_element - 1) for beam in self._beams]
+        counts = [beam.x.shape[0] * (beam.x.shape[1] - 1) for beam in self._beams]
         numbers = {body: k for k, body in enumerate(bodies)}
         shown = [*self._touches, *stops]
         self._contact = np.array([touch.index for touch in shown], dtype=np.int64)
@@ -125,12 +157,12 @@ class Grid:
         none = np.full(sum(groups[:2]), -1)
         of_body = np.concatenate(
             [
-                np.repeat([numbers[beam.beam] for beam in self._beams], counts),
+                np.repeat([numbers[beam.body] for beam in self._beams], counts),
                 [numbers[mass] for mass in self._masses],
                 [numbers[touch.a.body] for touch in shown],
             ]
         )
-        elements = [np.repeat(np.arange(beam.x.shape[0]), points_per_element - 1) for beam in self._beams]
+        elements = [np.repeat(np.arange(beam.x.shape[0]), beam.x.shape[1] - 1) for beam in self._beams]
         self.cell_data = {
             "body": of_body.astype(np.int32),
             "kind": np.repeat([BEAM, MASS, CONTACT, STOP], groups).astype(np.int32),
@@ -145,24 +177,29 @@ class Grid:
         q = {body: model.of_body(body, samples.q) for body in self._result.scene.bodies}
         v = {body: model.of_body(body, samples.v) for body in self._result.scene.bodies}
         shape = (times.size, self.points.shape[0])
-        data = {name: np.full(shape, np.nan) for name in ("slope", "bending_moment", "shear_force")}
+        data = {name: np.full(shape, np.nan) for name in ("slope", "bending_moment", "shear_force", *self._sections)}
         data |= {name: np.zeros(shape) for name in ("eta", "velocity")}
+        upward = np.tile([0.0, 1.0], (shape[1], 1))
         at = 0
         for beam in self._beams:
             part = slice(at, at + beam.x.size)
-            for name, values in beam.fields(q[beam.beam], v[beam.beam]).items():
+            upward[part] = beam.body.shape.direction
+            for name, values in beam.fields(q[beam.body], v[beam.body]).items():
                 data[name][:, part] = values
             at = part.stop
         for k, mass in enumerate(self._masses):
-            data["eta"][:, at + k], data["velocity"][:, at + k] = q[mass][0], v[mass][0]
+            rows = mass.shape.rows
+            upward[at + k] = mass.shape.direction
+            data["eta"][:, at + k], data["velocity"][:, at + k] = (rows @ q[mass])[0], (rows @ v[mass])[0]
         at += len(self._masses)
         for k, touch in enumerate(self._touches):
             for end, foot in enumerate((touch.a, touch.b)):
                 if foot is not None:
+                    upward[at + 2 * k + end] = foot.body.shape.direction
                     data["eta"][:, at + 2 * k + end] = _of(foot.row, q[foot.body])
                     data["velocity"][:, at + 2 * k + end] = _of(foot.row, v[foot.body])
         deflection = np.zeros((*shape, 3))
-        deflection[:, :, 1] = data["eta"]
+        deflection[:, :, :2] = data["eta"][:, :, None] * upward
         return Frames({"deflection": deflection, **data}, self._contact_data(times))
 
     def _contact_data(self, times: Array) -> dict[str, NDArray]:

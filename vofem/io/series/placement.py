@@ -4,18 +4,21 @@ x runs along the beams, y points up as the displacement does. Every body has
 its own plane: its z is its number in the scene times a spacing, so that bodies
 stay apart in space and coincide in the side view. A body that an effect joins
 to one already placed stands so that the two points have the same x, and higher
-by the gap for b over a: in the side view they touch when the gap closes.
+by the gap for b over a: in the side view they touch when the gap closes. Bodies
+tied by a joint share a plane.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.bodies import Beam
 from vofem.bodies.base import Body, Point, Row
+from vofem.effects import Joint
 from vofem.errors import ArgumentError
 from vofem.scene import Scene
 
@@ -86,7 +89,9 @@ def place(scene: Scene, magnification: float) -> Placement:
     """Return the places of all bodies and contacts, with gaps drawn `magnification` times as large."""
     size = _size(scene, magnification)
     origins = {body: np.array([0.0, 0.0, k * _SPACING * size]) for k, body in enumerate(scene.bodies)}
-    joints = [e for e in scene.effects if len(e.points()) == 2]
+    pairs = [e for e in scene.effects if len(e.points()) == 2]
+    # Joints first: what is tied stands where it is tied.
+    pairs.sort(key=lambda effect: not isinstance(effect, Joint))
     placed: set[Body] = set()
     for root in scene.bodies:
         if root in placed:
@@ -94,13 +99,15 @@ def place(scene: Scene, magnification: float) -> Placement:
         placed.add(root)
         found = [root]
         for body in found:
-            for effect in joints:
+            for effect in pairs:
                 a, b = effect.points()
-                gap = magnification * getattr(effect, "gap", 0.0)
+                gap = magnification * _gap(effect)
                 for here, there, up in ((a, b, gap), (b, a, -gap)):
                     if here.body is body and there.body not in placed:
                         along = origins[body][0] + _along(here) - _along(there)
                         origins[there.body][:2] = along, origins[body][1] + up
+                        if isinstance(effect, Joint):
+                            origins[there.body][2] = origins[body][2]
                         placed.add(there.body)
                         found.append(there.body)
     return Placement(origins, tuple(_touches(scene, origins, magnification)), _STOP * size)
@@ -108,9 +115,14 @@ def place(scene: Scene, magnification: float) -> Placement:
 
 def _size(scene: Scene, magnification: float) -> float:
     """Return the longest beam, or the largest gap where there are only masses, m."""
-    lengths = [body.length for body in scene.bodies if isinstance(body, Beam)]
-    gaps = [abs(magnification * contact.gap) for contact in scene.contacts]
+    lengths = [float(np.ptp(body.shape.x)) for body in scene.bodies]
+    gaps = [abs(magnification * _gap(contact)) for contact in scene.contacts]
     return max(lengths, default=0.0) or max(gaps, default=0.0) or 1.0
+
+
+def _gap(effect: Any) -> float:
+    """Return the gap of an effect in m; 0 where it is one of rotations."""
+    return float(getattr(effect, "gap", 0.0)) if getattr(effect, "of", "displacement") == "displacement" else 0.0
 
 
 def _along(point: Point) -> float:
@@ -135,7 +147,8 @@ def _touches(scene: Scene, origins: dict[Body, Array], magnification: float) -> 
             point, side = _node_of(scene, index)
             a, b = foot(point), None
         up = 1.0 if side == "above" else -1.0
-        stop = a.place + np.array([0.0, up * magnification * laws.gap[index], 0.0])
+        gap = laws.gap[index] if name not in known else _gap(known[name])
+        stop = a.place + up * magnification * gap * np.array([*a.body.shape.direction, 0.0])
         touches.append(Touch(index, a, b, stop))
     return touches
 
@@ -147,7 +160,7 @@ def _node_of(scene: Scene, index: int) -> tuple[Point, str]:
     row = model.contact_rows[[index]].tocoo()
     for body, start in model.offsets.items():
         if row.nnz == 1 and start <= row.col[0] < start + body.size and isinstance(body, Beam):
-            node, slope = divmod(int(row.col[0]) - start, 2)
-            if not slope:
-                return body.at(float(body.nodes[node])), "above" if row.data[0] > 0 else "below"
+            known, dof = body.degrees_of_freedom, int(row.col[0]) - start
+            if not known.rotation[dof]:
+                return body.at(float(known.x[dof])), "above" if row.data[0] > 0 else "below"
     raise ArgumentError(f"contact {index} of the scene lies on no point that could be shown")

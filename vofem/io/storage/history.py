@@ -14,8 +14,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.bodies import Beam
-from vofem.bodies.base import Point
+from vofem.bodies.base import Body, Point
+from vofem.effects.two_points import Units, units_of
 from vofem.histories import Energy
 from vofem.integrators.base import ContactSamples, ProbeSamples, Samples
 from vofem.io.run_pictures import telling_points
@@ -145,18 +145,30 @@ def write_history(blocks: Blocks, group: h5py.Group, result: Result) -> None:
 def _springs(file: _Group, result: Result) -> None:
     springs = list(result.springs.values())
     file.coordinate("spring", [spring.name for spring in springs], long_name="spring with memory")
-    for what, unit in (("elongation", "m"), ("force", "N"), ("stored", "J"), ("dissipated", "J")):
+    units = [units_of(result.scene.effects, spring.name) for spring in springs]
+    for what, unit in (
+        ("elongation", _common([u.coordinate for u in units])),
+        ("force", _common([u.force for u in units])),
+        ("stored", "J"),
+        ("dissipated", "J"),
+    ):
         values = np.array([getattr(spring, what) for spring in springs])
         file.series(f"spring_{what}", "spring", values, units=unit)
+    file.variable("spring_unit", "spring", [u.force for u in units], long_name="unit of the force")
+
+
+def _common(units: Sequence[str]) -> str:
+    """Return the unit of several things, or those that occur where it depends on the thing."""
+    return " or ".join(dict.fromkeys(units))
 
 
 def _degrees_of_freedom(file: _Group, result: Result) -> None:
     names, x, kinds = [], [], []
     for body in result.scene.bodies:
-        along = np.repeat(body.nodes, 2) if isinstance(body, Beam) else np.full(body.size, np.nan)
+        known = body.degrees_of_freedom
         names += [body.name] * body.size
-        x.append(along)
-        kinds.append(np.arange(body.size) % 2 if isinstance(body, Beam) else np.zeros(body.size, dtype=np.int64))
+        x.append(known.x)
+        kinds.append(known.rotation.astype(np.int64))
     free = result.model.free
     file.dimension("dof", free.size)
     file.variable("dof_body", "dof", [names[k] for k in free])
@@ -192,10 +204,15 @@ def _energies(file: _Group, result: Result, group: h5py.Group) -> None:
 def _contacts(file: _Group, result: Result) -> None:
     samples = result.contact_samples
     file.coordinate("contact", list(result.contacts))
+    units = [units_of(result.scene.effects, name) for name in result.contacts]
     file.variable("contact_initial_status", "contact", result.solution.events.initial)
     file.series("contact_status", "contact", samples.status, long_name="0 open, 1 closed, 2 pinned")
-    file.series("contact_stiffness", "contact", samples.stiffness, units="N m-1", long_name="K_eq")
-    file.series("contact_force", "contact", samples.force, units="N", long_name="positive pushes the bodies apart")
+    file.series(
+        "contact_stiffness", "contact", samples.stiffness, units=_common([_inverse(u) for u in units]), long_name="K_eq"
+    )
+    force = _common([u.force for u in units])
+    file.series("contact_force", "contact", samples.force, units=force, long_name="positive pushes the bodies apart")
+    file.variable("contact_unit", "contact", [u.force for u in units], long_name="unit of the force")
     laws = result.model.system.contacts
     assert laws is not None
     file.products(
@@ -204,19 +221,30 @@ def _contacts(file: _Group, result: Result) -> None:
         laws.rows,
         result.samples.q,
         laws.gap,
-        units="m",
+        units=_common([u.coordinate for u in units]),
         long_name="penetration",
     )
 
 
+def _inverse(units: Units) -> str:
+    """Return the unit of a stiffness as netCDF files spell it."""
+    return units.stiffness.replace("/m", " m-1").replace("/rad", " rad-1")
+
+
 def _reactions(file: _Group, result: Result) -> None:
-    held = [(body, node) for body in result.scene.bodies if isinstance(body, Beam) for node in body.supports]
+    held = [(body, x) for body in result.scene.bodies for x in _supported_places(body)]
     if not held:
         return
-    file.coordinate("support", [f"{beam.name}@{float(beam.nodes[node])!r}" for beam, node in held])
-    found = [result.reaction(beam, float(beam.nodes[node])) for beam, node in held]
+    file.coordinate("support", [f"{body.name}@{x!r}" for body, x in held])
+    found = [result.reaction(body, x) for body, x in held]
     file.series("reaction_force", "support", np.stack([part.force for part in found]), units="N")
     file.series("reaction_moment", "support", np.stack([part.moment for part in found]), units="N m")
+
+
+def _supported_places(body: Body) -> list[float]:
+    """Return the places of supports in m, ascending."""
+    x = body.degrees_of_freedom.x[body.matrices().supported]
+    return [float(place) for place in np.unique(x[~np.isnan(x)])]
 
 
 def read_history(group: h5py.Group) -> History:

@@ -25,10 +25,12 @@ from vofem.errors import ArgumentError, MissingCallableError
 from vofem.integrators.base import Samples
 from vofem.io.scenes.schema import EFFECTS
 from vofem.io.storage.stand_ins import (
+    StoredBody,
     StoredCallable,
     StoredEffect,
     StoredFunction,
     StoredLaw,
+    StoredPoint,
     StoredState,
     name_of,
 )
@@ -86,8 +88,18 @@ class Encoder:
             return "plain", self._law(value)
         if isinstance(value, TimeFunction) and (isinstance(value, Arbitrary) or not is_data(type(value))):
             return "plain", StoredFunction.of(value, self._times)
+        if isinstance(value, (StoredBody, StoredPoint)):
+            return None
+        if isinstance(value, (Beam, Mass)):
+            # What stands for it would have no fields, which results of beams offer.
+            raise ArgumentError(
+                f"{value!r} is of a class derived from Beam or Mass, so it is no Beam and no Mass that could be made "
+                "again, and has no form in a file; derive from vofem.bodies.BaseBody instead"
+            )
         if isinstance(value, Body) and not isinstance(value, type):
-            raise ArgumentError(f"{value!r} is no Beam and no Mass, so it has no form in a file")
+            return "plain", StoredBody.of(value)
+        if callable(getattr(value, "row", None)) and hasattr(value, "body") and not isinstance(value, type):
+            return "plain", StoredPoint.of(value)
         if callable(value) and not is_data(type(value)):
             return "plain", StoredCallable(name_of(value))
         return None
@@ -121,7 +133,14 @@ class Encoder:
         if isinstance(effect, StoredEffect):
             return effect
         entry = next((entry for entry in EFFECTS.values() if type(effect) is entry.made), None)
-        shown = StoredEffect(type(effect).__name__, effect.describe(), tuple(effect.points()), _callables(effect))
+        shown = StoredEffect(
+            type(effect).__name__,
+            effect.describe(),
+            tuple(effect.points()),
+            _callables(effect),
+            getattr(effect, "name", ""),
+            getattr(effect, "of", "displacement"),
+        )
         if entry is None:
             return shown
         beam = getattr(effect, "beam", None)

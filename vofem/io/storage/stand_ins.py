@@ -1,4 +1,4 @@
-"""What stands in a loaded run for Python callables, which no file holds.
+"""What stands in a loaded run for Python callables and for bodies of other packages, which no file holds.
 
 Each knows the values that the run itself took, and answers with them. What
 would need the callable itself raises `MissingCallableError`, which names it.
@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem.assembly import SystemBuilder
-from vofem.bodies.base import Point
+from vofem.bodies.base import BaseBody, BodyMatrices, DegreesOfFreedom, IntArray, Point, Row, Shape, ShapePoint
 from vofem.effects.time_functions import Piece, TimeFunction
-from vofem.errors import MissingCallableError
+from vofem.errors import ArgumentError, MissingCallableError, VofemError
 from vofem.initial import StoredState
 
 Array = NDArray[np.float64]
@@ -178,12 +178,18 @@ class StoredEffect:
     touched : tuple of points
     callables : str
         Names of what it needs.
+    name : str
+        Its own; empty where it has none.
+    of : str
+        "displacement" or "rotation": what it acts on.
     """
 
     kind: str
     shown: str
     touched: tuple[Point, ...]
     callables: str
+    name: str = ""
+    of: str = "displacement"
 
     def points(self) -> tuple[Point, ...]:
         """Return the points that it touches."""
@@ -195,4 +201,157 @@ class StoredEffect:
 
     def describe(self) -> str:
         """Return what the effect said."""
+        return self.shown
+
+
+@dataclass(frozen=True, eq=False)
+class StoredBody(BaseBody):
+    """A body of a class that no file can name, by its numbers; it can be simulated again, from rest or an outcome.
+
+    Attributes
+    ----------
+    name, kind, shown_label, shown : str
+        Name, name of its class, and what `label` and `summary` said.
+    known : DegreesOfFreedom
+    parts : BodyMatrices
+    strains : csr_matrix or ndarray, optional
+    drawn : Shape
+    quantities : dict of str to matrix
+        Its `sections`.
+    upward, rigid : ndarray
+        Its `translation` and `rigid_motions`.
+    """
+
+    name: str
+    kind: str
+    shown_label: str
+    shown: str
+    known: DegreesOfFreedom
+    parts: BodyMatrices
+    strains: Any
+    drawn: Shape
+    quantities: dict[str, Any]
+    upward: Array
+    rigid: Array
+
+    @classmethod
+    def of(cls, body: Any) -> StoredBody:
+        """Return what stands for a body."""
+        shape = body.shape
+        return cls(
+            body.name, type(body).__name__, body.label, body.summary(), body.degrees_of_freedom, body.matrices(),
+            body.strain_rows(), shape, dict(body.sections()), body.translation(), body.rigid_motions(),
+        )  # fmt: skip
+
+    @property
+    def size(self) -> int:
+        """Number of degrees of freedom."""
+        return int(self.known.x.size)
+
+    @property
+    def degrees_of_freedom(self) -> DegreesOfFreedom:
+        """Place and kind of every degree of freedom."""
+        return self.known
+
+    @property
+    def shape(self) -> Shape:
+        """How the body lies and moves."""
+        return self.drawn
+
+    @property
+    def label(self) -> str:
+        """What the body said."""
+        return self.shown_label
+
+    def summary(self) -> str:
+        """Return what the body said."""
+        return self.shown
+
+    def matrices(self) -> BodyMatrices:
+        """Return mass, stiffness, damping and supports."""
+        return self.parts
+
+    def strain_rows(self) -> Any:
+        """Return D with ``K = D'D``, or None."""
+        return self.strains
+
+    def sections(self) -> dict[str, Any]:
+        """Return what else is known along the shape."""
+        return self.quantities
+
+    def translation(self) -> Array:
+        """Return the unit displacement upward."""
+        return self.upward
+
+    def rigid_motions(self) -> Array:
+        """Return the motions without strain."""
+        return self.rigid
+
+    def interpolate(self, field: Any, what: str) -> Array:
+        """Refuse: only the class of the body knows how."""
+        raise missing(f"{what} of {self.label}", self.kind, "start from an outcome, or build the scene in Python")
+
+    def at(self, where: float | str) -> ShapePoint:
+        """Return a point at a place of the shape; others are known to the class of the body only."""
+        point = super().at(where)
+        if not np.any(np.isclose(self.shape.x, point.x, rtol=1e-9, atol=1e-12)):
+            raise missing(
+                f"{self.label} at x = {point.x:g} m", self.kind, "give a point of the body that was simulated"
+            )
+        return point
+
+    def resolve(self, point: Point) -> Row:
+        """Return the row of a point of the body that was simulated, or of one at a place of the shape."""
+        return point.row() if point.body.size == self.size else super().resolve(point)
+
+
+@dataclass(frozen=True, eq=False)
+class StoredPoint:
+    """A point of a class that no file can name, by its rows.
+
+    Attributes
+    ----------
+    body : Body
+    name, shown : str
+        Its name, and what `describe` said.
+    x : float
+        In m.
+    indices, weights : ndarray
+        Of its row.
+    slope : tuple of ndarray, optional
+        Indices and weights of the row of its slope.
+    """
+
+    body: Any
+    name: str
+    shown: str
+    x: float
+    indices: IntArray
+    weights: Array
+    slope: tuple[IntArray, Array] | None
+
+    @classmethod
+    def of(cls, point: Any) -> StoredPoint:
+        """Return what stands for a point."""
+        row = point.row()
+        try:
+            turned = point.slope_row()
+        except VofemError:
+            turned = None
+        slope = None if turned is None else (turned.indices, turned.weights)
+        x = float(getattr(point, "x", 0.0))
+        return cls(point.body, point.name, point.describe(), x, row.indices, row.weights, slope)
+
+    def row(self) -> Row:
+        """Return the row of the displacement."""
+        return Row(self.indices, self.weights)
+
+    def slope_row(self) -> Row:
+        """Return the row of the slope."""
+        if self.slope is None:
+            raise ArgumentError(f"{self.shown} has no rotation")
+        return Row(*self.slope)
+
+    def describe(self) -> str:
+        """Return what the point said."""
         return self.shown

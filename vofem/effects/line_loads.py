@@ -1,0 +1,75 @@
+"""What effects do along a beam: loads per length, and bedding in proportion to the deflection."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vofem.bodies.beam import Beam
+from vofem.effects.base_motion import BaseMotion
+from vofem.effects.foundation import Foundation
+from vofem.effects.loads import DistributedLoad, Gravity
+from vofem.errors import MissingCallableError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LineLoads:
+    """Loads per length on a beam.
+
+    Attributes
+    ----------
+    loads : list of (callable, callable)
+        Functions of x in N/m, shape (k,), and of time.
+    bedding : list of callable
+        Functions of x in N/m per m, shape (k,).
+    """
+
+    loads: list[tuple[Callable[[Array], Array], Callable[[ArrayLike], Any]]]
+    bedding: list[Callable[[Array], Array]]
+
+    def pressure(self, x: Array, times: Array) -> Array:
+        """Return the sum of the loads in N/m, shape (len(x), len(times))."""
+        total = np.zeros((x.size, times.size))
+        for along, function in self.loads:
+            total += np.outer(along(x), np.broadcast_to(np.asarray(function(times), dtype=float), times.shape))
+        return total
+
+    def bed(self, x: Array) -> Array:
+        """Return the stiffness of all bedding in N/m per m, shape (len(x),)."""
+        return sum((stiffness(x) for stiffness in self.bedding), np.zeros(x.size))
+
+
+def line_loads(effects: Iterable[Any], beam: Beam) -> LineLoads:
+    """Return what acts along a beam: distributed loads, weight, base motion and two-sided foundations.
+
+    Raises
+    ------
+    MissingCallableError
+        In a loaded run, for a load of which only the name is known.
+    """
+    loads: list[tuple[Callable[[Array], Array], Callable[[ArrayLike], Any]]] = []
+    bedding: list[Callable[[Array], Array]] = []
+    for effect in effects:
+        match effect:
+            case DistributedLoad() if effect.beam is beam:
+                loads.append((effect.along, effect.f))
+            case Gravity():
+                loads.append((lambda x, g=effect.g: -g * beam.mass_per_length(x), np.ones_like))  # type: ignore[misc]
+            case BaseMotion() if effect.body is beam:
+                loads.append((lambda x: -beam.mass_per_length(x), effect.acceleration))
+            case Foundation() if effect.beam is beam and not effect.one_sided:
+                bedding.append(effect.along)
+            case _:
+                kind = getattr(effect, "kind", "")
+                if kind in ("DistributedLoad", "BaseMotion", "Foundation") and effect.points()[0].body is beam:
+                    raise MissingCallableError(
+                        f"{effect.describe()}: the saved run does not hold its values between the nodes; ask for "
+                        "the moment of the cubics, or build the scene in Python"
+                    )
+    return LineLoads(loads, bedding)

@@ -1,0 +1,82 @@
+"""Effects on the relative displacement or the relative rotation of two points, or of a point and ground."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from vofem._validate import choice
+from vofem.assembly import SystemBuilder
+from vofem.bodies.base import Point, Row, as_point
+
+
+@dataclass(frozen=True)
+class Units:
+    """Units of a coordinate u and of what belongs to it.
+
+    Attributes
+    ----------
+    coordinate, force, stiffness, damping : str
+        Of u, of the force that does work on it, of ``force/u`` and of ``force/u'``.
+    impulse : str
+        Of the force's integral over time.
+    """
+
+    coordinate: str
+    force: str
+    stiffness: str
+    damping: str
+    impulse: str
+
+
+#: By what an effect acts on.
+UNITS = {
+    "displacement": Units("m", "N", "N/m", "N s/m", "N s"),
+    "rotation": Units("rad", "N m", "N m/rad", "N m s/rad", "N m s"),
+}
+
+
+class TwoPoints:
+    """An effect on ``u_a - u_b``, or on ``u_a`` where b is None: displacements or rotations."""
+
+    a: Point
+    b: Point | None
+    #: "displacement" or "rotation".
+    of: str
+
+    def _attach(self, label: str, a: Any, b: Any, of: Any) -> None:
+        """Take points and coordinate, checked."""
+        self.a = as_point(f"{label}: a", a)
+        self.b = None if b is None else as_point(f"{label}: b", b)
+        self.of = choice(f"{label}: of", of, tuple(UNITS))
+        if self.of == "rotation":
+            for point in self.points():
+                point.slope_row()
+
+    @property
+    def units(self) -> Units:
+        """The units of what the effect acts on."""
+        return UNITS[self.of]
+
+    def points(self) -> tuple[Point, ...]:
+        """Return a, and b where there is one."""
+        return (self.a,) if self.b is None else (self.a, self.b)
+
+    def _row(self, builder: SystemBuilder, sign: float = 1.0) -> Row:
+        """Return the row of the coordinate, or of its negative where `sign` is -1."""
+        row = builder.difference(self.a, self.b, slope=self.of == "rotation")
+        return row if sign > 0.0 else Row(row.indices, -row.weights)
+
+    def _where(self) -> str:
+        """Return both ends for `describe`."""
+        rotation = " in rotation" if self.of == "rotation" else ""
+        return f"{self.a.describe()} to {'ground' if self.b is None else self.b.describe()}{rotation}"
+
+
+def units_of(effects: Iterable[Any], name: str) -> Units:
+    """Return the units of a contact or a spring that is known by its name; those of displacements where unknown."""
+    return next(
+        (UNITS[effect.of] for effect in effects if getattr(effect, "name", None) == name and hasattr(effect, "of")),
+        UNITS["displacement"],
+    )
