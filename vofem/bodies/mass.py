@@ -10,7 +10,6 @@ from vofem._validate import TINY, number
 from vofem.bodies.base import Array, BodyMatrices, DegreesOfFreedom, IntArray, Point, Row, Shape, automatic_name
 from vofem.errors import ArgumentError
 
-
 #: All masses have these, and there may be very many of them.
 _FREEDOM = DegreesOfFreedom(np.full(1, np.nan), np.zeros(1, dtype=bool))
 _BLOCK = Shape("block", np.zeros(1), np.ones((1, 1)))
