@@ -148,6 +148,8 @@ def _stop_along(drawing: Drawing, layout: Layout, link: Link, half: float) -> tu
     eta = float(np.interp(place_of(link.a), lane.state.x, lane.state.eta))
     rest = float(layout.along(link.a.body, place_of(link.a)))
     face = 1.0 if link.side == "above" else -1.0
+    if link.status == "spring":  # its ground stands beyond the nearer end
+        face = 1.0 if place_of(link.a) > 0.5 * (lane.state.x[0] + lane.state.x[-1]) else -1.0
     free, now = rest + face * link.gap * layout.motion, rest + eta * layout.motion
     pad = free if link.status == "open" else now
     thick = 0.0 if link.status == "spring" else 7.0 * unit
@@ -157,7 +159,8 @@ def _stop_along(drawing: Drawing, layout: Layout, link: Link, half: float) -> tu
     drawing.rectangle((ground, ground + face * 18.0 * unit), (y - 50.0 * unit, y + 50.0 * unit), GROUND)
     if thick:
         drawing.rectangle((pad, pad + face * thick), (y - half, y + half), color)
-    return 0.5 * (pad + ground), y + 0.7 * half + 24.0 * unit
+    # Beside the border of the picture a label has room over the body only.
+    return pad - face * 80.0 * unit, y + 70.0 * unit
 
 
 def _is_far(layout: Layout, link: Link) -> bool:
