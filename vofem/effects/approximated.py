@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import array, number
 from vofem.effects.time_functions import Piece, TimeFunction, as_time_function
+from vofem.effects.time_functions.moments import straight, wave
 from vofem.errors import ArgumentError, ConvergenceError
 
 Array = NDArray[np.float64]
@@ -211,6 +212,23 @@ class Approximated(TimeFunction):
         if t_end > self.t_end * (1.0 + 1e-12):
             raise ArgumentError(f"{self!r} ends at {self.t_end:g} s, before {t_end:g} s; build it with a larger t_end")
         return self.starts[(self.starts > 0.0) & (self.starts < t_end)]
+
+    def corners(self, left: float, right: float) -> Array:
+        """Return the starts of the pieces in (left, right)."""
+        first = np.searchsorted(self.starts, left, side="right")
+        return self.starts[first : np.searchsorted(self.starts, right, side="left")]
+
+    def smooth_moments(self, left: Array, right: Array, width: float) -> Array:
+        """Return the moments of parts of pieces, in closed form."""
+        index, tau = self._locate(0.5 * (left + right))
+        c, length, h = self.coefficients[index], self.lengths[index], right - left
+        moments = straight(c[:, 0] + c[:, 1] * tau / length, c[:, 1] / length, h)
+        for k in (1, 2):
+            w = k * _PHASE / length
+            amplitude = (c[:, 2 * k] - 1j * c[:, 2 * k + 1]) * np.exp(1j * w * tau)
+            m0, m1, m2 = wave(0.5 * w * h)
+            moments += np.stack([m0 * amplitude.real, -m1 * amplitude.imag, m2 * amplitude.real])
+        return moments
 
     def piece(self, t0: float) -> Piece:
         """Return the closed form that holds from t0 to the next breakpoint."""

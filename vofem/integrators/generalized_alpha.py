@@ -191,7 +191,7 @@ def run(
     steps = step_count(t_end, dt)
     stored = storage_times(times, t_end, dt, steps, system.size, notes)
     note_chatter(system, notes)
-    kernel = _GeneralizedAlpha(system, start, dt, steps, chosen, counters)
+    kernel = _GeneralizedAlpha(system, start, t_end, dt, steps, chosen, counters)
     points = tap(probes, kernel.bands.order)
     out = output(stored, system.size, points, len(system.springs), kernel.laws.state.size)
     return march(
@@ -207,8 +207,9 @@ class _GeneralizedAlpha:
     place: tuple[str, ...] = ("done",)
 
     def __init__(
-        self, system: System, start: State, dt: float, steps: int, chosen: Parameters, counters: Counters
-    ) -> None:
+        self, system: System, start: State, t_end: float, dt: float, steps: int, chosen: Parameters,
+        counters: Counters,
+    ) -> None:  # fmt: skip
         self.dt, self.steps, self.done, self.parameters = dt, steps, 0, chosen
         am, af, gamma, beta = chosen
         damping = damping_matrix(system, counters)
@@ -244,7 +245,9 @@ class _GeneralizedAlpha:
             self._keep_history(start, counters)
             first = m - self.laws.memory.table.size - self.history.y.shape[0]
             dampers[first : first + self.history.y.shape[0]] = self.history.told[:, FORCE]
-        force = system.force(0.0) - system.stiffness @ start.q
+        self.loads = np.concatenate([self.bands.loads, self.bands.answers(answer.factored, stiffness)])
+        self.bands.over.until = t_end
+        force = (self.load_values(0, 1)[:, 0] @ self.loads)[self.bands.back] - system.stiffness @ start.q
         if damping is not None:
             force -= damping @ start.v
         if rows is not None:
@@ -265,6 +268,11 @@ class _GeneralizedAlpha:
         self.springpotted = Springpotted(self.bands.system, self.dt, self.steps * self.dt, counters)
         self.history, self.pace = self.springpotted.begin(start), self.springpotted.pace(self.dt)
         self.place = (*self.place, "history")
+
+    def load_values(self, first: int, count: int) -> Array:
+        """Return the values of `loads` at some ends of steps, shape (2 n_loads, count)."""
+        mean, second = self.bands.over.nodal(first, count, self.dt)
+        return np.concatenate([mean, -0.5 * self.dt**2 * second])
 
     @property
     def finished(self) -> bool:
@@ -291,9 +299,9 @@ class _GeneralizedAlpha:
             if self.state.memory.size:
                 remember(self.laws.memory, self.state.memory, self.rows, out, 0, cursor)
             tell_histories(self.history, out, 0, cursor, 0.0, self.dt)
-        values = self.bands.load_values(np.arange(first, first + count + 1, dtype=float) * self.dt)
+        values = self.load_values(first, count + 1)
         cursor, events, solves, failed = _advance(
-            self.matrices, self.parameters, self.rows, with_state(self.laws, self.state.memory), self.bands.loads,
+            self.matrices, self.parameters, self.rows, with_state(self.laws, self.state.memory), self.loads,
             values, self.dt, first, count, self.state, self.trail, out, cursor, springpots, self.pace, self.history,
         )  # fmt: skip
         if self.callbacks is not None:

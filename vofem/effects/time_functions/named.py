@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import number
-from vofem.effects.time_functions.base import TimeFunction, inside, order_of
+from vofem.effects.time_functions.base import PiecewiseStraight, TimeFunction, inside, order_of
+from vofem.effects.time_functions.moments import wave
 from vofem.effects.time_functions.piece import Piece
 from vofem.errors import ArgumentError
 
@@ -57,9 +58,15 @@ class Sine(TimeFunction):
         amplitude = self.amplitude * complex(np.sin(angle), -sign * np.cos(angle))
         return Piece(harmonics=((abs(self.omega), amplitude),))
 
+    def smooth_moments(self, left: Array, right: Array, width: float) -> Array:
+        """Return the moments in closed form."""
+        angle = self.omega * (0.5 * (left + right)) + self.phase
+        m0, m1, m2 = wave(0.5 * self.omega * (right - left))
+        return self.amplitude * np.stack([m0 * np.sin(angle), m1 * np.cos(angle), m2 * np.sin(angle)])
+
 
 @dataclass(frozen=True)
-class Constant(TimeFunction):
+class Constant(PiecewiseStraight):
     """The same value at all times t >= 0."""
 
     value: float
@@ -81,7 +88,7 @@ class Constant(TimeFunction):
 
 
 @dataclass(frozen=True)
-class Ramp(TimeFunction):
+class Ramp(PiecewiseStraight):
     """Zero until `start`, then growing with `slope` until `stop`, then held.
 
     Parameters
@@ -129,7 +136,7 @@ class Ramp(TimeFunction):
 
 
 @dataclass(frozen=True)
-class Pulse(TimeFunction):
+class Pulse(PiecewiseStraight):
     """A rectangular pulse: `amplitude` for start <= t < start + duration, zero elsewhere."""
 
     amplitude: float

@@ -1,0 +1,122 @@
+"""What loads do within steps: their moments, which see every impulse however short, and values at the steps' ends.
+
+A load of moments m0, m1, m2 over a step of size h (see `effects.time_functions.moments`) changes the momentum by
+``h m0``, and the displacement beyond what the mean does by ``-h^2 M^-1 m1``. Its second moment makes the displacement
+within the step larger in the mean by ``h^2 M^-1 m2/2``, on which the stiffness acts. With all three taken in, a load
+may be as short as it likes: what is left is of higher order in omega h of the structure, not of the load.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.effects.time_functions import carried
+from vofem.system import Counters, LoadFunction, System
+
+Array = NDArray[np.float64]
+
+#: Times in a run, at least, at which a plain callable is evaluated.
+LOOKS = 20_000
+
+#: Equal parts of a step over which a step of half its size and the load's course within are told.
+PARTS = 16
+
+
+class StepLoads:
+    """The loads of a system over steps.
+
+    Attributes
+    ----------
+    until : float
+        End of the run in s. A step that ends later is given a load that goes on with the slope that it has at the
+        end: it is the mirror image, through the value at the end, of the load before. Loads are never asked for values
+        beyond the run, where a measured one may not be known.
+    """
+
+    def __init__(self, system: System, counters: Counters) -> None:
+        self.functions = [load.function for load in system.loads]
+        self.counters = counters
+        self.until = np.inf
+
+    def moments(self, left: Array, right: Array) -> Array:
+        """Return the loads' moments over steps, shape (3, n_loads, n)."""
+        self.counters.load_evaluations += left.size * len(self.functions)
+        result = np.empty((3, len(self.functions), left.size))
+        for k, function in enumerate(self.functions):
+            result[:, k] = self._of(function, left, right)
+        return result
+
+    def parts(self, left: float, right: float) -> Array:
+        """Return the loads' moments over equal parts of one step, shape (3, n_loads, PARTS)."""
+        edges = left + (right - left) * np.arange(PARTS + 1) / PARTS
+        return self.moments(edges[:-1], edges[1:])
+
+    def nodal(self, first: int, count: int, dt: float) -> Array:
+        """Return what stands for the loads' values at the ends of steps, shape (2, n_loads, count).
+
+        The first are means weighted by the hat that is 1 there and 0 a step away: sums over them have the impulse and
+        the first moment of the load. At the start the hat has one side. The second are the m2 of the steps about.
+        """
+        steps = np.arange(max(first - 1, 0), first + count, dtype=float)
+        m0, m1, m2 = self.moments(steps * dt, (steps + 1.0) * dt)
+        before, after = 0.5 * m0 + m1, 0.5 * m0 - m1
+        if first == 0:
+            # One side alone has half the weight.
+            before, after, m2 = (np.concatenate([part[:, :1], part], axis=1) for part in (before, after, m2))
+            before[:, 0] = after[:, 0]
+        return np.stack([before[:, :-1] + after[:, 1:], 0.5 * (m2[:, :-1] + m2[:, 1:])])
+
+    def _of(self, function: LoadFunction, left: Array, right: Array) -> Array:
+        width, until = self.until / LOOKS, self.until
+        near = right <= until + 1e-9 * (right - left)
+        if np.all(near):
+            return function.moments(left, np.minimum(right, until), width)
+        moments = np.empty((3, left.size))
+        moments[:, near] = function.moments(left[near], np.minimum(right[near], until), width)
+        at_end = float(function(np.nextafter(until, 0.0)))
+        for k in np.flatnonzero(~near):
+            a, b = float(left[k]), float(right[k])
+            begin = max(a, until)
+            mirrored = 2.0 * until - b, 2.0 * until - begin
+            later = np.array([[at_end], [0.0], [0.0]])
+            if mirrored[0] >= 0.0:
+                m0, m1, m2 = function.moments(*mirrored, width)
+                later = np.stack([2.0 * at_end - m0, m1, -m2])
+            share = np.array([(b - begin) / (b - a)])
+            moments[:, [k]] = carried(later, share, 0.5 * (1.0 - share))
+            if a < until:
+                moments[:, [k]] += carried(function.moments(a, until, width), 1.0 - share, -0.5 * share)
+        return moments
+
+
+def joined(parts: Array) -> Array:
+    """Return the moments over a whole step from those over its equal parts, shape (3, n_loads)."""
+    count = parts.shape[2]
+    share = np.full(count, 1.0 / count)
+    base = parts[0, :, :1]
+    rest = np.stack([parts[0] - base, parts[1], parts[2]])
+    whole = carried(rest, share, (np.arange(count) + 0.5) / count - 0.5).sum(axis=2)
+    whole[0] += base[:, 0]
+    return whole
+
+
+def swing(parts: Array) -> Array:
+    """Return how far a unit mass moves, over the step squared, by what is left of loads without mean and trend.
+
+    Parameters
+    ----------
+    parts : ndarray, shape (3, n_loads, n_parts)
+        Moments over equal parts of a step.
+
+    Returns
+    -------
+    swing : ndarray, shape (n_loads,)
+    """
+    count = parts.shape[2]
+    m0, m1, _ = joined(parts)
+    x = (np.arange(count) + 0.5) / count - 0.5
+    rest = parts[0] - m0[:, None] - 12.0 * m1[:, None] * x
+    rate = np.cumsum(rest, axis=1) / count
+    place = np.cumsum(rate, axis=1) / count
+    return np.asarray(np.max(np.abs(place), axis=1, initial=0.0))
