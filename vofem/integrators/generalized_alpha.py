@@ -245,9 +245,15 @@ class _GeneralizedAlpha:
             self._keep_history(start, counters)
             first = m - self.laws.memory.table.size - self.history.y.shape[0]
             dampers[first : first + self.history.y.shape[0]] = self.history.told[:, FORCE]
-        self.loads = np.concatenate([self.bands.loads, self.bands.answers(answer.factored, stiffness)])
+        # The matrix of a step tends to (1 - am) M as dt does to 0.
+        second = (1.0 - am) * self.bands.answers(answer.factored, stiffness)
+        self.loads = np.concatenate([self.bands.loads, second])
         self.bands.over.until = t_end
-        force = (self.load_values(0, 1)[:, 0] @ self.loads)[self.bands.back] - system.stiffness @ start.q
+        self.at_start, beyond = self.bands.over.start(dt)
+        # An impulse at t = 0 is a velocity: the steps would tell it late.
+        answers = (1.0 - am) * self.bands.answers(answer.factored, np.ones((1, n)))
+        self.kick = 0.5 * dt * (beyond @ answers)
+        force = (self.at_start @ self.bands.loads)[self.bands.back] - system.stiffness @ start.q
         if damping is not None:
             force -= damping @ start.v
         if rows is not None:
@@ -268,6 +274,14 @@ class _GeneralizedAlpha:
         self.springpotted = Springpotted(self.bands.system, self.dt, self.steps * self.dt, counters)
         self.history, self.pace = self.springpotted.begin(start), self.springpotted.pace(self.dt)
         self.place = (*self.place, "history")
+
+    def _kick(self) -> None:
+        """Give the structure the impulse of loads at t = 0; its work is what the kinetic energy gains."""
+        if np.any(self.kick):
+            gain = np.zeros(self.kick.size)
+            subtract_product(self.matrices.mass, self.kick, gain)
+            self.trail.work[:] -= float(gain @ (self.state.v + 0.5 * self.kick))
+            self.state.v[:] += self.kick
 
     def load_values(self, first: int, count: int) -> Array:
         """Return the values of `loads` at some ends of steps, shape (2 n_loads, count)."""
@@ -300,6 +314,9 @@ class _GeneralizedAlpha:
                 remember(self.laws.memory, self.state.memory, self.rows, out, 0, cursor)
             tell_histories(self.history, out, 0, cursor, 0.0, self.dt)
         values = self.load_values(first, count + 1)
+        if first == 0:
+            values[: self.at_start.size, 0] = self.at_start
+            self._kick()
         cursor, events, solves, failed = _advance(
             self.matrices, self.parameters, self.rows, with_state(self.laws, self.state.memory), self.loads,
             values, self.dt, first, count, self.state, self.trail, out, cursor, springpots, self.pace, self.history,

@@ -168,9 +168,13 @@ class AdaptiveSteps(Setting):
             return np.empty((0, 3)), 0.0
         cut, moved = PARTS // 2, 0.0
         halves = parts[:, :, :cut], parts[:, :, cut:]
-        moments = np.stack([joined(parts), *(joined(part) for part in halves)], axis=2)
-        for part in halves:
-            moved = max(moved, float(np.max(self.weight * (swing(part) @ np.abs(half.dt * half.shift)))))
+        moments = np.empty((3, parts.shape[1], 3))
+        moments[:, :, 0] = joined(parts)
+        for k, part in enumerate(halves, 1):
+            moments[:, :, k] = joined(part)
+            far = swing(part, moments[0, :, k], moments[1, :, k])
+            if np.any(far):
+                moved = max(moved, float(np.max(self.weight * (far @ np.abs(half.dt * half.shift)))))
         return self.load_values(moments), moved / (self.tolerance * self.size + _TINY)
 
 

@@ -8,6 +8,8 @@ may be as short as it likes: what is left is of higher order in omega h of the s
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,9 +31,9 @@ class StepLoads:
     Attributes
     ----------
     until : float
-        End of the run in s. A step that ends later is given a load that goes on with the slope that it has at the
-        end: it is the mirror image, through the value at the end, of the load before. Loads are never asked for values
-        beyond the run, where a measured one may not be known.
+        End of the run in s. The last step may end later. Loads are never asked for values beyond the run, where a
+        measured one may not be known: there a load is the image of what it was before the end, turned about the point
+        that its mean and its trend before the end lead to. A straight line goes on as it is.
     """
 
     def __init__(self, system: System, counters: Counters) -> None:
@@ -67,6 +69,17 @@ class StepLoads:
             before[:, 0] = after[:, 0]
         return np.stack([before[:, :-1] + after[:, 1:], 0.5 * (m2[:, :-1] + m2[:, 1:])])
 
+    def start(self, dt: float) -> tuple[Array, Array]:
+        """Return the loads' values at t = 0, and the mean over the first step beyond them, each of shape (n_loads,).
+
+        What is left of the hat's mean over half a step is an impulse at t = 0. It is of second order for smooth loads,
+        and all there is of a short one, whose own value would not tell.
+        """
+        (first, second), values = self.nodal(0, 2, dt)[0].T, np.array([float(f(0.0)) for f in self.functions])
+        ahead = 2.0 * first - second
+        values = np.clip(values, np.minimum.reduce([first, second, ahead]), np.maximum.reduce([first, second, ahead]))
+        return values, first - values
+
     def _of(self, function: LoadFunction, left: Array, right: Array) -> Array:
         width, until = self.until / LOOKS, self.until
         near = right <= until + 1e-9 * (right - left)
@@ -74,15 +87,14 @@ class StepLoads:
             return function.moments(left, np.minimum(right, until), width)
         moments = np.empty((3, left.size))
         moments[:, near] = function.moments(left[near], np.minimum(right[near], until), width)
-        at_end = float(function(np.nextafter(until, 0.0)))
         for k in np.flatnonzero(~near):
             a, b = float(left[k]), float(right[k])
             begin = max(a, until)
             mirrored = 2.0 * until - b, 2.0 * until - begin
-            later = np.array([[at_end], [0.0], [0.0]])
-            if mirrored[0] >= 0.0:
-                m0, m1, m2 = function.moments(*mirrored, width)
-                later = np.stack([2.0 * at_end - m0, m1, -m2])
+            # A step longer than the run.
+            whole = mirrored[0] < 0.0
+            m0, m1, m2 = function.moments(0.0 if whole else mirrored[0], mirrored[1], width)
+            later = np.stack([m0, 0.0 * m1, 0.0 * m2]) if whole else np.stack([m0 + 12.0 * m1, m1, -m2])
             share = np.array([(b - begin) / (b - a)])
             moments[:, [k]] = carried(later, share, 0.5 * (1.0 - share))
             if a < until:
@@ -90,33 +102,41 @@ class StepLoads:
         return moments
 
 
+@cache
+def _joining(count: int) -> Array:
+    """Return what each of so many equal parts contributes to the moments of the whole, shape (3, 3, count)."""
+    middle, share = (np.arange(count) + 0.5) / count - 0.5, np.full(count, 1.0 / count)
+    units = np.repeat(np.eye(3)[:, :, None], count, axis=2)
+    return np.stack([carried(unit, share, middle) for unit in units], axis=1)
+
+
 def joined(parts: Array) -> Array:
     """Return the moments over a whole step from those over its equal parts, shape (3, n_loads)."""
-    count = parts.shape[2]
-    share = np.full(count, 1.0 / count)
-    base = parts[0, :, :1]
-    rest = np.stack([parts[0] - base, parts[1], parts[2]])
-    whole = carried(rest, share, (np.arange(count) + 0.5) / count - 0.5).sum(axis=2)
-    whole[0] += base[:, 0]
+    base = parts[0, :, 0]
+    rest = parts.copy()
+    # Sums of a constant's parts would leave rounding in m1 and m2.
+    rest[0] -= base[:, None]
+    whole = np.einsum("jip,ilp->jl", _joining(parts.shape[2]), rest)
+    whole[0] += base
     return whole
 
 
-def swing(parts: Array) -> Array:
+def swing(parts: Array, m0: Array, m1: Array) -> Array:
     """Return how far a unit mass moves, over the step squared, by what is left of loads without mean and trend.
 
     Parameters
     ----------
     parts : ndarray, shape (3, n_loads, n_parts)
         Moments over equal parts of a step.
+    m0, m1 : ndarray, shape (n_loads,)
+        Those of the step.
 
     Returns
     -------
     swing : ndarray, shape (n_loads,)
     """
     count = parts.shape[2]
-    m0, m1, _ = joined(parts)
     x = (np.arange(count) + 0.5) / count - 0.5
     rest = parts[0] - m0[:, None] - 12.0 * m1[:, None] * x
-    rate = np.cumsum(rest, axis=1) / count
-    place = np.cumsum(rate, axis=1) / count
-    return np.asarray(np.max(np.abs(place), axis=1, initial=0.0))
+    place = rest.cumsum(axis=1).cumsum(axis=1)
+    return np.asarray(np.abs(place).max(axis=1)) / count**2
