@@ -53,6 +53,7 @@ from vofem.integrators.stepping.springpots import (
     carry_on,
     tell_histories,
 )
+from vofem.integrators.stepping.step_loads import followed, note_loads
 from vofem.integrators.switch import contact_stiffness
 from vofem.integrators.watching import Snapshot, Watch
 from vofem.linalg.banded import factor, solve, subtract_product, to_band, widen
@@ -144,7 +145,7 @@ def run(
             "where they stiffen it is smaller, and a run beyond it stops with an error"
         )
     if dt is None:
-        dt = min(_DEFAULT_FRACTION * limit, t_end / 1000.0)
+        dt, why = followed(system, min(_DEFAULT_FRACTION * limit, t_end / 1000.0), t_end)
         if t_end / dt > _MOST_STEPS:
             mass = system.mass.diagonal() / system.scale**2
             raise StepSizeError(
@@ -153,7 +154,7 @@ def run(
                 "light or massless parts more mass, or choose method='event_driven', which has no step, or "
                 "method='energy_conserving', which is stable at any"
             )
-        notes.append(f"step: dt = {dt:.6g} s was chosen; the critical step is {limit:.6g} s")
+        notes.append(f"step: dt = {dt:.6g} s was chosen{why}; the critical step is {limit:.6g} s")
     elif not dt < limit:
         raise StepSizeError(
             f"dt is {dt:g} s, beyond the critical step {limit:.4g} s of central differences with all contacts "
@@ -163,6 +164,7 @@ def run(
     steps = step_count(t_end, dt)
     stored = storage_times(times, t_end, dt, steps, system.size, notes)
     note_chatter(system, notes)
+    note_loads(system, dt, t_end, notes)
     kernel = _CentralDifference(system, start, t_end, dt, steps, counters)
     initial, acceleration = kernel.state.status.copy(), kernel.start_acceleration
     first = stored_energy(system, start.q, start.v) - 0.125 * dt**2 * float(acceleration @ (system.mass @ acceleration))

@@ -62,6 +62,7 @@ from vofem.integrators.stepping.springpots import (
     impose,
     tell_histories,
 )
+from vofem.integrators.stepping.step_loads import followed, note_loads
 from vofem.integrators.watching import Snapshot, Watch
 from vofem.linalg.banded import factor, solve, subtract_product, to_band, widen
 from vofem.linalg.jit import jit
@@ -186,11 +187,12 @@ def run(
     chosen = parameters(**options)
     counters, notes = Counters(), []
     if dt is None:
-        dt = t_end / _STEPS
-        notes.append(f"step: dt = {dt:.6g} s was chosen, a thousandth of the run")
+        dt, why = followed(system, t_end / _STEPS, t_end)
+        notes.append(f"step: dt = {dt:.6g} s was chosen{why or ', a thousandth of the run'}")
     steps = step_count(t_end, dt)
     stored = storage_times(times, t_end, dt, steps, system.size, notes)
     note_chatter(system, notes)
+    note_loads(system, dt, t_end, notes)
     kernel = _GeneralizedAlpha(system, start, t_end, dt, steps, chosen, counters)
     points = tap(probes, kernel.bands.order)
     out = output(stored, system.size, points, len(system.springs), kernel.laws.state.size)

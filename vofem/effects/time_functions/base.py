@@ -41,8 +41,15 @@ class TimeFunction(ABC):
 
     @property
     def looked(self) -> float:
-        """Distance in s of the times at which a callable was looked at; 0 where the shape is known."""
+        """Distance in s of the times at which a callable was looked at; 0 where the shape is known, inf where not."""
         return 0.0
+
+    def shortest(self, t_end: float) -> float:
+        """Return the shortest time in s within [0, t_end] over which the function changes its course."""
+        points = self.breakpoints(t_end)
+        if not points.size:
+            return np.inf
+        return float(np.min(np.diff(np.concatenate([[0.0], points, [t_end]]))))
 
     def corners(self, left: float, right: float) -> Array:
         """Return the breakpoints in (left, right), sorted."""
@@ -138,6 +145,10 @@ class Sum(TimeFunction):
         """The largest of the terms'."""
         return max(term.looked for term in self.terms)
 
+    def shortest(self, t_end: float) -> float:
+        """Return the shortest of the terms' times."""
+        return min(term.shortest(t_end) for term in self.terms)
+
     def corners(self, left: float, right: float) -> Array:
         """Return the breakpoints of all terms in (left, right)."""
         return np.unique(np.concatenate([term.corners(left, right) for term in self.terms]))
@@ -182,6 +193,10 @@ class Scaled(TimeFunction):
     def looked(self) -> float:
         """The function's."""
         return self.function.looked
+
+    def shortest(self, t_end: float) -> float:
+        """Return the function's."""
+        return self.function.shortest(t_end)
 
     def corners(self, left: float, right: float) -> Array:
         """Return the function's breakpoints in (left, right)."""

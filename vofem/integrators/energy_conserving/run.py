@@ -32,6 +32,7 @@ from vofem.integrators.energy_conserving.fixed import FixedSteps
 from vofem.integrators.stepped import SteppedSolution, step_count, storage_times
 from vofem.integrators.stepping.march import march, note_chatter, stored_energy
 from vofem.integrators.stepping.record import Output
+from vofem.integrators.stepping.step_loads import followed, note_loads
 from vofem.integrators.watching import Snapshot, Watch
 from vofem.system import Counters, State, System
 
@@ -94,10 +95,10 @@ def run(
         kernel.measure(start.q[:, None] if resume is not None else _pilot(system, start, t_end, counters).q)
         stored, step = np.linspace(0.0, t_end, 1001) if times is None else times, t_end
     else:
-        step = t_end / _STEPS if dt is None else dt
+        step, why = followed(system, t_end / _STEPS, t_end) if dt is None else (dt, "")
         if dt is None:
             notes.append(
-                f"step: dt = {step:.6g} s was chosen, a thousandth of the run; any dt is stable, tol= chooses by error"
+                f"step: dt = {step:.6g} s was chosen{why or ', a thousandth of the run'}; any dt is stable, tol= chooses by error"
             )
         steps = step_count(t_end, step)
         stored = storage_times(times, t_end, step, steps, system.size, notes)
@@ -105,6 +106,7 @@ def run(
         kernel.plan(step, steps)
     initial = kernel.state.status.copy()
     note_chatter(system, notes)
+    note_loads(system, None if tol is not None else step, t_end, notes)
     out = kernel.output(stored, probes)
     solution = march(
         kernel, "energy_conserving", start, initial, t_end, step, out, notes,

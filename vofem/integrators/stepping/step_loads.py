@@ -25,6 +25,64 @@ LOOKS = 20_000
 PARTS = 16
 
 
+#: Steps in the shortest time of a smooth load from which on its values at the ends of steps tell it.
+_RESOLVED = 2.0
+
+#: Steps at most in a run whose step was chosen to follow the loads.
+_MOST = 10_000
+
+
+
+def followed(system: System, dt: float, t_end: float) -> tuple[float, str]:
+    """Return a default step in s that follows the loads where that takes no more steps than a bound, and words for it.
+
+    Parameters
+    ----------
+    system : System
+    dt : float
+        What is chosen without loads, s.
+    t_end : float
+        In s.
+    """
+    if not system.loads:
+        return dt, ""
+    shortest, name = min((load.function.shortest(t_end), load.name) for load in system.loads)
+    chosen = max(shortest / _RESOLVED, t_end / _MOST)
+    return (chosen, f", which follows load {name!r}") if chosen < dt else (dt, "")
+
+
+def note_loads(system: System, dt: float | None, t_end: float, notes: list[str]) -> None:
+    """Tell of loads that steps of a size in s do not follow, and of those known by some of their values only.
+
+    Parameters
+    ----------
+    system : System
+    dt : float, optional
+        In s; None where steps follow an error.
+    t_end : float
+        In s.
+    notes : list of str
+        Added to.
+    """
+    if not system.loads:
+        return
+    shortest, name = min((load.function.shortest(t_end), load.name) for load in system.loads)
+    if dt is not None and dt > 1.000001 * shortest:
+        notes.append(
+            f"load: {name} changes within {shortest:.3g} s, less than a step of {dt:.4g} s. The steps take its impulse "
+            "and its moments exactly, but not its course: the answer may be off by more than 2 %. "
+            f"dt = {shortest / _RESOLVED:.3g} s resolves it"
+        )
+    for load in system.loads:
+        width = min(load.function.looked, t_end / LOOKS)
+        if width > 0.0:
+            notes.append(
+                f"load: {load.name} is known by its values at times {width:.3g} s apart only, and what is shorter may "
+                "be missed; use Pulse, Tabulated or Sine, or Approximated(..., breaks=...) with the times of short "
+                "features"
+            )
+
+
 class StepLoads:
     """The loads of a system over steps.
 
@@ -58,8 +116,19 @@ class StepLoads:
         """Return what stands for the loads' values at the ends of steps, shape (2, n_loads, count).
 
         The first are means weighted by the hat that is 1 there and 0 a step away: sums over them have the impulse and
-        the first moment of the load. At the start the hat has one side. The second are the m2 of the steps about.
+        the first moment of the load. At the start the hat has one side. The second are the m2 of the steps about. Of
+        loads without breakpoints that change little in a step the values themselves are taken.
         """
+        resolved = [f.closed_form and f.shortest(self.until) >= _RESOLVED * dt and not f.breakpoints(self.until).size
+                    for f in self.functions]  # fmt: skip
+        means = self._hats(first, count, dt)
+        # Values tell what is slow, as in the equations that the methods are known by.
+        for k in np.flatnonzero(resolved):
+            times = np.minimum(np.arange(first, first + count, dtype=float) * dt, self.until)
+            means[0, k], means[1, k] = self.functions[k](times), 0.0
+        return means
+
+    def _hats(self, first: int, count: int, dt: float) -> Array:
         steps = np.arange(max(first - 1, 0), first + count, dtype=float)
         m0, m1, m2 = self.moments(steps * dt, (steps + 1.0) * dt)
         before, after = 0.5 * m0 + m1, 0.5 * m0 - m1
