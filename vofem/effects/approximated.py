@@ -256,9 +256,7 @@ class Approximated(TimeFunction):
         return Piece(tuple(harmonics), float(c[0] + c[1] * shift / length), float(c[1] / length))
 
 
-def _fit(
-    function: TimeFunction, left: float, right: float, looks: Array, seen: Array
-) -> tuple[Array, float, float]:
+def _fit(function: TimeFunction, left: float, right: float, looks: Array, seen: Array) -> tuple[Array, float, float]:
     """Return coefficients, error at the points of check and size of the values on one piece.
 
     Checked are also the values `seen` at those of the times `looks` that lie inside.

@@ -156,7 +156,6 @@ class AdaptiveSteps(Setting):
                 self.rung -= 1
             return cursor, events
 
-
     def _loads(self, t: float, dt: float, half: Factored) -> tuple[Array, float]:
         """Return the loads over the step and its halves, and their own part of the error over the tolerance.
 

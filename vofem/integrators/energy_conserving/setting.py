@@ -100,7 +100,9 @@ class Setting:
         second = 0.5 * dt**2 * self.bands.answers(answer.factored, stiffness)
         inertia = dt * self.bands.answers(answer.factored, mass)
         loads = np.concatenate([self.bands.loads, second])
-        return Factored(dt, answer, loads, dt * self.bands.answers(answer.factored, np.ones((1, mass.shape[1]))), inertia)
+        return Factored(
+            dt, answer, loads, dt * self.bands.answers(answer.factored, np.ones((1, mass.shape[1]))), inertia
+        )
 
     def kinetic(self, samples: Samples) -> Array:
         """Return the kinetic energy at the stored times, J."""

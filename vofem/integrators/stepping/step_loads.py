@@ -28,9 +28,11 @@ PARTS = 16
 #: Steps in the shortest time of a smooth load from which on its values at the ends of steps tell it.
 _RESOLVED = 2.0
 
+#: Phase in rad by which motion may be late before it is told.
+_OFF = 0.02
+
 #: Steps at most in a run whose step was chosen to follow the loads.
 _MOST = 10_000
-
 
 
 def followed(system: System, dt: float, t_end: float) -> tuple[float, str]:
@@ -73,6 +75,12 @@ def note_loads(system: System, dt: float | None, t_end: float, notes: list[str])
             "and its moments exactly, but not its course: the answer may be off by more than 2 %. "
             f"dt = {shortest / _RESOLVED:.3g} s resolves it"
         )
+    off, name = _lag(system, dt, t_end) if dt is not None else (0.0, "")
+    if off > _OFF:
+        notes.append(
+            f"load: motion that {name} excites falls behind by about {off:.2g} rad until the end, as steps of {dt:.4g} s "
+            f"are large against its period; dt = {dt * np.sqrt(0.5 * _OFF / off):.3g} s holds it below {0.5 * _OFF:g}"
+        )
     for load in system.loads:
         width = min(load.function.looked, t_end / LOOKS)
         if width > 0.0:
@@ -81,6 +89,30 @@ def note_loads(system: System, dt: float | None, t_end: float, notes: list[str])
                 "be missed; use Pulse, Tabulated or Sine, or Approximated(..., breaks=...) with the times of short "
                 "features"
             )
+
+
+def _lag(system: System, dt: float | None, t_end: float) -> tuple[float, str]:
+    """Return the phase in rad, about, by which steps are late with motion that a load excites, and which load.
+
+    Steps lower an angular frequency omega by about ``omega (omega dt)^2/12``. The frequency is Rayleigh's quotient of
+    the shape to which the load bends the structure at rest.
+    """
+    from scipy.sparse import csc_matrix
+    from scipy.sparse.linalg import splu
+
+    known = [load for load in system.loads if np.isfinite(load.function.shortest(t_end))]
+    if not known or dt is None:
+        return 0.0, ""
+    solver = splu(csc_matrix(system.stiffness + system.mass / t_end**2))
+    worst, name = 0.0, ""
+    for load in known:
+        shape = solver.solve(load.vector)
+        mass = float(shape @ (system.mass @ shape))
+        square = max(float(shape @ (system.stiffness @ shape)), 0.0) / mass if mass > 0.0 else 0.0
+        late = t_end * square**1.5 * dt**2 / 12.0
+        if late > worst:
+            worst, name = late, load.name
+    return worst, name
 
 
 class StepLoads:
