@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -29,7 +31,7 @@ def moments(f, a, b):
     inner = f.breakpoints(b)
     edges = [a, *inner[inner > a], b]
     total = np.zeros(3)
-    for left, right in zip(edges[:-1], edges[1:], strict=True):
+    for left, right in itertools.pairwise(edges):
         for k, weight in enumerate((lambda x: 1.0, lambda x: x, lambda x: x * x - 1.0 / 12.0)):
 
             def part(t, weight=weight, right=right, left=left):
@@ -55,7 +57,7 @@ def test_moments_of_an_approximation_and_of_a_callable():
         for a, b in ((0.3, 0.5), (0.9, 1.4)):
             middle, h = 0.5 * (a + b), b - a
             weights = (lambda x: 1.0, lambda x: x, lambda x: x * x - 1.0 / 12.0)
-            expected = [quad(lambda t, w=w: bell(t) * w((t - middle) / h) / h, a, b)[0] for w in weights]
+            expected = [quad(lambda t, w=w, m=middle, h=h: bell(t) * w((t - m) / h) / h, a, b)[0] for w in weights]
             assert f.moments([a], [b], 1e-3)[:, 0] == pytest.approx(expected, abs=1e-9)
 
 

@@ -98,7 +98,8 @@ def run(
         step, why = followed(system, t_end / _STEPS, t_end) if dt is None else (dt, "")
         if dt is None:
             notes.append(
-                f"step: dt = {step:.6g} s was chosen{why or ', a thousandth of the run'}; any dt is stable, tol= chooses by error"
+                f"step: dt = {step:.6g} s was chosen{why or ', a thousandth of the run'}; any dt is stable, "
+                "tol= chooses by error"
             )
         steps = step_count(t_end, step)
         stored = storage_times(times, t_end, step, steps, system.size, notes)

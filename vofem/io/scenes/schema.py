@@ -50,7 +50,7 @@ _FUNCTIONS |= _table(
         functions.Sine,
         {"amplitude": NUMBER, "omega": NUMBER, "phase": NUMBER, "frequency": NUMBER},
         values=lambda made: {"amplitude": made.amplitude, "omega": made.omega, "phase": made.phase},
-    ),  # fmt: skip
+    ),
     Entry("constant", functions.Constant, {"value": NUMBER}, bare="value"),
     Entry("ramp", functions.Ramp, {"slope": NUMBER, "start": NUMBER, "stop": NUMBER}),
     Entry("pulse", functions.Pulse, {"amplitude": NUMBER, "start": NUMBER, "duration": POSITIVE}),
