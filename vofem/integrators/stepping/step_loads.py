@@ -79,7 +79,8 @@ def note_loads(system: System, dt: float | None, t_end: float, notes: list[str])
     if off > _OFF:
         notes.append(
             f"load: motion that {name} excites falls behind by about {off:.2g} rad until the end, as steps of "
-            f"{dt:.4g} s are large against its period; dt = {dt * np.sqrt(0.5 * _OFF / off):.3g} s holds it below {0.5 * _OFF:g}"
+            f"{dt:.4g} s are large against its period; dt = {dt * np.sqrt(0.5 * _OFF / off):.3g} s holds it below "
+            f"{0.5 * _OFF:g}"
         )
     for load in system.loads:
         width = min(load.function.looked, t_end / LOOKS)
