@@ -34,6 +34,16 @@ class LoadFunction(Protocol):
     def breakpoints(self, t_end: float) -> Array:
         """Return the times at which the closed form changes."""
 
+    @property
+    def looked(self) -> float:
+        """Distance in s of the times at which a callable was looked at; 0 where the shape is known, inf where not."""
+
+    def shortest(self, t_end: float) -> float:
+        """Return the shortest time in s over which the function changes its course."""
+
+    def moments(self, left: ArrayLike, right: ArrayLike, width: float) -> Array:
+        """Return the means over intervals of f, x f and (x^2 - 1/12) f, x their fraction about the middle."""
+
 
 @dataclass(frozen=True)
 class Load:

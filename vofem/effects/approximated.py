@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import array, number
 from vofem.effects.time_functions import Piece, TimeFunction, as_time_function
+from vofem.effects.time_functions.moments import straight, wave
 from vofem.errors import ArgumentError, ConvergenceError
 
 Array = NDArray[np.float64]
@@ -27,6 +28,9 @@ _SAFETY = 2.0
 
 #: Parts into which the time is cut before any look at the function.
 _FIRST = 16
+
+#: Times, evenly spread, at which the function is looked at beside those of the pieces.
+_LOOKS = 8192
 
 
 def _basis(tau: Array, length: Any) -> Array:
@@ -50,8 +54,8 @@ class Approximated(TimeFunction):
     closed form. It takes the function's values at six points, among them its
     ends, and is halved until values at six other points agree within the
     tolerance: an estimate, no proof. Jumps are narrowed down to the resolution of time and become
-    breakpoints. What is narrower than ``t_end / 16`` between two `breaks` may
-    go unseen.
+    breakpoints. Beside these points the function is looked at ``8192`` evenly spread times: what is narrower than
+    their distance may go unseen, and the notes of a run say so. `breaks` at its edges show it.
 
     Parameters
     ----------
@@ -149,7 +153,9 @@ class Approximated(TimeFunction):
         edges = np.unique(np.concatenate([grid, known[(known > 0.0) & (known < self.t_end)]]))
         waiting = list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
         resolution = 4.0 * float(np.spacing(self.t_end))
-        fits = [_fit(function, *piece) for piece in waiting]
+        looks = self.t_end * (np.arange(_LOOKS) + 0.5) / _LOOKS
+        seen = looks, function(looks)
+        fits = [_fit(function, *piece, *seen) for piece in waiting]
         largest = max(fit[2] for fit in fits)
         done: list[tuple[float, Array, float]] = []
         stack = list(zip(waiting, fits, strict=True))
@@ -172,7 +178,7 @@ class Approximated(TimeFunction):
                 )
             middle = 0.5 * (left + right)
             for part in ((left, middle), (middle, right)):
-                stack.append((part, _fit(function, *part)))
+                stack.append((part, _fit(function, *part, *seen)))
         done.sort(key=lambda piece: piece[0])
         starts, rows, errors = zip(*done, strict=True)
         return np.array(starts), np.array(rows), max(errors)
@@ -212,6 +218,33 @@ class Approximated(TimeFunction):
             raise ArgumentError(f"{self!r} ends at {self.t_end:g} s, before {t_end:g} s; build it with a larger t_end")
         return self.starts[(self.starts > 0.0) & (self.starts < t_end)]
 
+    @property
+    def looked(self) -> float:
+        """Distance in s of the times at which the callable was looked at."""
+        return self.t_end / _LOOKS
+
+    def shortest(self, t_end: float) -> float:
+        """Return a few times the shortest piece; jumps, which are narrowed down, do not count."""
+        lengths = self.lengths[self.lengths > 1e-6 * self.t_end]
+        return float(4.0 * np.min(lengths)) if lengths.size else np.inf
+
+    def corners(self, left: float, right: float) -> Array:
+        """Return the starts of the pieces in (left, right)."""
+        first = np.searchsorted(self.starts, left, side="right")
+        return self.starts[first : np.searchsorted(self.starts, right, side="left")]
+
+    def smooth_moments(self, left: Array, right: Array, width: float) -> Array:
+        """Return the moments of parts of pieces, in closed form."""
+        index, tau = self._locate(0.5 * (left + right))
+        c, length, h = self.coefficients[index], self.lengths[index], right - left
+        moments = straight(c[:, 0] + c[:, 1] * tau / length, c[:, 1] / length, h)
+        for k in (1, 2):
+            w = k * _PHASE / length
+            amplitude = (c[:, 2 * k] - 1j * c[:, 2 * k + 1]) * np.exp(1j * w * tau)
+            m0, m1, m2 = wave(0.5 * w * h)
+            moments += np.stack([m0 * amplitude.real, -m1 * amplitude.imag, m2 * amplitude.real])
+        return moments
+
     def piece(self, t0: float) -> Piece:
         """Return the closed form that holds from t0 to the next breakpoint."""
         index, tau = self._locate(t0)
@@ -223,11 +256,19 @@ class Approximated(TimeFunction):
         return Piece(tuple(harmonics), float(c[0] + c[1] * shift / length), float(c[1] / length))
 
 
-def _fit(function: TimeFunction, left: float, right: float) -> tuple[Array, float, float]:
-    """Return coefficients, error at the points of check and size of the values on one piece."""
+def _fit(function: TimeFunction, left: float, right: float, looks: Array, seen: Array) -> tuple[Array, float, float]:
+    """Return coefficients, error at the points of check and size of the values on one piece.
+
+    Checked are also the values `seen` at those of the times `looks` that lie inside.
+    """
     # The value at the right end is that before a jump there.
     inside = np.minimum(left + (right - left) * _NODES, np.nextafter(right, left))
     values, checks = function(inside), function(left + (right - left) * _CHECKS)
     coefficients = np.asarray(np.linalg.solve(_TAKE, values), dtype=float)
     error = _SAFETY * float(np.max(np.abs(_CHECK @ coefficients - checks)))
-    return coefficients, error, float(max(np.max(np.abs(values)), np.max(np.abs(checks))))
+    size = float(max(np.max(np.abs(values)), np.max(np.abs(checks))))
+    part = slice(np.searchsorted(looks, left), np.searchsorted(looks, right))
+    if part.stop > part.start:
+        off = _basis((looks[part] - left) / (right - left), 1.0) @ coefficients - seen[part]
+        error, size = max(error, float(np.max(np.abs(off)))), max(size, float(np.max(np.abs(seen[part]))))
+    return coefficients, error, size

@@ -55,6 +55,7 @@ from vofem.integrators.stepping.springpots import (
     carry_on,
     tell_histories,
 )
+from vofem.integrators.stepping.step_loads import followed, note_loads
 from vofem.integrators.switch import contact_stiffness
 from vofem.integrators.watching import Snapshot, Watch
 from vofem.linalg.banded import factor, solve, subtract_product, to_band, widen
@@ -145,7 +146,7 @@ def run(
             "where they stiffen it is smaller, and a run beyond it stops with an error"
         )
     if dt is None:
-        dt = min(_DEFAULT_FRACTION * limit, t_end / 1000.0)
+        dt, why = followed(system, min(_DEFAULT_FRACTION * limit, t_end / 1000.0), t_end)
         if t_end / dt > _MOST_STEPS:
             mass = system.mass.diagonal() / system.scale**2
             raise StepSizeError(
@@ -153,7 +154,7 @@ def run(
                 f"of {mass.min():.3g} to {mass.max():.3g} kg at their degrees of freedom and all contacts closed. Give "
                 f"light or massless parts more mass, or choose {_without_limit()}"
             )
-        notes.append(f"step: dt = {dt:.6g} s was chosen; the critical step is {limit:.6g} s")
+        notes.append(f"step: dt = {dt:.6g} s was chosen{why}; the critical step is {limit:.6g} s")
     elif not dt < limit:
         raise StepSizeError(
             f"dt is {dt:g} s, beyond the critical step {limit:.4g} s of central differences with all contacts "
@@ -162,7 +163,8 @@ def run(
     steps = step_count(t_end, dt)
     stored = storage_times(times, t_end, dt, steps, system.size, notes)
     note_chatter(system, notes)
-    kernel = _CentralDifference(system, start, dt, steps, counters)
+    note_loads(system, dt, t_end, notes)
+    kernel = _CentralDifference(system, start, t_end, dt, steps, counters)
     initial, acceleration = kernel.state.status.copy(), kernel.start_acceleration
     first = stored_energy(system, start.q, start.v) - 0.125 * dt**2 * float(acceleration @ (system.mass @ acceleration))
     points = tap(probes, kernel.bands.order)
@@ -192,7 +194,7 @@ class _CentralDifference:
 
     place: tuple[str, ...] = ("done",)
 
-    def __init__(self, system: System, start: State, dt: float, steps: int, counters: Counters) -> None:
+    def __init__(self, system: System, start: State, t_end: float, dt: float, steps: int, counters: Counters) -> None:
         self.dt, self.steps, self.done = dt, steps, 0
         self.damping = damping = damping_matrix(system, counters)
         self.bands = Banded(system, counters, system.mass, system.stiffness, damping)
@@ -206,6 +208,8 @@ class _CentralDifference:
         self.laws = build_laws(system, self.callbacks)
         self.rows = compressed(all_rows(system), order)
         self.matrices = _Matrices(mass, stiffness, c, *parts)
+        self.loads = np.concatenate([self.bands.loads, self.bands.answers(self.matrices.factored, stiffness)])
+        self.bands.over.until = t_end
         status = np.empty(0, dtype=np.int64)
         if system.contacts is not None:
             status = initial_status(system.contacts, start.q, start.v)
@@ -268,9 +272,9 @@ class _CentralDifference:
         if self.springpotted is not None:
             count = self.springpotted.most_steps(count)
             springpots = self.springpotted.at((np.arange(first, first + count, dtype=float) + 0.5) * self.dt)
-        values = self.bands.load_values(np.arange(first, first + count, dtype=float) * self.dt)
+        values = self.load_values(first, count)
         cursor, events = _advance(
-            self.matrices, self.rows, with_state(self.laws, self.state.memory), self.bands.loads, values, self.dt,
+            self.matrices, self.rows, with_state(self.laws, self.state.memory), self.loads, values, self.dt,
             first, count, self.state, self.trail, out, cursor, springpots, self.pace, self.history,
         )  # fmt: skip
         if self.callbacks is not None:
@@ -280,10 +284,15 @@ class _CentralDifference:
         tally(self.bands, self.laws, self.callbacks, min(self.done, self.steps), self.done)
         return cursor, events
 
+    def load_values(self, first: int, count: int) -> Array:
+        """Return the values of `loads` at some ends of steps, shape (2 n_loads, count)."""
+        mean, second = self.bands.over.nodal(first, count, self.dt)
+        return np.concatenate([mean, -0.5 * self.dt**2 * second])
+
     def _start_acceleration(self, start: State, status: IntArray) -> Array:
         """Return the acceleration that the equation of motion gives at t = 0, shape (n,)."""
         system, laws = self.bands.system, self.bands.system.contacts
-        force = system.force(0.0) - system.stiffness @ start.q
+        force = (self.load_values(0, 1)[:, 0] @ self.loads)[self.bands.back] - system.stiffness @ start.q
         if self.damping is not None:
             force -= self.damping @ start.v
         if laws is not None:

@@ -63,6 +63,7 @@ from vofem.integrators.stepping.springpots import (
     impose,
     tell_histories,
 )
+from vofem.integrators.stepping.step_loads import followed, note_loads
 from vofem.integrators.watching import Snapshot, Watch
 from vofem.linalg.banded import factor, solve, subtract_product, to_band, widen
 from vofem.linalg.jit import jit
@@ -187,12 +188,13 @@ def run(
     chosen = parameters(**options)
     counters, notes = Counters(), []
     if dt is None:
-        dt = t_end / _STEPS
-        notes.append(f"step: dt = {dt:.6g} s was chosen, a thousandth of the run")
+        dt, why = followed(system, t_end / _STEPS, t_end)
+        notes.append(f"step: dt = {dt:.6g} s was chosen{why or ', a thousandth of the run'}")
     steps = step_count(t_end, dt)
     stored = storage_times(times, t_end, dt, steps, system.size, notes)
     note_chatter(system, notes)
-    kernel = _GeneralizedAlpha(system, start, dt, steps, chosen, counters)
+    note_loads(system, dt, t_end, notes)
+    kernel = _GeneralizedAlpha(system, start, t_end, dt, steps, chosen, counters)
     points = tap(probes, kernel.bands.order)
     out = output(stored, system.size, points, len(system.springs), kernel.laws.state.size)
     return march(
@@ -208,8 +210,9 @@ class _GeneralizedAlpha:
     place: tuple[str, ...] = ("done",)
 
     def __init__(
-        self, system: System, start: State, dt: float, steps: int, chosen: Parameters, counters: Counters
-    ) -> None:
+        self, system: System, start: State, t_end: float, dt: float, steps: int, chosen: Parameters,
+        counters: Counters,
+    ) -> None:  # fmt: skip
         self.dt, self.steps, self.done, self.parameters = dt, steps, 0, chosen
         damping = damping_matrix(system, counters)
         self.bands = Banded(system, counters, system.mass, system.stiffness, damping)
@@ -240,7 +243,15 @@ class _GeneralizedAlpha:
             self._keep_history(start, counters)
             first = m - self.laws.memory.table.size - self.history.y.shape[0]
             dampers[first : first + self.history.y.shape[0]] = self.history.told[:, FORCE]
-        force = system.force(0.0) - system.stiffness @ start.q
+        # The matrix of a step tends to (1 - am) M as dt does to 0.
+        second = (1.0 - am) * self.bands.answers(answer.factored, stiffness)
+        self.loads = np.concatenate([self.bands.loads, second])
+        self.bands.over.until = t_end
+        self.at_start, beyond = self.bands.over.start(dt)
+        # An impulse at t = 0 is a velocity: the steps would tell it late.
+        answers = (1.0 - am) * self.bands.answers(answer.factored, np.ones((1, n)))
+        self.kick = 0.5 * dt * (beyond @ answers)
+        force = (self.at_start @ self.bands.loads)[self.bands.back] - system.stiffness @ start.q
         if damping is not None:
             force -= damping @ start.v
         if rows is not None:
@@ -273,6 +284,19 @@ class _GeneralizedAlpha:
         self.history, self.pace = self.springpotted.begin(start), self.springpotted.pace(self.dt)
         self.place = (*self.place, "history")
 
+    def _kick(self) -> None:
+        """Give the structure the impulse of loads at t = 0; its work is what the kinetic energy gains."""
+        if np.any(self.kick):
+            gain = np.zeros(self.kick.size)
+            subtract_product(self.matrices.mass, self.kick, gain)
+            self.trail.work[:] -= float(gain @ (self.state.v + 0.5 * self.kick))
+            self.state.v[:] += self.kick
+
+    def load_values(self, first: int, count: int) -> Array:
+        """Return the values of `loads` at some ends of steps, shape (2 n_loads, count)."""
+        mean, second = self.bands.over.nodal(first, count, self.dt)
+        return np.concatenate([mean, -0.5 * self.dt**2 * second])
+
     @property
     def finished(self) -> bool:
         """Whether the last step is done."""
@@ -298,9 +322,12 @@ class _GeneralizedAlpha:
             if self.state.memory.size:
                 remember(self.laws.memory, self.state.memory, self.rows, out, 0, cursor)
             tell_histories(self.history, out, 0, cursor, 0.0, self.dt)
-        values = self.bands.load_values(np.arange(first, first + count + 1, dtype=float) * self.dt)
+        values = self.load_values(first, count + 1)
+        if first == 0:
+            values[: self.at_start.size, 0] = self.at_start
+            self._kick()
         cursor, events, solves, failed = _advance(
-            self.matrices, self.parameters, self.rows, with_state(self.laws, self.state.memory), self.bands.loads,
+            self.matrices, self.parameters, self.rows, with_state(self.laws, self.state.memory), self.loads,
             values, self.dt, first, count, self.state, self.trail, out, cursor, springpots, self.pace, self.history,
         )  # fmt: skip
         if self.callbacks is not None:

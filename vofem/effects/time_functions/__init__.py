@@ -9,6 +9,7 @@ pieces: only the stepping methods take it.
 from vofem.effects.time_functions.arbitrary import Arbitrary
 from vofem.effects.time_functions.base import Scaled, Sum, TimeFunction
 from vofem.effects.time_functions.conversion import as_time_function
+from vofem.effects.time_functions.moments import carried
 from vofem.effects.time_functions.named import Constant, Pulse, Ramp, Sine
 from vofem.effects.time_functions.piece import Piece
 from vofem.effects.time_functions.shifted import Shifted
@@ -27,4 +28,5 @@ __all__ = [
     "Tabulated",
     "TimeFunction",
     "as_time_function",
+    "carried",
 ]

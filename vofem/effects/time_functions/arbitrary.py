@@ -23,6 +23,7 @@ class Arbitrary(TimeFunction):
     function: Callable[[Any], Any]
 
     closed_form = False
+    looked = np.inf
 
     def __call__(self, t: ArrayLike) -> Array:
         """Return the values at times t."""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import number
+from vofem.effects.time_functions.moments import gather, sampled, straight
 from vofem.effects.time_functions.piece import Piece
 from vofem.errors import ArgumentError
 
@@ -38,6 +39,49 @@ class TimeFunction(ABC):
     def piece(self, t0: float) -> Piece:
         """Return the closed form that holds from t0 to the next breakpoint."""
 
+    @property
+    def looked(self) -> float:
+        """Distance in s of the times at which a callable was looked at; 0 where the shape is known, inf where not."""
+        return 0.0
+
+    def shortest(self, t_end: float) -> float:
+        """Return the shortest time in s within [0, t_end] over which the function changes its course."""
+        points = self.breakpoints(t_end)
+        if not points.size:
+            return np.inf
+        return float(np.min(np.diff(np.concatenate([[0.0], points, [t_end]]))))
+
+    def corners(self, left: float, right: float) -> Array:
+        """Return the breakpoints in (left, right), sorted."""
+        points = self.breakpoints(right)
+        return points[points > left]
+
+    def moments(self, left: ArrayLike, right: ArrayLike, width: float = np.inf) -> Array:
+        """Return exact moments over intervals, ``x = (t - middle)/length`` in [-1/2, 1/2].
+
+        Parameters
+        ----------
+        left, right : array_like, shape (n,)
+            Ends of the intervals in s, left < right.
+        width : float
+            Largest distance in s of the times at which a plain callable is evaluated.
+
+        Returns
+        -------
+        moments : ndarray, shape (3, n)
+            The means of f, of ``x f`` and of ``(x^2 - 1/12) f``; the impulse is the first times the length, and the
+            first moment about the middle is the second times its square.
+        """
+        a, b = np.atleast_1d(np.asarray(left, dtype=float)), np.atleast_1d(np.asarray(right, dtype=float))
+        if not a.size:
+            return np.empty((3, 0))
+        corners = self.corners(float(np.min(a)), float(np.max(b)))
+        return gather(a, b, corners, lambda low, high: self.smooth_moments(low, high, width))
+
+    def smooth_moments(self, left: Array, right: Array, width: float) -> Array:
+        """Return the moments over intervals without breakpoints inside, shape (3, n); by quadrature unless known."""
+        return sampled(self, left, right, width)
+
     def __add__(self, other: Any) -> TimeFunction:
         return Sum((self, _function(other)))
 
@@ -64,6 +108,15 @@ class TimeFunction(ABC):
         return _function(other) + self * -1.0
 
 
+class PiecewiseStraight(TimeFunction):
+    """A function that is a straight line between its breakpoints."""
+
+    def smooth_moments(self, left: Array, right: Array, width: float) -> Array:
+        """Return the moments of straight lines."""
+        middle = 0.5 * (left + right)
+        return straight(self(middle), self.derivative(middle), right - left)
+
+
 @dataclass(frozen=True)
 class Sum(TimeFunction):
     """A sum of time functions; made by ``+``."""
@@ -86,6 +139,23 @@ class Sum(TimeFunction):
     def breakpoints(self, t_end: float) -> Array:
         """Return the breakpoints of all terms."""
         return np.unique(np.concatenate([term.breakpoints(t_end) for term in self.terms]))
+
+    @property
+    def looked(self) -> float:
+        """The largest of the terms'."""
+        return max(term.looked for term in self.terms)
+
+    def shortest(self, t_end: float) -> float:
+        """Return the shortest of the terms' times."""
+        return min(term.shortest(t_end) for term in self.terms)
+
+    def corners(self, left: float, right: float) -> Array:
+        """Return the breakpoints of all terms in (left, right)."""
+        return np.unique(np.concatenate([term.corners(left, right) for term in self.terms]))
+
+    def smooth_moments(self, left: Array, right: Array, width: float) -> Array:
+        """Return the sum of the moments."""
+        return np.sum([term.smooth_moments(left, right, width) for term in self.terms], axis=0)
 
     def piece(self, t0: float) -> Piece:
         """Return the sum of the pieces."""
@@ -118,6 +188,23 @@ class Scaled(TimeFunction):
     def breakpoints(self, t_end: float) -> Array:
         """Return the function's breakpoints."""
         return self.function.breakpoints(t_end)
+
+    @property
+    def looked(self) -> float:
+        """The function's."""
+        return self.function.looked
+
+    def shortest(self, t_end: float) -> float:
+        """Return the function's."""
+        return self.function.shortest(t_end)
+
+    def corners(self, left: float, right: float) -> Array:
+        """Return the function's breakpoints in (left, right)."""
+        return self.function.corners(left, right)
+
+    def smooth_moments(self, left: Array, right: Array, width: float) -> Array:
+        """Return the function's moments times the factor."""
+        return self.factor * self.function.smooth_moments(left, right, width)
 
     def piece(self, t0: float) -> Piece:
         """Return the function's piece times the factor."""

@@ -8,34 +8,52 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import number
-from vofem.effects.time_functions.base import TimeFunction, inside, order_of
+from vofem.effects.time_functions.base import PiecewiseStraight, TimeFunction, inside, order_of
+from vofem.effects.time_functions.moments import wave
 from vofem.effects.time_functions.piece import Piece
 from vofem.errors import ArgumentError
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class Sine(TimeFunction):
-    """``amplitude * sin(omega t + phase)``.
+    """``amplitude * sin(omega t + phase)``; either `omega` or `frequency` is given.
 
     Parameters
     ----------
     amplitude : float
         In the unit of the load.
-    omega : float
+    omega : float, optional
         Angular frequency in rad/s.
     phase : float
         In rad.
+    frequency : float, optional
+        In Hz; omega is ``2 pi`` times it.
+
+    Raises
+    ------
+    ArgumentError
+        If neither or both of `omega` and `frequency` are given.
     """
 
     amplitude: float
     omega: float
-    phase: float = 0.0
+    phase: float
 
-    def __post_init__(self) -> None:
-        for name in ("amplitude", "omega", "phase"):
-            object.__setattr__(self, name, number(f"Sine: {name}", getattr(self, name)))
+    def __init__(
+        self, amplitude: float, omega: float | None = None, phase: float = 0.0, *, frequency: float | None = None
+    ) -> None:
+        if (omega is None) == (frequency is None):
+            raise ArgumentError(
+                f"Sine: omega is {omega!r} and frequency is {frequency!r}, expected exactly one of them: omega in "
+                "rad/s, or frequency in Hz"
+            )
+        if frequency is not None:
+            omega = 2.0 * np.pi * number("Sine: frequency", frequency)
+        object.__setattr__(self, "amplitude", number("Sine: amplitude", amplitude))
+        object.__setattr__(self, "omega", number("Sine: omega", omega))
+        object.__setattr__(self, "phase", number("Sine: phase", phase))
 
     def __call__(self, t: ArrayLike) -> Array:
         """Return the values at times t."""
@@ -57,9 +75,19 @@ class Sine(TimeFunction):
         amplitude = self.amplitude * complex(np.sin(angle), -sign * np.cos(angle))
         return Piece(harmonics=((abs(self.omega), amplitude),))
 
+    def shortest(self, t_end: float) -> float:
+        """Return the time in which the phase grows by one radian."""
+        return 1.0 / abs(self.omega) if self.omega != 0.0 and self.amplitude != 0.0 else np.inf
+
+    def smooth_moments(self, left: Array, right: Array, width: float) -> Array:
+        """Return the moments in closed form."""
+        angle = self.omega * (0.5 * (left + right)) + self.phase
+        m0, m1, m2 = wave(0.5 * self.omega * (right - left))
+        return self.amplitude * np.stack([m0 * np.sin(angle), m1 * np.cos(angle), m2 * np.sin(angle)])
+
 
 @dataclass(frozen=True)
-class Constant(TimeFunction):
+class Constant(PiecewiseStraight):
     """The same value at all times t >= 0."""
 
     value: float
@@ -81,7 +109,7 @@ class Constant(TimeFunction):
 
 
 @dataclass(frozen=True)
-class Ramp(TimeFunction):
+class Ramp(PiecewiseStraight):
     """Zero until `start`, then growing with `slope` until `stop`, then held.
 
     Parameters
@@ -129,7 +157,7 @@ class Ramp(TimeFunction):
 
 
 @dataclass(frozen=True)
-class Pulse(TimeFunction):
+class Pulse(PiecewiseStraight):
     """A rectangular pulse: `amplitude` for start <= t < start + duration, zero elsewhere."""
 
     amplitude: float

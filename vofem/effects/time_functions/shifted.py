@@ -49,3 +49,16 @@ class Shifted(TimeFunction):
     def piece(self, t0: float) -> Piece:
         """Return the function's piece at the shifted time."""
         return self.function.piece(self.start + t0)
+
+    @property
+    def looked(self) -> float:
+        """Distance in s of the times at which a callable was looked at."""
+        return self.function.looked
+
+    def shortest(self, t_end: float) -> float:
+        """Return the shortest time in s, until the end of the run, over which the function changes its course."""
+        return self.function.shortest(self.start + t_end)
+
+    def moments(self, left: ArrayLike, right: ArrayLike, width: float = np.inf) -> Array:
+        """Return the function's moments over the shifted intervals, shape (3, n)."""
+        return self.function.moments(self.start + np.asarray(left), self.start + np.asarray(right), width)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import array
-from vofem.effects.time_functions.base import TimeFunction, inside, order_of
+from vofem.effects.time_functions.base import PiecewiseStraight, inside, order_of
 from vofem.effects.time_functions.piece import Piece
 from vofem.errors import ArgumentError
 
@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Tabulated(TimeFunction):
+class Tabulated(PiecewiseStraight):
     """Linear interpolation of a table; held constant before the first and after the last time.
 
     Parameters
@@ -65,6 +65,11 @@ class Tabulated(TimeFunction):
     def breakpoints(self, t_end: float) -> Array:
         """Return the times of the table."""
         return inside(self.t, t_end)
+
+    def corners(self, left: float, right: float) -> Array:
+        """Return the times of the table in (left, right)."""
+        first, last = np.searchsorted(self.t, left, side="right"), np.searchsorted(self.t, right, side="left")
+        return self.t[first:last]
 
     def piece(self, t0: float) -> Piece:
         """Return value and slope at t0."""

@@ -16,6 +16,7 @@ from vofem.errors import ConvergenceError
 from vofem.integrators.energy_conserving.setting import Setting
 from vofem.integrators.energy_conserving.step import (
     Factored,
+    Forcing,
     Matrices,
     Scratch,
     State,
@@ -30,6 +31,7 @@ from vofem.integrators.stepping.memory import commit_all
 from vofem.integrators.stepping.record import Output, Trail
 from vofem.integrators.stepping.rows import Rows, dot
 from vofem.integrators.stepping.springpots import History, Pace, Springpots, carry_on, impose
+from vofem.integrators.stepping.step_loads import PARTS, joined, swing
 from vofem.linalg.banded import solve, subtract_product
 from vofem.linalg.jit import jit
 
@@ -118,14 +120,14 @@ class AdaptiveSteps(Setting):
         while True:
             whole, half = self._rung(self.rung), self._rung(self.rung + 1)
             t, dt = self.now * self.tick, whole.dt
-            middles = t + dt * np.array([0.5, 0.25, 0.75])
-            values, springpots = self.bands.load_values(middles), self.springpots(middles)
+            springpots = self.springpots(t + dt * np.array([0.5, 0.25, 0.75]))
+            values, between = self._loads(t, dt, half)
             paces = self._pace(self.rung), self._pace(self.rung + 1)
             state = self.state
             laws = with_state(self.laws, state.memory)
             solves, rough, smooth = _try(
                 self.matrices, self._rung(max(self.rung - 3, 0)).structure.factored, whole, half, self.rows, laws,
-                self.bands.loads, values, state, self.trial, self.tried, self.weight, self.space, self.past,
+                self.forcing, values, state, self.trial, self.tried, self.weight, self.space, self.past,
                 springpots, *paces, self.history, self.ahead,
             )  # fmt: skip
             self.complain(dt)
@@ -135,14 +137,14 @@ class AdaptiveSteps(Setting):
                     f"{ENERGY_CONSERVING.name} found no solution of the step from t = {t:g} s, however small; "
                     "a nonlinear spring that softens may leave none"
                 )
-            ratio = self._ratio(rough, smooth, dt) if solves >= 0 else np.inf
+            ratio = max(self._ratio(rough, smooth, dt), between) if solves >= 0 else np.inf
             if not ratio <= 1.0 and not last:
                 self.bands.counters.rejected += 1
                 self.rung += 1
                 continue
             self.forced += ratio > 1.0
             cursor, events = _take(
-                self.matrices, half.dt, self.rows, laws, self.bands.loads, values, t, state, self.trial,
+                self.matrices, half, self.rows, laws, self.forcing, values, t, state, self.trial,
                 self.tried, self.trail, out, cursor, self.space, springpots, paces[1], self.history,
             )  # fmt: skip
             self.beyond = self.now >= self.end
@@ -155,10 +157,30 @@ class AdaptiveSteps(Setting):
                 self.rung -= 1
             return cursor, events
 
+    def _loads(self, t: float, dt: float, half: Factored) -> tuple[Array, float]:
+        """Return the loads over the step and its halves, and their own part of the error over the tolerance.
+
+        The motion between the ends of a step is a polynomial. What a load moves beside it, as a short one does, is no
+        error of the steps and does not add up, but is seen where states between steps are asked for.
+        """
+        parts = self.bands.over.parts(t, t + dt)
+        if not parts.shape[1]:
+            return np.empty((0, 3)), 0.0
+        cut, moved = PARTS // 2, 0.0
+        halves = parts[:, :, :cut], parts[:, :, cut:]
+        moments = np.empty((3, parts.shape[1], 3))
+        moments[:, :, 0] = joined(parts)
+        for k, part in enumerate(halves, 1):
+            moments[:, :, k] = joined(part)
+            far = swing(part, moments[0, :, k], moments[1, :, k])
+            if np.any(far):
+                moved = max(moved, float(np.max(self.weight * (far @ np.abs(half.dt * half.shift)))))
+        return self.load_values(moments), moved / (self.tolerance * self.size + _TINY)
+
 
 @jit
 def _try(
-    matrices: Matrices, filtering: Array, whole: Factored, half: Factored, rows: Rows, laws: Laws, loads: Array,
+    matrices: Matrices, filtering: Array, whole: Factored, half: Factored, rows: Rows, laws: Laws, total: Forcing,
     values: Array, state: State, trial: Array, tried: Array, weight: Array, space: Scratch, past: Array,
     springpots: Springpots, pace: Pace, half_pace: Pace, history: History, ahead: History,
 ) -> tuple[int, float, float]:  # fmt: skip
@@ -171,29 +193,28 @@ def _try(
     """
     first, second, full, q, v = trial[0], trial[1], trial[2], trial[3], trial[4]
     n, m, remembers = state.q.size, state.u.size, history.y.shape[0] > 0
-    load = np.zeros(n)
-    combine(loads, values[:, 0], load)
+    combine(whole, values[:, 0], total)
     if remembers:
         impose(springpots, pace, history, 0, laws, state.u, 0.0, 1.0)
     full[:] = state.expected
     tried[2][:] = state.reaction
-    a = step(matrices, whole, rows, laws, load, state.q, state.v, state.u, full, tried[2], space)
-    combine(loads, values[:, 1], load)
+    a = step(matrices, whole, rows, laws, total.push, state.q, state.v, state.u, full, tried[2], space)
+    combine(half, values[:, 1], total)
     if remembers:
         impose(springpots, half_pace, history, 1, laws, state.u, 0.0, 1.0)
     first[:] = state.expected
     tried[0][:] = state.reaction
-    b = step(matrices, half, rows, laws, load, state.q, state.v, state.u, first, tried[0], space)
+    b = step(matrices, half, rows, laws, total.push, state.q, state.v, state.u, first, tried[0], space)
     if a < 0 or b < 0:
         return -1, 0.0, 0.0
     for i in range(n):
         q[i] = state.q[i] + half.dt * first[i]
-        v[i] = 2.0 * first[i] - state.v[i]
+        v[i] = 2.0 * (first[i] + total.shift[i]) - state.v[i]
         second[i] = full[i] + (full[i] - first[i])
     u = np.empty(m)
     for j in range(m):
         u[j] = dot(rows, j, q)
-    combine(loads, values[:, 2], load)
+    combine(half, values[:, 2], total)
     tried[1][:] = tried[0]
     if past.size > 0:
         # The second half begins with what the first one leaves, should it be taken.
@@ -204,7 +225,7 @@ def _try(
         for i in range(ahead.y.shape[0]):
             carry_on(springpots, half_pace, ahead, i, 1, dot(rows, springpots.row + i, first), 0.0)
         impose(springpots, half_pace, ahead, 2, laws, u, 0.0, 1.0)
-    c = step(matrices, half, rows, laws, load, q, v, u, second, tried[1], space)
+    c = step(matrices, half, rows, laws, total.push, q, v, u, second, tried[1], space)
     if past.size > 0:
         state.memory[:] = past
     if c < 0:
@@ -227,21 +248,21 @@ def _try(
 
 @jit
 def _take(
-    matrices: Matrices, dt: float, rows: Rows, laws: Laws, loads: Array, values: Array, t: float, state: State,
+    matrices: Matrices, half: Factored, rows: Rows, laws: Laws, total: Forcing, values: Array, t: float, state: State,
     trial: Array, tried: Array, before: Trail, out: Output, cursor: int, space: Scratch, springpots: Springpots,
     pace: Pace, history: History,
 ) -> tuple[int, Array]:  # fmt: skip
     """Accept both halves; return the cursor and the events."""
-    load = np.zeros(state.q.size)
+    dt, loaded = half.dt, values.shape[0] > 0
     events = np.empty((4 if state.status.size else 0, 3))
     # Not a literal, for which `accept` would be compiled once more.
     happened = cursor - cursor
     for k in range(2):
-        combine(loads, values[:, k + 1], load)
+        combine(half, values[:, k + 1], total)
         state.reaction[:] = tried[k]
         wanted, last = cursor, state.width[0]
         cursor, events, happened = accept(
-            matrices, rows, laws, load, loads.shape[0] > 0, t + k * dt, dt, trial[k], state, before, out, cursor,
+            matrices, rows, laws, total, loaded, t + k * dt, dt, trial[k], state, before, out, cursor,
             events, happened, space,
         )  # fmt: skip
         if history.y.shape[0] > 0:

@@ -9,6 +9,7 @@ from vofem.errors import ConvergenceError
 from vofem.integrators.energy_conserving.setting import Setting
 from vofem.integrators.energy_conserving.step import (
     Factored,
+    Forcing,
     Matrices,
     Scratch,
     State,
@@ -55,10 +56,11 @@ class FixedSteps(Setting):
         """Take some steps."""
         first = self.done
         count = min(self.most_steps(chunk(self.state.q.size)), self.steps + 1 - first)
-        middles = (np.arange(first, first + count, dtype=float) + 0.5) * self.dt
-        values = self.bands.load_values(middles)
+        steps = np.arange(first, first + count, dtype=float)
+        middles = (steps + 0.5) * self.dt
+        values = self.load_values(self.bands.over.moments(steps * self.dt, (steps + 1.0) * self.dt))
         cursor, events, solves, failed = _advance(
-            self.matrices, self.factored, self.rows, with_state(self.laws, self.state.memory), self.bands.loads, values,
+            self.matrices, self.factored, self.rows, with_state(self.laws, self.state.memory), self.forcing, values,
             first, count, self.state, self.trail, out, cursor, self.space, self.springpots(middles), self.step_pace,
             self.history,
         )  # fmt: skip
@@ -75,27 +77,27 @@ class FixedSteps(Setting):
 
 @jit
 def _advance(
-    matrices: Matrices, factored: Factored, rows: Rows, laws: Laws, loads: Array, values: Array, first: int,
+    matrices: Matrices, factored: Factored, rows: Rows, laws: Laws, total: Forcing, values: Array, first: int,
     count: int, state: State, before: Trail, out: Output, cursor: int, space: Scratch, springpots: Springpots,
     pace: Pace, history: History,
 ) -> tuple[int, Array, int, int]:  # fmt: skip
     """Take `count` steps; return the cursor, events, number of contact solves, and the step that failed or -1."""
-    load, p, dt = np.zeros(state.q.size), np.empty(state.q.size), factored.dt
+    p, dt, loaded = np.empty(state.q.size), factored.dt, values.shape[0] > 0
     events = np.empty((16 if state.status.size else 0, 3))
     # Not literals, for which `accept` would be compiled once more.
     happened, solves = count - count, count - count
     for k in range(first, first + count):
-        combine(loads, values[:, k - first], load)
+        combine(factored, values[:, k - first], total)
         p[:] = state.expected
         if history.y.shape[0] > 0:
             impose(springpots, pace, history, k - first, laws, state.u, 0.0, 1.0)
-        found = step(matrices, factored, rows, laws, load, state.q, state.v, state.u, p, state.reaction, space)
+        found = step(matrices, factored, rows, laws, total.push, state.q, state.v, state.u, p, state.reaction, space)
         if found < 0:
             return cursor, events[:happened], solves, k
         solves += found
         wanted, last = cursor, state.width[0]
         cursor, events, happened = accept(
-            matrices, rows, laws, load, loads.shape[0] > 0, k * dt, dt, p, state, before, out, cursor, events,
+            matrices, rows, laws, total, loaded, k * dt, dt, p, state, before, out, cursor, events,
             happened, space,
         )  # fmt: skip
         if history.y.shape[0] > 0:

@@ -33,6 +33,7 @@ from vofem.integrators.methods import ENERGY_CONSERVING
 from vofem.integrators.stepped import SteppedSolution, step_count, storage_times
 from vofem.integrators.stepping.march import march, note_chatter, stored_energy
 from vofem.integrators.stepping.record import Output
+from vofem.integrators.stepping.step_loads import followed, note_loads
 from vofem.integrators.watching import Snapshot, Watch
 from vofem.system import Counters, State, System
 
@@ -89,23 +90,25 @@ def run(
     if tol is not None:
         if dt is not None:
             raise ArgumentError("simulate: dt and tol were both given; tol chooses the steps, leave out dt")
-        kernel = AdaptiveSteps(system, start, counters)
+        kernel = AdaptiveSteps(system, start, t_end, counters)
         kernel.plan(t_end, tol)
         # A run that goes on knows the size already.
         kernel.measure(start.q[:, None] if resume is not None else _pilot(system, start, t_end, counters).q)
         stored, step = np.linspace(0.0, t_end, 1001) if times is None else times, t_end
     else:
-        step = t_end / _STEPS if dt is None else dt
+        step, why = followed(system, t_end / _STEPS, t_end) if dt is None else (dt, "")
         if dt is None:
             notes.append(
-                f"step: dt = {step:.6g} s was chosen, a thousandth of the run; any dt is stable, tol= chooses by error"
+                f"step: dt = {step:.6g} s was chosen{why or ', a thousandth of the run'}; any dt is stable, "
+                "tol= chooses by error"
             )
         steps = step_count(t_end, step)
         stored = storage_times(times, t_end, step, steps, system.size, notes)
-        kernel = FixedSteps(system, start, counters)
+        kernel = FixedSteps(system, start, t_end, counters)
         kernel.plan(step, steps)
     initial = kernel.state.status.copy()
     note_chatter(system, notes)
+    note_loads(system, None if tol is not None else step, t_end, notes)
     out = kernel.output(stored, probes)
     solution = march(
         kernel, ENERGY_CONSERVING, start, initial, t_end, step, out, notes,
@@ -124,9 +127,8 @@ def run(
 
 def _pilot(system: System, start: State, t_end: float, counters: Counters) -> Output:
     """Return a rough run of equal steps, which tells how far things move."""
-    kernel = FixedSteps(system, start, counters)
+    kernel = FixedSteps(system, start, t_end, counters)
     kernel.plan(t_end / _STEPS, _STEPS)
-    kernel.bands.until = t_end
     out = kernel.output(np.linspace(0.0, t_end, _STEPS + 1), None)
     cursor = 0
     while not kernel.finished:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from vofem.integrators.base import ProbeRows, Samples, initial_status
 from vofem.integrators.damping_matrix import damping_matrix
-from vofem.integrators.energy_conserving.step import Factored, Matrices, State, scratch
+from vofem.integrators.energy_conserving.step import Factored, Matrices, State, forcing, scratch
 from vofem.integrators.stepping.balance import structure
 from vofem.integrators.stepping.callbacks import Callbacks
 from vofem.integrators.stepping.energies import kinetic_energy
@@ -34,9 +34,10 @@ class Setting:
 
     place: tuple[str, ...] = ()
 
-    def __init__(self, system: System, start: Start, counters: Counters) -> None:
+    def __init__(self, system: System, start: Start, t_end: float, counters: Counters) -> None:
         damping = damping_matrix(system, counters)
         self.bands = Banded(system, counters, system.mass, system.stiffness, damping)
+        self.bands.over.until = t_end
         order, n = self.bands.order, system.size
         self.callbacks = None if system.nonlinear is None else Callbacks(system.nonlinear.laws)
         self.laws = build_laws(system, self.callbacks)
@@ -54,6 +55,7 @@ class Setting:
         past = self.laws.state
         self.state = State(q, v, np.zeros(n), v.copy(), v.copy(), u, np.zeros(m), status, np.zeros(1), past)
         self.space = scratch(n, m)
+        self.forcing = forcing(n)
         self.start, self.history = start, NO_HISTORY
         self.springpotted: Springpotted | None = None
         self.trail = trail(n, past)
@@ -97,11 +99,21 @@ class Setting:
         if c.size:
             a += 0.5 * dt * widen(c, width)
         self.bands.counters.factorizations += 1
-        return Factored(dt, structure(a, "the matrix of a step", self.rows, self.laws, dt, 0.5 * dt))
+        answer = structure(a, "the matrix of a step", self.rows, self.laws, dt, 0.5 * dt)
+        second = 0.5 * dt**2 * self.bands.answers(answer.factored, stiffness)
+        inertia = dt * self.bands.answers(answer.factored, mass)
+        loads = np.concatenate([self.bands.loads, second])
+        return Factored(
+            dt, answer, loads, dt * self.bands.answers(answer.factored, np.ones((1, mass.shape[1]))), inertia
+        )
 
     def kinetic(self, samples: Samples) -> Array:
         """Return the kinetic energy at the stored times, J."""
         return kinetic_energy(self.bands.system, samples.v)
+
+    def load_values(self, moments: Array) -> Array:
+        """Return the moments of loads as `combine` takes them, shape (3 n_loads, n_steps)."""
+        return np.concatenate([moments[0], -moments[2], moments[1]])
 
     def complain(self, dt: float) -> None:
         """Raise what nonlinear springs have to complain of."""

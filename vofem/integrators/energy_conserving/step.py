@@ -42,10 +42,42 @@ class Matrices(NamedTuple):
 
 
 class Factored(NamedTuple):
-    """Of a step size dt: the structure of ``A = M + dt C/2 + dt^2 K/4``."""
+    """Of a step size dt: the structure of ``A = M + dt C/2 + dt^2 K/4``, and what answers to loads.
+
+    Attributes
+    ----------
+    dt : float
+    structure : Structure
+    loads : ndarray, shape (2 n_loads, n)
+        Vectors F of the loads, and ``dt^2 K A^-1 F/2``.
+    shift, inertia : ndarray, shape (n_loads, n)
+        ``dt A^-1 F`` and M times it.
+    """
 
     dt: float
     structure: Structure
+    loads: Array
+    shift: Array
+    inertia: Array
+
+
+class Forcing(NamedTuple):
+    """All loads over a step, each of shape (n,).
+
+    Attributes
+    ----------
+    load : ndarray
+        Their mean, less what the stiffness takes of the motion that they make within the step.
+    push : ndarray
+        What acts on the mean of the displacement's rate: `load` less ``2 inertia/dt``.
+    shift, inertia : ndarray
+        How far the velocity's mean is above the displacement's rate, m/s, and M times it.
+    """
+
+    load: Array
+    push: Array
+    shift: Array
+    inertia: Array
 
 
 class State(NamedTuple):
@@ -98,10 +130,10 @@ def scratch(n: int, m: int) -> Scratch:
 
 @jit
 def step(
-    matrices: Matrices, factored: Factored, rows: Rows, laws: Laws, load: Array, q: Array, v: Array, u: Array, p: Array,
+    matrices: Matrices, factored: Factored, rows: Rows, laws: Laws, push: Array, q: Array, v: Array, u: Array, p: Array,
     reaction: Array, space: Scratch,
 ) -> int:  # fmt: skip
-    """Find the mean velocity p and the reactions of a step from (q, v), from guesses of both.
+    """Find the rate p of the displacement and the reactions of a step from (q, v), from guesses of both.
 
     Returns
     -------
@@ -111,7 +143,7 @@ def step(
     n, m, dt = q.size, u.size, factored.dt
     change, right = space.change, space.right
     found, none = 0, space.none
-    _residual(matrices, dt, load, q, v, p, space.work, right)
+    _residual(matrices, dt, push, q, v, p, space.work, right)
     if m > 0:
         _coordinates(rows, u, p, dt, space.base)
         found = balance(
@@ -130,7 +162,7 @@ def step(
         moved, size = max(moved, abs(change[i])), max(size, abs(p[i]))
     if moved <= _SMALL * size:
         return found
-    _residual(matrices, dt, load, q, v, p, space.work, right)
+    _residual(matrices, dt, push, q, v, p, space.work, right)
     if found:
         # Reactions too: where the step would go without any, told from where it stands.
         _react(rows, reaction, 0.5 * dt, right)
@@ -158,17 +190,17 @@ def _coordinates(rows: Rows, u: Array, p: Array, dt: float, base: Array) -> None
 
 @jit
 def accept(
-    matrices: Matrices, rows: Rows, laws: Laws, load: Array, loaded: bool, t: float, dt: float, p: Array,
+    matrices: Matrices, rows: Rows, laws: Laws, forcing: Forcing, loaded: bool, t: float, dt: float, p: Array,
     state: State, before: Trail, out: Output, cursor: int, events: Array, happened: int, space: Scratch,
 ) -> tuple[int, Array, int]:  # fmt: skip
-    """Take the step of size dt from t with mean velocity p; return cursor, events and their number.
+    """Take the step of size dt from t with the displacement's rate p; return cursor, events and their number.
 
     The state at t is stored only now: its acceleration is that between the
     middles of the steps on both sides.
     """
     n, q, v, now, last = state.q.size, state.q, state.v, space.right, state.width[0]
     for i in range(n):
-        rate = 2.0 * (p[i] - v[i]) / dt
+        rate = 2.0 * (p[i] + forcing.shift[i] - v[i]) / dt
         now[i] = rate if last == 0.0 else (dt * state.acceleration[i] + last * rate) / (dt + last)
         state.acceleration[i] = rate
     wanted = cursor
@@ -184,10 +216,10 @@ def accept(
         subtract_product(matrices.damping, p, space.work)
         taken -= dt * np.dot(space.work, p)
     if loaded:
-        before.work[0] += dt * np.dot(load, p)
+        before.work[0] += dt * (np.dot(forcing.load, p) + np.dot(forcing.inertia, state.acceleration))
     for i in range(n):
         q[i] += dt * p[i]
-        v[i] = 2.0 * p[i] - v[i]
+        v[i] = 2.0 * (p[i] + forcing.shift[i]) - v[i]
     for i in range(n):
         gain = p[i] - state.mean[i] if last == dt else (0.0 if last == 0.0 else (p[i] - state.mean[i]) * dt / last)
         state.mean[i] = p[i]
@@ -231,22 +263,42 @@ def accept_history(
         carry_on(springpots, pace, history, i, s, rate, mean)
 
 
+def forcing(n: int) -> Forcing:
+    """Return the loads of n unknowns before the first step."""
+    return Forcing(np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n))
+
+
 @jit
-def combine(loads: Array, values: Array, load: Array) -> None:
-    """Fill the load vector from the values of the loads' functions."""
-    for k in range(loads.shape[0]):
-        for i in range(load.size):
-            load[i] = loads[k, i] * values[k] if k == 0 else load[i] + loads[k, i] * values[k]
+def combine(factored: Factored, values: Array, total: Forcing) -> None:
+    """Fill the loads of a step from their moments: all m0, then all -m2, then all m1."""
+    loads = factored.shift.shape[0]
+    if loads == 0:
+        return
+    _add(factored.loads, values[: 2 * loads], total.load)
+    _add(factored.shift, values[2 * loads :], total.shift)
+    _add(factored.inertia, values[2 * loads :], total.inertia)
+    for i in range(total.push.size):
+        total.push[i] = total.load[i] - 2.0 * total.inertia[i] / factored.dt
+
+
+@jit
+def _add(vectors: Array, values: Array, total: Array) -> None:
+    """Fill `total` with the sum of vectors times values."""
+    total[:] = 0.0
+    for k in range(values.size):
+        if values[k] != 0.0:
+            for i in range(total.size):
+                total[i] += vectors[k, i] * values[k]
 
 
 @jit
 def _residual(
-    matrices: Matrices, dt: float, load: Array, q: Array, v: Array, p: Array, work: Array, right: Array
+    matrices: Matrices, dt: float, push: Array, q: Array, v: Array, p: Array, work: Array, right: Array
 ) -> None:
-    """Fill `right` with what the equation of a step leaves at a mean velocity p, reactions left out."""
+    """Fill `right` with what the equation of a step leaves at a rate p of the displacement, reactions left out."""
     n = q.size
     for i in range(n):
-        right[i] = load[i]
+        right[i] = push[i]
         work[i] = q[i] + 0.5 * dt * p[i]
     subtract_product(matrices.stiffness, work, right)
     if matrices.damping.shape[0] > 0:

@@ -21,9 +21,10 @@ from vofem.integrators.stepping.recall import memory_energy
 from vofem.integrators.stepping.record import Output, Trail, stored
 from vofem.integrators.stepping.rows import Rows, all_rows
 from vofem.integrators.stepping.springpots import History, absorbed
+from vofem.integrators.stepping.step_loads import StepLoads
 from vofem.integrators.stepping.telling import tell
 from vofem.integrators.watching import Snapshot, Watch, deferred_interrupts
-from vofem.linalg.banded import band_order, band_width
+from vofem.linalg.banded import band_order, band_width, solve, subtract_product
 from vofem.system import Counters, Events, State, System
 
 Array = NDArray[np.float64]
@@ -49,15 +50,7 @@ def chunk(size: int) -> int:
 
 
 class Banded:
-    """A system's unknowns in an order that keeps its band narrow, and its loads.
-
-    Attributes
-    ----------
-    until : float
-        End of the run in s, beyond which no load is asked for its value.
-    """
-
-    until = np.inf
+    """A system's unknowns in an order that keeps its band narrow, and its loads over steps."""
 
     def __init__(self, system: System, counters: Counters, *matrices: object) -> None:
         self.system, self.counters = system, counters
@@ -65,19 +58,16 @@ class Banded:
         self.back = np.empty(system.size, dtype=np.int64)
         self.back[self.order] = np.arange(system.size)
         self.loads = np.array([load.vector[self.order] for load in system.loads]).reshape(-1, system.size)
+        self.over = StepLoads(system, counters)
 
-    def load_values(self, t: Array) -> Array:
-        """Return the loads' functions at times t, shape (n_loads, n_times).
-
-        A step that ends beyond the run takes them as going on straight: a measured load may be known no longer.
-        """
-        self.counters.load_evaluations += t.size * len(self.system.loads)
-        values = np.array([load.function(np.minimum(t, self.until)) for load in self.system.loads]).reshape(-1, t.size)
-        late = t > self.until
-        if self.system.loads and np.any(late):
-            mirrored = np.maximum(2.0 * self.until - t[late], 0.0)
-            values[:, late] = 2.0 * values[:, late] - [load.function(mirrored) for load in self.system.loads]
-        return values
+    def answers(self, factored: Array, band: Array) -> Array:
+        """Return ``S A^-1 F`` of all load vectors F for a factored matrix A and a band S, shape (n_loads, n)."""
+        result = np.zeros(self.loads.shape)
+        for load, answer in zip(self.loads, result, strict=True):
+            moved = load.copy()
+            solve(factored, moved)
+            subtract_product(band, moved, answer)
+        return -result
 
 
 def _order(system: System, matrices: list[Any]) -> IntArray:
@@ -186,7 +176,7 @@ def march(
     """
     system, counters = kernel.bands.system, kernel.bands.counters
     held = _held(kernel)[0]
-    kernel.bands.until = t_end
+    kernel.bands.over.until = t_end
     energy = stored_energy(system, start.q, start.v) + held
     log: list[Array] = []
     cursor, recorded, wanted_end = 0, Recorded(), t_end

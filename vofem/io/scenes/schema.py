@@ -47,7 +47,12 @@ TIME_FUNCTION = FunctionOfTime(
     OneOf("a function of time such as { sine = { amplitude = 1.0, omega = 2.0 } }", _FUNCTIONS), functions.Constant
 )
 _FUNCTIONS |= _table(
-    Entry("sine", functions.Sine, {"amplitude": NUMBER, "omega": NUMBER, "phase": NUMBER}),
+    Entry(
+        "sine",
+        functions.Sine,
+        {"amplitude": NUMBER, "omega": NUMBER, "phase": NUMBER, "frequency": NUMBER},
+        values=lambda made: {"amplitude": made.amplitude, "omega": made.omega, "phase": made.phase},
+    ),
     Entry("constant", functions.Constant, {"value": NUMBER}, bare="value"),
     Entry("ramp", functions.Ramp, {"slope": NUMBER, "start": NUMBER, "stop": NUMBER}),
     Entry("pulse", functions.Pulse, {"amplitude": NUMBER, "start": NUMBER, "duration": POSITIVE}),

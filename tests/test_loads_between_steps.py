@@ -1,0 +1,155 @@
+"""Loads that are short or fast against the steps: exact moments, exact impulses, and notes where that is not enough."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import quad
+
+import vofem as vf
+
+METHODS = ["energy_conserving", "generalized_alpha", "central_difference"]
+SPIKE = vf.Tabulated([0.0, 5.0123, 5.0128, 5.0133, 10.0], [0.0, 0.0, 1000.0, 0.0, 0.0])
+
+numbers = st.floats(-5.0, 5.0)
+times = st.floats(0.0, 2.0)
+functions = st.one_of(
+    st.builds(vf.Constant, numbers),
+    st.builds(vf.Sine, numbers, st.floats(-300.0, 300.0), numbers),
+    st.builds(lambda slope, start, more: vf.Ramp(slope, start, start + more), numbers, times, st.floats(1e-3, 1.0)),
+    st.builds(vf.Pulse, numbers, times, st.floats(1e-4, 1.0)),
+    st.builds(lambda values: vf.Tabulated(np.linspace(0.1, 1.9, len(values)), values), st.lists(numbers, min_size=1)),
+)
+
+
+def moments(f, a, b):
+    """By quadrature between breakpoints."""
+    inner = f.breakpoints(b)
+    edges = [a, *inner[inner > a], b]
+    total = np.zeros(3)
+    for left, right in itertools.pairwise(edges):
+        for k, weight in enumerate((lambda x: 1.0, lambda x: x, lambda x: x * x - 1.0 / 12.0)):
+
+            def part(t, weight=weight, right=right, left=left):
+                inside = min(t, float(np.nextafter(right, left)))
+                return float(f(inside)) * weight((t - 0.5 * (a + b)) / (b - a)) / (b - a)
+
+            total[k] += quad(part, left, right, limit=400, epsabs=1e-12, epsrel=1e-12)[0]
+    return total
+
+
+@settings(max_examples=60, deadline=None)
+@given(f=functions, other=functions, a=times, length=st.floats(1e-3, 1.5))
+def test_moments_agree_with_quadrature(f, other, a, length):
+    for function in (f, 2.0 * f - other):
+        assert function.moments([a], [a + length])[:, 0] == pytest.approx(moments(function, a, a + length), abs=1e-9)
+
+
+def test_moments_of_an_approximation_and_of_a_callable():
+    def bell(t):
+        return np.exp(-(((t - 1.0) / 0.2) ** 2))
+
+    for f in (vf.Approximated(bell, 2.0, 1e-10), vf.PointLoad(vf.Mass(1.0), bell).f):
+        for a, b in ((0.3, 0.5), (0.9, 1.4)):
+            middle, h = 0.5 * (a + b), b - a
+            weights = (lambda x: 1.0, lambda x: x, lambda x: x * x - 1.0 / 12.0)
+            expected = [quad(lambda t, w=w, m=middle, h=h: bell(t) * w((t - m) / h) / h, a, b)[0] for w in weights]
+            assert f.moments([a], [b], 1e-3)[:, 0] == pytest.approx(expected, abs=1e-9)
+
+
+def response(times, impulse, at):
+    """Return the motion of 1 kg on 4 N/m after an impulse."""
+    return np.where(times > at, impulse / 2.0 * np.sin(2.0 * (times - at)), 0.0)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("width", [1e-4, 1e-3])
+@pytest.mark.parametrize("options", [{}, {"dt": 0.01}, {"dt": 0.03}])
+def test_no_pulse_is_passed_over(method, width, options):
+    m = vf.Mass(1.0, 4.0)
+    scene = vf.Scene([m], [vf.PointLoad(m, vf.Pulse(1.0 / width, 5.0123, width))])
+    result = vf.simulate(scene, 10.0, method=method, **options)
+    expected = response(result.times, 1.0, 5.0123 + 0.5 * width)
+    assert np.max(np.abs(result.displacement(m) - expected)) < 0.02 * 0.5
+    if options:
+        assert any("load" in note for note in result.notes)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_spike_of_the_base_is_seen(method):
+    m = vf.Mass(1.0, 4.0)
+    result = vf.simulate(vf.Scene([m], [vf.BaseMotion(m, SPIKE)]), 10.0, method=method)
+    expected = response(result.times, -0.5, 5.0128)
+    assert np.max(np.abs(result.displacement(m) - expected)) < 0.02 * 0.25
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_sine_faster_than_the_steps_does_not_meet_the_resonance(method):
+    m = vf.Mass(1.0, 4.0)
+    omega = 630.3
+    result = vf.simulate(vf.Scene([m], [vf.PointLoad(m, vf.Sine(100.0, omega))]), 10.0, method=method, dt=0.01)
+    t = result.times
+    expected = 100.0 / (4.0 - omega**2) * (np.sin(omega * t) - omega / 2.0 * np.sin(2.0 * t))
+    assert np.max(np.abs(result.displacement(m) - expected)) < 0.02 * np.max(np.abs(expected))
+    assert any(note.startswith("load") and "dt = " in note for note in result.notes)
+
+
+@pytest.mark.parametrize("tol", [1e-3, 1e-5])
+@pytest.mark.parametrize("stiffness", [4.0, 0.0])
+def test_a_tolerance_holds_across_a_pulse_also_between_steps(tol, stiffness):
+    m = vf.Mass(1.0, stiffness)
+    scene = vf.Scene([m], [vf.PointLoad(m, vf.Pulse(1000.0, 5.0123, 1e-3))])
+    result = vf.simulate(scene, 10.0, method="energy_conserving", tol=tol)
+    t = result.times
+    late = np.clip(t - 5.0123, 0.0, 1e-3)
+    after = np.maximum(t - 5.0133, 0.0)
+    if stiffness:
+        start, end = np.maximum(t - 5.0123, 0.0), after
+        expected = 250.0 * ((1.0 - np.cos(2.0 * start)) - (1.0 - np.cos(2.0 * end)))
+    else:
+        expected = 500.0 * late**2 + after
+    assert np.max(np.abs(result.displacement(m) - expected)) < 10.0 * tol * np.max(np.abs(expected))
+
+
+def test_work_of_a_short_load_balances_the_energy():
+    m = vf.Mass(1.0, 4.0)
+    scene = vf.Scene([m], [vf.PointLoad(m, vf.Pulse(1000.0, 5.0123, 1e-3))])
+    for method, bound in (("energy_conserving", 1e-12), ("central_difference", 1e-12)):
+        assert vf.simulate(scene, 10.0, method=method, dt=0.01).energy.balance_error < bound
+
+
+def test_a_callable_is_looked_at_within_steps_and_a_note_says_how_often():
+    m = vf.Mass(1.0, 4.0)
+
+    def knock(t):
+        return 100.0 * np.exp(-(((t - 5.0123) / 2e-3) ** 2))
+
+    result = vf.simulate(vf.Scene([m], [vf.PointLoad(m, knock)]), 10.0, method="energy_conserving", dt=0.01)
+    expected = response(result.times, 0.2 * np.sqrt(np.pi), 5.0123)
+    assert np.max(np.abs(result.displacement(m) - expected)) < 0.02 * np.max(np.abs(expected))
+    assert any(note.startswith("load") and "apart" in note for note in result.notes)
+
+
+def test_approximated_finds_a_short_feature_and_tells_what_it_may_miss():
+    f = vf.Approximated(lambda t: np.exp(-(((t - 5.0123) / 2e-3) ** 2)), 10.0, 1e-6)
+    assert float(f(5.0123)) == pytest.approx(1.0, abs=1e-5)
+    m = vf.Mass(1.0, 4.0)
+    result = vf.simulate(vf.Scene([m], [vf.PointLoad(m, f)]), 10.0, method="energy_conserving")
+    assert any(note.startswith("load") and "may be missed" in note for note in result.notes)
+
+
+def test_a_ramp_on_steps_too_large_for_the_period_is_told():
+    m = vf.Mass(1.0, 4.0)
+    result = vf.simulate(vf.Scene([m], [vf.PointLoad(m, vf.Ramp(3.0, 1.2))]), 10.0, method="energy_conserving", dt=0.1)
+    assert any(note.startswith("load") and "rad" in note for note in result.notes)
+
+
+def test_a_frequency_in_hertz():
+    assert vf.Sine(2.0, frequency=3.0) == vf.Sine(2.0, 6.0 * np.pi)
+    for wrong in ({}, {"omega": 1.0, "frequency": 1.0}):
+        with pytest.raises(vf.ArgumentError, match="exactly one"):
+            vf.Sine(1.0, **wrong)

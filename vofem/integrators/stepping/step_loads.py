@@ -1,0 +1,244 @@
+"""What loads do within steps: their moments, which see every impulse however short, and values at the steps' ends.
+
+A load of moments m0, m1, m2 over a step of size h (see `effects.time_functions.moments`) changes the momentum by
+``h m0``, and the displacement beyond what the mean does by ``-h^2 M^-1 m1``. Its second moment makes the displacement
+within the step larger in the mean by ``h^2 M^-1 m2/2``, on which the stiffness acts. With all three taken in, a load
+may be as short as it likes: what is left is of higher order in omega h of the structure, not of the load.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.effects.time_functions import carried
+from vofem.system import Counters, LoadFunction, System
+
+Array = NDArray[np.float64]
+
+#: Times in a run, at least, at which a plain callable is evaluated.
+LOOKS = 20_000
+
+#: Equal parts of a step over which a step of half its size and the load's course within are told.
+PARTS = 16
+
+
+#: Steps in the shortest time of a smooth load from which on its values at the ends of steps tell it.
+_RESOLVED = 2.0
+
+#: Phase in rad by which motion may be late before it is told.
+_OFF = 0.02
+
+#: Steps at most in a run whose step was chosen to follow the loads.
+_MOST = 10_000
+
+
+def followed(system: System, dt: float, t_end: float) -> tuple[float, str]:
+    """Return a default step in s that follows the loads where that takes no more steps than a bound, and words for it.
+
+    Parameters
+    ----------
+    system : System
+    dt : float
+        What is chosen without loads, s.
+    t_end : float
+        In s.
+    """
+    if not system.loads:
+        return dt, ""
+    shortest, name = min((load.function.shortest(t_end), load.name) for load in system.loads)
+    chosen = max(shortest / _RESOLVED, t_end / _MOST)
+    return (chosen, f", which follows load {name!r}") if chosen < dt else (dt, "")
+
+
+def note_loads(system: System, dt: float | None, t_end: float, notes: list[str]) -> None:
+    """Tell of loads that steps of a size in s do not follow, and of those known by some of their values only.
+
+    Parameters
+    ----------
+    system : System
+    dt : float, optional
+        In s; None where steps follow an error.
+    t_end : float
+        In s.
+    notes : list of str
+        Added to.
+    """
+    if not system.loads:
+        return
+    shortest, name = min((load.function.shortest(t_end), load.name) for load in system.loads)
+    if dt is not None and dt > 1.000001 * shortest:
+        notes.append(
+            f"load: {name} changes within {shortest:.3g} s, less than a step of {dt:.4g} s. The steps take its impulse "
+            "and its moments exactly, but not its course: the answer may be off by more than 2 %. "
+            f"dt = {shortest / _RESOLVED:.3g} s resolves it"
+        )
+    off, name = _lag(system, dt, t_end) if dt is not None else (0.0, "")
+    if off > _OFF:
+        notes.append(
+            f"load: motion that {name} excites falls behind by about {off:.2g} rad until the end, as steps of "
+            f"{dt:.4g} s are large against its period; dt = {dt * np.sqrt(0.5 * _OFF / off):.3g} s holds it below "
+            f"{0.5 * _OFF:g}"
+        )
+    for load in system.loads:
+        width = min(load.function.looked, t_end / LOOKS)
+        if width > 0.0:
+            notes.append(
+                f"load: {load.name} is known by its values at times {width:.3g} s apart only, and what is shorter may "
+                "be missed; use Pulse, Tabulated or Sine, or Approximated(..., breaks=...) with the times of short "
+                "features"
+            )
+
+
+def _lag(system: System, dt: float | None, t_end: float) -> tuple[float, str]:
+    """Return the phase in rad, about, by which steps are late with motion that a load excites, and which load.
+
+    Steps lower an angular frequency omega by about ``omega (omega dt)^2/12``. The frequency is Rayleigh's quotient of
+    the shape to which the load bends the structure at rest.
+    """
+    from scipy.sparse import csc_matrix
+    from scipy.sparse.linalg import splu
+
+    known = [load for load in system.loads if np.isfinite(load.function.shortest(t_end))]
+    if not known or dt is None:
+        return 0.0, ""
+    solver = splu(csc_matrix(system.stiffness + system.mass / t_end**2))
+    worst, name = 0.0, ""
+    for load in known:
+        shape = solver.solve(load.vector)
+        mass = float(shape @ (system.mass @ shape))
+        square = max(float(shape @ (system.stiffness @ shape)), 0.0) / mass if mass > 0.0 else 0.0
+        late = t_end * square**1.5 * dt**2 / 12.0
+        if late > worst:
+            worst, name = late, load.name
+    return worst, name
+
+
+class StepLoads:
+    """The loads of a system over steps.
+
+    Attributes
+    ----------
+    until : float
+        End of the run in s. The last step may end later. Loads are never asked for values beyond the run, where a
+        measured one may not be known: there a load is the image of what it was before the end, turned about the point
+        that its mean and its trend before the end lead to. A straight line goes on as it is.
+    """
+
+    def __init__(self, system: System, counters: Counters) -> None:
+        self.functions = [load.function for load in system.loads]
+        self.counters = counters
+        self.until = np.inf
+
+    def moments(self, left: Array, right: Array) -> Array:
+        """Return the loads' moments over steps, shape (3, n_loads, n)."""
+        self.counters.load_evaluations += left.size * len(self.functions)
+        result = np.empty((3, len(self.functions), left.size))
+        for k, function in enumerate(self.functions):
+            result[:, k] = self._of(function, left, right)
+        return result
+
+    def parts(self, left: float, right: float) -> Array:
+        """Return the loads' moments over equal parts of one step, shape (3, n_loads, PARTS)."""
+        edges = left + (right - left) * np.arange(PARTS + 1) / PARTS
+        return self.moments(edges[:-1], edges[1:])
+
+    def nodal(self, first: int, count: int, dt: float) -> Array:
+        """Return what stands for the loads' values at the ends of steps, shape (2, n_loads, count).
+
+        The first are means weighted by the hat that is 1 there and 0 a step away: sums over them have the impulse and
+        the first moment of the load. At the start the hat has one side. The second are the m2 of the steps about. Of
+        loads without breakpoints that change little in a step the values themselves are taken.
+        """
+        resolved = [f.closed_form and f.shortest(self.until) >= _RESOLVED * dt and not f.breakpoints(self.until).size
+                    for f in self.functions]  # fmt: skip
+        means = self._hats(first, count, dt)
+        # Values tell what is slow, as in the equations that the methods are known by.
+        for k in np.flatnonzero(resolved):
+            times = np.minimum(np.arange(first, first + count, dtype=float) * dt, self.until)
+            means[0, k], means[1, k] = self.functions[k](times), 0.0
+        return means
+
+    def _hats(self, first: int, count: int, dt: float) -> Array:
+        steps = np.arange(max(first - 1, 0), first + count, dtype=float)
+        m0, m1, m2 = self.moments(steps * dt, (steps + 1.0) * dt)
+        before, after = 0.5 * m0 + m1, 0.5 * m0 - m1
+        if first == 0:
+            # One side alone has half the weight.
+            before, after, m2 = (np.concatenate([part[:, :1], part], axis=1) for part in (before, after, m2))
+            before[:, 0] = after[:, 0]
+        return np.stack([before[:, :-1] + after[:, 1:], 0.5 * (m2[:, :-1] + m2[:, 1:])])
+
+    def start(self, dt: float) -> tuple[Array, Array]:
+        """Return the loads' values at t = 0, and the mean over the first step beyond them, each of shape (n_loads,).
+
+        What is left of the hat's mean over half a step is an impulse at t = 0. It is of second order for smooth loads,
+        and all there is of a short one, whose own value would not tell.
+        """
+        (first, second), values = self.nodal(0, 2, dt)[0].T, np.array([float(f(0.0)) for f in self.functions])
+        ahead = 2.0 * first - second
+        values = np.clip(values, np.minimum.reduce([first, second, ahead]), np.maximum.reduce([first, second, ahead]))
+        return values, first - values
+
+    def _of(self, function: LoadFunction, left: Array, right: Array) -> Array:
+        width, until = self.until / LOOKS, self.until
+        near = right <= until + 1e-9 * (right - left)
+        if np.all(near):
+            return function.moments(left, np.minimum(right, until), width)
+        moments = np.empty((3, left.size))
+        moments[:, near] = function.moments(left[near], np.minimum(right[near], until), width)
+        for k in np.flatnonzero(~near):
+            a, b = float(left[k]), float(right[k])
+            begin = max(a, until)
+            mirrored = 2.0 * until - b, 2.0 * until - begin
+            # A step longer than the run.
+            whole = mirrored[0] < 0.0
+            m0, m1, m2 = function.moments(0.0 if whole else mirrored[0], mirrored[1], width)
+            later = np.stack([m0, 0.0 * m1, 0.0 * m2]) if whole else np.stack([m0 + 12.0 * m1, m1, -m2])
+            share = np.array([(b - begin) / (b - a)])
+            moments[:, [k]] = carried(later, share, 0.5 * (1.0 - share))
+            if a < until:
+                moments[:, [k]] += carried(function.moments(a, until, width), 1.0 - share, -0.5 * share)
+        return moments
+
+
+@cache
+def _joining(count: int) -> Array:
+    """Return what each of so many equal parts contributes to the moments of the whole, shape (3, 3, count)."""
+    middle, share = (np.arange(count) + 0.5) / count - 0.5, np.full(count, 1.0 / count)
+    units = np.repeat(np.eye(3)[:, :, None], count, axis=2)
+    return np.stack([carried(unit, share, middle) for unit in units], axis=1)
+
+
+def joined(parts: Array) -> Array:
+    """Return the moments over a whole step from those over its equal parts, shape (3, n_loads)."""
+    base = parts[0, :, 0]
+    rest = parts.copy()
+    # Sums of a constant's parts would leave rounding in m1 and m2.
+    rest[0] -= base[:, None]
+    whole = np.einsum("jip,ilp->jl", _joining(parts.shape[2]), rest)
+    whole[0] += base
+    return whole
+
+
+def swing(parts: Array, m0: Array, m1: Array) -> Array:
+    """Return how far a unit mass moves, over the step squared, by what is left of loads without mean and trend.
+
+    Parameters
+    ----------
+    parts : ndarray, shape (3, n_loads, n_parts)
+        Moments over equal parts of a step.
+    m0, m1 : ndarray, shape (n_loads,)
+        Those of the step.
+
+    Returns
+    -------
+    swing : ndarray, shape (n_loads,)
+    """
+    count = parts.shape[2]
+    x = (np.arange(count) + 0.5) / count - 0.5
+    rest = parts[0] - m0[:, None] - 12.0 * m1[:, None] * x
+    place = rest.cumsum(axis=1).cumsum(axis=1)
+    return np.asarray(np.abs(place).max(axis=1)) / count**2
