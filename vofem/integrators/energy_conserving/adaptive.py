@@ -204,7 +204,8 @@ def _try(
             rough = max(rough, weight[i] * whole.dt * abs(full[i] + (full[i] - state.v[i]) - end[i]) / 3.0)
     # Else velocities are not asked: those of fast modes, which hardly move anything, would dictate the step.
     for i in range(n):
-        q[i] = (state.q[i] + whole.dt * full[i] - (q[i] + half.dt * second[i])) / 3.0
+        # From velocities: of displacements, the shortest steps change nothing but the last digits.
+        q[i] = half.dt * ((full[i] - first[i]) + (full[i] - second[i])) / 3.0
         rough = max(rough, weight[i] * abs(q[i]))
     for _ in range(2):
         v[:] = 0.0
