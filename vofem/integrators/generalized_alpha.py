@@ -287,7 +287,9 @@ class _GeneralizedAlpha:
             count = self.springpotted.most_steps(count)
             springpots = self.springpotted.at((np.arange(first, first + count, dtype=float) + 0.5) * self.dt)
         if first == 0:
-            cursor = store(out, 0, 0.0, self.dt, True, self.trail, self.state.q, self.state.v, self.state.a, self.state.a)
+            cursor = store(
+                out, 0, 0.0, self.dt, True, self.trail, self.state.q, self.state.v, self.state.a, self.state.a
+            )
             if self.state.memory.size:
                 remember(self.laws.memory, self.state.memory, self.rows, out, 0, cursor)
             tell_histories(self.history, out, 0, cursor, 0.0, self.dt)

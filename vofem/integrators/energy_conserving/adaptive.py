@@ -48,12 +48,14 @@ _HARMLESS = 0.1
 class AdaptiveSteps(Ladder, Setting):
     """A run of steps chosen by their error."""
 
-    place: tuple[str, ...] = (*Ladder.place, "steps", "coarsest", "beyond")
+    place: tuple[str, ...] = (*Ladder.place, "steps", "coarsest", "beyond", "drift", "unheld", "farthest")
 
     def plan(self, t_end: float, tolerance: float) -> None:
         """Set the end in s and the tolerance."""
         self.climb(t_end, tolerance)
         self.steps, self.coarsest, self.beyond = 0, 0.0, False
+        # Errors of all motion so far, added up, and those with which the last contact closed or opened; in m.
+        self.drift, self.unheld, self.farthest = 0.0, 0.0, 0.0
         self.ladder: dict[int, Factored] = {}
         n, m = self.state.q.size, self.state.u.size
         self.trial, self.tried = np.zeros((6, n)), np.zeros((3, m))
@@ -129,6 +131,10 @@ class AdaptiveSteps(Ladder, Setting):
                 self.tried, self.trail, out, cursor, self.space, springpots, paces[1], self.history,
             )  # fmt: skip
             self.beyond = self.now >= self.end
+            self.drift += rough
+            if events.size:
+                self.unheld = self.drift
+            self.farthest = max(self.farthest, float(np.max(self.weight * np.abs(state.q))))
             self.step_on(ratio)
             self.coarsest = max(self.coarsest, half.dt)
             self.steps += 0 if self.beyond else 2

@@ -40,6 +40,12 @@ Array = NDArray[np.float64]
 #: Energy out of nowhere, over the energies at work, that ends a run: rounding cannot make so much.
 _BLOW_UP = 1e-3
 
+#: Errors of fast motion, added up, over the tolerance, above which impacts that follow may not keep it.
+_UNHELD = 10.0
+
+#: Largest displacement over the one that errors were related to, below which that was wrong.
+_OVERSIZED = 0.5
+
 #: Default number of steps in a run.
 _STEPS = 1000
 
@@ -76,7 +82,8 @@ def run(
     tol : float, optional
         Chooses the steps: the errors of all steps together, estimated, stay
         below this fraction of the largest displacement, which a rough run of
-        a thousand steps tells beforehand.
+        a thousand steps tells beforehand. Impacts are resolved. Velocities and
+        contact forces are not bounded by it.
 
     Raises
     ------
@@ -113,12 +120,28 @@ def run(
     )  # fmt: skip
     if isinstance(kernel, AdaptiveSteps):
         solution.dt = kernel.coarsest
-        if kernel.forced:
-            notes.append(
-                f"tol: {kernel.forced} steps of the smallest size, {kernel.tick:.3g} s, exceeded their share of the "
-                "tolerance and were taken all the same: a force jumps there"
-            )
+        _tell(kernel, tol or 0.0, notes)
     return solution
+
+
+def _tell(kernel: AdaptiveSteps, tol: float, notes: list[str]) -> None:
+    """Tell where the tolerance may not be kept."""
+    if kernel.forced:
+        notes.append(
+            f"tol: {kernel.forced} steps of the smallest size, {kernel.tick:.3g} s, exceeded their share of the "
+            "tolerance and were taken all the same: a force jumps there"
+        )
+    if kernel.unheld > _UNHELD * kernel.whole:
+        notes.append(
+            f"tol: motion too fast for these steps is off in phase by up to {kernel.unheld / kernel.whole:.2g} times the "
+            f"tolerance where contacts closed, so impacts, and what follows them, may be off by more than tol = {tol:g}; "
+            "choose a smaller tol, or method='event_driven' where it applies"
+        )
+    if kernel.farthest < _OVERSIZED * kernel.size:
+        notes.append(
+            f"tol: errors are held below tol = {tol:g} of {kernel.size:.3g} m, which a rough run of {_STEPS} steps told, "
+            f"but nothing moves farther than {kernel.farthest:.3g} m; choose a tol smaller by their ratio"
+        )
 
 
 def _pilot(system: System, start: State, t_end: float, counters: Counters) -> Output:

@@ -66,7 +66,16 @@ def stored(out: Output, count: int) -> dict[str, Array]:
 
 @jit
 def store(
-    out: Output, cursor: int, t: float, dt: float, first: bool, before: Trail, q: Array, v: Array, a: Array, arriving: Array
+    out: Output,
+    cursor: int,
+    t: float,
+    dt: float,
+    first: bool,
+    before: Trail,
+    q: Array,
+    v: Array,
+    a: Array,
+    arriving: Array,
 ) -> int:
     """Store all wanted times up to t, where a step of size dt ends; return the next one's index.
 
