@@ -60,7 +60,7 @@ def test_samples_between_stored_times_stay_in_front_of_the_stop():
     mass, scene = between_stops(1e8)
     result = vf.simulate(scene, 4.0, tol=1e-4, times=np.linspace(0.0, 4.0, 401), **METHOD)
     t = np.linspace(0.0, 4.0, 7919)
-    assert np.max(np.abs(result.sample(t).displacement(mass))) < 0.5 + 1.1e-4
+    assert np.max(np.abs(result.solution.sample(t).q)) < 0.5 + 1.1e-4
 
 
 @pytest.mark.parametrize("law", ["penetration", "displacement"])
@@ -123,11 +123,12 @@ def test_a_resolved_switch(resolution):
 
 def test_fast_motion_that_meets_a_contact_again_is_told():
     """A mass that hits a beam: the beam's fast modes, which the tolerance does not hold, decide on the next impact."""
-    beam, mass = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "pinned", "right": "pinned"}, name="beam"), vf.Mass(0.3, name="m")
+    beam = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "pinned", "right": "pinned"}, name="beam")
+    mass = vf.Mass(0.3, name="m")
     stop = vf.Contact(mass, beam.at(0.5), gap=0.1, stiffness=1e4, acts_on="penetration", name="stop")
     scene = vf.Scene([beam, mass], [stop], {mass: (0.0, 1.0)})
     result = vf.simulate(scene, 2.0, tol=1e-3, **METHOD)
-    assert any(note.startswith("tol:") and "in phase" in note for note in result.notes)
+    assert any(note.startswith("tol:") and "contacts close" in note for note in result.notes)
 
 
 def test_a_size_that_is_never_reached_is_told():
@@ -137,14 +138,16 @@ def test_a_size_that_is_never_reached_is_told():
     scene = vf.Scene([mass], [vf.PointLoad(mass, lambda t: 100.0 * np.sin(omega * t))])
     result = vf.simulate(scene, 10.0, tol=1e-3, **METHOD)
     largest = np.max(np.abs(result.displacement(mass)))
-    assert largest < 1.0 and any("a rough run" in note for note in result.notes)
+    assert largest < 1.0
+    assert any("a rough run" in note for note in result.notes)
 
 
 def test_interpolation_between_contradicting_ends_stays_between_them():
     x = np.linspace(0.0, 1.0, 101)
     for v0, v1 in ((1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)):
         inside = np.array([quintic(y, 0.1, 0.4, v0, 0.0, 0.45, v1, -1e6)[0] for y in x])
-        assert inside.min() >= 0.4 and inside.max() <= 0.45
+        assert inside.min() >= 0.4
+        assert inside.max() <= 0.45
         assert np.all(np.diff(inside) >= -1e-15)
         assert restrained(0.0, 0.1, 0.4, v0, 0.45, v1) == (0.4, v0)
 

@@ -54,7 +54,7 @@ class AdaptiveSteps(Ladder, Setting):
         """Set the end in s and the tolerance."""
         self.climb(t_end, tolerance)
         self.steps, self.coarsest, self.beyond = 0, 0.0, False
-        # Errors of all motion so far, added up, and those with which the last contact closed or opened; in m.
+        # Errors of contacts' velocities so far, m/s, added up; and the way, m, that they may make after an event.
         self.drift, self.unheld, self.farthest = 0.0, 0.0, 0.0
         self.ladder: dict[int, Factored] = {}
         n, m = self.state.q.size, self.state.u.size
@@ -108,7 +108,7 @@ class AdaptiveSteps(Ladder, Setting):
             paces = self._pace(self.rung), self._pace(self.rung + 1)
             state = self.state
             laws = with_state(self.laws, state.memory)
-            solves, rough, smooth, kick = _try(
+            solves, rough, smooth, kick, stray = _try(
                 self.matrices, self._rung(max(self.rung - 3, 0)).structure.factored, whole, half, self.rows, laws,
                 self.bands.loads, values, state, self.trial, self.tried, self.weight, self.space, self.past,
                 springpots, *paces, self.history, self.ahead,
@@ -131,9 +131,9 @@ class AdaptiveSteps(Ladder, Setting):
                 self.tried, self.trail, out, cursor, self.space, springpots, paces[1], self.history,
             )  # fmt: skip
             self.beyond = self.now >= self.end
-            self.drift += rough
+            self.drift += stray
             if events.size:
-                self.unheld = self.drift
+                self.unheld = max(self.unheld, self.drift * (self.t_end - self.time))
             self.farthest = max(self.farthest, float(np.max(self.weight * np.abs(state.q))))
             self.step_on(ratio)
             self.coarsest = max(self.coarsest, half.dt)
@@ -147,14 +147,14 @@ def _try(
     matrices: Matrices, filtering: Array, whole: Factored, half: Factored, rows: Rows, laws: Laws, loads: Array,
     values: Array, state: State, trial: Array, tried: Array, weight: Array, space: Scratch, past: Array,
     springpots: Springpots, pace: Pace, half_pace: Pace, history: History, ahead: History,
-) -> tuple[int, float, float, float]:  # fmt: skip
+) -> tuple[int, float, float, float, float]:  # fmt: skip
     """Take a step whole and in halves; return contact solves, two errors of displacements, and unresolved impacts.
 
     The second error is smoothed: ``(A^-1 M)^2`` of the first, A the matrix of
     a step eight times as long, which leaves what the step resolves well. Where
     a contact acts the first one holds the error of velocities times the step
-    too. The last number is the largest change of a contact's velocity, in m/s,
-    that the step does not resolve.
+    too. The last numbers, in m/s, are the largest change of a contact's velocity
+    that the step does not resolve and, while none acts, the error of their velocities.
     The state stays as it is: mean velocities of the halves are left in
     `trial[0]` and `trial[1]`, reactions in `tried[0]` and `tried[1]`.
     """
@@ -174,7 +174,7 @@ def _try(
     tried[0][:] = state.reaction
     b = step(matrices, half, rows, laws, load, state.q, state.v, state.u, first, tried[0], space)
     if a < 0 or b < 0:
-        return -1, 0.0, 0.0, 0.0
+        return -1, 0.0, 0.0, 0.0, 0.0
     for i in range(n):
         q[i] = state.q[i] + half.dt * first[i]
         v[i] = 2.0 * first[i] - state.v[i]
@@ -197,8 +197,8 @@ def _try(
     if past.size > 0:
         state.memory[:] = past
     if c < 0:
-        return -1, 0.0, 0.0, 0.0
-    rough, smooth, kick = 0.0, 0.0, 0.0
+        return -1, 0.0, 0.0, 0.0, 0.0
+    rough, smooth, kick, stray = 0.0, 0.0, 0.0, 0.0
     acts = False
     if state.status.size > 0:
         for i in range(n):
@@ -208,6 +208,10 @@ def _try(
         # Where a stop is stiff, steps of any size end at it: their displacements agree and their velocities do not.
         for i in range(n):
             rough = max(rough, weight[i] * whole.dt * abs(full[i] + (full[i] - state.v[i]) - end[i]) / 3.0)
+    else:
+        for j in range(state.status.size):
+            off = 2.0 * dot(rows, j, full) - dot(rows, j, state.v) - dot(rows, j, end)
+            stray = max(stray, abs(off) / 3.0)
     # Else velocities are not asked: those of fast modes, which hardly move anything, would dictate the step.
     for i in range(n):
         # From velocities: of displacements, the shortest steps change nothing but the last digits.
@@ -221,7 +225,7 @@ def _try(
             q[i] = -v[i]
     for i in range(n):
         smooth = max(smooth, weight[i] * abs(q[i]))
-    return a + b + c, rough, smooth, kick
+    return a + b + c, rough, smooth, kick, stray
 
 
 @jit
