@@ -57,7 +57,7 @@ def test_the_jump_law_between_two_stops(stiffness):
 
 
 def test_samples_between_stored_times_stay_in_front_of_the_stop():
-    mass, scene = between_stops(1e8)
+    _, scene = between_stops(1e8)
     result = vf.simulate(scene, 4.0, tol=1e-4, times=np.linspace(0.0, 4.0, 401), **METHOD)
     t = np.linspace(0.0, 4.0, 7919)
     assert np.max(np.abs(result.solution.sample(t).q)) < 0.5 + 1.1e-4
@@ -132,7 +132,7 @@ def test_fast_motion_that_meets_a_contact_again_is_told():
 
 
 def test_a_size_that_is_never_reached_is_told():
-    """Steps of the rough run see a fast load as a slow one, so the tolerance is related to a motion that never comes."""
+    """The rough run sees a fast load as a slow one, so the tolerance is related to a motion that never comes."""
     mass = vf.Mass(1.0, stiffness=4.0)
     omega = 2.0 * np.pi * 100.0 + 2.0
     scene = vf.Scene([mass], [vf.PointLoad(mass, lambda t: 100.0 * np.sin(omega * t))])

@@ -133,7 +133,7 @@ def _tell(kernel: AdaptiveSteps, tol: float, notes: list[str]) -> None:
         )
     if kernel.unheld > _UNHELD * kernel.whole:
         notes.append(
-            "tol: velocities with which contacts close are held less well than displacements; the way that their errors "
+            "tol: velocities with which contacts close are held less well than displacements; the way their errors "
             f"may make until the end is {kernel.unheld / kernel.whole:.2g} times what tol = {tol:g} allows. Choose a "
             "smaller tol, or method='event_driven' where it applies"
         )
