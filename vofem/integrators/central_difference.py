@@ -426,7 +426,7 @@ def _advance(
                 before.dissipated[0] -= 0.5 * dt * np.dot(half, loss)
         wanted = cursor
         if out.every_step or (cursor < out.times.size and out.times[cursor] <= t + 1e-9 * dt):
-            cursor = store(out, cursor, t, dt, step == 0, before, q, v, a)
+            cursor = store(out, cursor, t, dt, step == 0, before, q, v, a, a)
         if state.memory.size > 0:
             remember(laws.memory, before.memory, rows, out, wanted, cursor)
             before.memory[:] = state.memory

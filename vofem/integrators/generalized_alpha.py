@@ -214,6 +214,7 @@ class _GeneralizedAlpha:
         counters: Counters,
     ) -> None:  # fmt: skip
         self.dt, self.steps, self.done, self.parameters = dt, steps, 0, chosen
+        am = chosen.alpha_m
         damping = damping_matrix(system, counters)
         self.bands = Banded(system, counters, system.mass, system.stiffness, damping)
         order, n = self.bands.order, system.size
@@ -318,7 +319,9 @@ class _GeneralizedAlpha:
             count = self.springpotted.most_steps(count)
             springpots = self.springpotted.at((np.arange(first, first + count, dtype=float) + 0.5) * self.dt)
         if first == 0:
-            cursor = store(out, 0, 0.0, self.dt, True, self.trail, self.state.q, self.state.v, self.state.a)
+            cursor = store(
+                out, 0, 0.0, self.dt, True, self.trail, self.state.q, self.state.v, self.state.a, self.state.a
+            )
             if self.state.memory.size:
                 remember(self.laws.memory, self.state.memory, self.rows, out, 0, cursor)
             tell_histories(self.history, out, 0, cursor, 0.0, self.dt)
@@ -456,7 +459,7 @@ def _advance(
         a[:] = a1
         wanted = cursor
         if out.every_step or (cursor < out.times.size and out.times[cursor] <= t + 1e-9 * dt):
-            cursor = store(out, cursor, t, dt, False, before, q, v, told)
+            cursor = store(out, cursor, t, dt, False, before, q, v, told, told)
         if state.memory.size > 0:
             remember(laws.memory, before.memory, rows, out, wanted, cursor)
             commit_all(laws.memory, state.memory, u1)

@@ -17,6 +17,11 @@ from vofem.system import CLOSED, OPEN, Counters, Events, System
 Array = NDArray[np.float64]
 
 
+#: What second rates may bend the quintic, over the way of the step, before they are left out; motion of which a step is
+#: a sixth of the period stays below 2.
+_SWING = 12.0
+
+
 @dataclass
 class SteppedSolution:
     """States of a stepping run at its stored times.
@@ -74,7 +79,10 @@ class SteppedSolution:
         return left, np.where(near, np.round(fraction), fraction)
 
     def sample(self, times: Array) -> Samples:
-        """Return the motion at stored times, or between steps by the quintic through q, v and a; a on a line."""
+        """Return the motion at stored times, or between steps by the quintic through q, v and a; a on a line.
+
+        Between two stored times with a contact event, displacements stay between their values there.
+        """
         if np.array_equal(times, self.times):
             return self.samples
         left, x = self._place(times)
@@ -82,7 +90,11 @@ class SteppedSolution:
             return Samples(self.samples.q[:, left], self.samples.v[:, left], self.samples.a[:, left])
         n = self.samples.q.shape[0]
         q, v, a = np.empty((n, times.size)), np.empty((n, times.size)), np.empty((n, times.size))
-        _interpolate_all(self.times, self.samples.q, self.samples.v, self.samples.a, left, x, q, v, a)
+        # Events at a stored time belong to both of its sides.
+        before, after = self.times[left], self.times[np.minimum(left + 1, self.times.size - 1)]
+        upto = np.searchsorted(self.events.time, after, side="right")
+        kinked = upto > np.searchsorted(self.events.time, before, side="left")
+        _interpolate_all(self.times, self.samples.q, self.samples.v, self.samples.a, left, x, kinked, q, v, a)
         return Samples(q, v, a)
 
     def contacts(self, times: Array) -> ContactSamples:
@@ -115,14 +127,37 @@ class SteppedSolution:
 
 
 @jit
+def restrained(x: float, h: float, q0: float, v0: float, q1: float, v1: float) -> tuple[float, float]:
+    """Return value and rate at fraction x of a step h; the value lies between those at both ends, the rate too.
+
+    The value is that of the monotone cubic, whose slopes at the ends are limited; the rate is on a line.
+
+    F. N. Fritsch, R. E. Carlson, Monotone piecewise cubic interpolation, SIAM J. Numer. Anal. 17 (1980) 238-246,
+    https://doi.org/10.1137/0717021.
+    """
+    dq = q1 - q0
+    # In the direction of the chord, and at most three times as steep.
+    side = 1.0 if dq >= 0.0 else -1.0
+    low = side * min(max(side * h * v0, 0.0), 3.0 * abs(dq))
+    high = side * min(max(side * h * v1, 0.0), 3.0 * abs(dq))
+    q = q0 + x * (low + x * (3.0 * dq - 2.0 * low - high + x * (low + high - 2.0 * dq)))
+    return q, v0 + x * (v1 - v0)
+
+
+@jit
 def quintic(
     x: float, h: float, q0: float, v0: float, a0: float, q1: float, v1: float, a1: float
 ) -> tuple[float, float, float]:
     """Return value, rate and second rate at fraction x of a step h, from those at both of its ends.
 
     The second rate is on the line between both: in that of the quintic the
-    errors of values at the ends would come back divided by h squared.
+    errors of values at the ends would come back divided by h squared. Where second rates contradict values and rates
+    so much that the quintic would swing out, as where something stiff was touched between the ends, the value
+    is that of `restrained`.
     """
+    bend = (v1 - v0) / h
+    if h * h * (abs(a0 - bend) + abs(a1 - bend)) > _SWING * (h * (abs(v0) + abs(v1)) + abs(q1 - q0)):
+        return *restrained(x, h, q0, v0, q1, v1), a0 + x * (a1 - a0)
     # Newton form about the left end: remainders after the Taylor polynomial there.
     dq = (q1 - q0) - h * (v0 + 0.5 * h * a0)
     dv = h * ((v1 - v0) - h * a0)
@@ -143,6 +178,7 @@ def _interpolate_all(
     a0: Array,
     left: NDArray[np.int64],
     x: Array,
+    kinked: NDArray[np.bool_],
     q: Array,
     v: Array,
     a: Array,
@@ -155,6 +191,9 @@ def _interpolate_all(
                 q[r, i], v[r, i], a[r, i] = q0[r, k], v0[r, k], a0[r, k]
             elif x[i] == 1.0:
                 q[r, i], v[r, i], a[r, i] = q0[r, k + 1], v0[r, k + 1], a0[r, k + 1]
+            elif kinked[i]:
+                q[r, i], v[r, i] = restrained(x[i], h, q0[r, k], v0[r, k], q0[r, k + 1], v0[r, k + 1])
+                a[r, i] = a0[r, k] + x[i] * (a0[r, k + 1] - a0[r, k])
             else:
                 q[r, i], v[r, i], a[r, i] = quintic(
                     x[i], h, q0[r, k], v0[r, k], a0[r, k], q0[r, k + 1], v0[r, k + 1], a0[r, k + 1]

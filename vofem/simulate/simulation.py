@@ -61,10 +61,12 @@ def simulate(
     dt : float, optional
         Step size in s of a stepping method; chosen where not given.
     tol : float, optional
-        Of energy_conserving: chooses the steps. The errors of all steps
-        together, estimated, stay below this fraction of the largest
-        displacement. "auto" accepts it with event_driven too, which has no
-        error of steps.
+        Of energy_conserving: chooses the steps. The errors of displacements
+        that all steps make together, estimated, stay below this fraction of
+        the largest displacement; impacts may magnify what was made before
+        them. Steps resolve every impact, however stiff the stop, but
+        velocities, accelerations and contact forces are not bounded. "auto"
+        accepts it with event_driven too, which has no error of steps.
     times : array_like, shape (n_times,), optional
         Where results are wanted, increasing, within [0, t_end]. Without it:
         1001 uniform times for event_driven and with `tol`, else every step.

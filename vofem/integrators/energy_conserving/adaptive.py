@@ -2,9 +2,9 @@
 
 Every step is taken whole and in two halves; the halves are kept where both
 agree. So the error estimate sees whatever the step sees, a switch included,
-and the energy is conserved as at one step size. Step sizes are halves of
-halves of the largest one, and times whole multiples of the smallest: each
-size is factored once, and nothing is accumulated.
+and the energy is conserved as at one step size. Where a contact acts,
+velocities have to agree too, and a step has to resolve the impact: against a
+stop so stiff that every step ends at it, displacements say nothing.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from vofem.integrators.energy_conserving.step import (
     step,
 )
 from vofem.integrators.methods import ENERGY_CONSERVING
+from vofem.integrators.stepping.ladder import Ladder
 from vofem.integrators.stepping.laws import Laws, with_state
 from vofem.integrators.stepping.memory import commit_all
 from vofem.integrators.stepping.record import Output, Trail
@@ -37,35 +38,30 @@ from vofem.linalg.jit import jit
 
 Array = NDArray[np.float64]
 
-#: Halvings of the largest step.
-_RUNGS = 40
-
-#: Steps in a run at the largest step size.
-_FEWEST = 32
-
-#: Keeps errors of a scene without motion from being divided by zero.
-_TINY = 1e-300
-
 #: Steps between two looks at the outcome.
 _CHUNK = 256
 
+#: Change of velocity in one half of a step, over that of the impact, up to which a step resolves a contact.
+_RESOLVED = 0.25
 
-class AdaptiveSteps(Setting):
+#: Way that an unresolved change of velocity would make until the end, over the tolerance, up to which it is let pass.
+_HARMLESS = 0.1
+
+
+class AdaptiveSteps(Ladder, Setting):
     """A run of steps chosen by their error."""
 
-    place: tuple[str, ...] = ("now", "rung", "steps", "coarsest", "forced", "beyond", "size")
+    place: tuple[str, ...] = (*Ladder.place, "steps", "coarsest", "beyond", "drift", "unheld", "farthest")
 
     def plan(self, t_end: float, tolerance: float) -> None:
         """Set the end in s and the tolerance."""
-        self.t_end, self.tolerance = t_end, tolerance
-        self.largest = t_end / _FEWEST
-        self.tick = self.largest / 2**_RUNGS
-        self.now, self.end = 0, _FEWEST * 2**_RUNGS
-        self.rung, self.steps, self.coarsest, self.forced = 6, 0, 0.0, 0
-        self.beyond = False
+        self.climb(t_end, tolerance)
+        self.steps, self.coarsest, self.beyond = 0, 0.0, False
+        # Errors of contacts' velocities so far, m/s, added up; and the way, m, that they may make after an event.
+        self.drift, self.unheld, self.farthest = 0.0, 0.0, 0.0
         self.ladder: dict[int, Factored] = {}
         n, m = self.state.q.size, self.state.u.size
-        self.trial, self.tried = np.zeros((5, n)), np.zeros((3, m))
+        self.trial, self.tried = np.zeros((6, n)), np.zeros((3, m))
         self.past = self.state.memory.copy()
         self.keep_history(self.tick, t_end + 2.0 * self.largest)
         self.paces: dict[int, Pace] = {}
@@ -77,16 +73,6 @@ class AdaptiveSteps(Setting):
         self.weight = self.bands.system.scale[self.bands.order]
         self.size = float(np.max(np.abs(self.weight[:, None] * displacement), initial=0.0))
 
-    def _ratio(self, rough: float, smooth: float, dt: float) -> float:
-        """Return the error of a step over its share of the tolerance.
-
-        Errors of motion that the step resolves well point the same way in
-        every step: their sum is held. Those of faster motion come and go, and
-        halving the step would not lessen them for long: their root mean square is held.
-        """
-        share, whole = dt / self.t_end, self.tolerance * self.size + _TINY
-        return max(smooth / (share * whole), rough / (np.sqrt(share) * whole))
-
     @property
     def finished(self) -> bool:
         """Whether all states are stored."""
@@ -94,16 +80,16 @@ class AdaptiveSteps(Setting):
 
     def reached(self) -> float:
         """Return the time of the state on the trail, s."""
-        return min(self.now * self.tick, self.t_end)
+        return min(self.time, self.t_end)
 
     def _rung(self, rung: int) -> Factored:
         if rung not in self.ladder:
-            self.ladder[rung] = self.factor(self.largest / 2**rung)
+            self.ladder[rung] = self.factor(self.length(rung))
         return self.ladder[rung]
 
     def _pace(self, rung: int) -> Pace:
         if rung not in self.paces:
-            self.paces[rung] = self.pace(self.largest / 2**rung)
+            self.paces[rung] = self.pace(self.length(rung))
         return self.paces[rung]
 
     def advance(self, out: Output, cursor: int) -> tuple[int, Array]:
@@ -119,42 +105,43 @@ class AdaptiveSteps(Setting):
     def _one(self, out: Output, cursor: int) -> tuple[int, Array]:
         while True:
             whole, half = self._rung(self.rung), self._rung(self.rung + 1)
-            t, dt = self.now * self.tick, whole.dt
+            t, dt = self.time, whole.dt
             springpots = self.springpots(t + dt * np.array([0.5, 0.25, 0.75]))
             values, between = self._loads(t, dt, half)
             paces = self._pace(self.rung), self._pace(self.rung + 1)
             state = self.state
             laws = with_state(self.laws, state.memory)
-            solves, rough, smooth = _try(
+            solves, rough, smooth, kick, stray = _try(
                 self.matrices, self._rung(max(self.rung - 3, 0)).structure.factored, whole, half, self.rows, laws,
                 self.forcing, values, state, self.trial, self.tried, self.weight, self.space, self.past,
                 springpots, *paces, self.history, self.ahead,
             )  # fmt: skip
             self.complain(dt)
-            last = self.rung + 1 >= _RUNGS
-            if solves < 0 and last:
+            if solves < 0 and self.at_the_bottom:
                 raise ConvergenceError(
                     f"{ENERGY_CONSERVING.name} found no solution of the step from t = {t:g} s, however small; "
                     "a nonlinear spring that softens may leave none"
                 )
-            ratio = max(self._ratio(rough, smooth, dt), between) if solves >= 0 else np.inf
-            if not ratio <= 1.0 and not last:
+            ratio = max(self.ratio(rough, smooth), between) if solves >= 0 else np.inf
+            # An impact that the step does not resolve may change velocities for the whole rest of the run.
+            if kick * self.t_end > _HARMLESS * self.whole:
+                ratio = max(ratio, 2.0)
+            if not self.accepts(ratio):
                 self.bands.counters.rejected += 1
-                self.rung += 1
                 continue
-            self.forced += ratio > 1.0
             cursor, events = _take(
                 self.matrices, half, self.rows, laws, self.forcing, values, t, state, self.trial,
                 self.tried, self.trail, out, cursor, self.space, springpots, paces[1], self.history,
             )  # fmt: skip
             self.beyond = self.now >= self.end
-            self.now += 2 ** (_RUNGS - self.rung)
+            self.drift += stray
+            if events.size:
+                self.unheld = max(self.unheld, self.drift * (self.t_end - self.time))
+            self.farthest = max(self.farthest, float(np.max(self.weight * np.abs(state.q))))
+            self.step_on(ratio)
             self.coarsest = max(self.coarsest, half.dt)
             self.steps += 0 if self.beyond else 2
             self.count(self.steps, solves)
-            # The error over the step's length grows fourfold with a doubled step, and times stay multiples of steps.
-            if ratio < 0.2 and self.rung > 0 and self.now % 2 ** (_RUNGS - self.rung + 1) == 0:
-                self.rung -= 1
             return cursor, events
 
     def _loads(self, t: float, dt: float, half: Factored) -> tuple[Array, float]:
@@ -175,7 +162,7 @@ class AdaptiveSteps(Setting):
             far = swing(part, moments[0, :, k], moments[1, :, k])
             if np.any(far):
                 moved = max(moved, float(np.max(self.weight * (far @ np.abs(half.dt * half.shift)))))
-        return self.load_values(moments), moved / (self.tolerance * self.size + _TINY)
+        return self.load_values(moments), moved / self.whole
 
 
 @jit
@@ -183,15 +170,18 @@ def _try(
     matrices: Matrices, filtering: Array, whole: Factored, half: Factored, rows: Rows, laws: Laws, total: Forcing,
     values: Array, state: State, trial: Array, tried: Array, weight: Array, space: Scratch, past: Array,
     springpots: Springpots, pace: Pace, half_pace: Pace, history: History, ahead: History,
-) -> tuple[int, float, float]:  # fmt: skip
-    """Take a step whole and in halves; return contact solves, and errors of displacements.
+) -> tuple[int, float, float, float, float]:  # fmt: skip
+    """Take a step whole and in halves; return contact solves, two errors of displacements, and unresolved impacts.
 
     The second error is smoothed: ``(A^-1 M)^2`` of the first, A the matrix of
-    a step eight times as long, which leaves what the step resolves well.
+    a step eight times as long, which leaves what the step resolves well. Where
+    a contact acts the first one holds the error of velocities times the step
+    too. The last numbers, in m/s, are the largest change of a contact's velocity
+    that the step does not resolve and, while none acts, the error of their velocities.
     The state stays as it is: mean velocities of the halves are left in
     `trial[0]` and `trial[1]`, reactions in `tried[0]` and `tried[1]`.
     """
-    first, second, full, q, v = trial[0], trial[1], trial[2], trial[3], trial[4]
+    first, second, full, q, v, end = trial[0], trial[1], trial[2], trial[3], trial[4], trial[5]
     n, m, remembers = state.q.size, state.u.size, history.y.shape[0] > 0
     combine(whole, values[:, 0], total)
     if remembers:
@@ -206,7 +196,7 @@ def _try(
     tried[0][:] = state.reaction
     b = step(matrices, half, rows, laws, total.push, state.q, state.v, state.u, first, tried[0], space)
     if a < 0 or b < 0:
-        return -1, 0.0, 0.0
+        return -1, 0.0, 0.0, 0.0, 0.0
     for i in range(n):
         q[i] = state.q[i] + half.dt * first[i]
         v[i] = 2.0 * (first[i] + total.shift[i]) - state.v[i]
@@ -229,11 +219,25 @@ def _try(
     if past.size > 0:
         state.memory[:] = past
     if c < 0:
-        return -1, 0.0, 0.0
-    # Velocities are not asked: those of fast modes, which hardly move anything, would dictate the step.
-    rough, smooth = 0.0, 0.0
+        return -1, 0.0, 0.0, 0.0, 0.0
+    rough, smooth, kick, stray = 0.0, 0.0, 0.0, 0.0
+    acts = False
+    if state.status.size > 0:
+        for i in range(n):
+            end[i] = second[i] + (second[i] - v[i])
+        acts, kick = _impact(rows, laws, state, half.dt, u, v, second, end)
+    if acts:
+        # Where a stop is stiff, steps of any size end at it: their displacements agree and their velocities do not.
+        for i in range(n):
+            rough = max(rough, weight[i] * whole.dt * abs(full[i] + (full[i] - state.v[i]) - end[i]) / 3.0)
+    else:
+        for j in range(state.status.size):
+            off = 2.0 * dot(rows, j, full) - dot(rows, j, state.v) - dot(rows, j, end)
+            stray = max(stray, abs(off) / 3.0)
+    # Else velocities are not asked: those of fast modes, which hardly move anything, would dictate the step.
     for i in range(n):
-        q[i] = (state.q[i] + whole.dt * full[i] - (q[i] + half.dt * second[i])) / 3.0
+        # From velocities: of displacements, the shortest steps change nothing but the last digits.
+        q[i] = half.dt * ((full[i] - first[i]) + (full[i] - second[i])) / 3.0
         rough = max(rough, weight[i] * abs(q[i]))
     for _ in range(2):
         v[:] = 0.0
@@ -243,7 +247,33 @@ def _try(
             q[i] = -v[i]
     for i in range(n):
         smooth = max(smooth, weight[i] * abs(q[i]))
-    return a + b + c, rough, smooth
+    return a + b + c, rough, smooth, kick, stray
+
+
+@jit
+def _impact(
+    rows: Rows, laws: Laws, state: State, dt: float, u: Array, v: Array, second: Array, end: Array
+) -> tuple[bool, float]:  # fmt: skip
+    """Return whether a contact acts in two halves of a step, and the largest change of velocity not resolved, m/s.
+
+    With a stiffness k on a mass m at penetration s the velocity of the impact
+    is ``sqrt(r^2 + k s^2/m)``, r the rate: as ``k s/m`` is the change of rate
+    per time, it needs no mass to be known. A contact that is held closed by
+    what lies on it has a large one too, and its trembling passes for resolved.
+    """
+    acts, kick = False, 0.0
+    for j in range(state.status.size):
+        gap = laws.table[j]["gap"]
+        last = u[j] + dt * dot(rows, j, second)
+        deepest = max(state.u[j], u[j], last) - gap
+        if deepest <= 0.0:
+            continue
+        acts = True
+        r0, r1, r2 = dot(rows, j, state.v), dot(rows, j, v), dot(rows, j, end)
+        change = max(abs(r1 - r0), abs(r2 - r1))
+        if change * change > _RESOLVED**2 * (max(r0 * r0, r1 * r1, r2 * r2) + deepest * change / dt):
+            kick = max(kick, change)
+    return acts, kick
 
 
 @jit

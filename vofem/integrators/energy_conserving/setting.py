@@ -53,7 +53,7 @@ class Setting:
         q, v = start.q[order].copy(), start.v[order].copy()
         self.laws = loaded(self.laws, u, start.memory)
         past = self.laws.state
-        self.state = State(q, v, np.zeros(n), v.copy(), v.copy(), u, np.zeros(m), status, np.zeros(1), past)
+        self.state = State(q, v, np.zeros(n), v.copy(), v.copy(), u, np.zeros(m), status, np.zeros(2), past)
         self.space = scratch(n, m)
         self.forcing = forcing(n)
         self.start, self.history = start, NO_HISTORY

@@ -25,9 +25,13 @@ from vofem.integrators.stepping.springpots import (
 )
 from vofem.linalg.banded import solve, subtract_product
 from vofem.linalg.jit import jit
+from vofem.system import CLOSED
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+#: Ratio of the sizes of two steps above which the motion between them is not taken for smooth.
+_UNEVEN = 4.0
 
 #: A correction of p above this fraction of it is corrected again.
 _SMALL = 2.0**-6
@@ -93,8 +97,8 @@ class State(NamedTuple):
     u, reaction : ndarray, shape (n_laws,)
         Coordinates of the laws, and their forces over the last step.
     status : ndarray of int, shape (n_contacts,)
-    width : ndarray, shape (1,)
-        Size of the last step in s; 0 at the start.
+    width : ndarray, shape (2,)
+        Size of the last step in s, 0 at the start; and whether a contact closed or opened in it.
     memory : ndarray
         State of the laws with memory.
     """
@@ -189,6 +193,17 @@ def _coordinates(rows: Rows, u: Array, p: Array, dt: float, base: Array) -> None
 
 
 @jit
+def _switches(rows: Rows, laws: Laws, dt: float, p: Array, state: State) -> bool:
+    """Return whether a contact that acts in a step of mean velocity p closes or opens in it."""
+    for j in range(state.status.size):
+        if state.reaction[j] != 0.0 or state.status[j] == CLOSED:
+            s = state.u[j] + dt * dot(rows, j, p) - laws.table[j]["gap"]
+            if switched(s, state.status[j]):
+                return True
+    return False
+
+
+@jit
 def accept(
     matrices: Matrices, rows: Rows, laws: Laws, forcing: Forcing, loaded: bool, t: float, dt: float, p: Array,
     state: State, before: Trail, out: Output, cursor: int, events: Array, happened: int, space: Scratch,
@@ -196,20 +211,29 @@ def accept(
     """Take the step of size dt from t with the displacement's rate p; return cursor, events and their number.
 
     The state at t is stored only now: its acceleration is that between the
-    middles of the steps on both sides.
+    middles of the steps on both sides. Where a contact closes or opens in one
+    of them it is that of the other, and where one is much longer than the other
+    the motion within the long one does not see the short one.
     """
-    n, q, v, now, last = state.q.size, state.q, state.v, space.right, state.width[0]
+    n, q, v, last = state.q.size, state.q, state.v, state.width[0]
+    now, arriving, leaving = space.right, space.change, space.work
+    turned, turns = state.width[1] != 0.0, _switches(rows, laws, dt, p, state)
     for i in range(n):
-        rate = 2.0 * (p[i] + forcing.shift[i] - v[i]) / dt
-        now[i] = rate if last == 0.0 else (dt * state.acceleration[i] + last * rate) / (dt + last)
+        rate, held = 2.0 * (p[i] + forcing.shift[i] - v[i]) / dt, state.acceleration[i]
+        between = rate if last == 0.0 else (dt * held + last * rate) / (dt + last)
+        now[i] = between if turned == turns else (rate if turned else held)
+        if last == 0.0:
+            now[i] = rate
+        arriving[i] = held if turned or turns or last > _UNEVEN * dt else between
+        leaving[i] = rate if turned or turns or dt > _UNEVEN * last else between
         state.acceleration[i] = rate
     wanted = cursor
     if out.every_step or (cursor < out.times.size and out.times[cursor] <= t + 1e-9 * dt):
-        cursor = store(out, cursor, t, last if last > 0.0 else dt, last == 0.0, before, q, v, now)
+        cursor = store(out, cursor, t, last if last > 0.0 else dt, last == 0.0, before, q, v, now, arriving)
     if state.memory.size > 0:
         remember(laws.memory, before.memory, rows, out, wanted, cursor)
         before.memory[:] = state.memory
-    leave(before, q, v, now)
+    leave(before, q, v, leaving)
     taken = 0.0
     if matrices.damping.shape[0] > 0:
         space.work[:] = 0.0
@@ -238,7 +262,7 @@ def accept(
     if state.memory.size > 0:
         commit_all(laws.memory, state.memory, state.u)
     before.dissipated[0] += taken
-    state.width[0] = dt
+    state.width[0], state.width[1] = dt, 1.0 if turns else 0.0
     return cursor, events, happened
 
 

@@ -66,12 +66,22 @@ def stored(out: Output, count: int) -> dict[str, Array]:
 
 @jit
 def store(
-    out: Output, cursor: int, t: float, dt: float, first: bool, before: Trail, q: Array, v: Array, a: Array
+    out: Output,
+    cursor: int,
+    t: float,
+    dt: float,
+    first: bool,
+    before: Trail,
+    q: Array,
+    v: Array,
+    a: Array,
+    arriving: Array,
 ) -> int:
     """Store all wanted times up to t, where a step of size dt ends; return the next one's index.
 
-    On the step the state is stored as it is, inside it by the quintic through both ends. Points that are recorded at
-    every step are recorded first.
+    At t the state is stored as it is, inside the step by interpolation between both ends, with `arriving` as the
+    acceleration with which the step ends: a where the motion is smooth there. Points that are recorded at every step
+    are recorded first.
     """
     if out.every_step:
         record(out.tap, t, q, v, a)
@@ -85,7 +95,7 @@ def store(
         else:
             for i in range(v.size):
                 out.q[i, cursor], out.v[i, cursor], out.a[i, cursor] = quintic(
-                    x, dt, before.q[i], before.v[i], before.a[i], q[i], v[i], a[i]
+                    x, dt, before.q[i], before.v[i], before.a[i], q[i], v[i], arriving[i]
                 )
         out.work[cursor] = x * before.work[0] + (1.0 - x) * before.work[1]
         out.dissipated[cursor] = x * before.dissipated[0] + (1.0 - x) * before.dissipated[1]

@@ -1,0 +1,159 @@
+"""Steps that follow a tolerance against stiff stops: closed forms, and motion that is exact between events."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import vofem as vf
+from vofem.integrators.stepped import quintic, restrained
+
+METHOD = {"method": "energy_conserving"}
+
+
+def between_stops(stiffness, law="penetration"):
+    """Return a free mass of 1 kg that flies to and fro between two stops 0.5 m away, and its scene."""
+    mass = vf.Mass(1.0, name="mass")
+    stops = [
+        vf.Contact(mass, gap=0.5, stiffness=stiffness, side=side, acts_on=law, name=side) for side in ("above", "below")
+    ]
+    return mass, vf.Scene([mass], stops, {mass: (0.0, 1.0)})
+
+
+def flight(t, stiffness):
+    """Return the displacement between two stops under the penetration law: straight lines and half sines."""
+    omega = np.sqrt(stiffness)
+    touch = np.pi / omega
+    # From one stop to the other, from the first closing on.
+    period = 1.0 + touch
+    since = np.mod(t - 0.5, period)
+    side = np.where(np.floor((t - 0.5) / period) % 2 == 0, 1.0, -1.0)
+    inside = 0.5 + np.sin(omega * np.minimum(since, touch)) / omega
+    return np.where(t < 0.5, t, side * np.where(since < touch, inside, 0.5 - (since - touch)))
+
+
+@pytest.mark.parametrize("stiffness", [1e2, 1e4, 1e6, 1e8, 1e10, 1e12])
+@pytest.mark.parametrize("tol", [1e-2, 1e-4])
+def test_a_mass_between_two_stops(stiffness, tol):
+    mass, scene = between_stops(stiffness)
+    times = np.linspace(0.0, 9.7, 1001)
+    result = vf.simulate(scene, 9.7, tol=tol, times=times, **METHOD)
+    right = flight(times, stiffness)
+    assert np.max(np.abs(result.displacement(mass) - right)) < tol * np.max(np.abs(right))
+    assert np.max(np.abs(result.velocity(mass))) < 1.0 + 1e-3
+    assert result.notes == []
+    # Flights cost next to nothing, however many impacts there are.
+    assert result.counters.steps < 800 / np.sqrt(tol)
+
+
+@pytest.mark.parametrize("stiffness", [1e4, 1e8])
+def test_the_jump_law_between_two_stops(stiffness):
+    mass, scene = between_stops(stiffness, "displacement")
+    times = np.linspace(0.0, 9.7, 501)
+    exact = vf.simulate(scene, 9.7, times=times).displacement(mass)
+    result = vf.simulate(scene, 9.7, tol=1e-4, times=times, **METHOD)
+    assert np.max(np.abs(result.displacement(mass) - exact)) < 1e-4 * np.max(np.abs(exact))
+    assert result.counters.steps < 20_000
+
+
+def test_samples_between_stored_times_stay_in_front_of_the_stop():
+    _, scene = between_stops(1e8)
+    result = vf.simulate(scene, 4.0, tol=1e-4, times=np.linspace(0.0, 4.0, 401), **METHOD)
+    t = np.linspace(0.0, 4.0, 7919)
+    assert np.max(np.abs(result.solution.sample(t).q)) < 0.5 + 1.1e-4
+
+
+@pytest.mark.parametrize("law", ["penetration", "displacement"])
+@pytest.mark.parametrize("stiffness", [1e4, 1e8])
+def test_masses_that_hit_each_other_and_stops(law, stiffness):
+    """Before the first event that magnifies an error; event_driven is exact."""
+    first, second = vf.Mass(1.0, name="first"), vf.Mass(2.3, stiffness=40.0, name="second")
+    how = {"stiffness": stiffness, "acts_on": law}
+    effects = [
+        vf.Contact(first, second, gap=0.2, name="between", **how),
+        vf.Contact(first, gap=0.5, side="below", name="floor", **how),
+        vf.Contact(second, gap=0.3, side="above", name="ceiling", **how),
+        vf.Gravity(9.81),
+    ]
+    scene = vf.Scene([first, second], effects, {first: (0.0, 1.0), second: (0.0, -0.4)})
+    times = np.linspace(0.0, 1.5, 301)
+    exact = vf.simulate(scene, 1.5, times=times)
+    size = np.max(np.abs(exact.displacement(second)))
+    for tol in (1e-2, 1e-4):
+        result = vf.simulate(scene, 1.5, tol=tol, times=times, **METHOD)
+        for body in (first, second):
+            assert np.max(np.abs(result.displacement(body) - exact.displacement(body))) < 10.0 * tol * size
+
+
+def test_a_damped_stop():
+    mass = vf.Mass(1.0, name="mass")
+    stop = vf.Contact(
+        mass, gap=0.0, stiffness=1e8, damping=2e3, side="below", acts_on="penetration", name="floor"
+    )  # fmt: skip
+    scene = vf.Scene([mass], [stop, vf.Gravity(9.81)], {mass: (0.5, 0.0)})
+    times = np.linspace(0.0, 2.0, 401)
+    exact = vf.simulate(scene, 2.0, times=times).displacement(mass)
+    result = vf.simulate(scene, 2.0, tol=1e-4, times=times, **METHOD)
+    assert np.max(np.abs(result.displacement(mass) - exact)) < 1e-4 * 0.5
+    assert result.contacts["floor"].closings.size > 3
+
+
+@pytest.mark.parametrize("resolution", [1e4, 1e6])
+def test_a_resolved_switch(resolution):
+    """A stiff stop whose switch is smooth gives the speed back, and is left after the time that its own law takes."""
+    from scipy.integrate import solve_ivp
+
+    from vofem.fractional.constants import resolved
+
+    mass, stiffness = vf.Mass(1.0, name="mass"), 1e6
+    stop = vf.Contact(
+        mass, gap=0.5, stiffness=stiffness, side="above", acts_on="penetration", switch=vf.Resolved(resolution),
+        name="stop",
+    )  # fmt: skip
+    times = np.linspace(0.0, 3.0, 301)
+    result = vf.simulate(vf.Scene([mass], [stop], {mass: (0.0, 1.0)}), 3.0, tol=1e-4, times=times, **METHOD)
+
+    def motion(t, y):
+        s = y[0] - 0.5
+        return [y[1], -float(resolved(stiffness, np.array(s), resolution)) * s if s > 0.0 else 0.0]
+
+    right = solve_ivp(motion, (0.0, 3.0), [0.0, 1.0], t_eval=times, rtol=1e-10, atol=1e-12, max_step=1e-3).y[0]
+    assert np.max(np.abs(result.displacement(mass) - right)) < 1e-4 * np.max(np.abs(right))
+
+
+def test_fast_motion_that_meets_a_contact_again_is_told():
+    """A mass that hits a beam: the beam's fast modes, which the tolerance does not hold, decide on the next impact."""
+    beam = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "pinned", "right": "pinned"}, name="beam")
+    mass = vf.Mass(0.3, name="m")
+    stop = vf.Contact(mass, beam.at(0.5), gap=0.1, stiffness=1e4, acts_on="penetration", name="stop")
+    scene = vf.Scene([beam, mass], [stop], {mass: (0.0, 1.0)})
+    result = vf.simulate(scene, 2.0, tol=1e-3, **METHOD)
+    assert any(note.startswith("tol:") and "contacts close" in note for note in result.notes)
+
+
+def test_a_size_that_is_never_reached_is_told():
+    """The rough run sees a fast load as a slow one, so the tolerance is related to a motion that never comes."""
+    mass = vf.Mass(1.0, stiffness=4.0)
+    omega = 2.0 * np.pi * 100.0 + 2.0
+    scene = vf.Scene([mass], [vf.PointLoad(mass, lambda t: 100.0 * np.sin(omega * t))])
+    result = vf.simulate(scene, 10.0, tol=1e-3, **METHOD)
+    largest = np.max(np.abs(result.displacement(mass)))
+    assert largest < 1.0
+    assert any("a rough run" in note for note in result.notes)
+
+
+def test_interpolation_between_contradicting_ends_stays_between_them():
+    x = np.linspace(0.0, 1.0, 101)
+    for v0, v1 in ((1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)):
+        inside = np.array([quintic(y, 0.1, 0.4, v0, 0.0, 0.45, v1, -1e6)[0] for y in x])
+        assert inside.min() >= 0.4
+        assert inside.max() <= 0.45
+        assert np.all(np.diff(inside) >= -1e-15)
+        assert restrained(0.0, 0.1, 0.4, v0, 0.45, v1) == (0.4, v0)
+
+
+def test_smooth_motion_keeps_the_quintic():
+    h, t = 0.5, np.linspace(0.0, 0.5, 11)
+    ends = [(np.sin(a), np.cos(a), -np.sin(a)) for a in (1.4, 1.4 + h)]
+    found = np.array([quintic(y / h, h, *ends[0], *ends[1])[0] for y in t])
+    assert np.max(np.abs(found - np.sin(1.4 + t))) < 1e-6
