@@ -1,6 +1,7 @@
 """The contract between integrators and the rest.
 
-An integrator is a function ``run(system, start, t_end, ...) -> Solution``:
+An integrator is a function ``run(system, start, t_end, ...) -> Solution``,
+described as a `Method`, see `registry`:
 
 1. It reads the `System` and the initial `State` only, and changes neither.
 2. It refuses before its first step what it cannot treat, with an error that
@@ -10,6 +11,8 @@ An integrator is a function ``run(system, start, t_end, ...) -> Solution``:
 4. Times are computed as ``n * dt`` or as sums over few events, never
    accumulated step by step.
 5. The solution it returns can be sampled at any time in [0, t_end].
+6. What depends on the system alone it looks up in `System.cache`, and counts
+   it only where it computes it.
 """
 
 from __future__ import annotations
@@ -242,17 +245,20 @@ def spring_force(laws: ContactLaws, u: Array, rate: Array, status: NDArray[np.in
     return np.where(status == CLOSED, elastic + laws.damping[:, None] * rate, 0.0)
 
 
-def initial_status(laws: ContactLaws, q: Array, v: Array) -> NDArray[np.int64]:
+def initial_status(laws: ContactLaws, q: Array, v: Array, size: Array | None = None) -> NDArray[np.int64]:
     """Return the status at t = 0: closed where ``s > 0``, or where ``s = 0`` and the contact moves in.
 
     Parameters
     ----------
     q, v : ndarray, shape (n,)
         Displacements and velocities at t = 0.
+    size : ndarray, shape (n_contacts,), optional
+        Sums of the magnitudes of the terms of ``rows @ q``, where they are known.
     """
     u, rate = np.asarray(laws.rows @ q), np.asarray(laws.rows @ v)
     # An s below the rounding of the terms that u sums is zero.
-    size = np.asarray(abs(laws.rows) @ np.abs(q))
+    if size is None:
+        size = np.asarray(abs(laws.rows) @ np.abs(q))
     s = u - laws.gap
     zero = np.abs(s) <= 4.0 * np.finfo(float).eps * (size + np.abs(laws.gap))
     return np.where((~zero & (s > 0)) | (zero & (rate > 0)), CLOSED, OPEN).astype(np.int64)

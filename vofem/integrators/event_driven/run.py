@@ -206,7 +206,7 @@ def _follow(
                 functions, owner, entering = solution.event_functions(motion)
                 tau, hits, evaluations = next_event(functions, motion, duration)
                 solution.counters.gap_evaluations += evaluations * len(system.contacts)
-                if np.any(hits):
+                if hits.any():
                     entered = dict(zip(owner[hits].tolist(), entering[hits].tolist(), strict=True))
             displacement, velocity = solution.end_segment(tau)
             t = stops[stop] if tau >= duration else t + tau

@@ -175,6 +175,8 @@ def next_event(functions: EventFunctions, motion: Motion, duration: float) -> tu
 
 def _raise(watch: _Watch, flow: _Flow) -> float:
     """Return the power of two that brings tiny motions to the size of one, as their squares would underflow; else 1."""
+    if flow.z0.size and np.abs(flow.z0).max() >= _TINY:
+        return 1.0
     size = _largest(watch, flow)
     return float(np.ldexp(1.0, -int(np.frexp(size)[1]))) if 0.0 < size < _TINY else 1.0
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -41,9 +40,6 @@ _MANY_EVENTS = 30
 #: last, in systems of more modes than these, since each keeps the eigensystem of its status in memory.
 _MOST_MOTIONS, _FEW_MODES = 32, 300
 
-#: Statuses whose event functions are kept.
-_MOST_PLAIN = 8
-
 #: A contact within this share of its displacement and its gap touches at the start.
 _TOUCHING = 4.0 * float(np.finfo(float).eps)
 
@@ -74,7 +70,6 @@ class EventSolution:
         self._initial = np.empty(0, dtype=np.int64)
         # Whether springs of closed contacts act from somewhere else than zero.
         self._pushed = system.contacts is not None and bool(np.any(system.contacts.offset))
-        self._plain: dict[tuple[bytes, int], tuple[EventFunctions, NDArray[np.int64], Status, Array]] = {}
         # Counters tell of the run; what sampling costs later is not counted.
         self._motions: dict[int, Motion] = {}
         # Statuses in the order of the run, each with its first segment, whose eigensystems are still to be computed.
@@ -156,9 +151,11 @@ class EventSolution:
         """Return and keep the contact status at t = 0; a start at rest at the gap may be pinned."""
         laws = self.system.contacts
         if laws is not None:
-            self._initial = initial_status(laws, start.q, start.v)
+            rows = self.system.cache.get("magnitudes of contact rows", None, lambda: abs(laws.rows))
+            size = rows @ np.abs(start.q)
+            self._initial = initial_status(laws, start.q, start.v, size)
             self.counters.gap_evaluations += len(laws)
-            size = np.abs(laws.gap) + abs(laws.rows) @ np.abs(start.q)
+            size = np.abs(laws.gap) + size
             touching = np.abs(laws.rows @ start.q - laws.gap) <= 1e-12 * size
             for j in np.flatnonzero(touching & laws.jump):
                 if should_pin(
@@ -247,17 +244,19 @@ class EventSolution:
         assert laws is not None
         spectrum, count = motion.spectrum, motion.omega.size
         gaps = self._gap_functions(len(self._states) - 1)
-        key = (status.tobytes(), count)
-        if key not in self._plain:
-            if len(self._plain) >= _MOST_PLAIN:
-                self._plain.clear()
-            self._plain[key] = self._plain_functions(laws, status, spectrum, count)
-        functions, plain, leads, sign = self._plain[key]
+        known = spectrum.event_functions.get(count)
+        if known is None:
+            known = spectrum.event_functions[count] = self._plain_functions(laws, status, spectrum, count)
+        functions, plain, leads, sign = known
         rate = sign * (self.space.contacts[plain] @ motion.velocity)
-        functions = replace(functions, start=sign * gaps[plain], rate=rate)
-        held = np.flatnonzero(status == PINNED)
-        if not held.size:
+        functions = EventFunctions(
+            functions.w, functions.u, functions.w_size, functions.u_size, sign * gaps[plain], rate,
+            functions.constant, functions.slope, functions.harmonic,
+        )  # fmt: skip
+        pinned = status == PINNED
+        if not pinned.any():
             return functions, plain, leads
+        held = np.flatnonzero(pinned)
         force = self._reactions(len(self._starts) - 1)
         now = force.at(motion, np.zeros(1))[:, 0]
         w, u = spectrum.functions(force.displacement, force.velocity)
@@ -370,8 +369,8 @@ class EventSolution:
         if index not in self._motions:
             self._await(index)
             status, displacement, velocity = self._states[index]
-            forcing = self._forcing(self._starts[index], status)
             spectrum = self._spectra[status]
+            forcing = self._forcing(self._starts[index], status, spectrum)
             if len(self._motions) >= (_MOST_MOTIONS if self.space.size <= _FEW_MODES else 1):
                 del self._motions[next(iter(self._motions))]
             self._motions[index] = start_motion(spectrum, displacement, velocity, forcing, self.t_end)
@@ -385,7 +384,7 @@ class EventSolution:
         while self._awaited and self._awaited[-1][0] <= index:
             self._spectra[self._awaited.pop()[1]]
 
-    def _forcing(self, t: float, status: Status) -> Forcing:
+    def _forcing(self, t: float, status: Status, spectrum: Spectrum) -> Forcing:
         """Return the modal force of loads and of the offsets of closed contacts."""
         space = self.space
         constant, slope = np.zeros(space.size), np.zeros(space.size)
@@ -403,7 +402,6 @@ class EventSolution:
             closed = status == CLOSED
             if closed.any() and self._pushed:
                 constant += (laws.stiffness * laws.offset * closed) @ space.contacts
-        spectrum = self._spectra[status]
         if spectrum.real.shift_force is not None:
             constant += spectrum.real.shift_force
         omega = np.array(list(harmonics))
@@ -464,8 +462,9 @@ class EventSolution:
         self._await(index)
         laws, status = self.system.contacts, self._states[index][0]
         assert laws is not None
-        forcing = self._forcing(self._starts[index], status)
-        return reactions(self.space, laws, status, self._spectra[status], forcing)
+        spectrum = self._spectra[status]
+        forcing = self._forcing(self._starts[index], status, spectrum)
+        return reactions(self.space, laws, status, spectrum, forcing)
 
     def _contact_force(self, times: Array, v: Array, s: Array) -> Array:
         laws = self.system.contacts

@@ -137,6 +137,11 @@ class Spectrum:
         return found
 
     @cached_property
+    def event_functions(self) -> dict[int, Any]:
+        """Event functions of the status by the number of harmonics, as far as they do not depend on the state."""
+        return {}
+
+    @cached_property
     def _responses(self) -> dict[tuple[float, float], Any]:
         return {}
 
