@@ -204,15 +204,15 @@ class Spectrum:
         # Parts that are not coupled share nothing at all.
         return np.where(out > 0.0, np.maximum(out, floor), 0.0)
 
-    def rows(self, rows: Array) -> tuple[Array, Array, Array, Array]:
+    def rows(self, rows: Array, sizes: Array) -> tuple[Array, Array, Array, Array]:
         """Return (W, U) with ``rows @ displacement = W z + U v`` for modal rows (k, n), the shift aside.
 
-        And bounds on what each of their entries is the sum of, which tell its rounding.
+        And bounds on what each of their entries is the sum of, which tell its rounding, from those of the rows.
         """
         modes = self.real.modes
         if modes is None:
-            return *self.functions(rows), *self.sizes(np.abs(rows))
-        return *self.functions(rows @ modes), *self.sizes(np.abs(rows) @ np.abs(modes))
+            return *self.functions(rows), *self.sizes(sizes)
+        return *self.functions(rows @ modes), *self.sizes(sizes @ np.abs(modes))
 
 
 class Spectra:
