@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from vofem.integrators.event_driven.complex_modes import Blocks, damped_blocks, state_scale
 from vofem.integrators.event_driven.modal_space import ModalSpace
-from vofem.linalg.secular import constrain, rank_one
+from vofem.linalg.secular import constrain, rank_one, rank_one_less, refine
 from vofem.system import CLOSED, PINNED, ContactLaws, Counters
 
 Array = NDArray[np.float64]
@@ -237,7 +237,11 @@ class Spectra:
         self._known: dict[bytes, Spectrum] = {}
         self._closed: dict[bytes, RealModes] = {}
         self._visited: set[bytes] = set()
-        self.capacity = max(8, _MOST_MEMORY // (8 * 4 * max(space.size, 1) ** 2))
+        #: Whether all modes are held: where some are rigid contacts are not taken away, which would spoil their zeros.
+        self._held = bool(np.all(space.stiffness > 0.0))
+        undamped = space.coupling is None and not np.any(space.damping) and (laws is None or not np.any(laws.damping))
+        matrices = 1 if undamped else 4
+        self.capacity = max(8, _MOST_MEMORY // (8 * matrices * max(space.size, 1) ** 2))
 
     def __getitem__(self, status: Status) -> Spectrum:
         """Return the eigensystem of a status, shape (n_contacts,)."""
@@ -274,26 +278,45 @@ class Spectra:
         return Spectrum(blocks.delta, blocks.p, real, blocks, damping)
 
     def _closed_modes(self, closed: NDArray[np.bool_]) -> RealModes:
-        """Return the modes with some contacts closed, from the nearest known status with fewer of them closed."""
+        """Return the modes with some contacts closed, from those of the nearest known status.
+
+        A contact is added by a rank-one update and taken away by its reverse, which loses digits: then the modes are
+        refined, and gained from fewer closed contacts where that fails.
+        """
         key = closed.tobytes()
         if key in self._closed:
             return self._closed[key]
-        space, laws = self._space, self._laws
-        none = np.zeros((0, space.size))
-        modes = RealModes(space.stiffness, None, none, none)
-        missing = np.flatnonzero(closed)
-        for other, candidate in self._closed.items():
-            known = np.frombuffer(other, dtype=bool)
-            if not np.any(known & ~closed) and np.sum(closed & ~known) < missing.size:
-                modes, missing = candidate, np.flatnonzero(closed & ~known)
-        for j in missing:
-            assert laws is not None
-            row = space.contacts[j] if modes.modes is None else space.contacts[j] @ modes.modes
-            values, vectors = rank_one(modes.p, np.ascontiguousarray(row), float(laws.stiffness[j]))
-            modes = RealModes(values, vectors if modes.modes is None else modes.modes @ vectors, none, none)
-            self._counters.rank_one_updates += 1
+        modes = self._from_nearest(closed, self._held)
+        if modes is None:
+            modes = self._from_nearest(closed, False)
+            assert modes is not None
         _make_room(self._closed, self.capacity)
         self._closed[key] = modes
+        return modes
+
+    def _from_nearest(self, closed: NDArray[np.bool_], both: bool) -> RealModes | None:
+        """Return the modes from the nearest status that is known; of those with more contacts closed if `both`."""
+        space, laws = self._space, self._laws
+        none = np.zeros((0, space.size))
+        modes, nearest = RealModes(space.stiffness, None, none, none), np.zeros_like(closed)
+        fewest = int(np.sum(closed))
+        for other, candidate in self._closed.items():
+            known = np.frombuffer(other, dtype=bool)
+            away = int(np.sum(known != closed))
+            if away < fewest and (both or not np.any(known & ~closed)):
+                modes, nearest, fewest = candidate, known, away
+        for j in np.flatnonzero(closed != nearest):
+            assert laws is not None
+            row = np.ascontiguousarray(space.contacts[j] if modes.modes is None else space.contacts[j] @ modes.modes)
+            change = rank_one if closed[j] else rank_one_less
+            values, vectors = change(modes.p, row, float(laws.stiffness[j]))
+            modes = RealModes(values, vectors if modes.modes is None else modes.modes @ vectors, none, none)
+            self._counters.rank_one_updates += 1
+        if np.any(nearest & ~closed):
+            assert laws is not None
+            assert modes.modes is not None
+            better = refine(space.stiffness, space.contacts[closed], laws.stiffness[closed], modes.modes)
+            return None if better is None else RealModes(*better, none, none)
         return modes
 
 
