@@ -289,7 +289,12 @@ class EventSolution:
             level = level - rows @ spectrum.real.shift
         none = np.zeros(plain.size)
         functions = EventFunctions(
-            *spectrum.rows(rows, self._row_sizes[plain]), none, none, level, none, np.zeros((plain.size, count), dtype=complex)
+            *spectrum.rows(rows, self._row_sizes[plain]),
+            none,
+            none,
+            level,
+            none,
+            np.zeros((plain.size, count), dtype=complex),
         )
         return functions, plain, np.where(status[plain] == CLOSED, OPEN, CLOSED), sign
 
