@@ -39,7 +39,7 @@ from vofem.integrators.stepping.march import MOST_FACTORED, Banded, chunk, march
 from vofem.integrators.stepping.memory import commit, memory_force
 from vofem.integrators.stepping.probes import tap
 from vofem.integrators.stepping.recall import remember
-from vofem.integrators.stepping.record import Output, Trail, leave, log_event, output, store, switched, trail
+from vofem.integrators.stepping.record import Output, Trail, leave, log_event, output, rounding, store, switched, trail
 from vofem.integrators.stepping.rows import Rows, all_rows, compressed, dot, subtract_row
 from vofem.integrators.stepping.springpots import (
     FORCE,
@@ -384,7 +384,7 @@ def _advance(
             if step == 0:
                 if state.status[j] == CLOSED and laws.table[j]["resolution"] == np.inf:
                     k_eq[j] = laws.table[j]["stiffness"]
-            elif switched(s, state.status[j]):
+            elif switched(s, state.status[j], rounding(rows, j, laws.table[j]["gap"], q, before)):
                 events = log_event(events, happened, j, t, dt, dot(rows, j, before.q) - laws.table[j]["gap"], s)
                 state.status[j] = int(events[happened, 2])
                 happened += 1

@@ -47,7 +47,7 @@ from vofem.integrators.stepping.march import MOST_FACTORED, Banded, chunk, march
 from vofem.integrators.stepping.memory import commit_all
 from vofem.integrators.stepping.probes import tap
 from vofem.integrators.stepping.recall import remember
-from vofem.integrators.stepping.record import Output, Trail, leave, log_event, output, store, switched, trail
+from vofem.integrators.stepping.record import Output, Trail, leave, log_event, output, rounding, store, switched, trail
 from vofem.integrators.stepping.rows import Rows, all_rows, compressed, dot, subtract_row
 from vofem.integrators.stepping.springpots import (
     FORCE,
@@ -444,7 +444,7 @@ def _advance(
                 taken += mean * (u1[j] - u0[j])
             if j < contacts:
                 s = u1[j] - laws.table[j]["gap"]
-                if switched(s, state.status[j]):
+                if switched(s, state.status[j], rounding(rows, j, laws.table[j]["gap"], q1, before)):
                     events = log_event(events, happened, j, t, dt, u0[j] - laws.table[j]["gap"], s)
                     state.status[j] = int(events[happened, 2])
                     happened += 1

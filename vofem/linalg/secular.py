@@ -21,6 +21,10 @@ Array = NDArray[np.float64]
 
 _EPS = float(np.finfo(float).eps)
 
+#: Relative distance of eigenvalues that are close, what joins two of them if it is rounding, and the change of vectors
+#: beyond which they are no good guesses.
+_CLOSE, _JOINED, _FAR = 1e-3, 1e-14, 1e-2
+
 
 @jit
 def _root(d: Array, w: Array, k: int, one: float) -> tuple[int, float]:
@@ -115,7 +119,7 @@ def _deflate(d: Array, c: Array, vectors: Array) -> tuple[NDArray[np.int64], boo
     for i in range(n):
         if not active[i]:
             continue
-        if previous >= 0 and d[i] - d[previous] <= 4.0 * _EPS * d[i]:
+        if previous >= 0 and d[i] - d[previous] <= 4.0 * _EPS * max(abs(d[i]), abs(d[previous])):
             r = np.hypot(c[previous], c[i])
             cs, sn = c[i] / r, c[previous] / r
             for row in range(n):
@@ -210,6 +214,62 @@ def rank_one(d: Array, c: Array, rho: float) -> tuple[Array, Array]:
     _place(vectors, index, local, plain)
     order = np.argsort(values)
     return values[order], vectors[:, order]
+
+
+def rank_one_less(d: Array, c: Array, rho: float) -> tuple[Array, Array]:
+    """Return eigenvalues and orthogonal eigenvectors of ``diag(d) - rho c c'``, rho > 0, which is to be positive.
+
+    Eigenvalues much below ``rho c'c`` are differences of large numbers and lose that many digits; see `refine`.
+    Arguments and returns are those of `rank_one`.
+    """
+    values, vectors = rank_one(np.ascontiguousarray(-d[::-1]), np.ascontiguousarray(c[::-1]), rho)
+    return -values[::-1], np.ascontiguousarray(vectors[::-1, ::-1])
+
+
+def refine(
+    stiffness: Array, rows: Array, springs: Array, vectors: Array, steps: int = 3, demand: float = 1e-9
+) -> tuple[Array, Array] | None:
+    """Return eigenvalues and eigenvectors of ``diag(stiffness) + rows' diag(springs) rows``, given good guesses.
+
+    Each step squares the error. None where the guesses are too far off, or where neighbours are too close to each
+    other to be told apart by it.
+
+    Parameters
+    ----------
+    stiffness : ndarray, shape (n,)
+        Positive.
+    rows : ndarray, shape (k, n)
+    springs : ndarray, shape (k,)
+    vectors : ndarray, shape (n, n)
+        Nearly orthonormal columns.
+    steps : int
+        At most.
+    demand : float
+        A change of the vectors below which its square is rounding.
+
+    T. Ogita, K. Aishima, Japan J. Indust. Appl. Math. 35 (2018) 1007, doi:10.1007/s13160-018-0310-3.
+    """
+    n = stiffness.size
+    for _ in range(steps):
+        touched = rows @ vectors
+        whole = vectors.T @ (stiffness[:, None] * vectors) + touched.T @ (springs[:, None] * touched)
+        lack = np.eye(n) - vectors.T @ vectors
+        values = whole.diagonal() / (1.0 - lack.diagonal())
+        apart = values[None, :] - values[:, None]
+        size = np.sqrt(np.outer(np.abs(values), np.abs(values)))
+        push = whole + values[None, :] * lack
+        np.fill_diagonal(push, 0.0)
+        # Of close neighbours that only rounding joins any mixture will do.
+        free = (np.abs(apart) <= _CLOSE * size) & (np.abs(push) <= _JOINED * size)
+        change = np.where(free, 0.5 * lack, push / np.where(apart == 0.0, _EPS * size + 1e-300, apart))
+        largest = float(np.max(np.abs(change)))
+        if not (values.min() > 0.0 and largest < _FAR):
+            return None
+        vectors = vectors + vectors @ change
+        if largest <= demand:
+            order = np.argsort(values)
+            return values[order], np.ascontiguousarray(vectors[:, order])
+    return None
 
 
 @jit

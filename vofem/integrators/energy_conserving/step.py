@@ -11,7 +11,7 @@ from vofem.integrators.stepping.balance import Structure, balance
 from vofem.integrators.stepping.laws import Laws, closed_share
 from vofem.integrators.stepping.memory import commit_all
 from vofem.integrators.stepping.recall import remember
-from vofem.integrators.stepping.record import Output, Trail, leave, log_event, store, switched
+from vofem.integrators.stepping.record import Output, Trail, leave, log_event, rounding, store, switched
 from vofem.integrators.stepping.rows import Rows, dot, subtract_row
 from vofem.integrators.stepping.springpots import (
     FORCE,
@@ -254,7 +254,7 @@ def accept(
             taken += laws.table[j]["damping"] / dt * closed_share(laws, j, state.u[j], u1) * (u1 - state.u[j])
         if j < state.status.size:
             s = u1 - laws.table[j]["gap"]
-            if switched(s, state.status[j]):
+            if switched(s, state.status[j], rounding(rows, j, laws.table[j]["gap"], q, before)):
                 events = log_event(events, happened, j, t + dt, dt, state.u[j] - laws.table[j]["gap"], s)
                 state.status[j] = int(events[happened, 2])
                 happened += 1

@@ -101,6 +101,15 @@ class EventSolution:
             solution._awaited = list(first.values())[::-1]
         return solution
 
+    @cached_property
+    def _row_sizes(self) -> Array:
+        """Bounds on the terms that the modal rows of the contacts are summed of, shape (n_contacts, n).
+
+        The gap between bodies that move together is a difference of displacements, and known to their rounding.
+        """
+        assert self.system.contacts is not None
+        return np.asarray(abs(self.system.contacts.rows) @ np.abs(self.space.shapes))
+
     @property
     def modes(self) -> tuple[Array, Array]:
         """Squared frequencies (n,) and shapes (n, n) of the modes without contacts."""
@@ -293,7 +302,12 @@ class EventSolution:
             level = level - rows @ spectrum.real.shift
         none = np.zeros(plain.size)
         functions = EventFunctions(
-            *spectrum.rows(rows), none, none, level, none, np.zeros((plain.size, count), dtype=complex)
+            *spectrum.rows(rows, self._row_sizes[plain]),
+            none,
+            none,
+            level,
+            none,
+            np.zeros((plain.size, count), dtype=complex),
         )
         return functions, plain, np.where(status[plain] == CLOSED, OPEN, CLOSED), sign
 

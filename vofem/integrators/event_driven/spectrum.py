@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from vofem.cache import Cache
 from vofem.integrators.event_driven.complex_modes import Blocks, damped_blocks, state_scale
 from vofem.integrators.event_driven.modal_space import ModalSpace
-from vofem.linalg.secular import constrain, rank_one
+from vofem.linalg.secular import constrain, rank_one, rank_one_less, refine
 from vofem.system import CLOSED, PINNED, ContactLaws, Counters
 
 Array = NDArray[np.float64]
@@ -228,15 +228,15 @@ class Spectrum:
         # Parts that are not coupled share nothing at all.
         return np.where(out > 0.0, np.maximum(out, floor), 0.0)
 
-    def rows(self, rows: Array) -> tuple[Array, Array, Array, Array]:
+    def rows(self, rows: Array, sizes: Array) -> tuple[Array, Array, Array, Array]:
         """Return (W, U) with ``rows @ displacement = W z + U v`` for modal rows (k, n), the shift aside.
 
-        And bounds on what each of their entries is the sum of, which tell its rounding.
+        And bounds on what each of their entries is the sum of, which tell its rounding, from those of the rows.
         """
         modes = self.real.modes
         if modes is None:
-            return *self.functions(rows), *self.sizes(np.abs(rows))
-        return *self.functions(rows @ modes), *self.sizes(np.abs(rows) @ np.abs(modes))
+            return *self.functions(rows), *self.sizes(sizes)
+        return *self.functions(rows @ modes), *self.sizes(sizes @ np.abs(modes))
 
 
 class Spectra:
@@ -266,7 +266,11 @@ class Spectra:
         self._known: dict[bytes, Spectrum] = {}
         self._closed: dict[bytes, tuple[tuple[int, ...], RealModes]] = {}
         self._visited: set[bytes] = set()
-        self.capacity = max(8, _MOST_MEMORY // (8 * 4 * max(space.size, 1) ** 2))
+        #: Whether all modes are held: where some are rigid contacts are not taken away, which would spoil their zeros.
+        self._held = bool(np.all(space.stiffness > 0.0))
+        undamped = space.coupling is None and not np.any(space.damping) and (laws is None or not np.any(laws.damping))
+        matrices = 1 if undamped else 4
+        self.capacity = max(8, _MOST_MEMORY // (8 * matrices * max(space.size, 1) ** 2))
 
     def __getitem__(self, status: Status) -> Spectrum:
         """Return the eigensystem of a status, shape (n_contacts,)."""
@@ -305,35 +309,56 @@ class Spectra:
         return Spectrum(blocks.delta, blocks.p, real, blocks, damping)
 
     def _closed_modes(self, closed: NDArray[np.bool_]) -> tuple[tuple[int, ...], RealModes]:
-        """Return the modes with some contacts closed, and the order in which they were closed.
+        """Return the modes with some contacts closed, and the changes by which they were gained.
 
-        They are gained from the nearest status that the run knows with fewer of them closed.
+        They come from those of the nearest status that the run knows. A contact is added by a rank-one update and
+        taken away by its reverse, which loses digits: then the modes are refined, and gained from fewer closed
+        contacts where that fails. A change is the number of a contact that closes, and -1 less the number of one that
+        opens.
         """
         key = closed.tobytes()
         if key in self._closed:
             return self._closed[key]
+        found = self._from_nearest(closed, self._held) or self._from_nearest(closed, False)
+        assert found is not None
+        _make_room(self._closed, self.capacity)
+        self._closed[key] = found
+        return found
+
+    def _from_nearest(self, closed: NDArray[np.bool_], both: bool) -> tuple[tuple[int, ...], RealModes] | None:
+        """Return changes and modes from the nearest status that is known; of those with more contacts closed if `both`.
+
+        None where modes could not be refined.
+        """
         space, laws = self._space, self._laws
         none = np.zeros((0, space.size))
-        order: tuple[int, ...] = ()
-        modes = RealModes(space.stiffness, None, none, none)
-        missing = np.flatnonzero(closed)
+        path: tuple[int, ...] = ()
+        modes, nearest = RealModes(space.stiffness, None, none, none), np.zeros_like(closed)
+        fewest = int(np.sum(closed))
         for other, candidate in self._closed.items():
             known = np.frombuffer(other, dtype=bool)
-            if not np.any(known & ~closed) and np.sum(closed & ~known) < missing.size:
-                (order, modes), missing = candidate, np.flatnonzero(closed & ~known)
-        for j in missing.tolist():
-            assert laws is not None
-            order, before, stiffness = (*order, j), modes, float(laws.stiffness[j])
-            modes = self._cache.get("closed modes", order, partial(self._close, before, j, stiffness), self.capacity)
-        _make_room(self._closed, self.capacity)
-        self._closed[key] = order, modes
-        return order, modes
+            away = int(np.sum(known != closed))
+            if away < fewest and (both or not np.any(known & ~closed)):
+                (path, modes), nearest, fewest = candidate, known, away
+        for j in np.flatnonzero(closed != nearest).tolist():
+            path = (*path, j if closed[j] else -1 - j)
+            modes = self._cache.get(
+                "closed modes", path, partial(self._change, modes, j, bool(closed[j])), self.capacity
+            )
+        if not np.any(nearest & ~closed):
+            return path, modes
+        assert laws is not None
+        assert modes.modes is not None
+        gained = partial(refine, space.stiffness, space.contacts[closed], laws.stiffness[closed], modes.modes)
+        better = self._cache.get("refined modes", path, gained, self.capacity)
+        return None if better is None else (path, RealModes(*better, none, none))
 
-    def _close(self, modes: RealModes, contact: int, stiffness: float) -> RealModes:
-        """Return the modes with one more contact closed."""
+    def _change(self, modes: RealModes, contact: int, closes: bool) -> RealModes:
+        """Return the modes with one contact more or less closed."""
+        assert self._laws is not None
         row, none = self._space.contacts[contact], np.zeros((0, self._space.size))
-        row = row if modes.modes is None else row @ modes.modes
-        values, vectors = rank_one(modes.p, np.ascontiguousarray(row), stiffness)
+        row = np.ascontiguousarray(row if modes.modes is None else row @ modes.modes)
+        values, vectors = (rank_one if closes else rank_one_less)(modes.p, row, float(self._laws.stiffness[contact]))
         self._counters.rank_one_updates += 1
         return RealModes(values, vectors if modes.modes is None else modes.modes @ vectors, none, none)
 

@@ -9,15 +9,22 @@ from numpy.typing import NDArray
 
 from vofem.integrators.stepped import quintic
 from vofem.integrators.stepping.probes import Tap, record
+from vofem.integrators.stepping.rows import Rows
 from vofem.linalg.jit import jit
 from vofem.system import CLOSED, OPEN
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+#: Gap functions are known to this many units of rounding of the displacements and gaps of the scene.
+_ROUNDING = 64.0 * float(np.finfo(float).eps)
+
 
 class Trail(NamedTuple):
-    """The step before: its state with that of laws with memory, and (now, before) of work and dissipation in total."""
+    """The step before: its state with that of laws with memory, and (now, before) of work and dissipation in total.
+
+    `size` holds the largest sum of displacements and gap that any contact has seen so far, m, shape (1,).
+    """
 
     q: Array
     v: Array
@@ -25,11 +32,12 @@ class Trail(NamedTuple):
     work: Array
     dissipated: Array
     memory: Array
+    size: Array
 
 
 def trail(n: int, memory: Array) -> Trail:
     """Return a trail of n unknowns with nothing on it but the state of laws with memory."""
-    return Trail(np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(2), np.zeros(2), memory.copy())
+    return Trail(np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(2), np.zeros(2), memory.copy(), np.zeros(1))
 
 
 class Output(NamedTuple):
@@ -114,9 +122,22 @@ def leave(before: Trail, q: Array, v: Array, a: Array) -> None:
 
 
 @jit
-def switched(s: float, status: int) -> bool:
-    """Return whether the gap function contradicts a status."""
-    return (s > 0.0) != (status == CLOSED)
+def rounding(rows: Rows, j: int, gap: float, q: Array, before: Trail) -> float:
+    """Return the gap function of contact j at q that may be rounding, m.
+
+    Displacements are known to the rounding of the largest that the contacts have seen, so that gap functions are too.
+    """
+    size = abs(gap)
+    for e in range(rows.start[j], rows.start[j + 1]):
+        size += abs(rows.weight[e] * q[rows.column[e]])
+    before.size[0] = max(before.size[0], size)
+    return _ROUNDING * before.size[0]
+
+
+@jit
+def switched(s: float, status: int, noise: float = 0.0) -> bool:
+    """Return whether the gap function contradicts a status by more than what may be rounding."""
+    return s < -noise if status == CLOSED else s > noise
 
 
 @jit

@@ -1,0 +1,357 @@
+"""An independent integration for scenes that stepping methods take: DOP853, restarted where a law changes its branch.
+
+It shares M, C, K, rows and load vectors with the package; laws, loads and time stepping are written out here.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from reference_integration import corners, matrices, value_and_slope
+from scipy.integrate import DOP853
+from scipy.optimize import brentq
+
+import vofem as vf
+
+
+def value(function, t):
+    """Return the value of a load at a time at which it has no jump."""
+    try:
+        constant, _, waves = value_and_slope(function, t)
+    except (AttributeError, TypeError, ValueError):
+        return float(function(t))
+    return constant + sum(a * math.sin(w * t + phase) for a, w, phase in waves)
+
+
+class Stop:
+    """A contact: closed in branch 1."""
+
+    def __init__(self, effect):
+        self.effect, self.start = effect, []
+
+    def initial(self, u, v):
+        s = u - self.effect.gap
+        return int(s > 0.0 or (s == 0.0 and v > 0.0))
+
+    def force(self, u, v, z, branch):
+        effect, s = self.effect, u - self.effect.gap
+        if not branch:
+            return 0.0
+        if effect.switch != "ideal":
+            return effect.stiffness / math.gamma(max(-math.expm1(-effect.switch.s0 * s), 1e-300)) * s if s > 0 else 0.0
+        return effect.stiffness * (s if effect.acts_on == "penetration" else u) + effect.damping * v
+
+    def rate(self, u, v, z, branch):
+        return []
+
+    def guards(self, u, v, z, branch):
+        s = u - self.effect.gap
+        return [(-s if branch else s, 1 - branch)]
+
+
+class Smooth:
+    """A nonlinear spring."""
+
+    def __init__(self, effect):
+        self.effect, self.start = effect, []
+
+    def initial(self, u, v):
+        return 0
+
+    def force(self, u, v, z, branch):
+        return self.effect(u)
+
+    def rate(self, u, v, z, branch):
+        return []
+
+    def guards(self, u, v, z, branch):
+        return []
+
+
+class Jenkins(Smooth):
+    """One slider with its spring: z is the elastic elongation; branches are stick and slip in either direction."""
+
+    def __init__(self, stiffness, limit):
+        self.stiffness, self.limit, self.start = stiffness, limit, [0.0]
+
+    def force(self, u, v, z, branch):
+        return self.stiffness * z[0]
+
+    def rate(self, u, v, z, branch):
+        return [0.0 if branch else v]
+
+    def guards(self, u, v, z, branch):
+        if branch:
+            return [(-v * branch, 0)]
+        return [(z[0] - self.limit, 1), (-z[0] - self.limit, -1)]
+
+
+class Plain(Smooth):
+    """A linear spring."""
+
+    def __init__(self, stiffness):
+        self.stiffness, self.start = stiffness, []
+
+    def force(self, u, v, z, branch):
+        return self.stiffness * u
+
+
+def backbone_force(stiffness, limit, u):
+    """Return F of ``F = K (1 - (F - K d0)/4) u`` beyond the linear limit, in tension."""
+    if u <= limit:
+        return stiffness * u
+    return stiffness * u * (1.0 + 0.25 * stiffness * limit) / (1.0 + 0.25 * stiffness * u)
+
+
+class Cyclic(Smooth):
+    """A softening spring; z holds its force and the largest one in both directions, branches are its loadings."""
+
+    def __init__(self, effect):
+        self.stiffness, self.limit = effect.stiffness, effect.linear_limit
+        self.start = [0.0, self.stiffness * self.limit, self.stiffness * self.limit]
+
+    def force(self, u, v, z, branch):
+        return z[0]
+
+    def rate(self, u, v, z, branch):
+        k = self.stiffness
+        if branch == 0:
+            return [k * v, 0.0, 0.0]
+        left = 1.0 - 0.25 * (abs(z[0]) - k * self.limit)
+        growth = k * left**2 / (1.0 + 0.25 * k * self.limit) * v
+        return [growth, growth if branch > 0 else 0.0, -growth if branch < 0 else 0.0]
+
+    def guards(self, u, v, z, branch):
+        if branch:
+            return [(-v * branch, 0)]
+        return [(z[0] - z[1], 1), (-z[0] - z[2], -1)]
+
+
+class Crushing(Smooth):
+    """A stop that yields: z is the deepest approach behind the gap; branches: free, elastic, yielding."""
+
+    def __init__(self, effect):
+        self.effect, self.start = effect, [effect.linear_limit]
+
+    def _dent(self, z):
+        k = self.effect.stiffness
+        return z[0] - backbone_force(k, self.effect.linear_limit, z[0]) / k
+
+    def force(self, u, v, z, branch):
+        s, k = u - self.effect.gap, self.effect.stiffness
+        if branch == 0:
+            return 0.0
+        return k * (s - self._dent(z)) if branch == 1 else backbone_force(k, self.effect.linear_limit, s)
+
+    def rate(self, u, v, z, branch):
+        return [v if branch == 2 else 0.0]
+
+    def guards(self, u, v, z, branch):
+        s = u - self.effect.gap
+        if branch == 0:
+            return [(s - self._dent(z), 1)]
+        return [(self._dent(z) - s, 0), (s - z[0], 2)] if branch == 1 else [(-v, 1)]
+
+
+def parts_of(effect):
+    """Return the elements of a spring with memory."""
+    match effect:
+        case vf.BilinearSpring():
+            h, k = effect.hardening, effect.stiffness
+            return [Plain(h * k), Jenkins((1.0 - h) * k, effect.linear_limit)]
+        case vf.IwanSpring():
+            bends = np.asarray(effect.elongation)
+            slopes = np.diff([0.0, *effect.force]) / np.diff([0.0, *bends])
+            # Beyond the last point the curve goes on with the last slope.
+            return [Plain(slopes[-1]), *(Jenkins(a - b, e) for a, b, e in zip(slopes, slopes[1:], bends, strict=False))]
+        case vf.CrushingStop():
+            return [Crushing(effect)]
+    return [Cyclic(effect)]
+
+
+class HuntReference:
+    """One case, integrated from t = 0 until `until`, where its budget of steps ends."""
+
+    def __init__(self, case):
+        scene, system = case.scene, case.scene.model.system
+        mass, self.C, self.K = matrices(system)
+        self.inverse, self.n, self.t_end = np.linalg.inv(mass), mass.shape[0], case.t_end
+        self.laws, rows = [], []
+        for kind, held in (("contact", system.contacts), ("smooth", system.nonlinear), ("memory", system.memory)):
+            for effect, row in zip(case.laws[kind], [] if held is None else held.rows.toarray(), strict=True):
+                made = {
+                    "contact": lambda e: [Stop(e)],
+                    "smooth": lambda e: [Smooth(case.curves[e.name])],
+                    "memory": parts_of,
+                }
+                for law in made[kind](effect):
+                    self.laws.append(law)
+                    rows.append(row)
+        self.rows = np.array(rows).reshape(-1, self.n)
+        self.loads = [(load.vector, load.function) for load in system.loads]
+        self.corners = sorted({c for _, f in self.loads for c in corners(f) if 0.0 < c < self.t_end} | {self.t_end})
+        start = scene.initial_state()
+        self.start = start.q.copy(), start.v.copy()
+        self.slices, at = [], 2 * self.n
+        for law in self.laws:
+            self.slices.append(slice(at, at + len(law.start)))
+            at += len(law.start)
+        self.narrow = min((w for _, f in self.loads for w in [_narrowest(f, self.t_end)]), default=self.t_end)
+
+    def _rhs(self, t, y):
+        n, q, v = self.n, y[: self.n], y[self.n : 2 * self.n]
+        out, force = np.zeros(y.size), -self.K @ q - self.C @ v
+        for vector, function in self.loads:
+            # Within a span the value at its ends is that of the inside.
+            force = force + vector * value(function, min(max(t, self.inside[0]), self.inside[1]))
+        u, rate = self.rows @ q, self.rows @ v
+        for j, law in enumerate(self.laws):
+            z = y[self.slices[j]]
+            force = force - self.rows[j] * law.force(u[j], rate[j], z, self.branch[j])
+            out[self.slices[j]] = law.rate(u[j], rate[j], z, self.branch[j])
+        out[:n], out[n : 2 * n] = v, self.inverse @ force
+        return out
+
+    def _guards(self, y):
+        u, rate = self.rows @ y[: self.n], self.rows @ y[self.n : 2 * self.n]
+        return [
+            (g, j, to)
+            for j, law in enumerate(self.laws)
+            for g, to in law.guards(u[j], rate[j], y[self.slices[j]], self.branch[j])
+        ]
+
+    def run(self, times, budget, shift=0.0):
+        """Return displacements at the times up to `until`, shape (n, count); the start is moved by `shift`."""
+        q, v = self.start
+        y = np.concatenate([q, v + shift, *(law.start for law in self.laws)])
+        u, rate = self.rows @ q, self.rows @ y[self.n : 2 * self.n]
+        self.branch = [law.initial(a, b) for law, a, b in zip(self.laws, u, rate, strict=True)]
+        t, cursor, found, self.until, self.quickest, self.fastest, switches = 0.0, 0, [], 0.0, 0.0, 0.0, 0
+        while t < self.t_end:
+            corner = next(c for c in self.corners if c > t)
+            self.inside = t + 1e-12 * (corner - t), corner - 1e-9 * (corner - t)
+            solver = DOP853(
+                self._rhs, t, y, corner, rtol=1e-9, atol=1e-11 * (1e-3 + np.max(np.abs(y))), max_step=self.narrow
+            )
+            restart = False
+            while solver.status == "running" and not restart:
+                budget -= 1
+                if budget < 0 or switches > 400:
+                    return np.array(found).T.reshape(self.n, -1)
+                solver.step()
+                dense, left, right = solver.dense_output(), solver.t_old, solver.t
+                rate = self._rhs(right, solver.y)
+                self.quickest = max(self.quickest, float(np.max(np.abs(rate[self.n : 2 * self.n]))))
+                self.fastest = max(self.fastest, float(np.max(np.abs(solver.y[self.n : 2 * self.n]))))
+                hit = self._first(dense, left, right)
+                if hit is not None:
+                    right, law, to = hit
+                    restart = True
+                while cursor < times.size and times[cursor] <= right:
+                    found.append(dense(times[cursor])[: self.n])
+                    cursor += 1
+                t, y = right, dense(right)
+                if restart:
+                    self.branch[law], switches = to, switches + 1
+                self.until = t
+        return np.array(found).T.reshape(self.n, -1)
+
+    def _first(self, dense, left, right):
+        """Return time, law and branch of the first guard that becomes positive within a step, or None."""
+        last = left
+        for x in np.linspace(0.0, 1.0, 9)[1:]:
+            now = left + x * (right - left)
+            hits = []
+            for k, (g, j, to) in enumerate(self._guards(dense(now))):
+                if g > 1e-15 + 1e-13 * abs(float(np.max(np.abs(dense(now)[: self.n])))):
+                    before = self._guards(dense(last))[k][0]
+                    root = (
+                        now
+                        if before >= 0.0
+                        else brentq(lambda s, k=k: self._guards(dense(s))[k][0], last, now, xtol=1e-15)
+                    )
+                    hits.append((root, j, to))
+            if hits:
+                return min(hits)
+            last = now
+        return None
+
+
+def _narrowest(function, t_end):
+    """Return a step below which no feature of a load is missed."""
+    waves = []
+    try:
+        waves = value_and_slope(function, 0.0)[2]
+    except (AttributeError, TypeError, ValueError):
+        return t_end / 2000.0
+    return min([t_end / 50.0, *(1.0 / w for _, w, _ in waves if w > 0.0)])
+
+
+class SpringpotReference:
+    """The same for scenes with springpots: Newmark's rule and an L1 sum over the whole past, at two step sizes."""
+
+    def __init__(self, case):
+        self.case, system = case, case.scene.model.system
+        self.matrices, self.system = matrices(system), system
+        self.stops = [Stop(effect) for effect in case.laws["contact"]]
+
+    def run(self, steps):
+        """Return displacements at `steps` + 1 equal times, shape (n, steps + 1)."""
+        (M, C, K), system, h = self.matrices, self.system, self.case.t_end / steps
+        start, pots = self.case.scene.initial_state(), system.springpots
+        B = np.zeros((0, M.shape[0])) if system.contacts is None else system.contacts.rows.toarray()
+        P, orders = pots.rows.toarray(), [effect.order for effect in self.case.laws["springpot"]]
+        size = [effect.coefficient for effect in self.case.laws["springpot"]]
+        t = h * np.arange(steps + 1)
+        back = np.arange(steps + 1, dtype=float)
+        q = np.zeros((M.shape[0], steps + 1))
+        q[:, 0], v = start.q, start.v.copy()
+        rises = np.zeros((len(size), steps + 1))
+        weights = []
+        for k, order in enumerate(orders):
+            constant = None if callable(order) else float(order)
+            weights.append((size[k], order, constant))
+
+        def share(k, i):
+            c, order, constant = weights[k]
+            a = float(order(t[i])) if constant is None else constant
+            x = back[: i + 1]
+            return c * h**-a / math.gamma(2.0 - a) * np.diff(x ** (1.0 - a))
+
+        def loads(i):
+            at = min(max(t[i], 1e-9 * h), self.case.t_end - 1e-9 * h)
+            return sum((load.vector * value(load.function, at) for load in system.loads), np.zeros(M.shape[0]))
+
+        def stop(x, w):
+            closed = [B[j] @ x > s.effect.gap for j, s in enumerate(self.stops)]
+            force, slope = np.zeros(M.shape[0]), np.zeros_like(M)
+            for j, s in enumerate(self.stops):
+                if closed[j]:
+                    offset = s.effect.gap if s.effect.acts_on == "penetration" else 0.0
+                    force += B[j] * s.force(B[j] @ x, B[j] @ w, None, 1)
+                    del offset
+                    slope += np.outer(B[j], B[j]) * (s.effect.stiffness + 2.0 / h * s.effect.damping)
+            return force, slope
+
+        a = np.linalg.solve(M, loads(0) - K @ q[:, 0] - C @ v - stop(q[:, 0], v)[0])
+        for i in range(1, steps + 1):
+            x, f = q[:, i - 1] + h * v, loads(i)
+            past, lever = np.zeros(M.shape[0]), np.zeros_like(M)
+            for k in range(len(size)):
+                w = share(k, i)
+                past += P[k] * (w[1:] @ rises[k, i - 1 : 0 : -1])
+                lever += w[0] * np.outer(P[k], P[k])
+            for _ in range(30):
+                w = 2.0 / h * (x - q[:, i - 1]) - v
+                acc = 4.0 / h**2 * (x - q[:, i - 1] - h * v) - a
+                force, slope = stop(x, w)
+                residual = M @ acc + C @ w + K @ x + force + past + lever @ (x - q[:, i - 1]) - f
+                move = np.linalg.solve(4.0 / h**2 * M + 2.0 / h * C + K + slope + lever, residual)
+                x = x - move
+                if np.max(np.abs(move)) <= 1e-13 * (1e-6 + np.max(np.abs(x))):
+                    break
+            q[:, i] = x
+            v, a = 2.0 / h * (x - q[:, i - 1]) - v, 4.0 / h**2 * (x - q[:, i - 1] - h * v) - a
+            rises[:, i] = P @ (q[:, i] - q[:, i - 1])
+        return t, q
