@@ -31,6 +31,7 @@ from vofem.integrators.critical_step import critical_step
 from vofem.integrators.damping_matrix import damping_matrix
 from vofem.integrators.stepped import SteppedSolution, step_count, storage_times
 from vofem.integrators.stepping.callbacks import Callbacks, call
+from vofem.integrators.stepping.checks import check_times
 from vofem.integrators.stepping.energies import kinetic_energy
 from vofem.integrators.stepping.laws import MEMORY, SMOOTH, Laws, build_laws, loaded, place_in_memory, with_state
 from vofem.integrators.stepping.march import Banded, chunk, march, note_chatter, stored_energy, tally
@@ -166,8 +167,9 @@ def run(
     kernel = _CentralDifference(system, start, dt, steps, counters)
     initial, acceleration = kernel.state.status.copy(), kernel.start_acceleration
     first = stored_energy(system, start.q, start.v) - 0.125 * dt**2 * float(acceleration @ (system.mass @ acceleration))
-    points = tap(probes, kernel.bands.order)
-    out = output(stored, system.size, points, len(system.springs), kernel.laws.state.size)
+    points = tap(probes, kernel.bands.order, chunk(system.size), system.contacts)
+    checks = check_times(t_end, dt, system.size)
+    out = output(stored, system.size, points, len(system.springs), kernel.laws.state.size, checks)
     return march(
         kernel, "central_difference", start, initial, t_end, dt, out, notes,
         first_energy=first, blow_up=_BLOW_UP, watch=watch, resume=resume,

@@ -39,6 +39,7 @@ from vofem.integrators.damping_matrix import damping_matrix
 from vofem.integrators.stepped import SteppedSolution, step_count, storage_times
 from vofem.integrators.stepping.balance import Structure, balance, structure
 from vofem.integrators.stepping.callbacks import Callbacks
+from vofem.integrators.stepping.checks import check_times
 from vofem.integrators.stepping.contact_solve import law
 from vofem.integrators.stepping.energies import kinetic_energy
 from vofem.integrators.stepping.laws import Laws, build_laws, closed_share, loaded, with_state
@@ -192,8 +193,9 @@ def run(
     stored = storage_times(times, t_end, dt, steps, system.size, notes)
     note_chatter(system, notes)
     kernel = _GeneralizedAlpha(system, start, dt, steps, chosen, counters)
-    points = tap(probes, kernel.bands.order)
-    out = output(stored, system.size, points, len(system.springs), kernel.laws.state.size)
+    points = tap(probes, kernel.bands.order, chunk(system.size), system.contacts)
+    checks = check_times(t_end, dt, system.size)
+    out = output(stored, system.size, points, len(system.springs), kernel.laws.state.size, checks)
     return march(
         kernel, "generalized_alpha", start, kernel.state.status.copy(), t_end, dt, out, notes,
         first_energy=stored_energy(system, start.q, start.v), blow_up=_BLOW_UP, watch=watch, resume=resume,

@@ -105,7 +105,7 @@ def run(
         kernel.plan(step, steps)
     initial = kernel.state.status.copy()
     note_chatter(system, notes)
-    out = kernel.output(stored, probes)
+    out = kernel.output(stored, probes, t_end)
     solution = march(
         kernel, "energy_conserving", start, initial, t_end, step, out, notes,
         first_energy=stored_energy(system, start.q, start.v), blow_up=_BLOW_UP, watch=watch, resume=resume,
