@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from vofem._validate import public
 from vofem.assembly import Effect, Model, SystemBuilder
 from vofem.bodies.base import Body
 from vofem.effects.base_motion import BaseMotion
@@ -63,6 +64,12 @@ class Scene:
         self.effects: tuple[Effect, ...] = _as_tuple("effects", effects)
         self.initial = initial
         self._check()
+
+    def __repr__(self) -> str:
+        kinds: dict[str, int] = {}
+        for thing in (*self.bodies, *self.effects):
+            kinds[type(thing).__name__] = kinds.get(type(thing).__name__, 0) + 1
+        return f"Scene({', '.join(f'{count} {kind}' for kind, count in kinds.items())})"
 
     def _check(self) -> None:
         if not self.bodies:
@@ -202,6 +209,9 @@ class Scene:
                 "start from a scene with the same mesh"
             )
         return q, v
+
+
+public(Scene)
 
 
 def _as_tuple(what: str, things: Any) -> tuple[Any, ...]:

@@ -19,6 +19,9 @@ Array = NDArray[np.float64]
 #: Contact status.
 OPEN, CLOSED, PINNED = 0, 1, 2
 
+#: Kinds of degrees of freedom: in m, and in rad (a slope is one).
+DISPLACEMENT, ROTATION = 0, 1
+
 
 class LoadFunction(Protocol):
     """What a load needs of a function of time; `effects.time_functions.TimeFunction` offers it."""
@@ -201,6 +204,9 @@ class System:
     scale : ndarray, shape (n,)
         Length that makes a degree of freedom a displacement; balances eigenproblems.
     springpots : SpringpotLaws, optional
+    kind : ndarray of int, shape (n,), optional
+        DISPLACEMENT or ROTATION. None where nothing says so, as in runs that
+        earlier versions have saved; see `rotational`.
     """
 
     mass: csc_matrix
@@ -217,6 +223,15 @@ class System:
     strain: csr_matrix | None
     rigid: Array
     springpots: SpringpotLaws | None = None
+    kind: NDArray[np.int64] | None = None
+
+    @property
+    def rotational(self) -> NDArray[np.bool_]:
+        """Whether each degree of freedom is a rotation, shape (n,).
+
+        Where `kind` is None, those whose `scale` is not 1 count as rotations: it is the element length for slopes.
+        """
+        return self.scale != 1.0 if self.kind is None else self.kind == ROTATION
 
     @property
     def size(self) -> int:

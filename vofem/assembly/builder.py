@@ -15,7 +15,7 @@ from vofem.assembly.triplets import Triplets, entries, restricted
 from vofem.bodies.base import Array, Body, BodyMatrices, IntArray, Point, Row
 from vofem.errors import ArgumentError
 from vofem.memory import MemoryLaw, PrintedLaw, SpringpotLaw
-from vofem.system import Load, LoadFunction, NonlinearLaw, System
+from vofem.system import DISPLACEMENT, Load, LoadFunction, NonlinearLaw, System
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -46,6 +46,7 @@ class SystemBuilder:
         self._contacts: list[ContactEntry] = []
         supported: list[IntArray] = []
         scales: list[Array] = []
+        kinds: list[IntArray] = []
         self.size = 0
         for body in bodies:
             matrices = self._check(body, body.matrices())
@@ -56,9 +57,10 @@ class SystemBuilder:
                 self._damping.add_matrix(matrices.damping, self.size, self.size)
             supported.append(matrices.supported + self.size)
             scales.append(matrices.scale)
+            kinds.append(np.full(body.size, DISPLACEMENT) if matrices.kind is None else matrices.kind)
             self.size += body.size
         self._supported = np.concatenate(supported)
-        self._scale = np.concatenate(scales)
+        self._scale, self._kind = np.concatenate(scales), np.concatenate(kinds)
         self._accelerations: list[tuple[float, LoadFunction, str, Body | None]] = []
 
     @staticmethod
@@ -194,6 +196,7 @@ class SystemBuilder:
             strain=strain_rows(self.offsets, strains, self.size, free),
             rigid=rigid_motions(self.offsets, strains, self._supported, self.size)[free],
             springpots=springpots,
+            kind=self._kind[free],
         )
         vectors = tuple(load.vector for load in self._loads)
         return Model(

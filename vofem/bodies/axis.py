@@ -13,6 +13,7 @@ from vofem.bodies.base import Array, IntArray
 from vofem.bodies.cubics import hermite
 from vofem.bodies.mesh import LineMesh
 from vofem.errors import ArgumentError
+from vofem.system import DISPLACEMENT, ROTATION
 
 _MOST_ELEMENTS = 10_000_000
 
@@ -64,6 +65,11 @@ class Axis:
         scale = np.ones(self.size)
         scale[1::2] = np.minimum(np.append(self.element_lengths, np.inf), np.insert(self.element_lengths, 0, np.inf))
         return scale
+
+    @property
+    def kind(self) -> IntArray:
+        """Kinds of the degrees of freedom, shape (size,): displacement and slope of every node."""
+        return np.tile([DISPLACEMENT, ROTATION], self.arc.size)
 
     def locate(self, what: str, x: ArrayLike) -> tuple[IntArray, Array]:
         """Return element indices and element coordinates of the points x, both of the shape of x.

@@ -49,6 +49,9 @@ class BodyMatrices:
     scale : ndarray, shape (n,)
         Length by which a degree of freedom is multiplied to become a
         displacement (1 for displacements, the element length for slopes).
+    kind : ndarray of int, shape (n,), optional
+        `vofem.system.DISPLACEMENT` or ROTATION of each degree of freedom;
+        displacements all where None.
     """
 
     mass: csr_matrix | Array
@@ -56,6 +59,7 @@ class BodyMatrices:
     damping: csr_matrix | Array | None
     supported: IntArray
     scale: Array
+    kind: IntArray | None = None
 
 
 @runtime_checkable

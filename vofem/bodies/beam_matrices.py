@@ -49,6 +49,7 @@ def beam_matrices(
         damping=None,
         supported=supported_dofs(supports),
         scale=axis.scale,
+        kind=axis.kind,
     )
 
 

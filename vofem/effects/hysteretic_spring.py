@@ -7,7 +7,7 @@ from typing import Any
 from vofem._validate import choice, number, one_of
 from vofem.assembly import SystemBuilder
 from vofem.bodies.base import Point, Row, as_point, automatic_name
-from vofem.effects.side import side_of
+from vofem.effects.side import distinct, side_of
 from vofem.effects.softening import Backbone, Softening
 from vofem.errors import ArgumentError
 from vofem.fractional.constants import ideal
@@ -171,6 +171,7 @@ class CrushingStop:
         label = f"CrushingStop {self.name!r}"
         self.a: Point = as_point(f"{label}: a", a)
         self.b: Point | None = None if b is None else as_point(f"{label}: b", b)
+        distinct(label, self.a, self.b)
         self.side = side_of(label, "a stop", self.b, side)
         self.gap = number(f"{label}: gap", gap)
         self.stiffness = number(f"{label}: stiffness", stiffness, positive=True)

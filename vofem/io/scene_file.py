@@ -11,7 +11,7 @@ from typing import Any
 
 from vofem._validate import nearest
 from vofem.errors import ArgumentError, SceneFileError
-from vofem.io.files import replacing
+from vofem.io.files import impossible, replacing
 from vofem.io.scenes.parts import PointByName
 from vofem.io.scenes.place import Book, Place
 from vofem.io.scenes.reader import read_tables
@@ -139,12 +139,19 @@ def point_named(scene: Scene, text: str) -> Any:
 
 def _path(path: Any) -> Path:
     try:
-        return Path(path)
+        result = Path(path)
     except TypeError:
         raise ArgumentError(f"path is {path!r}, expected the path of a scene file") from None
+    fault = impossible(result)
+    if fault is not None:
+        raise ArgumentError(f"path is {str(path)!r}, which {fault}; give the path of a scene file")
+    return result
 
 
 def _text(file: Path) -> str:
+    # A pipe may bring a scene; a device such as /dev/zero never ends.
+    if file.is_char_device() or file.is_block_device():
+        raise SceneFileError(str(file), [("", "this is a device, expected a scene file")])
     try:
         raw = file.read_bytes()
     except FileNotFoundError:

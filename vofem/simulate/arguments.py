@@ -45,7 +45,13 @@ def checked_plan(
     _check_options(chosen, method, options)
     if chosen == "event_driven":
         if dt is not None:
-            raise ArgumentError("simulate: dt was given, but event_driven has no step; leave it out")
+            if method != "auto":
+                raise ArgumentError("simulate: dt was given, but event_driven has no step; leave it out")
+            raise ArgumentError(
+                "simulate: dt was given, but method='auto' takes event_driven for this scene, which has no step; leave "
+                "dt out, or choose a method that steps: method='energy_conserving', 'generalized_alpha' or "
+                "'central_difference'"
+            )
         if tol is not None:
             number("simulate: tol", tol, positive=True)
         wanted = np.linspace(0.0, t_end, 1001) if wanted is None else wanted

@@ -222,7 +222,9 @@ def march(
                 )
                 t_end = float(out.times[:cursor][out.wanted[:cursor]][-1])
                 out = Output(
-                    *(part.copy() for part in stored(out, cursor).values()), every_step=out.every_step, tap=out.tap
+                    **{name: part.copy() for name, part in stored(out, cursor).items()},
+                    every_step=out.every_step,
+                    tap=out.tap,
                 )
                 break
     events = Events(initial=initial)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,7 +70,7 @@ def output(times: Array, n: int, tap: Tap, laws: int = 0, past: int = 0, checks:
     return Output(times, q, v, a, work, dissipated, histories, last, wanted, tap.times.size > 0, tap)
 
 
-def stored(out: Output, count: int) -> dict[str, Array]:
+def stored(out: Output, count: int) -> dict[str, Any]:
     """Return views of what is stored at the first `count` times, by field."""
     return {name: part[..., :count] for name, part in out._asdict().items() if name not in ("tap", "every_step")}
 

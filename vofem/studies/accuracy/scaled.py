@@ -21,7 +21,7 @@ _FACTOR = 3.0
 #: What is multiplied, and what stays as it is. A system that holds anything else cannot be scaled.
 _KNOWN = (
     "mass", "stiffness", "damping", "rayleigh", "modal_damping", "loads", "contacts", "nonlinear", "scale", "strain",
-    "rigid",
+    "rigid", "kind",
 )  # fmt: skip
 
 
