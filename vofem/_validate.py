@@ -126,7 +126,10 @@ def public(*classes: type) -> None:
 
 
 def _described(self: Any) -> str:
-    return f"<{self.describe()}>"
+    try:
+        return f"<{self.describe()}>"
+    except AttributeError:  # in a debugger, before it is complete
+        return object.__repr__(self)
 
 
 def _explain_arguments(made: type) -> None:

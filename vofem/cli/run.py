@@ -64,8 +64,10 @@ def _changes(arguments: argparse.Namespace, file: SceneFile) -> dict[str, Any]:
     times = None if file.run is None else file.run.arguments()["times"]
     if "t_end" in changes and times is not None:
         within = [t for t in np.asarray(times, dtype=float).tolist() if t <= changes["t_end"]]
-        changes["times"] = within or None
+        # A start alone is no history.
+        kept = len(within) > 1
+        changes["times"] = within if kept else None
         if len(within) < len(times):
-            what = f"{len(within)} are kept" if within else "none is kept, results are stored as without times"
-            print(f"note: of the {len(times)} times of the file those up to --t-end are stored: {what}", flush=True)
+            what = "these are kept" if kept else "results are stored as if the file gave none"
+            print(f"note: {len(within)} of the {len(times)} times of the file lie within --t-end; {what}", flush=True)
     return changes

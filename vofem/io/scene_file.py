@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from vofem._validate import nearest
-from vofem.errors import ArgumentError, SceneFileError
+from vofem.errors import ArgumentError, OutputError, SceneFileError
 from vofem.io.files import impossible, replacing
 from vofem.io.scenes.parts import PointByName
 from vofem.io.scenes.place import Book, Place
@@ -122,6 +122,9 @@ def dump_scene(
         If the file cannot be written.
     """
     file = _path(path)
+    fault = impossible(file)
+    if fault is not None:
+        raise OutputError(f"path is {str(path)!r}, which {fault}; give another name")
     text = scene_to_toml(scene, run, output, file.parent)
     with replacing(file) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")
@@ -139,20 +142,16 @@ def point_named(scene: Scene, text: str) -> Any:
 
 def _path(path: Any) -> Path:
     try:
-        result = Path(path)
+        return Path(path)
     except TypeError:
         raise ArgumentError(f"path is {path!r}, expected the path of a scene file") from None
-    fault = impossible(result)
-    if fault is not None:
-        raise ArgumentError(f"path is {str(path)!r}, which {fault}; give the path of a scene file")
-    return result
 
 
 def _text(file: Path) -> str:
-    # A pipe may bring a scene; a device such as /dev/zero never ends.
-    if file.is_char_device() or file.is_block_device():
-        raise SceneFileError(str(file), [("", "this is a device, expected a scene file")])
     try:
+        # A pipe may bring a scene; a device such as /dev/zero never ends.
+        if file.is_char_device() or file.is_block_device():
+            raise SceneFileError(str(file), [("", "this is a device, expected a scene file")])
         raw = file.read_bytes()
     except FileNotFoundError:
         folder = file.parent
