@@ -50,7 +50,6 @@ _CHUNK = 256
 class AdaptiveSteps(Setting):
     """A run of steps chosen by their error."""
 
-    most_at_once = 2 * _CHUNK
     place: tuple[str, ...] = ("now", "rung", "steps", "coarsest", "forced", "beyond", "size")
 
     def plan(self, t_end: float, tolerance: float) -> None:

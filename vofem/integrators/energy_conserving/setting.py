@@ -12,10 +12,10 @@ from vofem.integrators.damping_matrix import damping_matrix
 from vofem.integrators.energy_conserving.step import Factored, Matrices, State, scratch
 from vofem.integrators.stepping.balance import structure
 from vofem.integrators.stepping.callbacks import Callbacks
-from vofem.integrators.stepping.checks import check_times
+from vofem.integrators.stepping.checks import check_times, watch
 from vofem.integrators.stepping.energies import kinetic_energy
 from vofem.integrators.stepping.laws import build_laws, loaded
-from vofem.integrators.stepping.march import Banded, chunk, tally
+from vofem.integrators.stepping.march import Banded, tally
 from vofem.integrators.stepping.probes import tap
 from vofem.integrators.stepping.record import Output, leave, output, trail
 from vofem.integrators.stepping.rows import all_rows, compressed
@@ -36,8 +36,6 @@ class Setting:
     place: tuple[str, ...] = ()
     #: Size of all steps in s; None where they follow a tolerance.
     dt: float | None = None
-    #: Steps between two looks at the outcome; 0 where the number of unknowns decides.
-    most_at_once = 0
 
     def __init__(self, system: System, start: Start, counters: Counters) -> None:
         damping = damping_matrix(system, counters)
@@ -91,11 +89,11 @@ class Setting:
 
         With the end of the run in s, also of what it looks at to judge itself.
         """
-        system, checks, contacts = self.bands.system, None, None
+        system, looks = self.bands.system, None
         if t_end is not None:
-            checks, contacts = check_times(t_end, self.dt, system.size), system.contacts
-        points = tap(probes, self.bands.order, self.most_at_once or chunk(system.size), contacts)
-        return output(times, system.size, points, len(system.springs), self.laws.state.size, checks)
+            looks = check_times(t_end, self.dt, system.size), watch(system.contacts)
+        points = tap(probes, self.bands.order)
+        return output(times, system.size, points, len(system.springs), self.laws.state.size, looks)
 
     def factor(self, dt: float) -> Factored:
         """Return the factored matrix of a step size, with the compliance of the laws' rows."""

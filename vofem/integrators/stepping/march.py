@@ -12,7 +12,7 @@ from vofem.integrators.base import Energies, ProbeRows, Samples, SpringSamples
 from vofem.integrators.rounding import static_loss
 from vofem.integrators.stepped import SteppedSolution
 from vofem.integrators.stepping.callbacks import Callbacks
-from vofem.integrators.stepping.checks import ContactWatch, check_times
+from vofem.integrators.stepping.checks import check_times
 from vofem.integrators.stepping.energies import contact_energy, kinetic_energy, strain_energy
 from vofem.integrators.stepping.laws import Laws
 from vofem.integrators.stepping.probes import MOST_STEPS, Recorded
@@ -191,15 +191,13 @@ def march(
     energy = stored_energy(system, start.q, start.v) + held
     log: list[Array] = []
     cursor, wanted_end = 0, t_end
-    contacts = None if system.contacts is None else ContactWatch(system.contacts, t_end)
-    recorded = Recorded(0 if probes is None else len(probes.names), contacts)
-    missing = 0.0, 0.0
+    recorded, missing = Recorded(), (0.0, 0.0)
     if resume is not None:
-        cursor, log = _restore(kernel, out, resume, notes, recorded, contacts)
+        cursor, log, recorded = _restore(kernel, out, resume, notes)
         missing = tuple(resume.get("missing", missing))
 
     def snapshot() -> Snapshot:
-        seen = {"missing": list(missing), "contacts": None if contacts is None else contacts.snapshot()}
+        seen = {"missing": list(missing), "watch": out.watch}
         return _snapshot(kernel, out, cursor, log, recorded, notes) | seen
 
     with deferred_interrupts() as interrupted:
@@ -225,6 +223,7 @@ def march(
                     **{name: part.copy() for name, part in stored(out, cursor).items()},
                     every_step=out.every_step,
                     tap=out.tap,
+                    watch=out.watch,
                 )
                 break
     events = Events(initial=initial)
@@ -238,7 +237,7 @@ def march(
     looked = looked[np.isfinite(out.q[0, looked])]
     times, samples, parts, _ = _outcome(kernel, out, looked)
     notes += tell(
-        system, method, Seen(times, samples, parts, contacts, missing), events, first_energy, kernel.dt, wanted_end
+        system, method, Seen(times, samples, parts, out.watch, missing), events, first_energy, kernel.dt, wanted_end
     )  # fmt: skip
     points = None if probes is None else recorded.samples(probes.names, wanted_end * (1.0 + 1e-12))
     times, samples, parts, springs = _outcome(kernel, out, np.flatnonzero(out.wanted))
@@ -293,10 +292,8 @@ def _snapshot(
     }
 
 
-def _restore(
-    kernel: Kernel, out: Output, saved: Snapshot, notes: list[str], recorded: Recorded, contacts: ContactWatch | None
-) -> tuple[int, list[Array]]:
-    """Put a kernel and its output where a snapshot stands; return the output's cursor, and events so far."""
+def _restore(kernel: Kernel, out: Output, saved: Snapshot, notes: list[str]) -> tuple[int, list[Array], Recorded]:
+    """Put a kernel and its output where a snapshot stands; return the output's cursor, and events and record so far."""
     _fill(kernel.state, saved["state"])
     _fill(kernel.trail, saved["trail"])
     for name, value in saved["place"].items():
@@ -316,10 +313,8 @@ def _restore(
     for name, value in vars(saved["counters"]).items():
         setattr(kernel.bands.counters, name, value)
     notes[:] = saved["notes"]
-    recorded.go_on(saved["recorded"])
-    if contacts is not None and saved.get("contacts") is not None:
-        contacts.go_on(saved["contacts"])
-    return cursor, [saved["log"]] if saved["log"].size else []
+    out.watch[:] = saved.get("watch", out.watch)
+    return cursor, [saved["log"]] if saved["log"].size else [], Recorded(saved["recorded"])
 
 
 def _fill(target: Any, saved: Any) -> None:

@@ -8,15 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.integrators.base import ProbeRows, ProbeSamples
-from vofem.integrators.stepping.checks import ContactWatch
 from vofem.integrators.stepping.rows import Rows, compressed, dot
 from vofem.linalg.jit import jit
-from vofem.system import ContactLaws
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-#: Steps that are taken at most between two looks at the outcome.
+#: Steps that a tap holds between two looks at the outcome.
 MOST_STEPS = 8192
 
 
@@ -29,25 +27,11 @@ class Tap(NamedTuple):
     filled: IntArray
 
 
-def tap(probes: ProbeRows | None, order: IntArray, steps: int, contacts: ContactLaws | None = None) -> Tap:
-    """Return a tap for points, and after them for contacts, and unknowns taken in the given order.
-
-    Parameters
-    ----------
-    probes : ProbeRows, optional
-    order : ndarray of int, shape (n,)
-    steps : int
-        Between two looks at the outcome, at most.
-    contacts : ContactLaws, optional
-    """
-    parts = [part.rows for part in (probes, contacts) if part is not None]
-    rows, room = None, 0
-    if parts:
-        from scipy.sparse import vstack
-
-        rows, room = vstack(parts, format="csr"), 2 + steps
-    motion = np.empty((3, 0 if rows is None else rows.shape[0], room))
-    return Tap(compressed(rows, order), np.empty(room), motion, np.zeros(1, dtype=np.int64))
+def tap(probes: ProbeRows | None, order: IntArray) -> Tap:
+    """Return a tap for unknowns taken in the given order; None stands for no points."""
+    n, room = (0, 0) if probes is None else (len(probes.names), MOST_STEPS + 2)
+    rows = compressed(None if probes is None else probes.rows, order)
+    return Tap(rows, np.empty(room), np.empty((3, n, room)), np.zeros(1, dtype=np.int64))
 
 
 @jit
@@ -63,24 +47,17 @@ def record(tap: Tap, t: float, q: Array, v: Array, a: Array) -> None:
 
 
 class Recorded:
-    """What has been recorded: of points, which come first on a tap, in pieces; contacts are only looked at."""
+    """What has been recorded, in pieces."""
 
-    def __init__(self, points: int, contacts: ContactWatch | None) -> None:
-        self._points, self._contacts = points, contacts
-        self._pieces: list[Array] = []
-
-    def go_on(self, pieces: tuple[Array, ...]) -> None:
-        """Take over what has been recorded before."""
+    def __init__(self, pieces: tuple[Array, ...] = ()) -> None:
         self._pieces = list(pieces)
 
     def drain(self, tap: Tap) -> None:
         """Take over what a tap holds, as rows of time, q, v and a."""
-        k, n = int(tap.filled[0]), self._points
-        if k and n:
-            self._pieces.append(np.vstack([tap.times[None, :k], *tap.motion[:, :n, :k]]))
-        if k and self._contacts is not None:
-            self._contacts.take(tap.times[:k], tap.motion[0, n:, :k], tap.motion[1, n:, :k])
-        tap.filled[0] = 0
+        k = int(tap.filled[0])
+        if k:
+            self._pieces.append(np.vstack([tap.times[None, :k], *tap.motion[:, :, :k]]))
+            tap.filled[0] = 0
 
     def whole(self) -> tuple[Array, ...]:
         """Return all in one piece, or nothing."""

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from vofem.integrators.base import Energies, Samples
 from vofem.integrators.rounding import static_loss
 from vofem.integrators.stepped import step_count
-from vofem.integrators.stepping.checks import ContactWatch
+from vofem.integrators.stepping.checks import MISSED, POWER, REACH
 from vofem.integrators.unclosed import never_closed
-from vofem.system import Events, System
+from vofem.system import ContactLaws, Events, System
 
 Array = NDArray[np.float64]
 
@@ -46,7 +46,8 @@ class Seen:
         States at `times`.
     parts : Energies
         At `times`, in the method's own form.
-    contacts : ContactWatch, optional
+    watch : ndarray, shape (n_contacts, 8)
+        Of `checks.watch`.
     missing : (float, float)
         Largest amount in J, and time in s, that was missing from the balance of energy when the run was looked at
         between chunks of steps; of methods that conserve energy at their steps.
@@ -55,7 +56,7 @@ class Seen:
     times: Array
     samples: Samples
     parts: Energies
-    contacts: ContactWatch | None
+    watch: Array
     missing: tuple[float, float]
 
 
@@ -83,8 +84,9 @@ def tell(
             f"step: the whole run of {t_end:.4g} s is one step of {dt:.4g} s, which resolves no motion within it; "
             f"choose dt well below {t_end:.4g} s, or leave it out"
         )
-    if seen.contacts is not None:
-        notes += never_closed(seen.contacts.laws, events, seen.contacts.reach)
+    laws = system.contacts
+    if laws is not None:
+        notes += never_closed(laws, events, laws.gap + seen.watch[:, REACH])
     parts, times = seen.parts, seen.times
     # Between steps the motion is interpolated, which says nothing of the method's own balance.
     on = np.abs(times / dt - np.round(times / dt)) < 1e-6 if dt is not None else np.ones(times.size, dtype=bool)
@@ -103,8 +105,8 @@ def tell(
     notes += coarse
     if not coarse and abs(at_steps[0]) <= _ENERGY:
         notes += _interpolated(*_worst(times[~on], missing[~on]), dt)
-    if seen.contacts is not None:
-        notes += _missed(seen.contacts, dt)
+    if laws is not None:
+        notes += _missed(laws, seen.watch[:, MISSED], dt)
     loss = static_loss(system)
     if loss > _ROUNDING:
         notes.append(
@@ -154,13 +156,13 @@ def _coarse(system: System, seen: Seen, on: NDArray[np.bool_], scale: float, dt:
     q, v = seen.samples.q[:, on], seen.samples.v[:, on]
     power = np.sum(v * (system.stiffness @ q), axis=0)
     largest = 0.0
-    if seen.contacts is not None:
-        laws = seen.contacts.laws
+    if system.contacts is not None:
+        laws = system.contacts
         u, rate = laws.rows @ q, laws.rows @ v
         closed = (u > laws.gap[:, None]) & np.isinf(laws.resolution)[:, None]
         elastic = laws.stiffness[:, None] * (u - laws.offset[:, None])
         power += np.sum(np.where(closed, elastic * rate, 0.0), axis=0)
-        largest = seen.contacts.power
+        largest = float(np.max(seen.watch[:, POWER]))
     share = dt * max(float(np.max(np.abs(power), initial=0.0)), largest) / scale
     if not share > _COARSE:
         return []
@@ -171,12 +173,12 @@ def _coarse(system: System, seen: Seen, on: NDArray[np.bool_], scale: float, dt:
     ]
 
 
-def _missed(contacts: ContactWatch, dt: float | None) -> list[str]:
+def _missed(laws: ContactLaws, counts: Array, dt: float | None) -> list[str]:
     """Return a note where a contact closed and opened, or came near it, between two steps."""
-    missed = int(np.sum(contacts.missed))
+    missed = int(np.sum(counts))
     if not missed:
         return []
-    where = contacts.laws.names[int(np.argmax(contacts.missed > 0))]
+    where = laws.names[int(np.argmax(counts > 0))]
     return [
         f"contacts: {missed} closings shorter than a step, the first of contact {where!r}, were or may have been "
         f"passed over; {_smaller(dt)}, or choose method='event_driven', which misses none"
