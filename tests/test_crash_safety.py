@@ -14,7 +14,9 @@ import pytest
 
 import vofem as vf
 from vofem.io import files
+from vofem.io.csv_file import write_csv
 from vofem.io.storage.hdf5 import GuardedFile
+from vofem.io.vtk import write_series
 
 
 def small(end=1.0):
@@ -357,3 +359,102 @@ def test_missing_parts_are_named(old):
             del file[part]
         with pytest.raises(vf.StorageError, match=r"run.vtkhdf is damaged \(KeyError"):
             vf.load(path)
+
+
+def test_flipped_bytes_of_a_checkpoint_are_found(tmp_path):
+    """What `resume` reads carries checksums too: the run ends as it would have, or says that its file is damaged."""
+    ball = vf.Mass(1.0, stiffness=1.0, name="ball")
+    stop = vf.Contact(ball, gap=0.1, stiffness=10.0, side="above", acts_on="penetration", name="stop")
+    scene = vf.Scene([ball], [stop], initial={ball: (0.0, 1.0)})
+    path, times = tmp_path / "run.checkpoint", np.linspace(0.0, 20.0, 5)
+    whole = vf.simulate(scene, 20.0, times=times)
+
+    def lose_power(t, t_end):
+        if t > 0.5 * t_end:
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        vf.simulate(scene, 20.0, times=times, checkpoint=path, checkpoint_every=0.0, progress=lose_power)
+    before = path.read_bytes()
+    found = 0
+    for place in np.random.default_rng(4).integers(0, len(before), 60).tolist():
+        path.write_bytes(before[:place] + bytes([before[place] ^ 0x5A]) + before[place + 1 :])
+        try:
+            resumed = vf.resume(path)
+        except vf.StorageError:
+            found += 1
+            continue
+        assert np.array_equal(resumed.displacement(ball), whole.displacement(ball))
+        assert resumed.notes == whole.notes
+    assert found > 5
+
+
+def test_two_runs_with_one_checkpoint(tmp_path):
+    """The second one to write stops, and leaves the file of the first as it is."""
+    ball = vf.Mass(1.0, stiffness=1.0, name="ball")
+    scene = vf.Scene([ball], [vf.Dashpot(ball, damping=0.1)], initial={ball: (0.0, 1.0)})
+    path = tmp_path / "run.checkpoint"
+    begun = []
+
+    def another_run_begins(t, t_end):
+        if not begun:
+            begun.append(t)
+            (tmp_path / "copy").write_bytes(path.read_bytes() if path.exists() else b"of another run")
+            os.replace(tmp_path / "copy", path)
+
+    arguments = {"method": "energy_conserving", "dt": 1e-5, "times": [1.0]}
+    with pytest.raises(vf.OutputError, match="written by another run meanwhile and was left as it is"):
+        vf.simulate(scene, 1.0, checkpoint=path, checkpoint_every=0.0, progress=another_run_begins, **arguments)
+    assert path.exists()
+
+
+@pytest.mark.parametrize("name", ["a\0b", "a\ud800b"])
+def test_names_that_no_file_can_have(name, results, tmp_path):
+    result = results[0]
+    folder, (ball,) = str(tmp_path), result.scene.bodies
+    for write in (
+        lambda path: result.save(path + ".vtkhdf"),
+        lambda path: vf.simulate(result.scene, 1.0, checkpoint=path + ".checkpoint"),
+        lambda path: vf.dump_scene(result.scene, path + ".toml"),
+        lambda path: write_csv(result, [ball], path + ".csv"),
+        lambda path: write_series(result, path + ".pvd"),
+        lambda path: write_series(result, path),
+    ):
+        with pytest.raises(vf.OutputError, match="which holds"):
+            write(f"{folder}/{name}")
+    for read, error in ((vf.load, vf.StorageError), (vf.resume, vf.StorageError), (vf.load_scene, vf.SceneFileError)):
+        with pytest.raises(error):
+            read(f"{folder}/{name}.h5")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_link_is_followed(results, tmp_path):
+    """What it points to is replaced, also where that is not there yet, and the link stays."""
+    (tmp_path / "other").mkdir()
+    for name in ("run", "new"):
+        link, file = tmp_path / f"{name}.vtkhdf", tmp_path / "other" / f"{name}.vtkhdf"
+        link.symlink_to(file)
+        if name == "run":
+            results[0].save(file)
+        with pytest.raises(vf.OutputError, match="exists already"):
+            results[1].save(link)
+        results[1].save(link, overwrite=True)
+        assert link.is_symlink()
+        assert vf.load(file).times[-1] == vf.load(link).times[-1] == 2.0
+    assert sorted(path.name for path in (tmp_path / "other").iterdir()) == ["new.vtkhdf", "run.vtkhdf"]
+
+
+def test_what_is_no_regular_file_is_refused(results, tmp_path):
+    pipe, device, loop = (tmp_path / f"{name}.vtkhdf" for name in ("pipe", "device", "loop"))
+    os.mkfifo(pipe)
+    device.symlink_to(os.devnull)
+    loop.symlink_to(loop)
+    for path, reason in ((pipe, "no regular file"), (device, "no regular file"), (loop, "leads back to itself")):
+        with pytest.raises(vf.OutputError, match=reason):
+            results[0].save(path, overwrite=True)
+    with pytest.raises(vf.OutputError, match="the folder of devices"):
+        results[0].save("/dev/run.vtkhdf")
+    with pytest.raises(vf.StorageError, match="is no regular file"):
+        vf.load(pipe)
+    with pytest.raises(vf.SceneFileError, match="this is a device"):
+        vf.load_scene("/dev/zero")

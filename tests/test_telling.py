@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import vofem as vf
+from vofem.integrators.rounding import static_loss
 
 
 def told(result, kind):
@@ -99,3 +102,21 @@ def test_events_of_tiny_motions(size):
         found.append(vf.simulate(scene, 10.0).contacts["stop"].closings)
     assert found[0].size > 5
     assert np.array_equal(*found)
+
+
+@pytest.mark.parametrize("h", [1.0, 1.001])
+def test_elements_of_one_metre_tell_of_rounding(h):
+    """Slopes are known by their kind, not by their length: that of an element of 1 m scales nothing."""
+    beam = vf.Beam(10_000 * h, 1.0, 1.0, 10_000, {"left": "clamped"})
+    system = vf.Scene([beam], [vf.PointLoad(beam.at("right"), 1.0)]).model.system
+    assert np.array_equal(system.rotation[:4], [False, True] * 2)
+    assert 0.5 * np.count_nonzero(system.rotational) == 5000
+    assert 1e-3 < static_loss(system) < 1.0
+
+
+def test_kinds_of_systems_that_do_not_say_them():
+    """As of runs that earlier versions have saved."""
+    beam, mass = vf.Beam(3.0, 1.0, 1.0, 2, {"left": "clamped"}), vf.Mass(1.0)
+    system = vf.Scene([beam, mass]).model.system
+    assert np.array_equal(system.rotation, [False, True, False, True, False])
+    assert np.array_equal(replace(system, rotation=None).rotational, system.rotational)

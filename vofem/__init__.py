@@ -141,6 +141,7 @@ __all__ = [
 _LATER = {
     "accuracy": "vofem.studies.accuracy",
     "dump_scene": "vofem.io.scene_file",
+    "io": "vofem.io",
     "load": "vofem.io.saved",
     "load_scene": "vofem.io.scene_file",
     "resume": "vofem.io.saved",
@@ -157,4 +158,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_LATER})
+    return sorted({*__all__, *_LATER, *(name for name in globals() if name.startswith("__"))})

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
 from collections.abc import Iterator, Mapping
 from typing import Any, TypeVar
 
@@ -108,6 +110,54 @@ def choice(what: str, value: Any, allowed: tuple[str, ...]) -> str:
     if isinstance(value, str) and value in allowed:
         return value
     raise ArgumentError(f"{what} is {value!r}, expected {one_of(allowed)}{nearest(value, allowed)}")
+
+
+def public(*classes: type) -> None:
+    """Make what users construct answer mistakes: for classes that are part of the public interface.
+
+    A misspelt or missing argument of the constructor raises `ArgumentError`
+    with the nearest name in place of Python's TypeError, and an object that
+    can describe itself is shown by its description in place of its address.
+    """
+    for made in classes:
+        _explain_arguments(made)
+        if made.__repr__ is object.__repr__ and hasattr(made, "describe"):
+            made.__repr__ = _described  # type: ignore[assignment]
+
+
+def _described(self: Any) -> str:
+    try:
+        return f"<{self.describe()}>"
+    except AttributeError:  # in a debugger, before it is complete
+        return object.__repr__(self)
+
+
+def _explain_arguments(made: type) -> None:
+    original = made.__init__  # type: ignore[misc]
+    signature = inspect.signature(original)
+
+    @functools.wraps(original)
+    def construct(self: Any, *args: Any, **named: Any) -> None:
+        try:
+            original(self, *args, **named)
+        except TypeError:
+            try:
+                signature.bind(self, *args, **named)
+            except TypeError as error:
+                raise ArgumentError(_wrong_arguments(type(self).__name__, signature, named, str(error))) from None
+            raise
+
+    made.__init__ = construct  # type: ignore[misc]
+
+
+def _wrong_arguments(name: str, signature: inspect.Signature, named: dict[str, Any], complaint: str) -> str:
+    """Return a message on arguments that a constructor does not take."""
+    known = tuple(signature.parameters)[1:]
+    takes = f"{name} takes {', '.join(known) or 'no arguments'}"
+    unknown = [word for word in named if word not in known]
+    if unknown:
+        return f"{name}: there is no argument {unknown[0]!r}{nearest(unknown[0], known)}; {takes}"
+    return f"{name}: {complaint}; {takes}"
 
 
 def one_of(allowed: tuple[str, ...]) -> str:

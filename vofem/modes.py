@@ -36,6 +36,10 @@ class Modes:
         self.omega = omega
         self._shapes = shapes
 
+    def __repr__(self) -> str:
+        span = f" of {self.frequencies[0]:.6g} to {self.frequencies[-1]:.6g} Hz" if self.omega.size else ""
+        return f"Modes({self.omega.size} modes{span})"
+
     @property
     def frequencies(self) -> Array:
         """In Hz, shape (count,)."""

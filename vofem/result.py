@@ -81,9 +81,11 @@ class Result(Motion):
         self.start = start
 
     def __repr__(self) -> str:
+        count = len(self.notes)
+        notes = f", {count} note{'s' * (count > 1)}: see .notes" if count else ""
         return (
             f"Result(method={self.method!r}, {self.times.size} times to {self.times[-1]:g} s, "
-            f"{self.counters.steps} steps, {self.counters.events} contact events)"
+            f"{self.counters.steps} steps, {self.counters.events} contact events{notes})"
         )
 
     @property

@@ -7,6 +7,7 @@ import threading
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from vofem._validate import public
 from vofem.assembly import Effect, Model, SystemBuilder
 from vofem.bodies.base import Body
 from vofem.effects.base_motion import BaseMotion
@@ -59,6 +60,12 @@ class Scene:
         self.effects: tuple[Effect, ...] = _as_tuple("effects", effects)
         self._model: Model | None = None
         self._check(initial)
+
+    def __repr__(self) -> str:
+        kinds: dict[str, int] = {}
+        for thing in (*self.bodies, *self.effects):
+            kinds[type(thing).__name__] = kinds.get(type(thing).__name__, 0) + 1
+        return f"Scene({', '.join(f'{count} {kind}' for kind, count in kinds.items())})"
 
     def _check(self, initial: Any) -> None:
         if not self.bodies:
@@ -149,6 +156,9 @@ class Scene:
     def forgotten(self, initial: Initial | None = None) -> tuple[str, ...]:
         """Return the names of springpots whose past in the run that is started from is not carried on."""
         return (initial or self._initial).forgotten(self.model, self.effects)
+
+
+public(Scene)
 
 
 def _as_tuple(what: str, things: Any) -> tuple[Any, ...]:

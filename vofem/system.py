@@ -218,7 +218,7 @@ class System:
     springpots : SpringpotLaws, optional
     rotation : ndarray of bool, shape (n,), optional
         True where a degree of freedom is a rotation, False where it is a
-        displacement; None in runs that were saved before it was known.
+        displacement; None in runs that were saved before it was known. See `rotational`.
     """
 
     mass: csc_matrix
@@ -250,6 +250,14 @@ class System:
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != "_cache"}
+
+    @property
+    def rotational(self) -> NDArray[np.bool_]:
+        """Whether each degree of freedom is a rotation, shape (n,).
+
+        Where `rotation` is None, those whose `scale` is not 1 count as rotations: it is the element length for slopes.
+        """
+        return self.scale != 1.0 if self.rotation is None else self.rotation
 
     @property
     def size(self) -> int:

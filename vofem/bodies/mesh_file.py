@@ -137,7 +137,8 @@ def _check_gmsh(source: str, file: Path) -> None:
     tail = re.search(rb"\$End(\w+)\s*\Z", data[-200:])
     if tail is None or re.search(rb"^\$" + tail[1] + rb"\s*$", data, re.MULTILINE) is None:
         raise MeshError(f"{source} does not end with the end of a section ($End...): it is truncated, write it again")
-    nodes = re.search(rb"^\$Nodes\s+\d+ (\d+) \d+ \d+\s*$", data, re.MULTILINE)
+    # The second of four numbers in format 4.1, a number alone in format 2.2.
+    nodes = re.search(rb"^\$Nodes\s+(?:\d+ (?=\d+ \d+ \d+\s*$))?(\d+)(?: \d+ \d+)?\s*$", data, re.MULTILINE)
     if nodes is not None and int(nodes[1]) > len(data):
         raise MeshError(f"{source} announces {int(nodes[1])} nodes, more than its {len(data)} bytes can hold")
     names = re.search(rb"^\$PhysicalNames(.*?)^\$EndPhysicalNames", data, re.MULTILINE | re.DOTALL)

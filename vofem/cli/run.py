@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from vofem.cli.common import FINE, Commands, print_method
 from vofem.cli.output import made, write
 from vofem.simulate import method_names
@@ -62,7 +64,13 @@ def _changes(arguments: argparse.Namespace, file: SceneFile) -> dict[str, Any]:
     """Return what the command line says instead of the file."""
     given = {"method": arguments.method, "t_end": arguments.t_end, "t_start": arguments.t_start, "dt": arguments.dt}
     changes = {name: value for name, value in given.items() if value is not None}
-    if "t_end" in changes and file.run is not None:
-        # The times of the file belong to the duration of the file.
-        changes["times"] = None
+    times = None if file.run is None else file.run.arguments()["times"]
+    if "t_end" in changes and times is not None:
+        within = [t for t in np.asarray(times, dtype=float).tolist() if t <= changes["t_end"]]
+        # A start alone is no history.
+        kept = len(within) > 1
+        changes["times"] = within if kept else None
+        if len(within) < len(times):
+            what = "these are kept" if kept else "results are stored as if the file gave none"
+            print(f"note: {len(within)} of the {len(times)} times of the file lie within --t-end; {what}", flush=True)
     return changes

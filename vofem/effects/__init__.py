@@ -1,5 +1,6 @@
 """Effects: what acts on bodies. Each compiles itself into rows, laws and loads of the System."""
 
+from vofem._validate import public
 from vofem.effects.approximated import Approximated
 from vofem.effects.attachments import Dashpot, PointMass, RotationalSpring, Spring
 from vofem.effects.base_motion import BaseMotion
@@ -46,3 +47,10 @@ __all__ = [
     "Tabulated",
     "TimeFunction",
 ]
+
+public(
+    Approximated, BaseMotion, BilinearSpring, Constant, Contact, CrushingStop, Dashpot, DistributedLoad,
+    Foundation, Gravity, HystereticSpring, IwanSpring, LinearSoftening, ModalDamping, NonlinearSpring,
+    PointLoad, PointMass, PointMoment, Pulse, Ramp, RayleighDamping, Resolved, RotationalSpring, Sine, Spring,
+    Springpot, Tabulated,
+)  # fmt: skip

@@ -9,7 +9,7 @@ import numpy as np
 from vofem._validate import choice, number
 from vofem.assembly import ContactEntry, SystemBuilder
 from vofem.bodies.base import automatic_name
-from vofem.effects.side import side_of
+from vofem.effects.side import distinct, side_of
 from vofem.effects.two_points import TwoPoints
 from vofem.errors import ArgumentError
 
@@ -91,12 +91,7 @@ class Contact(TwoPoints):
         self.name = automatic_name(name, "Contact")
         label = f"Contact {self.name!r}"
         self._attach(label, a, b, of)
-        if (
-            self.b is not None
-            and self.a.body is self.b.body
-            and np.isclose(getattr(self.a, "x", 0.0), getattr(self.b, "x", 0.0), rtol=1e-12, atol=0.0)
-        ):
-            raise ArgumentError(f"{label}: a and b are the same point, {self.a.describe()}; a stop has no b")
+        distinct(label, self.a, self.b)
         if acts_on is None:
             raise ArgumentError(
                 f"{label}: acts_on is missing, expected 'displacement' (the paper's law: the force jumps by "

@@ -19,10 +19,10 @@ class RayleighDamping:
     alpha : float
         In 1/s, not negative.
     beta : float
-        In s, not negative.
+        In s, not negative; 0 where not given.
     """
 
-    def __init__(self, alpha: float, beta: float) -> None:
+    def __init__(self, alpha: float, beta: float = 0.0) -> None:
         self.alpha = number("RayleighDamping: alpha", alpha, minimum=0)
         self.beta = number("RayleighDamping: beta", beta, minimum=0)
 

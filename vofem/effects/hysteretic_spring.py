@@ -7,7 +7,7 @@ from typing import Any
 from vofem._validate import choice, number, one_of
 from vofem.assembly import SystemBuilder
 from vofem.bodies.base import automatic_name
-from vofem.effects.side import side_of
+from vofem.effects.side import distinct, side_of
 from vofem.effects.softening import Backbone, Softening
 from vofem.effects.two_points import TwoPoints
 from vofem.errors import ArgumentError
@@ -170,6 +170,7 @@ class CrushingStop(TwoPoints):
         self.name = automatic_name(name, "CrushingStop")
         label = f"CrushingStop {self.name!r}"
         self._attach(label, a, b, of)
+        distinct(label, self.a, self.b)
         self.side = side_of(label, "a stop", self.b, side)
         self.gap = number(f"{label}: gap", gap)
         self.stiffness = number(f"{label}: stiffness", stiffness, positive=True)

@@ -123,7 +123,7 @@ class Gravity:
     Parameters
     ----------
     g : float
-        In m/s^2.
+        In m/s^2, downward; a negative number acts upward.
     """
 
     def __init__(self, g: float = 9.81) -> None:
@@ -138,5 +138,5 @@ class Gravity:
         builder.add_acceleration(-self.g, Constant(1.0), self.describe())
 
     def describe(self) -> str:
-        """Return g."""
-        return f"Gravity: {self.g:g} m/s^2"
+        """Return g and its direction."""
+        return f"Gravity: {abs(self.g):g} m/s^2 {'upward' if self.g < 0.0 else 'downward'}"

@@ -1,10 +1,13 @@
-"""The side on which a stop fixed in space stands."""
+"""The side on which a stop fixed in space stands, and the two points of one that is not."""
 
 from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from vofem._validate import choice, one_of
+from vofem.bodies.base import Point
 from vofem.errors import ArgumentError
 
 _SIDES = ("below", "above")
@@ -25,3 +28,13 @@ def side_of(label: str, between: str, b: Any, side: Any) -> str | None:
     if side is None:
         raise ArgumentError(f"{label}: side is missing, expected {one_of(_SIDES)} for a stop")
     return choice(f"{label}: side", side, _SIDES)
+
+
+def distinct(label: str, a: Point, b: Point | None) -> None:
+    """Raise `ArgumentError` where the points of a contact are one point."""
+    if (
+        b is not None
+        and a.body is b.body
+        and np.isclose(getattr(a, "x", 0.0), getattr(b, "x", 0.0), rtol=1e-12, atol=0.0)
+    ):
+        raise ArgumentError(f"{label}: a and b are the same point, {a.describe()}; a stop has no b")

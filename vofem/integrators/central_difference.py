@@ -33,6 +33,8 @@ from vofem.integrators.methods import CENTRAL_DIFFERENCE
 from vofem.integrators.registry import advice
 from vofem.integrators.stepped import SteppedSolution, step_count, storage_times
 from vofem.integrators.stepping.callbacks import Callbacks, call
+from vofem.integrators.stepping.checks import check_times, look
+from vofem.integrators.stepping.checks import watch as watch_of
 from vofem.integrators.stepping.energies import kinetic_energy
 from vofem.integrators.stepping.laws import MEMORY, SMOOTH, Laws, build_laws, loaded, place_in_memory, with_state
 from vofem.integrators.stepping.march import MOST_FACTORED, Banded, chunk, march, note_chatter, stored_energy, tally
@@ -168,7 +170,8 @@ def run(
     initial, acceleration = kernel.state.status.copy(), kernel.start_acceleration
     first = stored_energy(system, start.q, start.v) - 0.125 * dt**2 * float(acceleration @ (system.mass @ acceleration))
     points = tap(probes, kernel.bands.order)
-    out = output(stored, system.size, points, len(system.springs), kernel.laws.state.size)
+    looks = check_times(t_end, dt, system.size), watch_of(system.contacts)
+    out = output(stored, system.size, points, len(system.springs), kernel.laws.state.size, looks)
     return march(
         kernel, CENTRAL_DIFFERENCE, start, initial, t_end, dt, out, notes,
         first_energy=first, blow_up=_BLOW_UP, watch=watch, resume=resume,
@@ -344,7 +347,7 @@ def _advance(
 ) -> tuple[int, Array]:  # fmt: skip
     """Advance `count` steps from step `first`; return the output cursor and events (time, contact, status)."""
     n, m, contacts = state.q.size, rows.start.size - 1, state.status.size
-    q, half = state.q, state.half
+    q, half, seen = state.q, state.half, out.watch
     damped = matrices.damping.shape[0] > 0
     dampers = matrices.shape.shape[1] > 0
     pots, told = history.y.shape[0], history.told
@@ -432,6 +435,7 @@ def _advance(
             before.memory[:] = state.memory
         if pots > 0:
             tell_histories(history, out, wanted, cursor, t, dt)
+        look(seen, rows, dt, q, v)
         leave(before, q, v, a)
         for i in range(n):
             half[i] += dt * a[i]

@@ -35,6 +35,9 @@ from vofem.system import Counters, Events, State, System
 
 Array = NDArray[np.float64]
 
+#: What is missing from the balance of energy, over the largest energy, that is worth telling.
+_ENERGY = 0.01
+
 #: Relative error of a step.
 _TOLERANCE = 3e-14
 
@@ -113,6 +116,8 @@ class _Run:
         self.out = np.empty((5, times.size))
         self.acceleration, self.pull = np.empty((2, times.size))
         self.cursor, self.longest = 0, 0.0
+        # Largest amount missing from the balance of energy at the end of a span, over the largest energy, and when.
+        self.missing = 0.0, 0.0
 
     def _pull(self, regime: _Regime, force: float, x: float) -> float:
         """Return the spring force in N."""
@@ -171,6 +176,7 @@ class _Run:
             "y": self.y,
             "output": np.vstack([self.out, self.acceleration, self.pull])[:, : self.cursor],
             "longest": self.longest,
+            "missing": list(self.missing),
             "counters": self.counters,
         }
 
@@ -179,6 +185,7 @@ class _Run:
         output = saved["output"]
         self.y, self.cursor, self.longest = saved["y"], output.shape[1], saved["longest"]
         self.out[:, : self.cursor] = output[:5]
+        self.missing = tuple(saved.get("missing", self.missing))
         self.acceleration[: self.cursor], self.pull[: self.cursor] = output[5], output[6]
         for name, value in vars(saved["counters"]).items():
             setattr(self.counters, name, value)
@@ -211,11 +218,21 @@ class _Run:
             self.longest = max(self.longest, float(np.max(np.diff(found.t))))
             self.y, begin = found.y[:, -1], float(found.t[-1])
             self._store(found.sol, regime, begin)
+            self._balance(begin)
             if found.status == 1:
                 if regime.beyond and found.t_events[1].size:
                     raise self._limit(begin)
                 regime = _Regime(True, not regime.beyond, 0.0)
         return regime
+
+    def _balance(self, t: float) -> None:
+        """Look at the balance of energy at time t: kinetic energy against the work of load, damper and spring."""
+        _, v, work, damped, spring = self.y.tolist()
+        kinetic = 0.5 * self.mass * v**2
+        scale = max(kinetic, self.first_kinetic, abs(work), abs(damped), abs(spring))
+        missing = (kinetic - self.first_kinetic + damped + spring - work) / scale if scale > 0.0 else 0.0
+        if abs(missing) > abs(self.missing[0]):
+            self.missing = missing, t
 
     def _events(self, regime: _Regime) -> list[Any]:
         """Return what ends a step: the linear limit is passed, or the limit load is reached."""
@@ -263,6 +280,13 @@ class _Run:
         if self.damping:
             self.counters.damping_evaluations = self.counters.steps
         self.counters.memory_updates = self.counters.steps
+        missing, t = self.missing
+        if abs(missing) > _ENERGY:
+            notes.append(
+                f"energy: by t = {t:.4g} s {abs(missing):.2g} of the largest energy was "
+                f"{'lost by the steps' if missing < 0.0 else 'made out of nothing'}; choose method='auto' and a spring "
+                "without memory='printed' to compare with"
+            )
         springs = SpringSamples(self.pull[None, :], stored[None, :], lost[None, :], np.zeros(0))
         energies = Energies(kinetic, stored, np.zeros(x.size), damped + lost, work)
         start = self.first_kinetic + held

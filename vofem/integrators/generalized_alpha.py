@@ -40,6 +40,8 @@ from vofem.integrators.methods import GENERALIZED_ALPHA
 from vofem.integrators.stepped import SteppedSolution, step_count, storage_times
 from vofem.integrators.stepping.balance import Structure, balance, structure
 from vofem.integrators.stepping.callbacks import Callbacks
+from vofem.integrators.stepping.checks import check_times, look
+from vofem.integrators.stepping.checks import watch as watch_of
 from vofem.integrators.stepping.contact_solve import law
 from vofem.integrators.stepping.energies import kinetic_energy
 from vofem.integrators.stepping.laws import Laws, build_laws, closed_share, loaded, with_state
@@ -196,7 +198,8 @@ def run(
     note_loads(system, dt, t_end, notes)
     kernel = _GeneralizedAlpha(system, start, t_end, dt, steps, chosen, counters)
     points = tap(probes, kernel.bands.order)
-    out = output(stored, system.size, points, len(system.springs), kernel.laws.state.size)
+    looks = check_times(t_end, dt, system.size), watch_of(system.contacts)
+    out = output(stored, system.size, points, len(system.springs), kernel.laws.state.size, looks)
     return march(
         kernel, GENERALIZED_ALPHA, start, kernel.state.status.copy(), t_end, dt, out, notes,
         first_energy=stored_energy(system, start.q, start.v), blow_up=_BLOW_UP, watch=watch, resume=resume,
@@ -319,6 +322,7 @@ class _GeneralizedAlpha:
             count = self.springpotted.most_steps(count)
             springpots = self.springpotted.at((np.arange(first, first + count, dtype=float) + 0.5) * self.dt)
         if first == 0:
+            look(out.watch, self.rows, self.dt, self.state.q, self.state.v)
             cursor = store(
                 out, 0, 0.0, self.dt, True, self.trail, self.state.q, self.state.v, self.state.a, self.state.a
             )
@@ -364,7 +368,7 @@ def _advance(
     """Take `count` steps; return the cursor, events, number of contact solves, and the step that failed or -1."""
     n, m, contacts = state.q.size, rows.start.size - 1, state.status.size
     am, af, gamma, beta = parameters
-    q, v, a = state.q, state.v, state.a
+    q, v, a, seen = state.q, state.v, state.a, out.watch
     damped = matrices.damping.shape[0] > 0
     right, a1, q1, v1, load, loss = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.zeros(n), np.empty(n)
     told = np.empty(n)
@@ -466,6 +470,7 @@ def _advance(
             before.memory[:] = state.memory
         if history.y.shape[0] > 0:
             tell_histories(history, out, wanted, cursor, t, dt)
+        look(seen, rows, dt, q, v)
         leave(before, q, v, told)
     return cursor, events[:happened], solves, -1
 

@@ -18,7 +18,7 @@ _GRADED = 1e4
 
 def graded(system: System) -> bool:
     """Return whether the stiffnesses of a beam's degrees of freedom are so different that K loses digits."""
-    if system.strain is None or not np.any(system.scale != 1.0):
+    if system.strain is None or not np.any(system.rotational):
         return False
     stiffness = system.stiffness.diagonal() / system.scale**2
     stiffness = stiffness[stiffness > 0.0]
@@ -32,7 +32,7 @@ def static_loss(system: System) -> float:
     solved for through the strains, which is accurate; what K leaves over of
     the load then is rounding, and its response is the error.
     """
-    if system.strain is None or not np.any(system.scale != 1.0):
+    if system.strain is None or not np.any(system.rotational):
         return 0.0
     if system.size <= _FEW and not graded(system):
         return 0.0
@@ -52,7 +52,7 @@ def _static_loss(system: System) -> float:
         root = np.linalg.cholesky(rigid.T @ (mass @ rigid))
         rigid = np.linalg.solve(root, rigid.T).T
     worst = 0.0
-    for load in [mass @ np.where(system.scale == 1.0, 1.0, 0.0), *input_rows(system)[:3]]:
+    for load in [mass @ np.where(system.rotational, 0.0, 1.0), *input_rows(system)[:3]]:
         balanced = load - mass @ (rigid @ (rigid.T @ load))
         if np.linalg.norm(balanced) <= 1e-9 * np.linalg.norm(load):
             continue

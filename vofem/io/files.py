@@ -12,19 +12,42 @@ from pathlib import Path
 from vofem._validate import one_of
 from vofem.errors import ArgumentError, OutputError
 
+#: Where a system keeps its devices; a file put there is lost at the next start.
+_DEVICES = "/dev"
+
 #: What file systems answer that know no hard links, or cannot force a folder to disk.
 _UNSUPPORTED = {errno.EPERM, errno.EINVAL, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EMLINK, errno.EACCES, errno.ENOSYS}
 
 
 def target(path: str | os.PathLike[str], suffixes: tuple[str, ...]) -> Path:
-    """Return `path` as a Path, or raise `ArgumentError` if its suffix is none of `suffixes`."""
+    """Return `path` as a Path, or raise `ArgumentError` if its suffix is none of `suffixes`.
+
+    Raises
+    ------
+    OutputError
+        If no file system can have a file of that name.
+    """
     try:
         result = Path(path)
     except TypeError:
         raise ArgumentError(f"path is {path!r}, expected the name of a file") from None
+    fault = impossible(result)
+    if fault is not None:
+        raise OutputError(f"path is {str(path)!r}, which {fault}; give another name")
     if result.suffix.lower() not in suffixes:
         raise ArgumentError(f"path is {str(path)!r}, expected a name that ends in {one_of(suffixes)}")
     return result
+
+
+def impossible(path: Path) -> str | None:
+    """Return why no file system can have a file of that name, for a message, or None."""
+    if "\0" in str(path):
+        return "holds a NUL character"
+    try:
+        os.fsencode(path)
+    except UnicodeEncodeError:
+        return "holds characters that this system cannot write in names"
+    return None
 
 
 def refuse_existing(path: Path) -> None:
@@ -50,15 +73,18 @@ def replacing(path: Path, *, overwrite: bool = True) -> Iterator[Path]:
         Whether a file of that name is replaced. If not, it is refused before
         the block and, where another process has made it meanwhile, after it.
 
+    A link is followed: what it points to is replaced, and the link stays.
+
     Raises
     ------
     OutputError
-        If the file cannot be written.
+        If the file cannot be written, or is a device, a pipe or a socket.
     """
+    if not overwrite:
+        refuse_existing(path)
+    path = _real(path)
     temporary = _hidden_name(path)
     try:
-        if not overwrite:
-            refuse_existing(path)
         # Created first, so that a folder that cannot be written is found before the work is done.
         _create(path, temporary)
         yield temporary
@@ -83,6 +109,7 @@ def write_text(path: Path, text: str) -> Path:
 
 def try_to_write(path: Path) -> None:
     """Raise `OutputError` if no file can be made in the folder of `path`; what is there stays as it is."""
+    path = _real(path)
     temporary = _hidden_name(path)
     try:
         _create(path, temporary)
@@ -91,6 +118,18 @@ def try_to_write(path: Path) -> None:
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
+
+
+def _real(path: Path) -> Path:
+    """Return the file that a name stands for, links followed; raise `OutputError` where it is no regular file."""
+    real = Path(os.path.realpath(path)) if os.path.islink(path) else path
+    if os.path.islink(real):
+        raise OutputError(f"{path} cannot be written: it is a link that leads back to itself; choose another name")
+    if os.path.exists(real) and not os.path.isfile(real) and not os.path.isdir(real):
+        raise OutputError(f"{path} cannot be written: it is a device, a pipe or a socket, and no regular file")
+    if os.path.realpath(real.parent) == _DEVICES:
+        raise OutputError(f"{path} cannot be written: {_DEVICES} is the folder of devices; choose another place")
+    return real
 
 
 def _hidden_name(path: Path) -> Path:

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from vofem._validate import nearest
-from vofem.errors import ArgumentError, SceneFileError
-from vofem.io.files import replacing
+from vofem.errors import ArgumentError, OutputError, SceneFileError
+from vofem.io.files import impossible, replacing
 from vofem.io.scenes.parts import PointByName
 from vofem.io.scenes.place import Book, Place
 from vofem.io.scenes.reader import read_tables
@@ -122,6 +122,9 @@ def dump_scene(
         If the file cannot be written.
     """
     file = _path(path)
+    fault = impossible(file)
+    if fault is not None:
+        raise OutputError(f"path is {str(path)!r}, which {fault}; give another name")
     text = scene_to_toml(scene, run, output, file.parent)
     with replacing(file) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")
@@ -146,6 +149,9 @@ def _path(path: Any) -> Path:
 
 def _text(file: Path) -> str:
     try:
+        # A pipe may bring a scene; a device such as /dev/zero never ends.
+        if file.is_char_device() or file.is_block_device():
+            raise SceneFileError(str(file), [("", "this is a device, expected a scene file")])
         raw = file.read_bytes()
     except FileNotFoundError:
         folder = file.parent

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import array, number
 from vofem.errors import ArgumentError, OutputError
-from vofem.io.files import replacing
+from vofem.io.files import impossible, replacing
 from vofem.io.series.grid import Grid
 from vofem.io.series.placement import place
 from vofem.io.series.vtu import VtuTemplate
@@ -180,6 +180,9 @@ def _index(path: str | os.PathLike[str], made: list[Path]) -> Path:
         goal = Path(path)
     except TypeError:
         raise ArgumentError(f"path is {path!r}, expected NAME.pvd or a folder") from None
+    fault = impossible(goal)
+    if fault is not None:
+        raise OutputError(f"path is {str(path)!r}, which {fault}; give another name")
     if goal.suffix.lower() == ".pvd":
         return goal
     if goal.suffix.lower() in _OTHER_FORMATS:

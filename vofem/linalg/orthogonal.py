@@ -24,12 +24,13 @@ from vofem.linalg.jit import jit
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 
 #: Entries of a band that may be kept, 1 GiB.
 _MOST_ENTRIES = 2**27
 
 
-def elimination_orders(strain: Any, scale: Array) -> tuple[IntArray, IntArray]:
+def elimination_orders(strain: Any, rotational: BoolArray) -> tuple[IntArray, IntArray]:
     """Return two orders of elimination that keep the band narrow, one from either end of the structure.
 
     At every node the displacement comes before the slope: the other way
@@ -38,17 +39,17 @@ def elimination_orders(strain: Any, scale: Array) -> tuple[IntArray, IntArray]:
     Parameters
     ----------
     strain : sparse matrix, shape (n_strains, n)
-    scale : ndarray, shape (n,)
-        1 for displacements, a length for slopes, which follow the displacement of their node.
+    rotational : ndarray of bool, shape (n,)
+        False for displacements, true for slopes, which follow the displacement of their node.
     """
     pattern = abs(strain)
     order = band_order(pattern.T @ pattern)
-    return _displacements_first(order, scale), _displacements_first(order[::-1].copy(), scale)
+    return _displacements_first(order, rotational), _displacements_first(order[::-1].copy(), rotational)
 
 
-def _displacements_first(order: IntArray, scale: Array) -> IntArray:
+def _displacements_first(order: IntArray, rotational: BoolArray) -> IntArray:
     """Swap neighbours in an order that are slope and displacement of one node."""
-    slope = np.append(False, (scale[1:] != 1.0) & (scale[:-1] == 1.0))
+    slope = np.append(False, rotational[1:] & ~rotational[:-1])
     swap = np.flatnonzero(slope[order[:-1]] & (order[1:] == order[:-1] - 1))
     order[swap], order[swap + 1] = order[swap + 1], order[swap]
     return order

@@ -56,7 +56,7 @@ def solver_of(system: System, shift: Array) -> Solve:
     from vofem.linalg.orthogonal import OrthogonalFactor, elimination_orders
 
     strain = system.strain if rows is None else vstack([system.strain, diags(np.sqrt(shift)) @ rows], format="csr")
-    factor = OrthogonalFactor(strain, elimination_orders(strain, system.scale)[0])
+    factor = OrthogonalFactor(strain, elimination_orders(strain, system.rotational)[0])
 
     def solve(right: Array) -> Array:
         return factor.solve(right) if right.ndim == 1 else np.stack([factor.solve(b) for b in right.T], axis=1)

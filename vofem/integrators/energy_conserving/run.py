@@ -116,7 +116,7 @@ def run(
     initial = kernel.state.status.copy()
     note_chatter(system, notes)
     note_loads(system, None if tol is not None else step, t_end, notes)
-    out = kernel.output(stored, probes)
+    out = kernel.output(stored, probes, t_end)
     solution = march(
         kernel, ENERGY_CONSERVING, start, initial, t_end, step, out, notes,
         first_energy=stored_energy(system, start.q, start.v), blow_up=_BLOW_UP, watch=watch, resume=resume,

@@ -12,6 +12,7 @@ from vofem.integrators.damping_matrix import damping_matrix
 from vofem.integrators.energy_conserving.step import Factored, Matrices, State, forcing, scratch
 from vofem.integrators.stepping.balance import structure
 from vofem.integrators.stepping.callbacks import Callbacks
+from vofem.integrators.stepping.checks import check_times, watch
 from vofem.integrators.stepping.energies import kinetic_energy
 from vofem.integrators.stepping.laws import build_laws, loaded
 from vofem.integrators.stepping.march import MOST_FACTORED, Banded, tally
@@ -33,6 +34,8 @@ class Setting:
     """A system in band storage, its laws, and the state of a run."""
 
     place: tuple[str, ...] = ()
+    #: Size of all steps in s; None where they follow a tolerance.
+    dt: float | None = None
 
     def __init__(self, system: System, start: Start, t_end: float, counters: Counters) -> None:
         damping = damping_matrix(system, counters)
@@ -83,10 +86,16 @@ class Setting:
         """Return what a step of a size in s does to the past of springpots."""
         return NO_PACE if self.springpotted is None else self.springpotted.pace(dt)
 
-    def output(self, times: Array, probes: ProbeRows | None) -> Output:
-        """Return an empty record of the run at some times, and of points at every step."""
-        size, springs = self.bands.system.size, len(self.bands.system.springs)
-        return output(times, size, tap(probes, self.bands.order), springs, self.laws.state.size)
+    def output(self, times: Array, probes: ProbeRows | None, t_end: float | None = None) -> Output:
+        """Return an empty record of the run at some times, and of points at every step.
+
+        With the end of the run in s, also of what it looks at to judge itself.
+        """
+        system, looks = self.bands.system, None
+        if t_end is not None:
+            looks = check_times(t_end, self.dt, system.size), watch(system.contacts)
+        points = tap(probes, self.bands.order)
+        return output(times, system.size, points, len(system.springs), self.laws.state.size, looks)
 
     def factor(self, dt: float) -> Factored:
         """Return the factored matrix of a step size, with the compliance of the laws' rows."""

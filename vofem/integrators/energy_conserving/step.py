@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.integrators.stepping.balance import Structure, balance
+from vofem.integrators.stepping.checks import look
 from vofem.integrators.stepping.laws import Laws, closed_share
 from vofem.integrators.stepping.memory import commit_all
 from vofem.integrators.stepping.recall import remember
@@ -233,6 +234,7 @@ def accept(
     if state.memory.size > 0:
         remember(laws.memory, before.memory, rows, out, wanted, cursor)
         before.memory[:] = state.memory
+    look(out.watch, rows, last, q, v)
     leave(before, q, v, leaving)
     taken = 0.0
     if matrices.damping.shape[0] > 0:

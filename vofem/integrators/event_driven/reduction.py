@@ -94,6 +94,7 @@ class Reduction:
             loads=tuple(Load(vectors.T @ load.vector, load.function, load.name) for load in system.loads),
             contacts=contacts,
             scale=np.ones(k),
+            rotation=np.zeros(k, dtype=bool),
             strain=None if root is None else csr_matrix(root),
             rigid=np.eye(k)[:, :r] if r else nothing,
         )
@@ -183,7 +184,7 @@ def two_solutions(system: System, held: Any) -> tuple[Solve, Solve]:
 
     if system.strain is not None:
         strain = system.strain if held is None else vstack([system.strain, held], format="csr")
-        first, second = elimination_orders(strain, system.scale)
+        first, second = elimination_orders(strain, system.rotational)
         return OrthogonalFactor(strain, first).solve, OrthogonalFactor(strain, second).solve
     from scipy.sparse.linalg import splu
 

@@ -24,6 +24,7 @@ from vofem.integrators.event_driven.search import EventFunctions
 from vofem.integrators.event_driven.segment import Segment, Segments
 from vofem.integrators.event_driven.sensitivity import Perturbation, Sensitivity
 from vofem.integrators.event_driven.spectrum import Spectra, Spectrum
+from vofem.integrators.unclosed import never_closed, open_throughout
 from vofem.system import CLOSED, OPEN, PINNED, ContactLaws, Counters, Events, State, System
 
 Array = NDArray[np.float64]
@@ -39,6 +40,12 @@ _MANY_EVENTS = 30
 #: Segments whose closed forms are kept, so that sampling a run with few events starts from them; only one, the
 #: last, in systems of more modes than these, since each keeps the eigensystem of its status in memory.
 _MOST_MOTIONS, _FEW_MODES = 32, 300
+
+#: Change of the energy of a run that nothing drives or damps, over the largest, that is worth telling.
+_ENERGY = 0.01
+
+#: Times at which contacts that never close are looked at.
+_LOOKS = 257
 
 #: A contact within this share of its displacement and its gap touches at the start.
 _TOUCHING = 4.0 * float(np.finfo(float).eps)
@@ -342,6 +349,11 @@ class EventSolution:
     def conclude(self) -> None:
         """Write the notes."""
         events, laws = self.events, self.system.contacts
+        self._note_energy()
+        if laws is not None and np.any(open_throughout(laws, events)):
+            # At times of the run's own choice: what is told does not depend on those that are wanted.
+            z, _ = self.modal(np.linspace(0.0, self.t_end, _LOOKS))
+            self.notes += never_closed(laws, events, np.max(self.space.contacts @ z, axis=1))
         for j in np.unique(events.contact[events.status == PINNED]):
             assert laws is not None
             mine = events.contact == j
@@ -357,6 +369,32 @@ class EventSolution:
                     f"chaos: a perturbation grows by 10^{self.sensitivity.growth[-1]:.1f} along this run, so rounding "
                     f"spoils pointwise values beyond t = {horizon:.4g} s; means and rms values may still be taken"
                 )
+
+    def _note_energy(self) -> None:
+        """Tell where the energy of a run that nothing drives or damps is not that of its start.
+
+        Of other runs the balance needs integrals over all segments, which cost up to a third of the run.
+        """
+        laws, events = self.system.contacts, self.events
+        damped = self.system.damped or (laws is not None and bool(np.any(laws.damping > 0)))
+        pinned = bool(np.any(events.status == PINNED) or np.any(events.initial == PINNED))
+        if damped or pinned or self.system.loads:
+            return
+        starts = self.segment_starts
+        z, v = (np.array([state[k] for state in self._states]).T for k in (1, 2))
+        energy = 0.5 * np.sum(v**2 + self.space.stiffness[:, None] * z**2, axis=0)
+        if laws is not None:
+            gaps = np.array([self._gap_functions(index) for index in range(starts.size)]).T
+            status = np.array([state[0] for state in self._states]).T
+            energy += _contact_potential(laws, gaps, status)
+        largest = float(np.max(energy))
+        worst = int(np.argmax(np.abs(energy - energy[0])))
+        if largest > 0.0 and abs(energy[worst] - energy[0]) > _ENERGY * largest:
+            self.notes.append(
+                f"energy: by t = {starts[worst]:.4g} s {abs(energy[worst] - energy[0]) / largest:.2g} of the largest "
+                f"energy was {'lost' if energy[worst] < energy[0] else 'made out of nothing'} by rounding; make stiff "
+                "contacts softer, or choose method='energy_conserving' with a small dt"
+            )
 
     @property
     def events(self) -> Events:

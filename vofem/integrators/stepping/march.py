@@ -14,6 +14,7 @@ from vofem.integrators.registry import advice
 from vofem.integrators.rounding import static_loss
 from vofem.integrators.stepped import SteppedSolution
 from vofem.integrators.stepping.callbacks import Callbacks
+from vofem.integrators.stepping.checks import check_times
 from vofem.integrators.stepping.energies import contact_energy, kinetic_energy, strain_energy
 from vofem.integrators.stepping.laws import Laws
 from vofem.integrators.stepping.probes import MOST_STEPS, Recorded
@@ -22,7 +23,7 @@ from vofem.integrators.stepping.record import Output, Trail, stored
 from vofem.integrators.stepping.rows import Rows, all_rows
 from vofem.integrators.stepping.springpots import History, absorbed
 from vofem.integrators.stepping.step_loads import StepLoads
-from vofem.integrators.stepping.telling import tell
+from vofem.integrators.stepping.telling import Seen, tell
 from vofem.integrators.watching import Snapshot, Watch, deferred_interrupts
 from vofem.linalg.banded import band_order, band_width, solve, subtract_product
 from vofem.system import Counters, Events, State, System
@@ -113,6 +114,10 @@ class Kernel(Protocol):
     place: tuple[str, ...]
 
     @property
+    def dt(self) -> float | None:
+        """Size of all steps in s; None where they follow a tolerance."""
+
+    @property
     def state(self) -> Any:
         """A named tuple of arrays, changed in place by `advance`."""
 
@@ -179,12 +184,15 @@ def march(
     kernel.bands.over.until = t_end
     energy = stored_energy(system, start.q, start.v) + held
     log: list[Array] = []
-    cursor, recorded, wanted_end = 0, Recorded(), t_end
+    cursor, wanted_end = 0, t_end
+    recorded, missing = Recorded(), (0.0, 0.0)
     if resume is not None:
         cursor, log, recorded = _restore(kernel, out, resume, notes)
+        missing = tuple(resume.get("missing", missing))
 
     def snapshot() -> Snapshot:
-        return _snapshot(kernel, out, cursor, log, recorded, notes)
+        seen = {"missing": list(missing), "watch": out.watch}
+        return _snapshot(kernel, out, cursor, log, recorded, notes) | seen
 
     with deferred_interrupts() as interrupted:
         while not kernel.finished:
@@ -192,21 +200,24 @@ def march(
             recorded.drain(out.tap)
             if new.size:
                 log.append(new)
-            _check(kernel, method, energy, dt, blow_up)
+            excess = _check(kernel, method, energy, dt, blow_up)
+            if method == "energy_conserving" and abs(excess) > abs(missing[0]):
+                missing = excess, kernel.reached()
             stop = interrupted() and not kernel.finished
             if watch is not None:
                 watch(kernel.reached(), snapshot, stop)
             if stop:
-                if cursor == 0:
+                if not np.any(out.wanted[:cursor]):
                     raise KeyboardInterrupt
                 notes.append(
                     f"interrupted at t = {kernel.reached():g} s of {t_end:g} s: what was computed until then is here"
                 )
-                t_end = float(out.times[cursor - 1])
+                t_end = float(out.times[:cursor][out.wanted[:cursor]][-1])
                 out = Output(
                     **{name: part.copy() for name, part in stored(out, cursor).items()},
                     every_step=out.every_step,
                     tap=out.tap,
+                    watch=out.watch,
                 )
                 break
     events = Events(initial=initial)
@@ -214,22 +225,35 @@ def march(
         time, which, entered = np.concatenate(log).T
         events = Events(time.copy(), which.astype(np.int64), entered.astype(np.int64), initial)
     counters.events = events.time.size
-    back = kernel.bands.back
-    samples = Samples(out.q[back], out.v[back], out.a[back])
-    strain, dissipated, springs = strain_energy(system, samples.q), out.dissipated, None
+    first_energy += held
+    looked = np.flatnonzero(np.isin(out.times, check_times(wanted_end, kernel.dt, system.size)))
+    # A run that goes on from a checkpoint of an earlier version has not stored all of them.
+    looked = looked[np.isfinite(out.q[0, looked])]
+    times, samples, parts, _ = _outcome(kernel, out, looked)
+    notes += tell(
+        system, method, Seen(times, samples, parts, out.watch, missing), events, first_energy, kernel.dt, wanted_end
+    )  # fmt: skip
+    points = None if probes is None else recorded.samples(probes.names, wanted_end * (1.0 + 1e-12))
+    times, samples, parts, springs = _outcome(kernel, out, np.flatnonzero(out.wanted))
+    return SteppedSolution(
+        system, t_end, times, samples, parts, first_energy, dt, events, counters, notes, springs, points
+    )  # fmt: skip
+
+
+def _outcome(kernel: Kernel, out: Output, columns: IntArray) -> tuple[Array, Samples, Energies, SpringSamples | None]:
+    """Return times, states, energies and springs with memory at some of the stored times."""
+    system, back = kernel.bands.system, kernel.bands.back
+    place = np.ix_(back, columns)
+    samples = Samples(out.q[place], out.v[place], out.a[place])
+    strain, dissipated, springs = strain_energy(system, samples.q), out.dissipated[columns], None
     if system.springs:
-        springs = SpringSamples(out.memory[0], out.memory[1], out.memory[2], out.past[:, 0])
+        force, held, lost = out.memory[:, :, columns]
+        springs = SpringSamples(force, held, lost, out.past[:, 0])
         strain = strain + springs.stored.sum(axis=0)
         dissipated = dissipated + springs.dissipated.sum(axis=0)
     contact = contact_energy(system.contacts, samples.q)
-    parts = Energies(kernel.kinetic(samples), strain, contact, dissipated, out.work)
-    first_energy += held
-    # Steps that follow a tolerance have no size of their own, and come with that of the run.
-    notes += tell(system, method, out.times, samples, parts, first_energy, dt if dt < t_end else None)
-    points = None if probes is None else recorded.samples(probes.names, wanted_end * (1.0 + 1e-12))
-    return SteppedSolution(
-        system, t_end, out.times, samples, parts, first_energy, dt, events, counters, notes, springs, points
-    )  # fmt: skip
+    parts = Energies(kernel.kinetic(samples), strain, contact, dissipated, out.work[columns])
+    return out.times[columns], samples, parts, springs
 
 
 def _held(kernel: Kernel) -> tuple[float, float]:
@@ -268,12 +292,22 @@ def _restore(kernel: Kernel, out: Output, saved: Snapshot, notes: list[str]) -> 
     _fill(kernel.trail, saved["trail"])
     for name, value in saved["place"].items():
         setattr(kernel, name, value)
-    cursor = int(saved["output"]["times"].size)
-    for name, part in saved["output"].items():
-        getattr(out, name)[..., :cursor] = part
+    output = saved["output"]
+    cursor = int(output["times"].size)
+    # Earlier versions have stored wanted times only.
+    older = "wanted" not in output
+    columns = np.flatnonzero(out.wanted)[:cursor] if older else np.arange(cursor)
+    for name, part in output.items():
+        if name == "past":
+            out.past[:] = part
+        else:
+            getattr(out, name)[..., columns] = part
+    if older:
+        cursor = int(np.searchsorted(out.times, kernel.reached() * (1.0 + 1e-12), side="right"))
     for name, value in vars(saved["counters"]).items():
         setattr(kernel.bands.counters, name, value)
     notes[:] = saved["notes"]
+    out.watch[:] = saved.get("watch", out.watch)
     return cursor, [saved["log"]] if saved["log"].size else [], Recorded(saved["recorded"])
 
 
@@ -302,13 +336,15 @@ def stored_energy(system: System, q: Array, v: Array) -> float:
     return float(sum(part[0] for part in parts))
 
 
-def _check(kernel: Kernel, method: Method, first: float, dt: float, blow_up: float) -> None:
+def _check(kernel: Kernel, method: Method, first: float, dt: float, blow_up: float) -> float:
+    """Return what is missing from the balance of energy where the run stands, J; raise where that is a blow-up."""
     trail, back = kernel.trail, kernel.bands.back
     held, lost = _held(kernel)
     now = stored_energy(kernel.bands.system, trail.q[back], trail.v[back]) + held
     work, dissipated = float(trail.work[1]), float(trail.dissipated[1]) + lost
     scale = abs(first) + abs(work) + abs(dissipated)
-    if not now - first - work + dissipated <= blow_up * scale + 1e-300:
+    excess = now - first - work + dissipated
+    if not excess <= blow_up * scale + 1e-300:
         loss = static_loss(kernel.bands.system)
         if loss > _SPOILT:
             cure = (
@@ -326,3 +362,4 @@ def _check(kernel: Kernel, method: Method, first: float, dt: float, blow_up: flo
             f"{method.name} blew up before t = {kernel.reached():g} s: energy {now:.3g} J, from {first:.3g} J at the "
             f"start and {work:.3g} J of work; {cure}"
         )
+    return excess

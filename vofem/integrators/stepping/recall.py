@@ -28,10 +28,13 @@ def remember(memory: Memory, state: Array, rows: Rows, out: Output, first: int, 
             out.memory[0, i, c] = memory_force(memory, state, i, u)[0]
             out.memory[1, i, c] = memory_stored(memory, state, i, u)
             out.memory[2, i, c] = state[memory.table[i]["start"]] + memory_loss(memory, state, i, u)
-    if first < cursor:
+    last = cursor - 1
+    while last >= first and not out.wanted[last]:
+        last -= 1
+    if last >= first:
         past = state.copy()
         for i in range(n):
-            commit(memory, past, i, dot(rows, offset + i, out.q[:, cursor - 1]))
+            commit(memory, past, i, dot(rows, offset + i, out.q[:, last]))
         out.past[:, 0] = past
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +44,8 @@ class Output(NamedTuple):
     """Wanted times and what is stored there: q, v, a of shape (n, n_times), and work and dissipation.
 
     `memory` holds force, stored energy and loss of the laws with memory, springpots last, shape (3, n_laws, n_times),
-    `past` the state of the former at the last time, shape (size, 1). At `every_step` points are recorded on `tap`.
+    `past` the state of the former at the last of the `wanted` times, shape (size, 1); the run looks at itself at the
+    others. At `every_step` points are recorded on `tap`, and contacts looked at for `watch` (see `checks`).
     """
 
     times: Array
@@ -55,21 +56,38 @@ class Output(NamedTuple):
     dissipated: Array
     memory: Array
     past: Array
+    wanted: NDArray[np.bool_]
     every_step: bool
     tap: Tap
+    watch: Array
 
 
-def output(times: Array, n: int, tap: Tap, laws: int = 0, past: int = 0) -> Output:
-    """Return an empty record of n unknowns and some laws with memory, whose state is `past` numbers."""
+def output(
+    times: Array, n: int, tap: Tap, laws: int = 0, past: int = 0, looks: tuple[Array, Array] | None = None
+) -> Output:
+    """Return an empty record of n unknowns and some laws with memory, whose state is `past` numbers.
+
+    States are stored at `times`, and for the run itself at those of `looks`, which holds the watch of contacts too.
+    """
+    wanted = np.ones(times.size, dtype=bool)
+    table = np.empty((0, 8))
+    if looks is not None:
+        checks, table = looks
+        more = checks[~np.isin(checks, times)]
+        times, wanted = np.concatenate([times, more]), np.append(wanted, np.zeros(more.size, dtype=bool))
+        order = np.argsort(times, kind="stable")
+        times, wanted = times[order], wanted[order]
     q, v, a = np.full((3, n, times.size), np.nan)
     work, dissipated = np.zeros((2, times.size))
     histories, last = np.zeros((3, laws, times.size)), np.zeros((past, 1))
-    return Output(times, q, v, a, work, dissipated, histories, last, tap.times.size > 0, tap)
+    return Output(times, q, v, a, work, dissipated, histories, last, wanted, tap.times.size > 0, tap, table)
 
 
-def stored(out: Output, count: int) -> dict[str, Array]:
+def stored(out: Output, count: int) -> dict[str, Any]:
     """Return views of what is stored at the first `count` times, by field."""
-    return {name: part[..., :count] for name, part in out._asdict().items() if name not in ("tap", "every_step")}
+    return {
+        name: part[..., :count] for name, part in out._asdict().items() if name not in ("tap", "every_step", "watch")
+    }
 
 
 @jit

@@ -1,6 +1,13 @@
-"""What a stepping run tells of itself at its end: energy, steps that are too large, contacts missed, rounding."""
+"""What a stepping run tells of itself at its end: energy, steps that are too large, contacts missed, rounding.
+
+All of it depends on the run alone, never on the times at which results are
+wanted: it looks at states at steps of its own choice and, of contacts, at
+every step (`checks`).
+"""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,12 +16,18 @@ from vofem.integrators.base import Energies, Samples
 from vofem.integrators.method import Method
 from vofem.integrators.registry import advice
 from vofem.integrators.rounding import static_loss
-from vofem.system import ContactLaws, System
+from vofem.integrators.stepped import step_count
+from vofem.integrators.stepping.checks import MISSED, POWER, REACH
+from vofem.integrators.unclosed import never_closed
+from vofem.system import ContactLaws, Events, System
 
 Array = NDArray[np.float64]
 
-#: What is missing from the balance of energy, over the largest energy, that is worth telling.
+#: What is missing from the balance of energy at a step, over the largest energy, that is worth telling.
 _ENERGY = 0.01
+
+#: The same between two steps, where states are interpolated.
+_BETWEEN = 0.1
 
 #: ``omega dt`` of the motion that carries the energy beyond which steps do not resolve it.
 _COARSE = 0.5
@@ -22,41 +35,80 @@ _COARSE = 0.5
 #: Loss of static responses to rounding that is worth telling.
 _ROUNDING = 1e-6
 
-#: Times at most that are looked at.
-_MOST_TIMES = 5000
+
+@dataclass(frozen=True)
+class Seen:
+    """What a run has looked at.
+
+    Attributes
+    ----------
+    times : ndarray, shape (n_times,)
+        In s; of `checks.check_times`, as far as the run has come.
+    samples : Samples
+        States at `times`.
+    parts : Energies
+        At `times`, in the method's own form.
+    watch : ndarray, shape (n_contacts, 8)
+        Of `checks.watch`.
+    missing : (float, float)
+        Largest amount in J, and time in s, that was missing from the balance of energy when the run was looked at
+        between chunks of steps; of methods that conserve energy at their steps.
+    """
+
+    times: Array
+    samples: Samples
+    parts: Energies
+    watch: Array
+    missing: tuple[float, float]
 
 
 def tell(
-    system: System, method: Method, times: Array, samples: Samples, parts: Energies, first: float, dt: float | None
+    system: System, method: Method, seen: Seen, events: Events, first: float, dt: float | None, t_end: float
 ) -> list[str]:
-    """Return notes on a run from its stored times.
+    """Return notes on a run.
 
     Parameters
     ----------
     system : System
     method : Method
-    times : ndarray, shape (n_times,)
-    samples : Samples
-    parts : Energies
-        In the method's own form, `first` at t = 0.
+    seen : Seen
+    events : Events
+    first : float
+        Energy at t = 0 in the method's own form, J.
     dt : float, optional
         In s; None where steps follow a tolerance.
+    t_end : float
+        In s.
     """
     notes: list[str] = []
+    if dt is not None and step_count(t_end, dt) == 1:
+        notes.append(
+            f"step: the whole run of {t_end:.4g} s is one step of {dt:.4g} s, which resolves no motion within it; "
+            f"choose dt well below {t_end:.4g} s, or leave it out"
+        )
     laws = system.contacts
+    if laws is not None:
+        notes += never_closed(laws, events, laws.gap + seen.watch[:, REACH])
+    parts, times = seen.parts, seen.times
+    # Between steps the motion is interpolated, which says nothing of the method's own balance.
+    on = np.abs(times / dt - np.round(times / dt)) < 1e-6 if dt is not None else np.ones(times.size, dtype=bool)
     total = parts.kinetic + parts.strain + parts.contact
-    scale = max(float(np.max(np.abs(part), initial=0.0)) for part in (total, parts.work, parts.dissipated))
+    scale = max(float(np.max(np.abs(part[on]), initial=0.0)) for part in (total, parts.work, parts.dissipated))
     if not 0.0 < scale < np.inf:
         return notes
-    # Between steps the motion is interpolated, which says nothing of the method's own balance.
-    on = np.abs(times / dt - np.round(times / dt)) < 1e-6 if dt is not None else times >= 0.0
-    if not method.conserves and np.any(on):
-        missing = (total - first + parts.dissipated - parts.work)[on] / scale
-        notes += _energy(times[on], missing)
-    if dt is not None:
-        notes += _coarse(system, samples, scale, dt)
-        if laws is not None:
-            notes += _missed(laws, samples, times, dt)
+    missing = (total - first + parts.dissipated - parts.work) / scale
+    if dt is None:
+        on = times <= 0.0
+    at_steps = _worst(times[on], missing[on])
+    if abs(seen.missing[0]) > abs(at_steps[0]) * scale:
+        at_steps = seen.missing[0] / scale, seen.missing[1]
+    notes += _energy(method, *at_steps, dt)
+    coarse = _coarse(system, seen, on, scale, dt) if dt is not None else []
+    notes += coarse
+    if not coarse and abs(at_steps[0]) <= _ENERGY:
+        notes += _interpolated(*_worst(times[~on], missing[~on]), dt)
+    if laws is not None:
+        notes += _missed(laws, seen.watch[:, MISSED], dt)
     loss = static_loss(system)
     if loss > _ROUNDING:
         notes.append(
@@ -67,30 +119,53 @@ def tell(
     return notes
 
 
-def _energy(times: Array, missing: Array) -> list[str]:
-    """Return a note where the balance of energy does not hold."""
+def _worst(times: Array, missing: Array) -> tuple[float, float]:
+    """Return the entry of largest magnitude and its time, zeros where there is none."""
+    if not missing.size:
+        return 0.0, 0.0
     worst = int(np.argmax(np.abs(missing)))
-    if abs(missing[worst]) <= _ENERGY:
+    return float(missing[worst]), float(times[worst])
+
+
+def _smaller(dt: float | None) -> str:
+    return "reduce tol" if dt is None else "reduce dt"
+
+
+def _energy(method: Method, missing: float, t: float, dt: float | None) -> list[str]:
+    """Return a note where the balance of energy does not hold at steps."""
+    if abs(missing) <= _ENERGY:
         return []
-    how = "lost by the steps" if missing[worst] < 0.0 else "made out of nothing"
+    how = "lost by the steps" if missing < 0.0 else "made out of nothing"
+    cure = f"{_smaller(dt)}, or choose {advice(exact=True)} where it applies"
+    if not method.conserves:
+        cure = f"reduce dt, or choose {advice(conserves=True)}, which keeps it at any step"
+    return [f"energy: by t = {t:.4g} s {abs(missing):.2g} of the largest energy was {how}; {cure}"]
+
+
+def _interpolated(missing: float, t: float, dt: float | None) -> list[str]:
+    """Return a note where states between steps do not have the energy of those at steps."""
+    if abs(missing) <= _BETWEEN:
+        return []
     return [
-        f"energy: by t = {times[worst]:.4g} s {abs(missing[worst]):.2g} of the largest energy was {how}; reduce dt, or "
-        f"choose {advice(conserves=True)}, which keeps it at any step"
+        f"interpolation: between steps states are interpolated, and near t = {t:.4g} s these are off by "
+        f"{abs(missing):.2g} of the largest energy; {_smaller(dt)}"
+        + ("" if dt is None else ", or name times on steps in times=")
     ]
 
 
-def _coarse(system: System, samples: Samples, scale: float, dt: float) -> list[str]:
+def _coarse(system: System, seen: Seen, on: NDArray[np.bool_], scale: float, dt: float) -> list[str]:
     """Return a note where steps are too large: ``dt |v'(K q + b R)|`` over the energy is omega dt of its motion."""
-    stride = -(-samples.q.shape[1] // _MOST_TIMES)
-    q, v = samples.q[:, ::stride], samples.v[:, ::stride]
+    q, v = seen.samples.q[:, on], seen.samples.v[:, on]
     power = np.sum(v * (system.stiffness @ q), axis=0)
+    largest = 0.0
     if system.contacts is not None:
         laws = system.contacts
         u, rate = laws.rows @ q, laws.rows @ v
         closed = (u > laws.gap[:, None]) & np.isinf(laws.resolution)[:, None]
         elastic = laws.stiffness[:, None] * (u - laws.offset[:, None])
         power += np.sum(np.where(closed, elastic * rate, 0.0), axis=0)
-    share = dt * float(np.max(np.abs(power), initial=0.0)) / scale
+        largest = float(np.max(seen.watch[:, POWER]))
+    share = dt * max(float(np.max(np.abs(power), initial=0.0)), largest) / scale
     if not share > _COARSE:
         return []
     return [
@@ -100,27 +175,13 @@ def _coarse(system: System, samples: Samples, scale: float, dt: float) -> list[s
     ]
 
 
-def _missed(laws: ContactLaws, samples: Samples, times: Array, dt: float) -> list[str]:
-    """Return a note where a contact closed and opened, or came near it, between two steps that are both stored."""
-    width = np.diff(times)
-    if not width.size or float(np.max(width)) > 1.000001 * dt:
-        return []
-    missed, where = 0, ""
-    for j in range(len(laws)):
-        row = laws.rows[[j]]
-        s, rate = (row @ samples.q)[0] - laws.gap[j], (row @ samples.v)[0]
-        turn = (s[:-1] <= 0.0) & (s[1:] <= 0.0) & (rate[:-1] > 0.0) & (rate[1:] < 0.0)
-        r0, r1 = rate[:-1][turn], rate[1:][turn]
-        part = r0 / (r0 - r1)
-        height = 0.5 * width[turn] * r0 * part
-        # A tenth of what the gap function rises within the step is left to the step's own error.
-        count = int(np.sum(s[:-1][turn] + 1.1 * height > 0.0))
-        if count and not missed:
-            where = laws.names[j]
-        missed += count
+def _missed(laws: ContactLaws, counts: Array, dt: float | None) -> list[str]:
+    """Return a note where a contact closed and opened, or came near it, between two steps."""
+    missed = int(np.sum(counts))
     if not missed:
         return []
+    where = laws.names[int(np.argmax(counts > 0))]
     return [
         f"contacts: {missed} closings shorter than a step, the first of contact {where!r}, were or may have been "
-        f"passed over; reduce dt, or choose {advice(exact=True)}, which misses none"
+        f"passed over; {_smaller(dt)}, or choose {advice(exact=True)}, which misses none"
     ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from difflib import get_close_matches
 from typing import Any
 
 from vofem.bodies import Body
@@ -68,18 +69,30 @@ def _order(content: dict[str, Any], text: str, root: Place) -> list[Item]:
     """
     groups: dict[str, list[Item]] = {}
     for name, tables in content.items():
-        if name not in _KNOWN:
+        entry = _meant(name)
+        if entry is None:
             continue
         here = root.key(name)
         if isinstance(tables, list):
-            groups[name] = [(_KNOWN[name], table, here.index(k)) for k, table in enumerate(tables)]
+            groups[name] = [(entry, table, here.index(k)) for k, table in enumerate(tables)]
         else:
-            groups[name] = [(_KNOWN[name], tables, here)]
+            groups[name] = [(entry, tables, here)]
     headers = [name for name in _HEADER.findall(text) if name in groups]
     if any(headers.count(name) != len(group) for name, group in groups.items()):
         return [item for group in groups.values() for item in group]
     queues = {name: iter(group) for name, group in groups.items()}
     return [next(queues[name]) for name in headers]
+
+
+def _meant(name: str) -> Entry | None:
+    """Return the entry of a table; of a misspelt one, which is noted already, that of the nearest name.
+
+    So what is wrong inside it is noted too.
+    """
+    if name in _TABLES:
+        return _KNOWN.get(name)
+    close = get_close_matches(name, _TABLES, n=1)
+    return _KNOWN.get(close[0]) if close else None
 
 
 def _check_names(order: list[Item], book: Book) -> None:

@@ -15,7 +15,7 @@ from vofem._version import __version__
 from vofem.assembly import Model
 from vofem.errors import ArgumentError, OutputError, StorageError
 from vofem.integrators.base import Samples
-from vofem.io.files import target, try_to_write
+from vofem.io.files import impossible, target, try_to_write
 from vofem.io.storage.hdf5 import reading, writing
 from vofem.io.storage.records import Encoder, decode
 from vofem.io.storage.tree import read_tree, write_tree
@@ -56,21 +56,40 @@ def checkpoint_writer(path: str | os.PathLike[str], scene: Scene, plan: Plan) ->
             f"{goal} exists already; go on from it with vofem.resume({str(path)!r}), or remove it to begin anew"
         )
     try_to_write(goal)
-    return _writer(goal, scene, plan)
+    return _writer(goal, scene, plan, None)
 
 
-def _writer(goal: Path, scene: Scene, plan: Plan) -> Callable[[dict[str, Any]], None]:
+def _identity(file: Path) -> tuple[int, int, int] | None:
+    """Return what tells one writing of a file from another, or None where there is no file."""
+    try:
+        status = os.stat(file)
+    except FileNotFoundError:
+        return None
+    return status.st_dev, status.st_ino, status.st_mtime_ns
+
+
+def _writer(
+    goal: Path, scene: Scene, plan: Plan, last: tuple[int, int, int] | None
+) -> Callable[[dict[str, Any]], None]:
+    """Return the function of `checkpoint_writer`; `last` is the file that it may replace at first, if any."""
     start = scene.initial_state() if plan.start is None else plan.start
     columns = Samples(start.q[:, None], start.v[:, None], np.zeros((start.q.size, 1)))
     encode = Encoder(_Begun(np.zeros(1), scene.model, columns, plan.t_start))
 
     def write(snapshot: dict[str, Any]) -> None:
+        nonlocal last
+        if _identity(goal) not in (last, None):
+            raise OutputError(
+                f"{goal} was written by another run meanwhile and was left as it is; give every run a checkpoint of "
+                "its own"
+            )
         with writing(goal, overwrite=True) as blocks:
             own = blocks.file.create_group("vofem_checkpoint")
             own.attrs["format"] = FORMAT
             own.attrs["written_by"] = __version__
             record = {"scene": scene, "model": scene.model, "plan": plan, "snapshot": snapshot}
             write_tree(own.create_group("run"), record, encode)
+        last = _identity(goal)
 
     return write
 
@@ -83,6 +102,7 @@ def resume(
     checkpoint_every: float = 60.0,
 ) -> Result:
     """Go on with a run from its checkpoint; see `vofem.resume`."""
+    found = _identity(Path(path)) if isinstance(path, (str, os.PathLike)) and impossible(Path(path)) is None else None
     with reading(path, "a checkpoint of vofem.simulate") as file:
         if "vofem_checkpoint" not in file:
             kind = "a saved run: read it with vofem.load" if "vofem" in file else "an HDF5 file of another program"
@@ -99,7 +119,7 @@ def resume(
     else:
         _check_same(as_scene("resume", scene), record["model"])
     plan = record["plan"]
-    write = _writer(target(path, _SUFFIXES), scene, plan)
+    write = _writer(target(path, _SUFFIXES), scene, plan, found)
     return run_plan(scene, plan, progress, write, checkpoint_every, record["snapshot"])
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import h5py
 
 from vofem.errors import StorageError, VofemError
-from vofem.io.files import replacing
+from vofem.io.files import impossible, replacing
 
 #: Object headers of this and later versions carry checksums. VTK and netCDF read them.
 _VERSIONS = ("v108", "v110")
@@ -156,8 +156,12 @@ def reading(path: str | os.PathLike[str], expected: str = "a file that Result.sa
         place = Path(path)
     except TypeError:
         raise StorageError(f"path is {path!r}, expected the name of {expected}") from None
+    fault = impossible(place)
+    if fault is not None:
+        raise StorageError(f"path is {str(path)!r}, which {fault}, expected the name of {expected}")
     if not place.is_file():
-        what = "is a folder" if place.is_dir() else "does not exist"
+        what = "is no regular file" if place.exists() else "does not exist"
+        what = "is a folder" if place.is_dir() else what
         raise StorageError(f"{place} {what}, expected {expected}; check the path")
     try:
         with h5py.File(place, "r") as file:

@@ -1,0 +1,98 @@
+"""What a stepping run looks at to judge itself: states at steps of its own choice, and its contacts at every step.
+
+Neither depends on the times at which results are wanted.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.integrators.stepping.rows import Rows, dot
+from vofem.linalg.jit import jit
+from vofem.system import ContactLaws
+
+Array = NDArray[np.float64]
+
+#: Steps at most whose whole states are looked at.
+_MOST_STATES = 1000
+
+#: Of longer runs every so many steps are looked at, on the average: a look costs about as much as a step.
+_STRIDE = 64
+
+#: States, and entries of states, that are looked at however few the steps are.
+_FEWEST_STATES = 16
+_ENTRIES = 20_000
+
+#: Every so many of the steps that are looked at, their middles are looked at too.
+_MIDDLES = 4
+
+_GOLDEN = 0.6180339887498949
+
+
+def check_times(t_end: float, dt: float | None, size: int) -> Array:
+    """Return the times whose states are looked at, increasing, within [0, t_end].
+
+    Parameters
+    ----------
+    t_end, dt : float
+        In s; dt is None where steps follow a tolerance.
+    size : int
+        Degrees of freedom.
+    """
+    most = max(_FEWEST_STATES, _ENTRIES // max(size, 1))
+    if dt is None:
+        count = min(most, _MOST_STATES)
+        return np.append(t_end * _irregular(count), t_end)
+    steps = int(np.floor(t_end / dt + 1e-9))
+    count = min(steps, _MOST_STATES, max(most, steps // _STRIDE))
+    # Irregular, so that no motion is always met in the same phase.
+    chosen = np.arange(steps + 1) if count == steps else np.floor(steps * _irregular(count)).astype(np.int64)
+    chosen = np.unique(np.append(chosen, steps))
+    middles = chosen[chosen < steps][::_MIDDLES] + 0.5
+    return np.unique(np.minimum(np.concatenate([chosen * dt, middles * dt, [t_end]]), t_end))
+
+
+def _irregular(count: int) -> Array:
+    """Return numbers in [0, 1), 0 first, one in every interval of a length of 1/count."""
+    k = np.arange(count)
+    return (k + np.modf(k * _GOLDEN)[0]) / max(count, 1)
+
+
+#: Columns of a watch: what it knows of a contact, the last step, and what it has found.
+_GAP, _STIFFNESS, _OFFSET, _S, _RATE, MISSED, REACH, POWER = range(8)
+
+
+def watch(laws: ContactLaws | None) -> Array:
+    """Return what compiled loops keep of every contact from step to step, shape (n_contacts, 8).
+
+    Found are, in columns MISSED, REACH and POWER: the closings between two
+    steps that both found the contact open; the largest value of ``b.q - gap``
+    at a step, m; and the largest power that a contact spring with an ideal
+    switch took or gave, W.
+    """
+    if laws is None:
+        return np.empty((0, 8))
+    table = np.zeros((len(laws), 8))
+    table[:, _GAP], table[:, _OFFSET] = laws.gap, laws.offset
+    table[:, _STIFFNESS] = np.where(np.isinf(laws.resolution), laws.stiffness, 0.0)
+    # No step before the first one: comparisons with NaN are false.
+    table[:, _S:MISSED], table[:, REACH] = np.nan, -np.inf
+    return table
+
+
+@jit
+def look(watch: Array, rows: Rows, dt: float, q: Array, v: Array) -> None:
+    """Look at all contacts where a step of size dt ends in displacements q and velocities v."""
+    for j in range(watch.shape[0]):
+        u, rate = dot(rows, j, q), dot(rows, j, v)
+        s, s0, rate0 = u - watch[j, _GAP], watch[j, _S], watch[j, _RATE]
+        # A tenth of what the gap function rises within the step is left to the step's own error.
+        turns = rate0 > 0.0 and rate < 0.0 and s0 <= 0.0 and s <= 0.0
+        if turns and s0 + 0.55 * dt * rate0 * (rate0 / (rate0 - rate)) > 0.0:
+            watch[j, MISSED] += 1.0
+        watch[j, _S], watch[j, _RATE] = s, rate
+        watch[j, REACH] = max(watch[j, REACH], s)
+        if s > 0.0:
+            power = abs(watch[j, _STIFFNESS] * (u - watch[j, _OFFSET]) * rate)
+            watch[j, POWER] = max(watch[j, POWER], power)
