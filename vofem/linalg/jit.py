@@ -1,32 +1,71 @@
-"""numba's compiler with a cache on disk where one can be had."""
+"""Compiled functions: numba is imported, and a function compiled, when it is first called."""
 
 from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
-from functools import cache
+from functools import cache, update_wrapper
 from pathlib import Path
-from typing import Any, TypeVar
-
-import numba
+from typing import Any, TypeVar, cast
 
 F = TypeVar("F", bound=Callable[..., Any])
+
+#: Rooms of the package that hold compiled functions.
+_ROOMS = ("linalg", "laws", "integrators")
 
 
 @cache
 def _stamp() -> tuple[float, int]:
     """Return the latest change and the total size of all sources that hold compiled functions."""
     root = Path(__file__).parent.parent
-    found = [path.stat() for part in ("linalg", "integrators") for path in (root / part).rglob("*.py")]
+    found = [path.stat() for part in _ROOMS for path in (root / part).rglob("*.py")]
     return max(status.st_mtime for status in found), sum(status.st_size for status in found)
 
 
-def jit(function: F) -> F:
-    """Compile a function on its first call and keep the machine code on disk.
+class CompiledFunction:
+    """A Python function with its compiled form, which is made when it is first asked for.
 
-    Where the cache folder cannot be written the function is compiled for this
-    process only. Arithmetic is IEEE: no reordering, no contraction.
+    A module that holds compiled functions is imported without numba. Other
+    compiled functions call this one as if it had been decorated by numba itself.
+
+    Attributes
+    ----------
+    py_func : callable
+        The plain Python function.
     """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self.py_func = function
+        self._dispatcher: Any = None
+        update_wrapper(self, function)
+
+    @property
+    def dispatcher(self) -> Any:
+        """The function as numba sees it."""
+        if self._dispatcher is None:
+            self._dispatcher = _compiled(self.py_func)
+        return self._dispatcher
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call the compiled function."""
+        return (self._dispatcher or self.dispatcher)(*arguments)
+
+
+@cache
+def _numba() -> Any:
+    """Return numba, which from now on takes a `CompiledFunction` for the function that it stands for."""
+    import numba
+    from numba.extending import typeof_impl
+
+    @typeof_impl.register(CompiledFunction)
+    def type_of(function: CompiledFunction, context: Any) -> Any:
+        return numba.types.Dispatcher(function.dispatcher)
+
+    return numba
+
+
+def _compiled(function: Callable[..., Any]) -> Any:
+    numba = _numba()
     try:
         compiled = numba.njit(cache=True)(function)
     except RuntimeError:  # numba: "cannot cache function: no locator available"
@@ -37,3 +76,12 @@ def jit(function: F) -> F:
         file = compiled._cache._cache_file
         file._source_stamp = (*file._source_stamp, *_stamp())
     return compiled
+
+
+def jit(function: F) -> F:
+    """Compile a function on its first call and keep the machine code on disk.
+
+    Where the cache folder cannot be written the function is compiled for this
+    process only. Arithmetic is IEEE: no reordering, no contraction.
+    """
+    return cast(F, CompiledFunction(function))
