@@ -415,7 +415,7 @@ def test_absent_memory_costs_nothing():
         assert result.counters.memory_updates == 0
         assert len(result.springs) == 0
         assert result.solution.springs is None
-        assert result.model.memory_rows is None
+        assert not result.model.system.recorded
         assert result.model.system.memory is None
 
 

@@ -86,19 +86,18 @@ def _residual(
     for vector, load in zip(model.load_vectors, system.loads, strict=True):
         if vector[dof]:
             value = value - vector[dof] * load.function(times)
-    if model.nonlinear_rows is not None:
-        column = np.asarray(model.nonlinear_rows[:, [dof]].todense())[:, 0]
-        assert system.nonlinear is not None
-        u = system.nonlinear.rows @ samples.q
-        for k in np.flatnonzero(column):
-            value = value + column[k] * np.array([system.nonlinear.laws[k].reaction(x) for x in u[k]])
-    if spring_force is not None:
-        parts = [rows for rows in (model.memory_rows, model.springpot_rows) if rows is not None]
-        column = np.concatenate([np.asarray(rows[:, [dof]].todense())[:, 0] for rows in parts])
-        if np.any(column):
-            value = value + column @ spring_force
-    if model.contact_rows is not None and contact_force is not None:
-        column = np.asarray(model.contact_rows[:, [dof]].todense())[:, 0]
-        if np.any(column):
+    recorded = 0
+    for rows, group in zip(model.law_rows, system.laws, strict=True):
+        column = np.asarray(rows[:, [dof]].todense())[:, 0]
+        first, recorded = recorded, recorded + len(group) * group.recorded
+        if not np.any(column):
+            continue
+        if group is system.contacts:
+            assert contact_force is not None
             value = value + column @ contact_force
+        elif group.recorded:
+            assert spring_force is not None
+            value = value + column @ spring_force[first:recorded]
+        else:
+            value = value + column @ group.reactions(np.asarray(group.rows @ samples.q))
     return value

@@ -14,7 +14,7 @@ from vofem._validate import Named
 from vofem.errors import ArgumentError
 from vofem.histories import ContactHistory, Energy, Motion, ProbeHistory, Reaction, SpringHistory, reaction_of
 from vofem.integrators.base import ContactSamples, ProbeSamples, Solution
-from vofem.memory import past_of
+from vofem.laws import past_of
 from vofem.scene import Scene
 from vofem.system import Counters
 
@@ -86,15 +86,13 @@ class Result(Motion):
     @cached_property
     def springs(self) -> Named[SpringHistory]:
         """Histories of springs with memory and of springpots by name; empty where the scene has none."""
-        names = [law.name for law in self.model.system.springs]
+        names = [name for group in self.model.system.recorded for name in group.names]
         return Named({name: SpringHistory(self, j) for j, name in enumerate(names)}, "spring with memory")
 
     def spring_state(self, name: str) -> Array | None:
         """Return the state of a spring with memory at the last time, with which another scene can start, or None."""
-        memory, springs = self.model.system.memory, getattr(self.solution, "springs", None)
-        if memory is None or springs is None:
-            return None
-        return past_of(memory.laws, springs.past, name)
+        springs = getattr(self.solution, "springs", None)
+        return None if springs is None else past_of(self.model.system.laws, springs.past, name)
 
     @cached_property
     def probes(self) -> Named[ProbeHistory]:

@@ -13,6 +13,7 @@ from vofem.bodies.base import Body
 from vofem.effects.base_motion import BaseMotion
 from vofem.effects.contact import Contact
 from vofem.errors import ArgumentError
+from vofem.laws import SpringpotLaws, gathered_past
 from vofem.system import State
 
 
@@ -154,26 +155,21 @@ class Scene:
 
     def _past(self) -> Any:
         """Return the state of springs with memory in the outcome that the scene starts from, or None."""
-        memory = self.model.system.memory
-        if memory is None or self.initial is None:
+        if self.initial is None:
             return None
-        states, found = [], False
-        for law in memory.laws:
-            state, source = law.virgin(), self._source_of(law.name)
-            known = source.spring_state(law.name) if hasattr(source, "spring_state") else None
-            if known is not None and known.shape == state.shape:
-                state, found = known, True
-            states.append(state)
-        return np.concatenate(states) if found else None
+
+        def known(name: str) -> Any:
+            source = self._source_of(name)
+            return source.spring_state(name) if hasattr(source, "spring_state") else None
+
+        return gathered_past(self.model.system.laws, known)
 
     def forgotten(self) -> tuple[str, ...]:
         """Return the names of springpots whose past in the run that the scene starts from is not carried on."""
-        springpots = self.model.system.springpots
+        springpots = self.model.system.group(SpringpotLaws)
         if springpots is None or self.initial is None:
             return ()
-        return tuple(
-            law.name for law in springpots.laws if law.name in getattr(self._source_of(law.name), "springs", ())
-        )
+        return tuple(name for name in springpots.names if name in getattr(self._source_of(name), "springs", ()))
 
     def _source_of(self, spring: str) -> Any:
         if not isinstance(self.initial, Mapping):

@@ -11,7 +11,7 @@ from vofem.effects.side import side_of
 from vofem.effects.softening import Backbone, Softening
 from vofem.errors import ArgumentError
 from vofem.fractional.constants import ideal
-from vofem.memory import PrintedLaw
+from vofem.laws import PrintedLaw
 
 
 class HystereticSpring:
@@ -113,12 +113,11 @@ class HystereticSpring:
     def compile(self, builder: SystemBuilder) -> None:
         """Add row and law."""
         if self._law is not None:
-            builder.add_memory(builder.difference(self.a, self.b), self._law)
+            builder.add_law(builder.difference(self.a, self.b), self._law)
             return
         backbone = self._backbone
-        builder.add_printed(
-            PrintedLaw(backbone.label, self.name, self.stiffness, self.linear_limit, backbone.level, backbone.limit)
-        )
+        law = PrintedLaw(backbone.label, self.name, self.stiffness, self.linear_limit, backbone.level, backbone.limit)
+        builder.add_law(builder.difference(self.a, self.b), law)
 
     def describe(self) -> str:
         """Return name, points and numbers."""
@@ -191,7 +190,7 @@ class CrushingStop:
     def compile(self, builder: SystemBuilder) -> None:
         """Add row and law."""
         row = builder.difference(self.a, self.b)
-        builder.add_memory(Row(row.indices, -row.weights) if self.side == "below" else row, self._law)
+        builder.add_law(Row(row.indices, -row.weights) if self.side == "below" else row, self._law)
 
     def describe(self) -> str:
         """Return name, place and numbers."""

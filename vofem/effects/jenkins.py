@@ -11,7 +11,7 @@ from vofem._validate import array, number
 from vofem.assembly import SystemBuilder
 from vofem.bodies.base import Point, as_point, automatic_name
 from vofem.errors import ArgumentError
-from vofem.memory import JENKINS, MemoryLaw
+from vofem.laws import JENKINS, HystereticLaw
 
 Array = NDArray[np.float64]
 
@@ -67,7 +67,7 @@ class IwanSpring:
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add row and law."""
-        builder.add_memory(builder.difference(self.a, self.b), self._law)
+        builder.add_law(builder.difference(self.a, self.b), self._law)
 
     def describe(self) -> str:
         """Return name, points and numbers."""
@@ -121,7 +121,7 @@ class BilinearSpring(IwanSpring):
         self._law = _jenkins(label, name, self.stiffness * np.array([1.0, self.hardening]), reach[:1])
 
 
-def _law(label: str, name: str, elongation: Array, force: Array) -> MemoryLaw:
+def _law(label: str, name: str, elongation: Array, force: Array) -> HystereticLaw:
     """Return the law of a curve through the origin and some points."""
     if elongation.ndim != 1 or elongation.shape != force.shape:
         raise ArgumentError(
@@ -153,7 +153,7 @@ def _law(label: str, name: str, elongation: Array, force: Array) -> MemoryLaw:
     return _jenkins(label, name, slopes, elongation[:-1])
 
 
-def _jenkins(label: str, name: str, slopes: Array, bends: Array) -> MemoryLaw:
+def _jenkins(label: str, name: str, slopes: Array, bends: Array) -> HystereticLaw:
     """Return the law of given slopes, shape (n + 1,), with bends between them, shape (n,)."""
     stiffness = slopes[:-1] - slopes[1:]
     kept = stiffness > 1e-12 * slopes[0]
@@ -161,4 +161,4 @@ def _jenkins(label: str, name: str, slopes: Array, bends: Array) -> MemoryLaw:
     limit = float(np.sum(slip[kept])) if slopes[-1] == 0.0 else float("inf")
     onset = float(slopes[0] * bends[kept][0]) if np.any(kept) else float("inf")
     parameters = np.concatenate([slopes[-1:], stiffness[kept], slip[kept]])
-    return MemoryLaw(label, name, JENKINS, float(slopes[0]), onset, limit, False, 0.0, parameters)
+    return HystereticLaw(label, name, JENKINS, float(slopes[0]), onset, limit, False, 0.0, parameters)

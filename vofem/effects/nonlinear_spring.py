@@ -10,7 +10,7 @@ import numpy as np
 from vofem.assembly import SystemBuilder
 from vofem.bodies.base import Point, as_point, automatic_name
 from vofem.errors import ArgumentError
-from vofem.system import NonlinearLaw
+from vofem.laws import SmoothLaw
 
 #: Elongations in m at which force and potential are compared.
 _SAMPLES = (-1.0, -0.1, -1e-2, -1e-3, 1e-3, 1e-2, 0.1, 1.0)
@@ -53,7 +53,7 @@ class NonlinearSpring:
         for what, function in (("potential", potential), ("force", force)):
             if not callable(function):
                 raise ArgumentError(f"{label}: {what} is {function!r}, expected a callable of the elongation in m")
-        self.law = NonlinearLaw(self.name, potential, force)
+        self.law = SmoothLaw(self.name, potential, force)
         self._check(label)
 
     def _check(self, label: str) -> None:
@@ -80,7 +80,7 @@ class NonlinearSpring:
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add row and law."""
-        builder.add_nonlinear(builder.difference(self.a, self.b), self.law)
+        builder.add_law(builder.difference(self.a, self.b), self.law)
 
     def describe(self) -> str:
         """Return name and points."""

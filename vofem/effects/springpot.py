@@ -12,7 +12,7 @@ from vofem.bodies.base import Point, as_point, automatic_name
 from vofem.effects.time_functions import Constant
 from vofem.errors import ArgumentError
 from vofem.fractional.laws import ConstantOrder, OrderLaw
-from vofem.memory import SpringpotLaw
+from vofem.laws import SpringpotLaw
 
 
 class Springpot:
@@ -65,7 +65,7 @@ class Springpot:
     def compile(self, builder: SystemBuilder) -> None:
         """Add row and law."""
         law = SpringpotLaw(f"Springpot {self.name!r}", self.name, self.coefficient, self.order)
-        builder.add_springpot(builder.difference(self.a, self.b), law)
+        builder.add_law(builder.difference(self.a, self.b), law)
 
     def describe(self) -> str:
         """Return name, points and numbers."""

@@ -46,7 +46,7 @@ def reaction_of(run: Run, beam: Beam, where: Any, t: ArrayLike | None, samples: 
     if system.contacts is not None:
         force = run.contact_samples.force if t is None else run.solution.contacts(times).force
     modes = getattr(run.solution, "modes", None) if system.modal_damping is not None else None
-    remembers = system.memory is not None or system.springpots is not None
+    remembers = any(group.recorded for group in system.laws)
     pull = _spring_force(run, beam, where, t) if remembers else None
     return Reaction(*support_reaction(run.model, beam, where, times, samples, force, modes, pull))
 

@@ -29,7 +29,7 @@ from vofem.integrators.base import Energies, Samples, SpringSamples
 from vofem.integrators.damping_matrix import damping_matrix
 from vofem.integrators.stepped import SteppedSolution, step_count
 from vofem.integrators.watching import Snapshot, Watch, deferred_interrupts
-from vofem.memory import PrintedLaw
+from vofem.laws import PrintedLaw, PrintedLaws
 from vofem.system import Counters, Events, State, System
 
 Array = NDArray[np.float64]
@@ -80,7 +80,8 @@ def run(
     LimitLoadError
         If the applied force reaches what the spring can carry.
     """
-    if system.printed is None:
+    group = system.group(PrintedLaws)
+    if group is None:
         raise MethodError(
             "force_driven follows Eq. 22 of the paper, HystereticSpring(..., memory='printed'), which this scene does "
             "not hold; choose method='auto'"
@@ -88,7 +89,7 @@ def run(
     if times is None:
         steps = 1000 if dt is None else step_count(t_end, dt)
         times = np.minimum(np.arange(steps + 1) * (t_end / 1000 if dt is None else dt), t_end)
-    return _Run(system, system.printed, start, times).solve(t_end, watch, resume)
+    return _Run(system, group.law, start, times).solve(t_end, watch, resume)
 
 
 class _Run:

@@ -22,6 +22,23 @@ def _stamp() -> tuple[float, int]:
     return max(status.st_mtime for status in found), sum(status.st_size for status in found)
 
 
+class Intrinsic:
+    """Machine code for compiled functions to call, made when numba is there.
+
+    Parameters
+    ----------
+    make : callable
+        Returns what `numba.extending.intrinsic` has made.
+    """
+
+    def __init__(self, make: Callable[[], Any]) -> None:
+        self.make = cache(make)
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Refuse: plain Python cannot call machine code by its address."""
+        raise TypeError("an intrinsic is called from compiled functions only")
+
+
 class CompiledFunction:
     """A Python function with its compiled form, which is made when it is first asked for.
 
@@ -61,6 +78,13 @@ def _numba() -> Any:
     def type_of(function: CompiledFunction, context: Any) -> Any:
         return numba.types.Dispatcher(function.dispatcher)
 
+    @typeof_impl.register(Intrinsic)
+    def type_of_intrinsic(function: Intrinsic, purpose: Any) -> Any:
+        made = function.make()
+        context = numba.core.registry.cpu_target.typing_context
+        context.refresh()
+        return context.resolve_value_type(made)
+
     return numba
 
 
@@ -75,7 +99,20 @@ def _compiled(function: Callable[..., Any]) -> Any:
     with contextlib.suppress(AttributeError):
         file = compiled._cache._cache_file
         file._source_stamp = (*file._source_stamp, *_stamp())
+        file._load_index = _readable(file._load_index)
     return compiled
+
+
+def _readable(load: Callable[[], Any]) -> Callable[[], Any]:
+    """Return a function that finds nothing in an index which names classes that this version no longer has."""
+
+    def load_index() -> Any:
+        try:
+            return load()
+        except (ImportError, AttributeError):
+            return {}
+
+    return load_index
 
 
 def jit(function: F) -> F:

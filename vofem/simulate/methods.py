@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from vofem._validate import nearest
+from vofem.laws import PrintedLaws
 from vofem.system import System
 
 METHODS = ("event_driven", "energy_conserving", "generalized_alpha", "central_difference", "force_driven")
@@ -41,8 +42,9 @@ class Choice:
 
 def choose(system: System) -> Choice:
     """Return the method that ``method="auto"`` takes: the most accurate one that applies."""
-    if system.printed is not None:
-        return Choice("force_driven", f"{system.printed.label} follows Eq. 22, which the applied force drives")
+    printed = system.group(PrintedLaws)
+    if printed is not None:
+        return Choice("force_driven", f"{printed.law.label} follows Eq. 22, which the applied force drives")
     from vofem.integrators import event_driven
 
     reason = event_driven.refusal(system)

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import Named
 from vofem.assembly import Model
+from vofem.laws import past_of
 from vofem.lookup import body_named, row_of, the_beam
-from vofem.memory import past_of
 
 Array = NDArray[np.float64]
 
@@ -99,8 +99,8 @@ class QuasiStatic:
 
     def spring_state(self, name: str) -> Array | None:
         """Return the state of a spring with memory at the last factor, with which a scene can start, or None."""
-        memory = self._model.system.memory
-        return None if memory is None else past_of(memory.laws, self._past, name)
+        groups = [group for group in self._model.system.laws if group.static and self._past.size]
+        return past_of(groups, self._past, name)
 
     def displacement(self, point: Any) -> Array:
         """Return the displacement of a point in m, shape (n_factors,)."""

@@ -45,22 +45,10 @@ MOST_EVENTS = 1_000_000
 
 def refusal(system: System) -> str | None:
     """Return why this method cannot treat the system and what can, or None."""
-    if system.memory is not None:
-        return (
-            f"{system.memory.laws[0].label} remembers its past, and event_driven needs laws that are piecewise linear "
-            "in the displacement. Use method='energy_conserving', 'generalized_alpha' or 'central_difference'"
-        )
-    if system.springpots is not None:
-        return (
-            f"{system.springpots.laws[0].label} has a force that its whole past decides, and event_driven needs "
-            "systems whose future follows from their present displacements and velocities. "
-            "Use method='energy_conserving', 'generalized_alpha' or 'central_difference'"
-        )
-    if system.printed is not None:
-        return (
-            f"{system.printed.label} follows Eq. 22, whose stiffness varies with the applied force. "
-            "Use method='force_driven'"
-        )
+    for group in system.laws:
+        reason = group.nonlinearity()
+        if reason is not None:
+            return reason
     for load in system.loads:
         if not load.function.closed_form:
             return (
@@ -68,17 +56,6 @@ def refusal(system: System) -> str | None:
                 "Pulse, Tabulated and their sums; approximate it, vf.Approximated(f, t_end, tolerance); or "
                 "choose method='energy_conserving'"
             )
-    if system.nonlinear is not None:
-        return (
-            f"NonlinearSpring {system.nonlinear.laws[0].name!r} is not piecewise linear, which event_driven needs. "
-            "Choose method='energy_conserving'"
-        )
-    if system.contacts is not None and not system.contacts.ideal:
-        k = int(np.argmax(np.isfinite(system.contacts.resolution)))
-        return (
-            f"Contact {system.contacts.names[k]!r} has a resolved switch, whose force is not piecewise linear; "
-            "event_driven needs switch='ideal'. Choose method='energy_conserving'"
-        )
     if system.size > MOST_UNKNOWNS and too_many_inputs(system) is not None:
         return _too_large(system)
     return None

@@ -86,8 +86,7 @@ def _coarse(system: System, samples: Samples, scale: float, dt: float) -> list[s
         laws = system.contacts
         u, rate = laws.rows @ q, laws.rows @ v
         closed = (u > laws.gap[:, None]) & np.isinf(laws.resolution)[:, None]
-        elastic = laws.stiffness[:, None] * (u - laws.offset[:, None])
-        power += np.sum(np.where(closed, elastic * rate, 0.0), axis=0)
+        power += np.sum(np.where(closed, laws.elastic(u) * rate, 0.0), axis=0)
     share = dt * float(np.max(np.abs(power), initial=0.0)) / scale
     if not share > _COARSE:
         return []

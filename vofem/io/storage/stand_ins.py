@@ -18,6 +18,7 @@ from vofem.assembly import SystemBuilder
 from vofem.bodies.base import Point
 from vofem.effects.time_functions import Piece, TimeFunction
 from vofem.errors import ArgumentError, MissingCallableError
+from vofem.laws import SmoothLaws
 
 Array = NDArray[np.float64]
 
@@ -118,6 +119,21 @@ class StoredLaw:
     u: Array
     forces: Array
     energies: Array
+
+    @property
+    def monotone(self) -> bool:
+        """Nothing is known of the spring between its stored elongations."""
+        return False
+
+    @property
+    def label(self) -> str:
+        """Name with the class of the effect."""
+        return f"NonlinearSpring {self.name!r}"
+
+    @property
+    def group(self) -> type[SmoothLaws]:
+        """The group that gathers laws of this kind."""
+        return SmoothLaws
 
     def reaction(self, u: float) -> float:
         """Return R(u) in N at a stored elongation."""
