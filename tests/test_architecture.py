@@ -19,7 +19,7 @@ LAYERS = [
     "polynomial",
     "fractional",
     "linalg",
-    "memory",
+    "laws",
     "system",
     "bodies",
     "assembly",

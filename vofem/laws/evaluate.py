@@ -107,7 +107,6 @@ def lost(laws: Laws, j: int, u: float) -> float:
 @jit
 def commit(laws: Laws, j: int, u: float) -> None:
     """Make the path of law j to u part of its past."""
-    laws.state[laws.table[j]["start"] + LOST] += hysteretic_loss(laws, j, u)
     hysteretic_commit(laws, j, u)
 
 

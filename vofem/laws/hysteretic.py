@@ -18,14 +18,14 @@ end force are monotone in u1.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.laws.backbone import backbone, backbone_mean
 from vofem.laws.group import LawGroup
-from vofem.laws.kinds import JENKINS
+from vofem.laws.kinds import HYPERBOLIC, JENKINS
 from vofem.laws.paper import no_modes, path_needed
 from vofem.laws.table import Laws
 from vofem.linalg.jit import jit
@@ -77,6 +77,12 @@ class HystereticLaw:
     one_sided: bool
     gap: float
     parameters: Array
+
+    @staticmethod
+    def from_earlier(fields: dict[str, Any]) -> dict[str, Any]:
+        """Return the fields of a law that an earlier version has saved, which counted its kinds from 0."""
+        kind = fields["kind"]
+        return fields | {"kind": kind + HYPERBOLIC if kind < HYPERBOLIC else kind}
 
     @property
     def group(self) -> type[LawGroup]:

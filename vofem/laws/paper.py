@@ -112,6 +112,10 @@ class PrintedLaws(LawGroup):
         """Return why there are no modes."""
         return no_modes(self.law.label)
 
+    def steepest(self, u: Array) -> Array:
+        """Return the stiffness before the first load."""
+        return np.array([self.law.stiffness])
+
     def numbers(self) -> Array:
         """Return stiffness, linear limit and limit load."""
         return np.array([self.law.stiffness, self.law.linear_limit, self.law.limit])
