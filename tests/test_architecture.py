@@ -106,7 +106,7 @@ def test_imports_against_the_direction_wait_until_they_are_needed(file, name):
 
 
 def test_integrators_know_nothing_of_bodies():
-    allowed = {"_validate", "errors", "linalg", "memory", "system", "integrators", "fractional", "effects"}
+    allowed = {"_validate", "errors", "linalg", "laws", "system", "integrators", "fractional", "effects"}
     for path, layer in modules():
         if layer != "integrators":
             continue
