@@ -13,6 +13,7 @@ from scipy.integrate import DOP853
 from scipy.optimize import brentq
 
 import vofem as vf
+from vofem.laws import HystereticLaws, SmoothLaws, SpringpotLaws
 
 
 def value(function, t):
@@ -178,7 +179,11 @@ class HuntReference:
         mass, self.C, self.K = matrices(system)
         self.inverse, self.n, self.t_end = np.linalg.inv(mass), mass.shape[0], case.t_end
         self.laws, rows = [], []
-        for kind, held in (("contact", system.contacts), ("smooth", system.nonlinear), ("memory", system.memory)):
+        for kind, held in (
+            ("contact", system.contacts),
+            ("smooth", system.group(SmoothLaws)),
+            ("memory", system.group(HystereticLaws)),
+        ):
             for effect, row in zip(case.laws[kind], [] if held is None else held.rows.toarray(), strict=True):
                 made = {
                     "contact": lambda e: [Stop(e)],
@@ -299,7 +304,7 @@ class SpringpotReference:
     def run(self, steps):
         """Return displacements at `steps` + 1 equal times, shape (n, steps + 1)."""
         (M, C, K), system, h = self.matrices, self.system, self.case.t_end / steps
-        start, pots = self.case.scene.initial_state(), system.springpots
+        start, pots = self.case.scene.initial_state(), system.group(SpringpotLaws)
         B = np.zeros((0, M.shape[0])) if system.contacts is None else system.contacts.rows.toarray()
         P, orders = pots.rows.toarray(), [effect.order for effect in self.case.laws["springpot"]]
         size = [effect.coefficient for effect in self.case.laws["springpot"]]

@@ -20,7 +20,7 @@ LAYERS = [
     "polynomial",
     "fractional",
     "linalg",
-    "memory",
+    "laws",
     "system",
     "initial",
     "bodies",
@@ -108,7 +108,7 @@ def test_imports_against_the_direction_wait_until_they_are_needed(file, name):
 
 
 def test_integrators_know_nothing_of_bodies():
-    allowed = {"_validate", "cache", "errors", "linalg", "memory", "system", "integrators", "fractional", "effects"}
+    allowed = {"_validate", "cache", "errors", "linalg", "laws", "system", "integrators", "fractional", "effects"}
     for path, layer in modules():
         if layer != "integrators":
             continue

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import vofem as vf
 from vofem import fractional
-from vofem.integrators.switch import contact_order, contact_stiffness, steepest
+from vofem.laws.resolved import contact_order, contact_stiffness, steepest
 
 DATA = Path(__file__).parent / "data"
 

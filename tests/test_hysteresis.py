@@ -9,16 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
+from scipy.sparse import csr_matrix
 
 import vofem as vf
-from vofem.integrators.stepping.memory import (
-    build_memory,
-    commit,
-    memory_force,
-    memory_loss,
-    memory_mean,
-    memory_stored,
-)
+from vofem.laws import HystereticLaws, evaluate
+from vofem.laws.hysteretic import hysteretic_loss
+from vofem.laws.table import build_laws
 
 #: Numbers of section 4.3: K = 1 N/m, d0 = 5 m.
 PAPER = {"stiffness": 1.0, "linear_limit": 5.0}
@@ -35,9 +31,18 @@ def path(scene, mass, factors):
 
 
 def law_of(spring):
-    """Return memory, state and functions of one law."""
-    memory, state = build_memory((spring._law,))
-    return memory, state
+    """Return one law as a record, and its internal variables."""
+    laws = build_laws([HystereticLaws(csr_matrix(np.ones((1, 1))), (spring._law,))])
+    return laws, laws.state
+
+
+def of_state(function):
+    """Return a function of laws as one of laws and of internal variables beside them."""
+    return lambda laws, state, *more: function(laws._replace(state=state), *more)
+
+
+memory_force, memory_mean = of_state(evaluate.force_and_tangent), of_state(evaluate.mean_force)
+memory_stored, memory_loss, commit = of_state(evaluate.stored), of_state(hysteretic_loss), of_state(evaluate.commit)
 
 
 # -- Eqs. 24-26 -------------------------------------------------------------------------------------

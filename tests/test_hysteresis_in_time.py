@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 import vofem as vf
 from vofem.integrators.energy_conserving import adaptive
 from vofem.integrators.energy_conserving.adaptive import AdaptiveSteps
+from vofem.laws import HystereticLaws
 from vofem.system import Counters
 
 METHODS = ("energy_conserving", "generalized_alpha", "central_difference")
@@ -415,8 +416,8 @@ def test_absent_memory_costs_nothing():
         assert result.counters.memory_updates == 0
         assert len(result.springs) == 0
         assert result.solution.springs is None
-        assert result.model.memory_rows is None
-        assert result.model.system.memory is None
+        assert not result.model.system.recorded
+        assert result.model.system.group(HystereticLaws) is None
 
 
 class PowerLossError(Exception):

@@ -12,8 +12,8 @@ import vofem as vf
 from vofem.integrators import energy_conserving
 from vofem.integrators.stepping import balance as module
 from vofem.integrators.stepping.balance import balance, structure
-from vofem.integrators.stepping.laws import build_laws
-from vofem.integrators.stepping.rows import all_rows, compressed
+from vofem.laws.rows import all_rows, compressed
+from vofem.laws.table import build_laws
 from vofem.linalg.banded import band_order, band_width, to_band
 from vofem.system import State
 
@@ -49,8 +49,8 @@ def test_the_band_finds_what_the_compliance_finds(seed, kind, mean, power):
     stiffness = 10.0 ** rng.uniform(-3.0, power, n - 1)
     scene = chain(n, stiffness, 10.0 ** rng.uniform(-3.0, 0.0, n - 1), switch=switch)
     system = scene.model.system
-    laws, order = build_laws(system, None), np.arange(n)
-    rows = compressed(all_rows(system), order)
+    laws, order = build_laws(system.laws), np.arange(n)
+    rows = compressed(all_rows(system.laws), order)
     springs = 10.0 ** rng.uniform(-2.0, 2.0, n)
     a = to_band(system.mass + 1e-2 * system.stiffness.multiply(springs[:, None]), order)
     right, u0 = rng.normal(size=n), rng.normal(size=n - 1)
@@ -101,7 +101,12 @@ def test_the_band_is_chosen_where_laws_are_many():
     for system, banded in ((few, False), (many, True), (jumps, False)):
         order = np.arange(40)
         made = structure(
-            to_band(system.mass, order), "m", compressed(all_rows(system), order), build_laws(system, None), 1.0, 1.0
+            to_band(system.mass, order),
+            "m",
+            compressed(all_rows(system.laws), order),
+            build_laws(system.laws),
+            1.0,
+            1.0,
         )
         assert (made.whole.shape[0] > 0) == banded
         assert made.compliance.size == (0 if banded else len(system.contacts) ** 2)
@@ -119,7 +124,7 @@ def test_rows_of_many_laws_keep_the_band_narrow():
     system = vf.Scene(masses, contacts).model.system
     kernel = energy_conserving.run(system, State(np.zeros(n), np.zeros(n)), 0.1, np.array([0.1]), 0.1)
     assert kernel.counters.steps == 1
-    rows = all_rows(system)
+    rows = all_rows(system.laws)
     pairs = abs(rows).T @ abs(rows)
     assert band_width(np.arange(n), pairs) > 30
     assert band_width(band_order(system.mass, pairs), pairs) == 1

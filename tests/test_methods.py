@@ -23,8 +23,7 @@ from vofem.verification import PASSED, catalogue, select, verify
 
 
 def refusal(system):
-    laws = (system.contacts, system.nonlinear, system.memory, system.printed, system.springpots, system.modal_damping)
-    if any(law is not None for law in laws):
+    if system.laws or system.modal_damping is not None:
         return f"runge_kutta is for linear systems. Use {advice(system, conserves=True)}"
     return None
 

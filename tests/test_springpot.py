@@ -253,7 +253,7 @@ def test_a_springpot_on_a_beam(method):
     scene = vf.Scene([beam], [vf.Springpot(point, coefficient=2.0, order=0.45), vf.PointLoad(beam.at(1.0), 1.0)])
     system = scene.model.system
     squares, shapes = eigh(system.stiffness.toarray(), system.mass.toarray())
-    b = shapes.T @ system.springpots.rows.toarray()[0]
+    b = shapes.T @ system.laws[0].rows.toarray()[0]
     push = shapes.T @ system.loads[0].vector
 
     def by_hand(dt, count):

@@ -264,8 +264,8 @@ for options in ({"dt": 0.01}, {"tol": 1e-3}, {"method": "generalized_alpha"}, {"
     result = vf.simulate(vf.Scene([mass], [vf.PointLoad(mass, np.sin)], {mass: (0.0, 1.0)}), 1.0, **options)
     assert result.counters.history_terms == result.counters.history_updates == 0
     assert len(result.springs) == 0
-    assert result.model.springpot_rows is None
-    assert result.model.system.springpots is None
+    assert not result.model.system.recorded
+    assert result.model.system.group(SpringpotLaws) is None
     assert result.solution.springs is None
 assert "vofem.integrators.stepping.history" not in sys.modules
 """

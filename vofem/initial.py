@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from vofem._validate import nearest
 from vofem.errors import ArgumentError
+from vofem.laws import SpringpotLaws, gathered_past
 from vofem.system import State
 
 if TYPE_CHECKING:
@@ -126,24 +127,21 @@ class Initial:
 
     def _past(self, model: Model, effects: Iterable[Effect]) -> Any:
         """Return the state of hysteretic springs in the outcome that the run starts from, or None."""
-        memory = model.system.memory
-        if memory is None or self.given is None:
+        if self.given is None:
             return None
-        states, found = [], False
-        for law in memory.laws:
-            state, source = law.virgin(), self._source_of(law.name, effects)
-            known = source.spring_state(law.name) if hasattr(source, "spring_state") else None
-            if known is not None and known.shape == state.shape:
-                state, found = known, True
-            states.append(state)
-        return np.concatenate(states) if found else None
+
+        def known(name: str) -> Array | None:
+            source = self._source_of(name, effects)
+            return source.spring_state(name) if hasattr(source, "spring_state") else None
+
+        return gathered_past(model.system.laws, known)
 
     def forgotten(self, model: Model, effects: Iterable[Effect]) -> tuple[str, ...]:
         """Return the names of springpots whose past in the run that is started from is not carried on."""
-        springpots = model.system.springpots
+        springpots = model.system.group(SpringpotLaws)
         if springpots is None or self.given is None:
             return ()
-        sources = [(law.name, self._source_of(law.name, effects)) for law in springpots.laws]
+        sources = [(name, self._source_of(name, effects)) for name in springpots.names]
         return tuple(name for name, source in sources if isinstance(source, StoredState) and name in source.springpots)
 
     def _source_of(self, spring: str, effects: Iterable[Effect]) -> Any:

@@ -107,14 +107,10 @@ def modes(scene: Scene, count: int = 6, closed: Sequence[Any] = ()) -> Modes:
         raise ArgumentError(f"modes: count is {count!r}, expected a positive whole number")
     system = as_scene("modes", scene).model.system
     stiffness, rigid, strain = system.stiffness, system.rigid, system.strain
-    if system.path_dependent:
-        raise ArgumentError(
-            f"modes: {system.path_dependent[0].label} has no modes; put a Spring of its initial stiffness there"
-        )
-    if system.nonlinear is not None:
-        raise ArgumentError(
-            f"modes: NonlinearSpring {system.nonlinear.laws[0].name!r} has no modes; put a Spring of its tangent there"
-        )
+    for group in system.laws:
+        reason = group.modes_refusal()
+        if reason is not None:
+            raise ArgumentError(f"modes: {reason}")
     chosen = _indices(system, closed)
     if chosen:
         from scipy.sparse import diags, vstack

@@ -86,21 +86,20 @@ def residual(
         share = float((weights @ vector)[0])
         if share:
             value = value - share * load.function(times)
-    if model.nonlinear_rows is not None:
-        column = _shares(model.nonlinear_rows, weights)
-        assert system.nonlinear is not None
-        u = system.nonlinear.rows @ samples.q
-        for k in np.flatnonzero(column):
-            value = value + column[k] * np.array([system.nonlinear.laws[k].reaction(x) for x in u[k]])
-    if spring_force is not None:
-        parts = [rows for rows in (model.memory_rows, model.springpot_rows) if rows is not None]
-        column = np.concatenate([_shares(rows, weights) for rows in parts])
-        if np.any(column):
-            value = value + column @ spring_force
-    if model.contact_rows is not None and contact_force is not None:
-        column = _shares(model.contact_rows, weights)
-        if np.any(column):
+    recorded = 0
+    for rows, group in zip(model.law_rows, system.laws, strict=True):
+        column = _shares(rows, weights)
+        first, recorded = recorded, recorded + len(group) * group.recorded
+        if not np.any(column):
+            continue
+        if group is system.contacts:
+            assert contact_force is not None
             value = value + column @ contact_force
+        elif group.recorded:
+            assert spring_force is not None
+            value = value + column @ spring_force[first:recorded]
+        else:
+            value = value + column @ group.reactions(np.asarray(group.rows @ samples.q))
     return value
 
 

@@ -26,7 +26,7 @@ from vofem.histories import (
 from vofem.initial import StoredState
 from vofem.integrators.base import ContactSamples, ProbeSamples, Solution
 from vofem.integrators.registry import advice
-from vofem.memory import past_of
+from vofem.laws import SpringpotLaws, past_of
 from vofem.scene import Scene
 from vofem.system import Counters, State
 
@@ -116,26 +116,22 @@ class Result(Motion):
     @cached_property
     def springs(self) -> Named[SpringHistory]:
         """Histories of springs with memory and of springpots by name; empty where the scene has none."""
-        names = [law.name for law in self.model.system.springs]
+        names = [name for group in self.model.system.recorded for name in group.names]
         return Named({name: SpringHistory(self, j) for j, name in enumerate(names)}, "spring with memory")
 
     def spring_state(self, name: str) -> Array | None:
         """Return the state of a spring with memory at the last time, with which another scene can start, or None."""
-        memory, springs = self.model.system.memory, self.solution.springs
-        if memory is None or springs is None:
-            return None
-        return past_of(memory.laws, springs.past, name)
+        springs = self.solution.springs
+        return None if springs is None else past_of(self.model.system.laws, springs.past, name)
 
     def as_start(self) -> StoredState:
         """Return the state at the last time, with which another run can start, without the run."""
         states = {body.name: self.state_of(body.name) for body in self.scene.bodies}
-        system, springs = self.model.system, {}
-        for law in () if system.memory is None else system.memory.laws:
-            state = self.spring_state(law.name)
-            if state is not None:
-                springs[law.name] = state.copy()
-        pots = () if system.springpots is None else tuple(law.name for law in system.springpots.laws)
-        return StoredState(states, springs, pots, "Result")
+        system = self.model.system
+        known = {name: self.spring_state(name) for group in system.recorded for name in group.names}
+        springs = {name: state for name, state in known.items() if state is not None}
+        pots = system.group(SpringpotLaws)
+        return StoredState(states, springs, () if pots is None else pots.names, "Result")
 
     @cached_property
     def probes(self) -> Named[ProbeHistory]:

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem.cache import Cache
-from vofem.memory import MemoryLaw, PrintedLaw, SpringpotLaw
+from vofem.laws import CLOSED, OPEN, PINNED, ContactLaws, LawGroup, PrintedLaws
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix, csr_matrix
 
 Array = NDArray[np.float64]
 
-#: Contact status.
-OPEN, CLOSED, PINNED = 0, 1, 2
+Group = TypeVar("Group", bound=LawGroup)
 
 
 class LoadFunction(Protocol):
@@ -63,126 +61,6 @@ class Load:
 
 
 @dataclass(frozen=True)
-class ContactLaws:
-    """Contacts, one per row: closed exactly while ``s = b.q - gap > 0`` (Eq. 8 of the paper).
-
-    While closed, the force ``R`` acts on the structure as ``-b R``:
-
-    - ``R = K0 (b.q) + C0 (b.q')`` where `jump` is true (Eqs. 9b, 13, 18c), and
-    - ``R = K0 (b.q - gap) + C0 (b.q')`` elsewhere.
-
-    Attributes
-    ----------
-    names : tuple of str
-    rows : csr_matrix, shape (n_contacts, n)
-    gap, stiffness, damping : ndarray, shape (n_contacts,)
-        In m, N/m, N s/m.
-    jump : ndarray of bool, shape (n_contacts,)
-        Whether the force acts on the whole displacement.
-    resolution : ndarray, shape (n_contacts,)
-        s0 in 1/m of the resolved switch; inf for the ideal one.
-    """
-
-    names: tuple[str, ...]
-    rows: csr_matrix
-    gap: Array
-    stiffness: Array
-    damping: Array
-    jump: NDArray[np.bool_]
-    resolution: Array
-
-    def __len__(self) -> int:
-        return len(self.names)
-
-    @property
-    def offset(self) -> Array:
-        """The displacement that the spring force is counted from: 0 for the jump law, else the gap."""
-        return np.where(self.jump, 0.0, self.gap)
-
-    @property
-    def ideal(self) -> bool:
-        """Whether all switches are ideal."""
-        return bool(np.all(np.isinf(self.resolution)))
-
-
-@dataclass(frozen=True)
-class NonlinearLaw:
-    """A smooth scalar law ``R = dV/du`` on a row; the force on the structure is ``-b R``.
-
-    Attributes
-    ----------
-    name : str
-    potential, force : callable
-        V in J and R in N of the elongation u in m.
-    """
-
-    name: str
-    potential: Callable[[float], float]
-    force: Callable[[float], float]
-
-    def reaction(self, u: float) -> float:
-        """Return R(u) in N; infinite where Python's floats overflow."""
-        try:
-            return float(self.force(u))
-        except OverflowError:
-            return float("inf")
-
-    def energy(self, u: float) -> float:
-        """Return V(u) in J; infinite where Python's floats overflow."""
-        try:
-            return float(self.potential(u))
-        except OverflowError:
-            return float("inf")
-
-    def tangent(self, u: float, step: float = 1e-6) -> float:
-        """Return dR/du in N/m by a central difference."""
-        width = step * max(1.0, abs(u))
-        return (self.reaction(u + width) - self.reaction(u - width)) / (2.0 * width)
-
-
-@dataclass(frozen=True)
-class NonlinearLaws:
-    """Smooth scalar laws, one per row.
-
-    Attributes
-    ----------
-    rows : csr_matrix, shape (n_laws, n)
-    laws : tuple of NonlinearLaw
-    """
-
-    rows: csr_matrix
-    laws: tuple[NonlinearLaw, ...]
-
-
-@dataclass(frozen=True)
-class MemoryLaws:
-    """Laws with memory, one per row.
-
-    Attributes
-    ----------
-    rows : csr_matrix, shape (n_laws, n)
-    laws : tuple of MemoryLaw
-    """
-
-    rows: csr_matrix
-    laws: tuple[MemoryLaw, ...]
-
-
-@dataclass(frozen=True)
-class SpringpotLaws:
-    """Springpots, one per row.
-
-    Attributes
-    ----------
-    rows : csr_matrix, shape (n_laws, n)
-    laws : tuple of SpringpotLaw
-    """
-
-    rows: csr_matrix
-    laws: tuple[SpringpotLaw, ...]
-
-
-@dataclass(frozen=True)
 class System:
     """``M q'' + C q' + K q = sum_l F_l f_l(t) - sum_j b_j R_j(b_j.q, b_j.q')`` over the free degrees of freedom.
 
@@ -208,14 +86,10 @@ class System:
     rigid : ndarray, shape (n, r)
         A basis of the motions without strain energy, known from kinematics; r is mostly 0.
     loads : tuple of Load
-    contacts : ContactLaws, optional
-    nonlinear : NonlinearLaws, optional
-    memory : MemoryLaws, optional
-    printed : PrintedLaw, optional
-        Eq. 22 as it stands, on a system of one degree of freedom.
+    laws : tuple of LawGroup
+        Contacts first.
     scale : ndarray, shape (n,)
         Length that makes a degree of freedom a displacement; balances eigenproblems.
-    springpots : SpringpotLaws, optional
     rotation : ndarray of bool, shape (n,), optional
         True where a degree of freedom is a rotation, False where it is a
         displacement; None in runs that were saved before it was known. See `rotational`.
@@ -227,14 +101,10 @@ class System:
     rayleigh: tuple[float, float] | None
     modal_damping: float | Array | None
     loads: tuple[Load, ...]
-    contacts: ContactLaws | None
-    nonlinear: NonlinearLaws | None
-    memory: MemoryLaws | None
-    printed: PrintedLaw | None
+    laws: tuple[LawGroup, ...]
     scale: Array
     strain: csr_matrix | None
     rigid: Array
-    springpots: SpringpotLaws | None = None
     rotation: NDArray[np.bool_] | None = None
 
     @property
@@ -259,22 +129,46 @@ class System:
         """
         return self.scale != 1.0 if self.rotation is None else self.rotation
 
+    @staticmethod
+    def from_earlier(fields: dict[str, Any]) -> dict[str, Any]:
+        """Return the fields of a system that an earlier version has saved, whose kinds of laws had a field each."""
+        if "laws" in fields:
+            return fields
+        names = ("contacts", "nonlinear", "memory", "printed", "springpots")
+        parts = {name: fields.pop(name, None) for name in names}
+        if parts["printed"] is not None:
+            from scipy.sparse import csr_matrix
+
+            parts["printed"] = PrintedLaws(csr_matrix(np.ones((1, 1))), (parts["printed"],))
+        return fields | {"laws": tuple(part for part in parts.values() if part is not None)}
+
     @property
     def size(self) -> int:
         """Number of free degrees of freedom."""
         return int(self.scale.size)
 
     @property
-    def path_dependent(self) -> tuple[MemoryLaw | PrintedLaw, ...]:
-        """The springs whose force at rest depends on the path to there."""
-        if self.printed is not None:
-            return (self.printed,)
-        return () if self.memory is None else self.memory.laws
+    def contacts(self) -> ContactLaws | None:
+        """The contacts, which alone have events; None where there are none."""
+        return self.group(ContactLaws)
+
+    def group(self, kind: type[Group]) -> Group | None:
+        """Return the group of laws of a kind, or None where the system has none."""
+        return next((group for group in self.laws if isinstance(group, kind)), None)
+
+    def first_of(self, group: LawGroup) -> int:
+        """Return the number of a group's first law among all."""
+        return sum(len(before) for before in self.laws[: self.laws.index(group)])
 
     @property
-    def springs(self) -> tuple[MemoryLaw | PrintedLaw | SpringpotLaw, ...]:
-        """All springs with memory, springpots last."""
-        return self.path_dependent + (() if self.springpots is None else self.springpots.laws)
+    def histories(self) -> int:
+        """Number of laws whose forces and energies are recorded along a run."""
+        return sum(len(group) for group in self.recorded)
+
+    @property
+    def recorded(self) -> tuple[LawGroup, ...]:
+        """The groups whose forces and energies are recorded along a run."""
+        return tuple(group for group in self.laws if group.recorded)
 
     @property
     def damped(self) -> bool:
@@ -316,7 +210,7 @@ class System:
 
 @dataclass(frozen=True)
 class State:
-    """Displacements and velocities at one time, each (n,), and the state of springs with memory that have a past."""
+    """Displacements and velocities at one time, each (n,), and the internal variables of laws that have a past."""
 
     q: Array
     v: Array
@@ -402,3 +296,17 @@ class Events:
     contact: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     status: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     initial: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+
+
+__all__ = [
+    "CLOSED",
+    "OPEN",
+    "PINNED",
+    "ContactLaws",
+    "Counters",
+    "Events",
+    "Load",
+    "LoadFunction",
+    "State",
+    "System",
+]

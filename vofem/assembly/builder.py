@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.assembly.effect import ContactEntry
-from vofem.assembly.laws import check_springs, contact_laws, memory_laws, nonlinear_laws, springpot_laws
+from vofem.assembly.laws import law_groups
 from vofem.assembly.model import Model
 from vofem.assembly.strains import attached_strains, rigid_motions, strain_rows
 from vofem.assembly.triplets import Triplets, entries
 from vofem.assembly.unknowns import Constraint, unknowns
 from vofem.bodies.base import Array, Body, BodyMatrices, IntArray, Point, Row
 from vofem.errors import ArgumentError
-from vofem.memory import MemoryLaw, PrintedLaw, SpringpotLaw
-from vofem.system import Load, LoadFunction, NonlinearLaw, System
+from vofem.laws import PrintedLaw
+from vofem.system import Load, LoadFunction, System
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -38,14 +38,10 @@ class SystemBuilder:
         self._attached = Triplets()
         self._springs: list[tuple[Row, float]] = []
         self._strains: list[tuple[int, csr_matrix]] = []
-        self._nonlinear: list[tuple[Row, NonlinearLaw]] = []
-        self._memory: list[tuple[Row, MemoryLaw]] = []
-        self._printed: list[PrintedLaw] = []
-        self._springpots: list[tuple[Row, SpringpotLaw]] = []
+        self._laws: list[tuple[Row, Any]] = []
         self._rayleigh: tuple[float, float] | None = None
         self._modal: float | Array | None = None
         self._loads: list[Load] = []
-        self._contacts: list[ContactEntry] = []
         self._joints: list[tuple[str, list[Row]]] = []
         supported: list[IntArray] = []
         scales: list[Array] = []
@@ -142,25 +138,13 @@ class SystemBuilder:
         """Add the load ``value M r function(t)``, r being a unit translation of one body, or of all."""
         self._accelerations.append((value, function, name, body))
 
-    def add_nonlinear(self, row: Row, law: NonlinearLaw) -> None:
-        """Add a smooth scalar law on a row."""
-        self._nonlinear.append((row, law))
-
-    def add_memory(self, row: Row, law: MemoryLaw) -> None:
-        """Add a law with memory on a row."""
-        self._memory.append((row, law))
-
-    def add_printed(self, law: PrintedLaw) -> None:
-        """Add Eq. 22 as it stands; the scene must hold nothing but one loaded mass on this spring, and dampers."""
-        self._printed.append(law)
-
-    def add_springpot(self, row: Row, law: SpringpotLaw) -> None:
-        """Add a springpot on a row."""
-        self._springpots.append((row, law))
+    def add_law(self, row: Row, law: Any) -> None:
+        """Add a scalar law on a row; its attribute `group` names the class of `vofem.laws` that gathers its kind."""
+        self._laws.append((row, law))
 
     def add_contact(self, entry: ContactEntry) -> None:
         """Add a contact."""
-        self._contacts.append(entry)
+        self.add_law(entry.row, entry)
 
     def add_joint(self, name: str, rows: Sequence[Row]) -> None:
         """Add the conditions ``b.q = 0`` of a joint, which hold exactly: of displacements, and then of rotations."""
@@ -185,13 +169,8 @@ class SystemBuilder:
         for value, function, name, only in self._accelerations:
             translation = np.concatenate([body.translation() * (only is None or body is only) for body in self.offsets])
             self._loads.append(Load(value * (mass @ translation), function, name))
-        contact_rows, contacts = contact_laws(self._contacts, self.size, unknown)
-        nonlinear_rows, nonlinear = nonlinear_laws(self._nonlinear, self.size, unknown)
-        memory_rows, memory = memory_laws(self._memory, self.size, unknown)
-        springpot_rows, springpots = springpot_laws(self._springpots, self.size, unknown)
-        check_springs(memory, springpots)
-        if self._printed:
-            self._check_printed(stiffness)
+        rows, laws = law_groups(self._laws, self.size, unknown)
+        self._check_printed(stiffness)
         system = System(
             mass=unknown.square(mass),
             stiffness=unknown.square(stiffness),
@@ -199,14 +178,10 @@ class SystemBuilder:
             rayleigh=self._rayleigh,
             modal_damping=self._modal,
             loads=tuple(Load(unknown.vector(load.vector), load.function, load.name) for load in self._loads),
-            contacts=contacts,
-            nonlinear=nonlinear,
-            memory=memory,
-            printed=self._printed[0] if self._printed else None,
+            laws=laws,
             scale=unknown.scale(self._scale),
             strain=strain_rows(self.offsets, strains, self.size, unknown),
             rigid=rigid_motions(self.offsets, strains, conditions, self._supported, self.size)[unknown.free],
-            springpots=springpots,
             rotation=self._rotation[unknown.free],
         )
         vectors = tuple(load.vector for load in self._loads)
@@ -218,10 +193,7 @@ class SystemBuilder:
             stiffness,
             damping,
             vectors,
-            contact_rows,
-            nonlinear_rows,
-            memory_rows,
-            springpot_rows,
+            rows,
             transform=unknown.transform,
             joints=tuple((name, len(rows)) for name, rows in self._joints),
             joint_rows=joint_rows,
@@ -241,18 +213,21 @@ class SystemBuilder:
 
     def _check_printed(self, stiffness: Any) -> None:
         """Raise where a spring follows the printed law beside anything else that bears load."""
-        label = self._printed[0].label
+        printed = [law for _, law in self._laws if isinstance(law, PrintedLaw)]
+        if not printed:
+            return
+        others = [law for _, law in self._laws if law is not printed[0]]
         what = ""
-        if len(self._printed) > 1 or self._memory or self._springpots:
+        if any(law.group.recorded for law in others):
             what = "another spring with memory"
         elif self.size > 1:
             what = f"{self.size} degrees of freedom"
-        elif self._contacts:
-            what = f"Contact {self._contacts[0].name!r}"
-        elif self._nonlinear or np.any(stiffness.data != 0.0):
+        elif any(isinstance(law, ContactEntry) for law in others):
+            what = next(f"Contact {law.name!r}" for law in others if isinstance(law, ContactEntry))
+        elif others or np.any(stiffness.data != 0.0):
             what = "another spring"
         if what:
             raise ArgumentError(
-                f"{label} with memory='printed' is Eq. 22, which the applied force drives, so it holds for a spring "
-                f"that alone carries a single loaded mass; this scene has {what}. Use memory='cyclic'"
+                f"{printed[0].label} with memory='printed' is Eq. 22, which the applied force drives, so it holds for "
+                f"a spring that alone carries a single loaded mass; this scene has {what}. Use memory='cyclic'"
             )

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from vofem.bodies.base import Point, Row
+from vofem.laws import ContactLaws, LawGroup
 
 if TYPE_CHECKING:
     from vofem.assembly.builder import SystemBuilder
@@ -27,6 +28,8 @@ class Effect(Protocol):
 @dataclass(frozen=True)
 class ContactEntry:
     """One contact as `SystemBuilder.add_contact` takes it; the fields are those of `ContactLaws`."""
+
+    group: ClassVar[type[LawGroup]] = ContactLaws
 
     name: str
     row: Row

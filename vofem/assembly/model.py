@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -39,10 +39,8 @@ class Model:
         Of bodies and dashpots.
     load_vectors : tuple of ndarray, shape (N,)
         One per load of the system.
-    contact_rows : csr_matrix, shape (n_contacts, N), optional
-    nonlinear_rows : csr_matrix, shape (n_laws, N), optional
-    memory_rows : csr_matrix, shape (n_springs, N), optional
-    springpot_rows : csr_matrix, shape (n_springpots, N), optional
+    law_rows : tuple of csr_matrix, shape (n_laws, N)
+        One per group of the system's laws.
     transform : csr_matrix, shape (N, N), optional
         As of `Unknowns`; None where no joint eliminates a degree of freedom.
     joints : tuple of (str, int)
@@ -58,13 +56,24 @@ class Model:
     stiffness: csr_matrix
     damping: csr_matrix | None
     load_vectors: tuple[Array, ...]
-    contact_rows: csr_matrix | None
-    nonlinear_rows: csr_matrix | None
-    memory_rows: csr_matrix | None
-    springpot_rows: csr_matrix | None = None
+    law_rows: tuple[csr_matrix, ...]
     transform: csr_matrix | None = None
     joints: tuple[tuple[str, int], ...] = ()
     joint_rows: csr_matrix | None = None
+
+    @staticmethod
+    def from_earlier(fields: dict[str, Any]) -> dict[str, Any]:
+        """Return the fields of a model that an earlier version has saved, whose kinds of laws had rows each."""
+        if "law_rows" in fields:
+            return fields
+        names = ("contact_rows", "nonlinear_rows", "memory_rows", "springpot_rows")
+        parts = [fields.pop(name, None) for name in names]
+        return fields | {"law_rows": tuple(rows for rows in parts if rows is not None)}
+
+    @property
+    def contact_rows(self) -> csr_matrix | None:
+        """The rows of the contacts, or None where there are none."""
+        return None if self.system.contacts is None else self.law_rows[0]
 
     @property
     def size(self) -> int:

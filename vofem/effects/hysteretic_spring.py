@@ -12,7 +12,7 @@ from vofem.effects.softening import Backbone, Softening
 from vofem.effects.two_points import TwoPoints
 from vofem.errors import ArgumentError
 from vofem.fractional.constants import ideal
-from vofem.memory import PrintedLaw
+from vofem.laws import PrintedLaw
 
 
 class HystereticSpring(TwoPoints):
@@ -112,12 +112,11 @@ class HystereticSpring(TwoPoints):
     def compile(self, builder: SystemBuilder) -> None:
         """Add row and law."""
         if self._law is not None:
-            builder.add_memory(self._row(builder), self._law)
+            builder.add_law(self._row(builder), self._law)
             return
         backbone = self._backbone
-        builder.add_printed(
-            PrintedLaw(backbone.label, self.name, self.stiffness, self.linear_limit, backbone.level, backbone.limit)
-        )
+        law = PrintedLaw(backbone.label, self.name, self.stiffness, self.linear_limit, backbone.level, backbone.limit)
+        builder.add_law(self._row(builder), law)
 
     def describe(self) -> str:
         """Return name, points and numbers."""
@@ -186,7 +185,7 @@ class CrushingStop(TwoPoints):
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add row and law."""
-        builder.add_memory(self._row(builder, -1.0 if self.side == "below" else 1.0), self._law)
+        builder.add_law(self._row(builder, -1.0 if self.side == "below" else 1.0), self._law)
 
     def describe(self) -> str:
         """Return name, place and numbers."""

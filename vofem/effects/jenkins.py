@@ -12,7 +12,7 @@ from vofem.assembly import SystemBuilder
 from vofem.bodies.base import automatic_name
 from vofem.effects.two_points import TwoPoints, Units
 from vofem.errors import ArgumentError
-from vofem.memory import JENKINS, MemoryLaw
+from vofem.laws import JENKINS, HystereticLaw
 
 Array = NDArray[np.float64]
 
@@ -72,7 +72,7 @@ class IwanSpring(TwoPoints):
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add row and law."""
-        builder.add_memory(self._row(builder), self._law)
+        builder.add_law(self._row(builder), self._law)
 
     def describe(self) -> str:
         """Return name, points and numbers."""
@@ -128,7 +128,7 @@ class BilinearSpring(IwanSpring):
         self._law = _jenkins(label, name, self.stiffness * np.array([1.0, self.hardening]), reach[:1], self.units)
 
 
-def _law(label: str, name: str, elongation: Array, force: Array, units: Units) -> MemoryLaw:
+def _law(label: str, name: str, elongation: Array, force: Array, units: Units) -> HystereticLaw:
     """Return the law of a curve through the origin and some points."""
     if elongation.ndim != 1 or elongation.shape != force.shape:
         raise ArgumentError(
@@ -162,7 +162,7 @@ def _law(label: str, name: str, elongation: Array, force: Array, units: Units) -
     return _jenkins(label, name, slopes, elongation[:-1], units)
 
 
-def _jenkins(label: str, name: str, slopes: Array, bends: Array, units: Units) -> MemoryLaw:
+def _jenkins(label: str, name: str, slopes: Array, bends: Array, units: Units) -> HystereticLaw:
     """Return the law of given slopes, shape (n + 1,), with bends between them, shape (n,)."""
     stiffness = slopes[:-1] - slopes[1:]
     kept = stiffness > 1e-12 * slopes[0]
@@ -170,4 +170,4 @@ def _jenkins(label: str, name: str, slopes: Array, bends: Array, units: Units) -
     limit = float(np.sum(slip[kept])) if slopes[-1] == 0.0 else float("inf")
     onset = float(slopes[0] * bends[kept][0]) if np.any(kept) else float("inf")
     parameters = np.concatenate([slopes[-1:], stiffness[kept], slip[kept]])
-    return MemoryLaw(label, name, JENKINS, float(slopes[0]), onset, limit, False, 0.0, parameters, units.force)
+    return HystereticLaw(label, name, JENKINS, float(slopes[0]), onset, limit, False, 0.0, parameters, units.force)

@@ -11,7 +11,7 @@ from vofem.assembly import SystemBuilder
 from vofem.bodies.base import automatic_name
 from vofem.effects.two_points import TwoPoints
 from vofem.errors import ArgumentError
-from vofem.system import NonlinearLaw
+from vofem.laws import SmoothLaw
 
 #: Elongations in m at which force and potential are compared.
 _SAMPLES = (-1.0, -0.1, -1e-2, -1e-3, 1e-3, 1e-2, 0.1, 1.0)
@@ -58,7 +58,7 @@ class NonlinearSpring(TwoPoints):
                 raise ArgumentError(
                     f"{label}: {what} is {function!r}, expected a callable of the elongation in {self.units.coordinate}"
                 )
-        self.law = NonlinearLaw(self.name, potential, force)
+        self.law = SmoothLaw(self.name, potential, force)
         self._check(label)
 
     def _check(self, label: str) -> None:
@@ -82,7 +82,7 @@ class NonlinearSpring(TwoPoints):
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add row and law."""
-        builder.add_nonlinear(self._row(builder), self.law)
+        builder.add_law(self._row(builder), self.law)
 
     def describe(self) -> str:
         """Return name and points."""

@@ -9,8 +9,8 @@ import numpy as np
 
 from vofem._validate import number
 from vofem.errors import ArgumentError
-from vofem.memory import HYPERBOLIC, TABULATED, LinearLevel, MemoryLaw
-from vofem.memory.backbone import checked_level, limit_load, tabulate
+from vofem.laws import HYPERBOLIC, TABULATED, HystereticLaw, LinearLevel
+from vofem.laws.softening_curve import checked_level, limit_load, tabulate
 
 
 @dataclass(frozen=True)
@@ -73,13 +73,13 @@ class Backbone:
         assert not isinstance(self.softening, LinearSoftening)
         return checked_level(self.label, self.softening, force)
 
-    def law(self, name: str, one_sided: bool = False, gap: float = 0.0, unit: str = "N") -> MemoryLaw:
+    def law(self, name: str, one_sided: bool = False, gap: float = 0.0, unit: str = "N") -> HystereticLaw:
         """Return the cyclic law on this backbone."""
         if isinstance(self.softening, LinearSoftening):
             kind, parameters = HYPERBOLIC, np.array([self.softening.span])
         else:
             kind = TABULATED
             parameters = tabulate(self.label, self.level, self.stiffness, self.onset, self.limit)
-        return MemoryLaw(
+        return HystereticLaw(
             self.label, name, kind, self.stiffness, self.onset, self.limit, one_sided, gap, parameters, unit
         )  # fmt: skip

@@ -13,7 +13,7 @@ from vofem.effects.time_functions import Constant
 from vofem.effects.two_points import TwoPoints
 from vofem.errors import ArgumentError
 from vofem.fractional.laws import ConstantOrder, OrderLaw
-from vofem.memory import SpringpotLaw
+from vofem.laws import SpringpotLaw
 
 
 class Springpot(TwoPoints):
@@ -70,7 +70,7 @@ class Springpot(TwoPoints):
     def compile(self, builder: SystemBuilder) -> None:
         """Add row and law."""
         law = SpringpotLaw(f"Springpot {self.name!r}", self.name, self.coefficient, self.order)
-        builder.add_springpot(self._row(builder), law)
+        builder.add_law(self._row(builder), law)
 
     def describe(self) -> str:
         """Return name, points and numbers."""

@@ -73,7 +73,7 @@ def _state(run: Run, label: str, t: ArrayLike | None, samples: Sampled) -> tuple
     if system.contacts is not None:
         force = run.contact_samples.force if t is None else run.solution.contacts(times).force
     modes = run.solution.modes if system.modal_damping is not None else None
-    remembers = system.memory is not None or system.springpots is not None
+    remembers = any(group.recorded for group in system.laws)
     return times, samples, force, modes, _spring_force(run, label, t) if remembers else None
 
 

@@ -31,7 +31,7 @@ class SpringHistory:
 
     def __init__(self, run: Run, index: int) -> None:
         self._run, self._index = run, index
-        self.name = run.model.system.springs[index].name
+        self.name = [name for group in run.model.system.recorded for name in group.names][index]
 
     def __repr__(self) -> str:
         return f"SpringHistory({self.name!r}, {self.dissipated[-1]:g} J dissipated)"
@@ -45,13 +45,10 @@ class SpringHistory:
     @property
     def elongation(self) -> Array:
         """Elongation in m, shape (n_times,)."""
-        system = self._run.model.system
-        # The printed law is that of a system of one degree of freedom.
-        parts = [part.rows for part in (system.memory, system.springpots) if part is not None] or [np.ones((1, 1))]
-        index = self._index
-        while index >= parts[0].shape[0]:
-            index -= parts.pop(0).shape[0]
-        return self._run.samples.along(parts[0][[index]], "q")[0]
+        groups, index = list(self._run.model.system.recorded), self._index
+        while index >= len(groups[0]):
+            index -= len(groups.pop(0))
+        return self._run.samples.along(groups[0].rows[[index]], "q")[0]
 
     @property
     def force(self) -> Array:

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.system import CLOSED, OPEN, PINNED, ContactLaws, Counters, Events
+from vofem.system import CLOSED, OPEN, PINNED, Counters, Events
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -228,42 +228,6 @@ def status_at(events: Events, times: Array) -> NDArray[np.int64]:
     return status
 
 
-def spring_potential(laws: ContactLaws, u: Array, status: NDArray[np.int64]) -> Array:
-    """Return the energy stored in the contact springs, shape (n_times,).
-
-    ``K0 (u^2 - gap^2)/2`` under the jump law, ``K0 (u - gap)^2/2`` under the
-    other; zero while open or pinned.
-    """
-    s = u - laws.gap[:, None]
-    lever = np.where(laws.jump[:, None], u + laws.gap[:, None], s)
-    return np.sum(np.where(status == CLOSED, 0.5 * laws.stiffness[:, None] * s * lever, 0.0), axis=0)
-
-
-def spring_force(laws: ContactLaws, u: Array, rate: Array, status: NDArray[np.int64]) -> Array:
-    """Return the contact forces of the ideal switch, shape (n_contacts, n_times); pinned ones as zero."""
-    elastic = laws.stiffness[:, None] * (u - laws.offset[:, None])
-    return np.where(status == CLOSED, elastic + laws.damping[:, None] * rate, 0.0)
-
-
-def initial_status(laws: ContactLaws, q: Array, v: Array, size: Array | None = None) -> NDArray[np.int64]:
-    """Return the status at t = 0: closed where ``s > 0``, or where ``s = 0`` and the contact moves in.
-
-    Parameters
-    ----------
-    q, v : ndarray, shape (n,)
-        Displacements and velocities at t = 0.
-    size : ndarray, shape (n_contacts,), optional
-        Sums of the magnitudes of the terms of ``rows @ q``, where they are known.
-    """
-    u, rate = np.asarray(laws.rows @ q), np.asarray(laws.rows @ v)
-    # An s below the rounding of the terms that u sums is zero.
-    if size is None:
-        size = np.asarray(abs(laws.rows) @ np.abs(q))
-    s = u - laws.gap
-    zero = np.abs(s) <= 4.0 * np.finfo(float).eps * (size + np.abs(laws.gap))
-    return np.where((~zero & (s > 0)) | (zero & (rate > 0)), CLOSED, OPEN).astype(np.int64)
-
-
 __all__ = [
     "CLOSED",
     "OPEN",
@@ -276,8 +240,5 @@ __all__ = [
     "Samples",
     "Solution",
     "SpringSamples",
-    "initial_status",
-    "spring_force",
-    "spring_potential",
     "status_at",
 ]

@@ -26,24 +26,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import StepSizeError
-from vofem.integrators.base import ProbeRows, Samples, initial_status
+from vofem.integrators.base import ProbeRows, Samples
 from vofem.integrators.critical_step import critical_step
 from vofem.integrators.damping_matrix import damping_matrix
 from vofem.integrators.methods import CENTRAL_DIFFERENCE
 from vofem.integrators.registry import advice
 from vofem.integrators.stepped import SteppedSolution, step_count, storage_times
-from vofem.integrators.stepping.callbacks import Callbacks, call
 from vofem.integrators.stepping.checks import check_times, look
 from vofem.integrators.stepping.checks import watch as watch_of
 from vofem.integrators.stepping.energies import kinetic_energy
-from vofem.integrators.stepping.laws import MEMORY, SMOOTH, Laws, build_laws, loaded, place_in_memory, with_state
 from vofem.integrators.stepping.march import MOST_FACTORED, Banded, chunk, march, note_chatter, stored_energy, tally
-from vofem.integrators.stepping.memory import commit, memory_force
 from vofem.integrators.stepping.probes import tap
-from vofem.integrators.stepping.recall import remember
+from vofem.integrators.stepping.recall import remember, tell_histories
 from vofem.integrators.stepping.record import Output, Trail, leave, log_event, output, rounding, store, switched, trail
-from vofem.integrators.stepping.rows import Rows, all_rows, compressed, dot, subtract_row
-from vofem.integrators.stepping.springpots import (
+from vofem.integrators.stepping.step_loads import followed, note_loads
+from vofem.integrators.watching import Snapshot, Watch
+from vofem.laws import SpringpotLaws, initial_status
+from vofem.laws.callbacks import callbacks_of
+from vofem.laws.evaluate import commit, force_at, loaded
+from vofem.laws.kinds import AFFINE
+from vofem.laws.resolved import contact_stiffness
+from vofem.laws.rows import Rows, all_rows, compressed, dot, subtract_row
+from vofem.laws.springpot import (
     FORCE,
     MEAN,
     NO_HISTORY,
@@ -55,11 +59,8 @@ from vofem.integrators.stepping.springpots import (
     Springpots,
     affine,
     carry_on,
-    tell_histories,
 )
-from vofem.integrators.stepping.step_loads import followed, note_loads
-from vofem.integrators.switch import contact_stiffness
-from vofem.integrators.watching import Snapshot, Watch
+from vofem.laws.table import Laws, build_laws, with_state
 from vofem.linalg.banded import factor, solve, subtract_product, to_band, widen
 from vofem.linalg.jit import jit
 from vofem.system import CLOSED, Counters, State, System
@@ -140,9 +141,8 @@ def run(
         If energy grows beyond what the loads can have done.
     """
     counters, notes = Counters(), []
-    tangents = _tangents(system, start)
-    limit = critical_step(system, tangents, counters)
-    if tangents is not None:
+    limit = critical_step(system, start, counters)
+    if not all(group.bounded for group in system.laws):
         notes.append(
             f"step: the critical step of {limit:.6g} s counts nonlinear springs with their tangent at the start; "
             "where they stiffen it is smaller, and a run beyond it stops with an error"
@@ -171,7 +171,7 @@ def run(
     first = stored_energy(system, start.q, start.v) - 0.125 * dt**2 * float(acceleration @ (system.mass @ acceleration))
     points = tap(probes, kernel.bands.order)
     looks = check_times(t_end, dt, system.size), watch_of(system.contacts)
-    out = output(stored, system.size, points, len(system.springs), kernel.laws.state.size, looks)
+    out = output(stored, system.size, points, system.histories, kernel.laws.state.size, looks)
     return march(
         kernel, CENTRAL_DIFFERENCE, start, initial, t_end, dt, out, notes,
         first_energy=first, blow_up=_BLOW_UP, watch=watch, resume=resume,
@@ -182,14 +182,6 @@ def run(
 def _without_limit() -> str:
     """Return what a message recommends where the critical step is too small."""
     return f"{advice(exact=True)}, which has no step, or {advice(conserves=True)}, which is stable at any"
-
-
-def _tangents(system: System, start: State) -> Array | None:
-    """Return the tangent stiffness of nonlinear springs at the start, or None where there are none."""
-    if system.nonlinear is None:
-        return None
-    u = system.nonlinear.rows @ start.q
-    return np.array([law.tangent(float(x)) for law, x in zip(system.nonlinear.laws, u, strict=True)])
 
 
 class _CentralDifference:
@@ -207,21 +199,21 @@ class _CentralDifference:
         parts = system.cache.get(
             "central-difference matrix", dt, lambda: self._factor(mass, c, counters), MOST_FACTORED
         )
-        self.callbacks = None if system.nonlinear is None else Callbacks(system.nonlinear.laws)
-        self.laws = build_laws(system, self.callbacks)
-        self.rows = compressed(all_rows(system), order)
+        self.callbacks = callbacks_of(system.laws)
+        self.laws = build_laws(system.laws, self.callbacks)
+        self.rows = compressed(all_rows(system.laws), order)
         self.matrices = _Matrices(mass, stiffness, c, *parts)
         self.loads = np.concatenate([self.bands.loads, self.bands.answers(self.matrices.factored, stiffness)])
         self.bands.over.until = t_end
         status = np.empty(0, dtype=np.int64)
         if system.contacts is not None:
             status = initial_status(system.contacts, start.q, start.v)
-        every = all_rows(system)
+        every = all_rows(system.laws)
         u = np.zeros(0) if every is None else np.asarray(every @ start.q)
         self.laws = loaded(self.laws, u, start.memory)
         self.history, self.pace = NO_HISTORY, NO_PACE
         self.springpotted: Springpotted | None = None
-        if system.springpots is not None:
+        if system.group(SpringpotLaws) is not None:
             self._keep_history(start, counters)
         self.start_acceleration = self._start_acceleration(start, status)
         # Second-order start: half a step back with the acceleration of the initial conditions.
@@ -244,7 +236,7 @@ class _CentralDifference:
         """Let springpots keep their past; the force that they begin with is the mean of the first step."""
         from vofem.integrators.stepping.history import Springpotted
 
-        springpots = self.bands.system.springpots
+        springpots = self.bands.system.group(SpringpotLaws)
         assert springpots is not None
         self.springpotted = Springpotted(self.bands.system, self.dt, (self.steps + 1) * self.dt, counters)
         self.history, self.pace = self.springpotted.begin(start), self.springpotted.pace(self.dt)
@@ -298,22 +290,19 @@ class _CentralDifference:
         force = (self.load_values(0, 1)[:, 0] @ self.loads)[self.bands.back] - system.stiffness @ start.q
         if self.damping is not None:
             force -= self.damping @ start.v
-        if laws is not None:
-            u, rate = laws.rows @ start.q, laws.rows @ start.v
-            share = np.where(status == CLOSED, 1.0, 0.0)
-            for j in np.flatnonzero(np.isfinite(laws.resolution)):
-                share[j] = contact_stiffness(1.0, float(u[j] - laws.gap[j]), float(laws.resolution[j]))
-            force -= laws.rows.T @ (share * (laws.stiffness * (u - laws.offset) + laws.damping * rate))
-        if system.nonlinear is not None:
-            u = system.nonlinear.rows @ start.q
-            reactions = [law.reaction(float(x)) for law, x in zip(system.nonlinear.laws, u, strict=True)]
-            force -= system.nonlinear.rows.T @ np.array(reactions)
-        if system.memory is not None:
-            u = system.memory.rows @ start.q
-            pulls = [memory_force(self.laws.memory, self.laws.state, i, float(x))[0] for i, x in enumerate(u)]
-            force -= system.memory.rows.T @ np.array(pulls)
-        if system.springpots is not None:
-            force -= system.springpots.rows.T @ self.history.told[:, MEAN]
+        first = 0
+        for group in system.laws:
+            u, rate = np.asarray(group.rows @ start.q), np.asarray(group.rows @ start.v)
+            if group is laws:
+                ideal = np.isinf(laws.resolution)
+                share = np.where(ideal, np.where(status == CLOSED, 1.0, 0.0), laws.shares(u - laws.gap))
+                pull = share * (laws.elastic(u) + laws.damping * rate)
+            elif isinstance(group, SpringpotLaws):
+                pull = self.history.told[:, MEAN]
+            else:
+                pull = np.array([force_at(self.laws, first + i, float(x)) for i, x in enumerate(u)])
+            force -= group.rows.T @ pull
+            first += len(group)
         banded = force[self.bands.order]
         solve(factor(self.matrices.mass, "the mass matrix"), banded)
         return banded[self.bands.back]
@@ -324,11 +313,12 @@ def _implicit(system: System, factored: Array, order: IntArray) -> tuple[Array, 
 
     B has the rows of all laws; columns of other laws are zero.
     """
-    laws, every, n = system.contacts, all_rows(system), system.size
+    laws, every, n = system.contacts, all_rows(system.laws), system.size
     which = [] if laws is None else np.flatnonzero(laws.damping > 0).tolist()
-    if system.springpots is not None:
-        first = sum(part.rows.shape[0] for part in (laws, system.nonlinear) if part is not None)
-        which += range(first, first + len(system.springpots.laws))
+    springpots = system.group(SpringpotLaws)
+    if springpots is not None:
+        first = system.first_of(springpots)
+        which += range(first, first + len(springpots))
     if every is None or not which:
         return np.empty((n, 0)), np.empty((0, 0))
     rows = every.toarray()[:, order]
@@ -365,12 +355,11 @@ def _advance(
         for i in range(n):
             a[i] = load[i]
         for j in range(contacts, m):
-            if laws.table[j]["kind"] == SMOOTH:
-                subtract_row(rows, j, call(laws.table[j]["force"], dot(rows, j, q)), a)
-            if laws.table[j]["kind"] == MEMORY:
-                i, u = place_in_memory(laws, j), dot(rows, j, q)
-                commit(laws.memory, state.memory, i, u)
-                subtract_row(rows, j, memory_force(laws.memory, state.memory, i, u)[0], a)
+            if laws.table[j]["kind"] != AFFINE:
+                u = dot(rows, j, q)
+                if laws.table[j]["end"] > laws.table[j]["start"]:
+                    commit(laws, j, u)
+                subtract_row(rows, j, force_at(laws, j, u), a)
         subtract_product(matrices.stiffness, q, a)
         any_damper = False
         for i in range(pots):
@@ -431,7 +420,7 @@ def _advance(
         if out.every_step or (cursor < out.times.size and out.times[cursor] <= t + 1e-9 * dt):
             cursor = store(out, cursor, t, dt, step == 0, before, q, v, a, a)
         if state.memory.size > 0:
-            remember(laws.memory, before.memory, rows, out, wanted, cursor)
+            remember(laws, before.memory, rows, out, wanted, cursor)
             before.memory[:] = state.memory
         if pots > 0:
             tell_histories(history, out, wanted, cursor, t, dt)

@@ -30,7 +30,7 @@ from vofem.integrators.damping_matrix import damping_matrix
 from vofem.integrators.methods import FORCE_DRIVEN
 from vofem.integrators.stepped import SteppedSolution, step_count
 from vofem.integrators.watching import Snapshot, Watch, deferred_interrupts
-from vofem.memory import PrintedLaw
+from vofem.laws import PrintedLaw, PrintedLaws
 from vofem.system import Counters, Events, State, System
 
 Array = NDArray[np.float64]
@@ -53,7 +53,7 @@ class _Regime:
 
 def refusal(system: System) -> str | None:
     """Return why this method cannot treat the system and what can, or None."""
-    if system.printed is not None:
+    if system.group(PrintedLaws) is not None:
         return None
     return (
         f"{FORCE_DRIVEN.name} follows Eq. 22 of the paper, HystereticSpring(..., memory='printed'), which this scene "
@@ -95,12 +95,13 @@ def run(
         If the applied force reaches what the spring can carry.
     """
     reason = refusal(system)
-    if system.printed is None:
+    group = system.group(PrintedLaws)
+    if group is None:
         raise MethodError(reason)
     if times is None:
         steps = 1000 if dt is None else step_count(t_end, dt)
         times = np.minimum(np.arange(steps + 1) * (t_end / 1000 if dt is None else dt), t_end)
-    return _Run(system, system.printed, start, times).solve(t_end, watch, resume)
+    return _Run(system, group.law, start, times).solve(t_end, watch, resume)
 
 
 class _Run:

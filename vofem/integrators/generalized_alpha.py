@@ -34,24 +34,26 @@ from numpy.typing import NDArray
 
 from vofem._validate import number
 from vofem.errors import ArgumentError, ConvergenceError
-from vofem.integrators.base import ProbeRows, Samples, initial_status
+from vofem.integrators.base import ProbeRows, Samples
 from vofem.integrators.damping_matrix import damping_matrix
 from vofem.integrators.methods import GENERALIZED_ALPHA
 from vofem.integrators.stepped import SteppedSolution, step_count, storage_times
 from vofem.integrators.stepping.balance import Structure, balance, structure
-from vofem.integrators.stepping.callbacks import Callbacks
 from vofem.integrators.stepping.checks import check_times, look
 from vofem.integrators.stepping.checks import watch as watch_of
 from vofem.integrators.stepping.contact_solve import law
 from vofem.integrators.stepping.energies import kinetic_energy
-from vofem.integrators.stepping.laws import Laws, build_laws, closed_share, loaded, with_state
 from vofem.integrators.stepping.march import MOST_FACTORED, Banded, chunk, march, note_chatter, stored_energy, tally
-from vofem.integrators.stepping.memory import commit_all
 from vofem.integrators.stepping.probes import tap
-from vofem.integrators.stepping.recall import remember
+from vofem.integrators.stepping.recall import remember, tell_histories
 from vofem.integrators.stepping.record import Output, Trail, leave, log_event, output, rounding, store, switched, trail
-from vofem.integrators.stepping.rows import Rows, all_rows, compressed, dot, subtract_row
-from vofem.integrators.stepping.springpots import (
+from vofem.integrators.stepping.step_loads import followed, note_loads
+from vofem.integrators.watching import Snapshot, Watch
+from vofem.laws import SpringpotLaws, initial_status
+from vofem.laws.callbacks import callbacks_of
+from vofem.laws.evaluate import closed_share, commit_all, loaded
+from vofem.laws.rows import Rows, all_rows, compressed, dot, subtract_row
+from vofem.laws.springpot import (
     FORCE,
     MEAN,
     NO_HISTORY,
@@ -63,10 +65,8 @@ from vofem.integrators.stepping.springpots import (
     Springpots,
     carry_on,
     impose,
-    tell_histories,
 )
-from vofem.integrators.stepping.step_loads import followed, note_loads
-from vofem.integrators.watching import Snapshot, Watch
+from vofem.laws.table import Laws, build_laws, with_state
 from vofem.linalg.banded import factor, solve, subtract_product, to_band, widen
 from vofem.linalg.jit import jit
 from vofem.system import Counters, State, System
@@ -199,7 +199,7 @@ def run(
     kernel = _GeneralizedAlpha(system, start, t_end, dt, steps, chosen, counters)
     points = tap(probes, kernel.bands.order)
     looks = check_times(t_end, dt, system.size), watch_of(system.contacts)
-    out = output(stored, system.size, points, len(system.springs), kernel.laws.state.size, looks)
+    out = output(stored, system.size, points, system.histories, kernel.laws.state.size, looks)
     return march(
         kernel, GENERALIZED_ALPHA, start, kernel.state.status.copy(), t_end, dt, out, notes,
         first_energy=stored_energy(system, start.q, start.v), blow_up=_BLOW_UP, watch=watch, resume=resume,
@@ -221,9 +221,9 @@ class _GeneralizedAlpha:
         damping = damping_matrix(system, counters)
         self.bands = Banded(system, counters, system.mass, system.stiffness, damping)
         order, n = self.bands.order, system.size
-        self.callbacks = None if system.nonlinear is None else Callbacks(system.nonlinear.laws)
-        self.laws = build_laws(system, self.callbacks)
-        self.rows = compressed(all_rows(system), order)
+        self.callbacks = callbacks_of(system.laws)
+        self.laws = build_laws(system.laws, self.callbacks)
+        self.rows = compressed(all_rows(system.laws), order)
         mass, stiffness = to_band(system.mass, order), to_band(system.stiffness, order)
         c = np.empty((0, n)) if damping is None else to_band(damping, order)
         answer = system.cache.get(
@@ -233,7 +233,7 @@ class _GeneralizedAlpha:
         status = np.empty(0, dtype=np.int64)
         m = self.laws.table.size
         u, rate = np.zeros(m), np.zeros(m)
-        rows = all_rows(system)
+        rows = all_rows(system.laws)
         if rows is not None:
             u, rate = np.asarray(rows @ start.q), np.asarray(rows @ start.v)
         self.laws = loaded(self.laws, u, start.memory)
@@ -243,10 +243,11 @@ class _GeneralizedAlpha:
         self.springpotted: Springpotted | None = None
         reaction = np.array([law(self.laws, j, u[j], u[j], False, 0.0, 0.0)[0] for j in range(m)])
         dampers = _start_dampers(self.laws, u, rate)
-        if system.springpots is not None:
+        springpots = system.group(SpringpotLaws)
+        if springpots is not None:
             self._keep_history(start, counters)
-            first = m - self.laws.memory.table.size - self.history.y.shape[0]
-            dampers[first : first + self.history.y.shape[0]] = self.history.told[:, FORCE]
+            first = system.first_of(springpots)
+            dampers[first : first + len(springpots)] = self.history.told[:, FORCE]
         # The matrix of a step tends to (1 - am) M as dt does to 0.
         second = (1.0 - am) * self.bands.answers(answer.factored, stiffness)
         self.loads = np.concatenate([self.bands.loads, second])
@@ -327,7 +328,7 @@ class _GeneralizedAlpha:
                 out, 0, 0.0, self.dt, True, self.trail, self.state.q, self.state.v, self.state.a, self.state.a
             )
             if self.state.memory.size:
-                remember(self.laws.memory, self.state.memory, self.rows, out, 0, cursor)
+                remember(self.laws, self.state.memory, self.rows, out, 0, cursor)
             tell_histories(self.history, out, 0, cursor, 0.0, self.dt)
         values = self.load_values(first, count + 1)
         if first == 0:
@@ -465,8 +466,8 @@ def _advance(
         if out.every_step or (cursor < out.times.size and out.times[cursor] <= t + 1e-9 * dt):
             cursor = store(out, cursor, t, dt, False, before, q, v, told, told)
         if state.memory.size > 0:
-            remember(laws.memory, before.memory, rows, out, wanted, cursor)
-            commit_all(laws.memory, state.memory, u1)
+            remember(laws, before.memory, rows, out, wanted, cursor)
+            commit_all(laws, u1)
             before.memory[:] = state.memory
         if history.y.shape[0] > 0:
             tell_histories(history, out, wanted, cursor, t, dt)

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from vofem.errors import ArgumentError
 from vofem.integrators.base import ContactSamples, Energies, ProbeSamples, Samples, SpringSamples
-from vofem.integrators.switch import contact_stiffness
 from vofem.linalg.jit import jit
 from vofem.system import CLOSED, OPEN, Counters, Events, System
 
@@ -107,15 +106,10 @@ class SteppedSolution:
         closed = s > 0.0
         start = times == 0.0
         closed[:, start] = (self.events.initial == CLOSED)[:, None]
-        stiffness = np.zeros(s.shape)
-        for j in range(len(laws)):
-            values = [contact_stiffness(laws.stiffness[j], x, laws.resolution[j]) for x in s[j]]
-            stiffness[j] = np.where(closed[j], np.maximum(values, 0.0), 0.0)
-            if np.isinf(laws.resolution[j]):
-                stiffness[j] = np.where(closed[j], laws.stiffness[j], 0.0)
-        share = stiffness / laws.stiffness[:, None]
-        force = stiffness * (u - laws.offset[:, None]) + share * laws.damping[:, None] * rate
-        return ContactSamples(np.where(closed, CLOSED, OPEN), stiffness, force)
+        ideal = np.isinf(laws.resolution)[:, None]
+        share = np.where(closed, np.where(ideal, 1.0, laws.shares(s)), 0.0)
+        force = share * (laws.elastic(u) + laws.damping[:, None] * rate)
+        return ContactSamples(np.where(closed, CLOSED, OPEN), share * laws.stiffness[:, None], force)
 
     def energies(self, times: Array) -> Energies:
         """Return the stored energies; between stored times they are interpolated linearly."""

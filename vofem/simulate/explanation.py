@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vofem.laws import KINDS
 from vofem.scene import Scene, as_scene
 from vofem.simulate.methods import choose
 from vofem.system import System
@@ -43,16 +44,19 @@ class Explanation:
         return "\n".join(lines)
 
 
+def _holds(kind: str) -> Callable[[System], bool]:
+    """Return whether a system has laws of a kind, as a function of the system."""
+    return lambda system: any(group.kind == kind for group in system.laws)
+
+
 _KINDS: tuple[tuple[str, Callable[[System], bool]], ...] = (
-    ("contacts", lambda system: system.contacts is not None),
+    (KINDS[0], _holds(KINDS[0])),
     (
         "contact dampers",
         lambda system: system.contacts is not None and bool(np.any(system.contacts.damping > 0)),
     ),
     ("damping", lambda system: system.damped),
-    ("nonlinear springs", lambda system: system.nonlinear is not None),
-    ("springs with memory", lambda system: bool(system.path_dependent)),
-    ("springpots", lambda system: system.springpots is not None),
+    *((kind, _holds(kind)) for kind in KINDS[1:]),
     ("loads", lambda system: bool(system.loads)),
 )
 

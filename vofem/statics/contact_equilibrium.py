@@ -9,7 +9,7 @@ from vofem.errors import ArgumentError, ConvergenceError
 from vofem.scene import Scene, as_scene
 from vofem.statics.held import check_held
 from vofem.statics.outcome import Equilibrium, StaticContact
-from vofem.statics.solver import ContactSolver, solver_of
+from vofem.statics.solver import EquilibriumSolver, solver_of
 from vofem.system import CLOSED, OPEN, PINNED
 
 
@@ -35,39 +35,30 @@ def equilibrium(scene: Scene, t: float = 0.0) -> Equilibrium:
     t = number("equilibrium: t", t)
     model = as_scene("equilibrium", scene).model
     system = model.system
-    if system.path_dependent:
-        raise ArgumentError(
-            f"equilibrium: {system.path_dependent[0].label} has equilibria that depend on the path to them; "
-            "use vofem.quasi_static(scene, load_factors)"
-        )
-    if system.nonlinear is not None:
-        raise ArgumentError(
-            f"equilibrium: NonlinearSpring {system.nonlinear.laws[0].name!r} may have several equilibria or none; "
-            "let a damped simulation settle instead"
-        )
+    for group in system.laws:
+        reason = group.statics_refusal(path=False)
+        if reason is not None:
+            raise ArgumentError(reason)
     force = system.force(t)
-    laws = system.contacts
-    if laws is None:
+    if not any(group.static for group in system.laws):
         check_held(model, None)
-        return Equilibrium(model, solver_of(system, np.zeros(0))(force), {}, 0, scene.effects, t)
-    if not laws.ideal:
-        k = int(np.argmax(np.isfinite(laws.resolution)))
-        raise ArgumentError(f"equilibrium needs ideal switches; Contact {laws.names[k]!r} has a resolved one")
-    check_held(model, laws.rows.toarray())
-    solver = ContactSolver(system, laws, force)
-    status, iterations, found = solver.solve(np.full(len(laws), CLOSED if system.rigid.shape[1] else OPEN))
-    active = status != OPEN
-    check_held(model, laws.rows[active].toarray() if np.any(active) else None)
+        return Equilibrium(model, solver_of(system)(force), {}, 0, scene.effects, t)
+    solver = EquilibriumSolver(system, force)
+    check_held(model, solver.rows.toarray())
+    start = np.full(solver.u.size, CLOSED if system.rigid.shape[1] else OPEN)
+    status, reaction, found = solver.solve(1.0, start)
+    check_held(model, solver.bearing(status))
+    laws = system.contacts
     if not found:
+        labels = [label for group in solver.groups for label in group.labels]
         raise ConvergenceError(
-            f"the contact equilibrium was not found in {iterations} steps; contacts {laws.names} with stiffness "
-            f"{laws.stiffness.tolist()} N/m may differ too much in magnitude"
+            f"the equilibrium was not found in {solver.iterations} steps; {', '.join(labels)} with stiffness "
+            f"{solver.stiffness.tolist()} N/m may differ too much in magnitude"
         )
-    u, reaction = solver.exact(status)
-    q = solver.displacement(u, reaction)
+    q = solver.displacement(1.0, reaction)
     names = {OPEN: "open", CLOSED: "closed", PINNED: "pinned"}
-    contacts = {
-        name: StaticContact(float(reaction[j]), names[int(status[j])], float(u[j] - laws.gap[j]))
-        for j, name in enumerate(laws.names)
-    }
-    return Equilibrium(model, q, contacts, iterations, scene.effects, t)
+    contacts = {}
+    if laws is not None:
+        for j, name in enumerate(laws.names):
+            contacts[name] = StaticContact(float(reaction[j]), names[int(status[j])], float(solver.u[j] - laws.gap[j]))
+    return Equilibrium(model, q, contacts, solver.iterations, scene.effects, t)

@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import array
 from vofem.assembly import Model
-from vofem.errors import ArgumentError, LimitLoadError
-from vofem.memory import PrintedLaw
+from vofem.errors import ArgumentError, ConvergenceError, LimitLoadError
+from vofem.laws import PrintedLaw, PrintedLaws
 from vofem.scene import Scene, as_scene
 from vofem.statics.held import check_held
 from vofem.statics.path_outcome import ContactPath, QuasiStatic, SpringPath
@@ -55,16 +55,10 @@ def quasi_static(scene: Scene, load_factors: ArrayLike) -> QuasiStatic:
         raise ArgumentError(f"quasi_static: load_factors has shape {factors.shape}, expected a list of numbers")
     model = as_scene("quasi_static", scene).model
     system = model.system
-    if system.nonlinear is not None:
-        raise ArgumentError(
-            f"quasi_static: NonlinearSpring {system.nonlinear.laws[0].name!r} may have several equilibria or none; "
-            "let a damped simulation settle instead"
-        )
-    if system.contacts is not None and not system.contacts.ideal:
-        k = int(np.argmax(np.isfinite(system.contacts.resolution)))
-        raise ArgumentError(
-            f"quasi_static needs ideal switches; Contact {system.contacts.names[k]!r} has a resolved one"
-        )
+    for group in system.laws:
+        reason = group.statics_refusal(path=True)
+        if reason is not None:
+            raise ArgumentError(reason)
     force = system.force(0.0)
     if not np.any(force):
         what = f"the loads, {system.loads[0].name} first, are zero" if system.loads else "the scene has no loads"
@@ -72,9 +66,10 @@ def quasi_static(scene: Scene, load_factors: ArrayLike) -> QuasiStatic:
             f"quasi_static: {what} at t = 0, whose values the load factors multiply; use a constant load such as "
             "PointLoad(point, 1.0)"
         )
-    if system.printed is not None:
-        return _printed(model, system.printed, float(force[0]), factors)
-    if system.memory is None and system.contacts is None:
+    printed = system.group(PrintedLaws)
+    if printed is not None:
+        return _printed(model, printed.law, float(force[0]), factors)
+    if not any(group.static for group in system.laws):
         return _linear(model, force, factors)
     return _path(model, force, factors)
 
@@ -83,7 +78,7 @@ def _linear(model: Model, force: Array, factors: Array) -> QuasiStatic:
     from vofem.statics.solver import solver_of
 
     check_held(model, None)
-    q = solver_of(model.system, np.zeros(0))(force)
+    q = solver_of(model.system)(force)
     return QuasiStatic(model, factors, q[:, None] * factors, {}, {}, 0, np.zeros(0))
 
 
@@ -99,57 +94,52 @@ def _printed(model: Model, law: PrintedLaw, force: float, factors: Array) -> Qua
 
 
 def _path(model: Model, force: Array, factors: Array) -> QuasiStatic:
-    from vofem.statics.path_solver import PathSolver
+    from vofem.statics.solver import EquilibriumSolver
 
     system = model.system
-    solver_rows = [part.rows for part in (system.contacts, system.memory) if part is not None]
-    check_held(model, np.concatenate([rows.toarray() for rows in solver_rows]))
-    solver = PathSolver(system, force)
-    n, m, count = factors.size, solver.stiffness.size, solver.count
+    solver = EquilibriumSolver(system, force)
+    check_held(model, solver.rows.toarray())
+    n, m = factors.size, solver.u.size
     q, u, reactions = np.empty((system.size, n)), np.empty((m, n)), np.empty((m, n))
     status = np.empty((m, n), dtype=np.int64)
-    energies = np.zeros((2, m - count, n))
+    energies = np.zeros((2, m, n))
     for k, factor in enumerate(factors.tolist()):
-        status[:, k], reactions[:, k], found = solver.step(factor)
-        _check_limit(model, solver, reactions[count:, k], factor, force, found)
+        status[:, k], reactions[:, k], found = solver.solve(factor)
+        _check_limit(model, solver, reactions[:, k], factor, force, found)
         if not found:
-            raise solver.stuck(factor)
-        check_held(model, _bearing(solver, status[:, k]))
+            raise ConvergenceError(
+                f"quasi_static: no equilibrium was found at load factor {factor:g} after {solver.iterations} steps; "
+                f"stiffnesses of {solver.stiffness.min():g} to {solver.stiffness.max():g} N/m may differ too much"
+            )
+        check_held(model, solver.bearing(status[:, k]))
         u[:, k], q[:, k] = solver.u, solver.displacement(factor, reactions[:, k])
         energies[:, :, k] = solver.accept()
     contacts, springs = {}, {}
-    if system.contacts is not None:
-        for j, name in enumerate(system.contacts.names):
-            contacts[name] = ContactPath(
-                reactions[j], status[j] == CLOSED, status[j] == PINNED, u[j] - system.contacts.gap[j]
-            )
-    for j, law in enumerate(() if system.memory is None else system.memory.laws):
-        springs[law.name] = SpringPath(u[count + j], reactions[count + j], energies[0, j], energies[1, j])
-    return QuasiStatic(model, factors, q, contacts, springs, solver.iterations, solver.state)
-
-
-def _bearing(solver: Any, status: NDArray[np.int64]) -> Array | None:
-    """Return the rows of contacts and springs that resist a small motion, or None where there are none."""
-    bears = status != 0
-    bears[solver.count :] = solver.tangents() > 0.0
-    return solver.rows[bears].toarray() if np.any(bears) else None
+    for group in solver.groups:
+        first = solver.part(group).start
+        for j, name in enumerate(group.names, first):
+            if group is system.contacts:
+                contacts[name] = ContactPath(
+                    reactions[j], status[j] == CLOSED, status[j] == PINNED, u[j] - system.contacts.gap[j - first]
+                )
+            elif group.recorded:
+                springs[name] = SpringPath(u[j], reactions[j], energies[0, j], energies[1, j])
+    return QuasiStatic(model, factors, q, contacts, springs, solver.iterations, solver.laws.state)
 
 
 def _check_limit(model: Model, solver: Any, pulls: Array, factor: float, force: Array, found: bool) -> None:
-    """Raise where a spring has reached its limit load and nothing else holds the structure."""
-    memory = model.system.memory
-    if memory is None:
-        return
+    """Raise where a law has reached its limit load and nothing else holds the structure."""
     over = np.abs(pulls) >= _AT_LIMIT * solver.limits
     if not np.any(over):
         return
     if found and not model.system.rigid.shape[1]:
         return
-    law = memory.laws[int(np.argmax(over))]
-    load = factor * float(force[np.argmax(np.abs(force))])
+    j = int(np.argmax(over))
+    label = [label for group in solver.groups for label in group.labels][j]
+    unit = [unit for group in solver.groups for unit in group.units()][j]
+    limit, load = float(solver.limits[j]), factor * float(force[np.argmax(np.abs(force))])
     raise LimitLoadError(
-        f"{law.label}: the load reaches {load:.6g} N at load factor {factor:g}, where the spring bears its limit "
-        f"load of {law.limit:.6g} {law.unit}, and no equilibrium exists beyond it. Load it "
-        "less, or change its softening",
-        load, factor, law.limit,
+        f"{label}: the load reaches {load:.6g} N at load factor {factor:g}, where the spring bears its limit "
+        f"load of {limit:.6g} {unit}, and no equilibrium exists beyond it. Load it less, or change its softening",
+        load, factor, limit,
     )  # fmt: skip

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from vofem._validate import Named
 from vofem.assembly import Model
 from vofem.initial import StoredState
+from vofem.laws import past_of
 from vofem.lookup import body_named, row_of, the_beam
-from vofem.memory import past_of
 
 Array = NDArray[np.float64]
 
@@ -100,8 +100,8 @@ class QuasiStatic:
 
     def spring_state(self, name: str) -> Array | None:
         """Return the state of a spring with memory at the last factor, with which a scene can start, or None."""
-        memory = self._model.system.memory
-        return None if memory is None else past_of(memory.laws, self._past, name)
+        groups = [group for group in self._model.system.laws if group.static and self._past.size]
+        return past_of(groups, self._past, name)
 
     def as_start(self) -> StoredState:
         """Return the state with which a run can start, without the outcome."""

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import LimitLoadError
-from vofem.memory import PrintedLaw
+from vofem.laws import PrintedLaw
 
 Array = NDArray[np.float64]
 

@@ -1,10 +1,10 @@
-"""Equilibrium in the space of the contact coordinates, from any starting set of closed contacts.
+"""Equilibrium in the coordinates of the scalar laws, once or along a path of loads.
 
-The energy of a structure on contacts is convex, under both force laws. It is
-minimised by Newton's method with an exact line search, which ends after
-finitely many steps; the vertical part of the jump law (the reaction may lie
-anywhere in [0, K0 gap] at the gap) is given a steep slope on the way and
-treated exactly at the end.
+The energy of a structure on laws whose forces never fall is convex, under both
+force laws of contacts. It is minimised by Newton's method with an exact line
+search. The vertical part of the jump law (the reaction may lie anywhere in
+[0, K0 gap] at the gap) is given a steep slope on the way and treated exactly
+at the end.
 """
 
 from __future__ import annotations
@@ -17,8 +17,12 @@ from numpy.typing import NDArray
 
 from vofem.errors import SingularSystemError
 from vofem.integrators.rounding import graded
+from vofem.laws import CLOSED, OPEN, PINNED
+from vofem.laws.evaluate import commit_all, lost, stored
+from vofem.laws.rows import all_rows
+from vofem.laws.table import build_laws
 from vofem.statics.line_search import lowest
-from vofem.system import CLOSED, OPEN, PINNED, ContactLaws, System
+from vofem.system import System
 
 Array = NDArray[np.float64]
 Status = NDArray[np.int64]
@@ -28,6 +32,12 @@ _MOST_ITERATIONS = 500
 
 #: Above this many degrees of freedom K has lost enough digits to look for them elsewhere.
 _MANY_UNKNOWNS = 400
+
+#: Coordinates in m, and over those of the last equilibrium, beyond which none is looked for.
+_BEYOND = 1e40
+
+#: Widths, as fractions of the gap, over which the jump of a contact that acts on the displacement is spread.
+_RAMPS = (1e-6, 1e-9, 1e-12)
 
 
 def _factorize(matrix: Any) -> Any:
@@ -40,142 +50,249 @@ def _factorize(matrix: Any) -> Any:
         raise SingularSystemError(f"the stiffness matrix is singular ({error}); hold the structure better") from None
 
 
-def solver_of(system: System, shift: Array) -> Solve:
-    """Return a function that solves with K and contacts closed by springs `shift`, (n_contacts,); zero leaves one open.
+def solver_of(system: System) -> Solve:
+    """Return a function that solves with K, shapes (n,) or (n, k).
 
-    Large systems and graded meshes are solved by the strains, as K holds too few digits of them.
+    Where the structure is loose without its laws, it is held at as many
+    degrees of freedom as it has rigid motions, and forces there balance the
+    load: the response is one of those that differ by rigid motions. Large
+    systems and graded meshes are solved by the strains, as K holds too few digits of them.
     """
-    from scipy.sparse import diags, vstack
+    from scipy.sparse import vstack
 
-    rows, closed = None, np.any(shift > 0.0)
-    if closed:
-        assert system.contacts is not None
-        rows = system.contacts.rows
+    from vofem.integrators.event_driven.reduction import holding
+
+    held = holding(system)
     if system.strain is None or (system.size <= _MANY_UNKNOWNS and not graded(system)):
-        return _factorize(system.stiffness if rows is None else system.stiffness + rows.T @ diags(shift) @ rows)
-    from vofem.linalg.orthogonal import OrthogonalFactor, elimination_orders
+        respond = _factorize(system.stiffness if held is None else system.stiffness + held.T @ held)
+    else:
+        from vofem.linalg.orthogonal import OrthogonalFactor, elimination_orders
 
-    strain = system.strain if rows is None else vstack([system.strain, diags(np.sqrt(shift)) @ rows], format="csr")
-    factor = OrthogonalFactor(strain, elimination_orders(strain, system.rotational)[0])
+        strain = system.strain if held is None else vstack([system.strain, held], format="csr")
+        factor = OrthogonalFactor(strain, elimination_orders(strain, system.rotational)[0])
 
-    def solve(right: Array) -> Array:
-        return factor.solve(right) if right.ndim == 1 else np.stack([factor.solve(b) for b in right.T], axis=1)
+        def respond(right: Array) -> Array:
+            return factor.solve(right) if right.ndim == 1 else np.stack([factor.solve(b) for b in right.T], axis=1)
 
-    return solve
+    if held is None:
+        return lambda right: np.asarray(respond(right))
+    balance = np.linalg.inv(np.asarray(held @ system.rigid).T)
+
+    def balanced(right: Array) -> Array:
+        return np.asarray(respond(right - held.T @ (balance @ (system.rigid.T @ right))))
+
+    return balanced
 
 
-class ContactSolver:
-    """Equilibrium in the contact coordinates: ``u = u_f - G (R - shift u)``, R a law of u.
+class EquilibriumSolver:
+    """Equilibrium of a system under multiples of a load, in the coordinates of its laws; R is a law of u.
 
-    Where the structure is loose without contacts, all of them are first
-    closed (`shift`), so that a matrix can be factored; the shift is taken out
-    of the law again.
+        u = factor u_f - G R + D a,    D' R = factor r' f
+
+    r are the rigid motions of what is loose without laws, ``D = B r``, a their
+    amplitudes, and G the compliance with these taken out.
+
+    Attributes
+    ----------
+    rows : csr_matrix, shape (m, n)
+        B, of all laws that take part in statics.
+    u : ndarray, shape (m,)
+        Coordinates in the last equilibrium.
+    laws : Laws
+        With the internal variables that the last accepted equilibrium has left.
+    iterations : int
+        Newton steps in all.
     """
 
-    def __init__(self, system: System, laws: ContactLaws, force: Array) -> None:
-        self.laws = laws
-        self.shift = laws.stiffness if system.rigid.shape[1] else np.zeros(len(laws))
-        self._solve = solver_of(system, self.shift)
-        self._force = force
-        self._columns = self._solve(laws.rows.T.toarray())
-        self.compliance = np.asarray(laws.rows @ self._columns)
-        self.free = np.asarray(laws.rows @ self._solve(force))
+    def __init__(self, system: System, force: Array) -> None:
+        self.groups = [group for group in system.laws if group.static]
+        rows: Any = all_rows(self.groups)
+        assert rows is not None
+        self.rows = rows
+        ends = np.cumsum([0, *(len(group) for group in self.groups)])
+        self._parts = [slice(a, b) for a, b in zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True)]
+        self.laws = build_laws(self.groups)
+        self.limits = np.concatenate([group.limits() for group in self.groups])
+        self.stiffness = np.concatenate([group.steepest(np.zeros(len(group))) for group in self.groups])
+        self._contacts = system.contacts
+        self._linear_pieces = np.concatenate(
+            [np.full(len(group), group.nonlinearity("") is None) for group in self.groups]
+        )
+        self._rigid = system.rigid
+        solve = solver_of(system)
+        self._columns = np.reshape(solve(rows.T.toarray()), (force.size, -1))
+        self._compliance = np.asarray(rows @ self._columns)
+        self._load = solve(force)
+        self._free = np.asarray(rows @ self._load)
+        self._moves = np.asarray(rows @ self._rigid)
+        self._push = self._rigid.T @ force
+        self._amplitude = np.zeros(self._push.size)
+        self.u = np.zeros(self.stiffness.size)
+        self.iterations = 0
 
-    def _law(self, u: Array, ramp: Array) -> tuple[Array, Array, Array, Status]:
-        """Return reaction, tangent, and intercept with status, the jump replaced by a ramp of a given width."""
-        laws = self.laws
-        k, gap = laws.stiffness, laws.gap
-        s = u - gap
-        beyond = np.where(laws.jump, s > ramp, s > 0)
-        within = laws.jump & (s > 0) & ~beyond
-        safe = np.where(ramp > 0, ramp, 1.0)
-        steep = k * (gap + ramp) / safe
-        reaction = np.where(beyond, k * (u - laws.offset), np.where(within, steep * s, 0.0))
-        tangent = np.where(beyond, k, np.where(within, steep, 0.0))
-        status = np.where(beyond, CLOSED, np.where(within, PINNED, OPEN)).astype(np.int64)
+    def part(self, group: Any) -> slice:
+        """Return where the laws of a group stand among all."""
+        return self._parts[self.groups.index(group)]
+
+    def _law(self, u: Array, width: float) -> tuple[Array, Array, Array, Status]:
+        """Return reaction, tangent, intercept and status; jumps are spread over a width, a fraction of their gap."""
+        found = [
+            group.respond(self.laws, part.start, u[part], width)
+            for group, part in zip(self.groups, self._parts, strict=True)
+        ]
+        reaction, tangent, status = (np.concatenate(parts) for parts in zip(*found, strict=True))
         return reaction, tangent, reaction - tangent * u, status
 
-    def solve(self, start: Status) -> tuple[Status, int, bool]:
-        """Return the status in equilibrium, the number of Newton steps and whether they ended there."""
-        laws = self.laws
-        total = 0
-        for width in (1e-6, 1e-9, 1e-12):
-            ramp = np.where(laws.jump, width * laws.gap, 0.0)
-            status, steps = self._newton(start, ramp)
-            total += steps
-            if self._consistent(status):
-                return status, total, True
-            start = status
-        return status, total, False
+    def _linear(self, factor: float, tangent: Array, intercept: Array) -> tuple[Array, Array]:
+        """Return u and the forces w for ``R = tangent u + intercept``."""
+        m, k = self._moves.shape
+        right = [factor * self._free - self._compliance @ intercept, factor * self._push - self._moves.T @ intercept]
+        # Where a structure is loose, what carries nothing is given a trace of stiffness.
+        for slope in (tangent, np.where(tangent == 0.0, 1e-12 * self.stiffness, tangent)):
+            matrix = np.zeros((m + k, m + k))
+            matrix[:m, :m] = np.eye(m) + self._compliance * slope
+            matrix[:m, m:] = -self._moves
+            matrix[m:, :m] = self._moves.T * slope
+            try:
+                solution = np.linalg.solve(matrix, np.concatenate(right))
+            except np.linalg.LinAlgError:
+                continue
+            u: Array = solution[:m]
+            self._amplitude = solution[m:]
+            return u, slope * u + intercept
+        return np.full(m, np.inf), np.full(m, np.inf)
 
-    def _newton(self, start: Status, ramp: Array) -> tuple[Status, int]:
-        """Minimise the convex energy; `w` is the force of the law with the shift taken out."""
-        laws = self.laws
-        tangent = np.where(start == OPEN, 0.0, laws.stiffness)
-        intercept = -tangent * laws.offset
-        u, w = self._linear(tangent, intercept)
-        for step in range(1, _MOST_ITERATIONS + 1):
-            reaction, tangent, intercept, status = self._law(u, ramp)
-            if np.all(np.abs(reaction - self.shift * u - w) <= 1e-12 * (np.abs(reaction) + np.abs(w) + 1e-300)):
-                return status, step
-            u_new, w_new = self._linear(tangent, intercept)
+    def solve(self, factor: float, start: Status | None = None) -> tuple[Status, Array, bool]:
+        """Find the equilibrium at a load factor, without making it part of the past.
+
+        Parameters
+        ----------
+        factor : float
+        start : ndarray of int, shape (m,), optional
+            Status from which the search begins; that of the last equilibrium where not given.
+
+        Returns
+        -------
+        status : ndarray of int, shape (m,)
+        reaction : ndarray, shape (m,)
+        found : bool
+        """
+        u, found = self.u, False
+        status, reaction = np.zeros(0, dtype=np.int64), np.zeros(0)
+        for width in _RAMPS:
+            u, found = self._newton(factor, u, width, start)
+            start = None
+            reaction, tangent, intercept, status = self._law(u, width)
+            if PINNED not in status:
+                break
+            u, reaction = self._pinned(factor, tangent, intercept, status)
+            if self._consistent(u, reaction, status):
+                break
+        self.u = u
+        return status, reaction, found
+
+    def _newton(self, factor: float, u: Array, width: float, start: Status | None) -> tuple[Array, bool]:
+        _, tangent, intercept, status = self._law(u, width)
+        if start is not None and self._contacts is not None:
+            part, laws = self._parts[0], self._contacts
+            status = np.concatenate([start[part], status[part.stop :]])
+            tangent[part] = np.where(start[part] == OPEN, 0.0, laws.stiffness)
+            intercept[part] = -tangent[part] * laws.offset
+        u, w = self._linear(factor, tangent, intercept)
+        for _ in range(_MOST_ITERATIONS):
+            self.iterations += 1
+            a, before = self._amplitude, status
+            settled = self._settled(u, w, before, width)
+            _, tangent, intercept, status = self._law(u, width)
+            if settled and self._linear_pieces.all():
+                return u, True
+            u_new, w_new = self._linear(factor, tangent, intercept)
+            if not np.all(np.abs(u_new) < _BEYOND * (1.0 + np.abs(self.u))):
+                self._amplitude = a
+                return u, settled
+            # One more step where the forces agree: soft springs turn their last digits into many of u. Where
+            # nothing resists any more it would lead away.
+            if settled and np.max(np.abs(u_new - u)) > 1e-6 * np.max(np.abs(u)):
+                self._amplitude = a
+                return u, True
+            if settled or self._settled(u_new, w_new, status, width):
+                return u_new, True
             du, dw = u_new - u, w_new - w
-            if np.array_equal(self._law(u_new, ramp)[3], status):
-                return status, step
-            length = self._line_search(u, w, du, dw, ramp)
+            length = self._line_search(u, w, du, dw, width)
             u, w = u + length * du, w + length * dw
-        return self._law(u, ramp)[3], _MOST_ITERATIONS
+            self._amplitude = a + length * (self._amplitude - a)
+        return u, False
 
-    def _linear(self, tangent: Array, intercept: Array) -> tuple[Any, Any]:
-        """Return u and w for ``R = tangent u + intercept``."""
-        slope = tangent - self.shift
-        # Contacts that carry nothing keep a trace of stiffness, so that a loose structure stays solvable.
-        trace = np.where((tangent == 0.0) & (self.shift > 0), 1e-12 * self.laws.stiffness, 0.0)
-        matrix = np.eye(slope.size) + self.compliance * (slope + trace)
-        u = np.linalg.solve(matrix, self.free - self.compliance @ intercept)
-        return u, slope * u + intercept
+    def _settled(self, u: Array, w: Array, status: Status, width: float) -> bool:
+        """Return whether forces w belong to u; of laws that are piecewise linear the status says all."""
+        reaction, tangent, _, now = self._law(u, width)
+        curved = ~self._linear_pieces
+        miss = np.abs(reaction - w)[curved]
+        scale = (np.abs(reaction) + np.abs(w) + np.abs(tangent * u))[curved]
+        return bool(np.all(miss <= 4e-15 * scale)) and np.array_equal(now, status)
 
-    def _line_search(self, u: Array, w: Array, du: Array, dw: Array, ramp: Array) -> float:
+    def _line_search(self, u: Array, w: Array, du: Array, dw: Array, width: float) -> float:
         """Return how far to go along a direction to where the energy is least."""
 
         def derivative(x: float) -> float:
-            reaction = self._law(u + x * du, ramp)[0]
-            return float(du @ (reaction - self.shift * (u + x * du) - (w + x * dw)))
+            reaction = self._law(u + x * du, width)[0]
+            return float(du @ (reaction - (w + x * dw)))
 
         return lowest(derivative)
 
-    def exact(self, status: Status) -> tuple[Array, Array]:
-        """Return u and the reactions for a status, pinned contacts held at their gap exactly."""
-        laws, g = self.laws, self.compliance
-        m = len(laws)
-        closed, pinned = status == CLOSED, np.flatnonzero(status == PINNED)
-        tangent = np.where(closed, laws.stiffness, 0.0)
-        matrix = np.zeros((m + pinned.size, m + pinned.size))
-        matrix[:m, :m] = np.eye(m) + g * (tangent - self.shift)
-        matrix[:m, m:] = g[:, pinned]
-        matrix[m + np.arange(pinned.size), pinned] = 1.0
-        right = np.concatenate([self.free + g @ (tangent * laws.offset), laws.gap[pinned]])
-        solution = np.linalg.solve(matrix, right)
+    def _pinned(self, factor: float, tangent: Array, intercept: Array, status: Status) -> tuple[Array, Array]:
+        """Return u and reactions with pinned contacts held at their gap exactly; other laws by their tangents."""
+        assert self._contacts is not None
+        m, pinned = status.size, np.flatnonzero(status == PINNED)
+        g, gap = self._compliance, self._contacts.gap[pinned]
+        slope, part = tangent.copy(), intercept.copy()
+        slope[pinned], part[pinned] = 0.0, 0.0
+        k, held = self._push.size, pinned.size
+        matrix = np.zeros((m + k + held, m + k + held))
+        matrix[:m, :m] = np.eye(m) + g * slope
+        matrix[:m, m : m + k] = -self._moves
+        matrix[:m, m + k :] = g[:, pinned]
+        matrix[m : m + k, :m] = self._moves.T * slope
+        matrix[m : m + k, m + k :] = self._moves[pinned].T
+        matrix[m + k + np.arange(held), pinned] = 1.0
+        push = factor * self._push - self._moves.T @ part
+        solution = np.linalg.solve(matrix, np.concatenate([factor * self._free - g @ part, push, gap]))
         u = solution[:m]
-        reaction = tangent * (u - laws.offset)
-        reaction[pinned] = solution[m:]
-        u[pinned] = laws.gap[pinned]
+        self._amplitude = solution[m : m + k]
+        reaction = slope * u + part
+        reaction[pinned], u[pinned] = solution[m + k :], gap
         return u, reaction
 
-    def _consistent(self, status: Status) -> bool:
-        """Return whether the exact solution for a status agrees with it, to rounding."""
-        laws = self.laws
-        try:
-            u, reaction = self.exact(status)
-        except np.linalg.LinAlgError:
-            return False
+    def _consistent(self, u: Array, reaction: Array, status: Status) -> bool:
+        """Return whether a solution with pinned contacts agrees with their law, to rounding."""
+        assert self._contacts is not None
+        part, laws = self._parts[0], self._contacts
+        s, most = u[part] - laws.gap, laws.stiffness * laws.gap
         slack = 1e-10 * (np.abs(laws.gap) + np.abs(u).max(initial=0.0))
-        s = u - laws.gap
-        jump = laws.stiffness * laws.gap
-        fine = np.where(status == CLOSED, s >= -slack, s <= slack)
-        held = (reaction >= -1e-10 * jump) & (reaction <= jump * (1.0 + 1e-10))
-        return bool(np.all(np.where(status == PINNED, held, fine)))
+        fine = np.where(status[part] == CLOSED, s >= -slack, s <= slack)
+        held = (reaction[part] >= -1e-10 * most) & (reaction[part] <= most * (1.0 + 1e-10))
+        return bool(np.all(np.where(status[part] == PINNED, held, fine)))
 
-    def displacement(self, u: Array, reaction: Array) -> Array:
+    def bearing(self, status: Status) -> Array | None:
+        """Return the rows of the laws that resist a small motion, shape (k, n), or None where there are none."""
+        tangent = self._law(self.u, _RAMPS[0])[1]
+        bears = np.where(self._linear_pieces, status != OPEN, tangent > 0.0)
+        return self.rows[bears].toarray() if np.any(bears) else None
+
+    def accept(self) -> tuple[Array, Array]:
+        """Make the present part of the past; return what the laws store and have lost, J, each (m,).
+
+        Both are zero for laws without internal variables.
+        """
+        energies = np.zeros((2, self.u.size))
+        if not self.laws.state.size:
+            return energies[0], energies[1]
+        commit_all(self.laws, self.u)
+        for j, u in enumerate(self.u.tolist()):
+            if self.laws.table[j]["end"] > self.laws.table[j]["start"]:
+                energies[:, j] = stored(self.laws, j, u), lost(self.laws, j, u)
+        return energies[0], energies[1]
+
+    def displacement(self, factor: float, reaction: Array) -> Array:
         """Return all free degrees of freedom, shape (n,)."""
-        return self._solve(self._force) - self._columns @ (reaction - self.shift * u)
+        return np.asarray(factor * self._load - self._columns @ reaction + self._rigid @ self._amplitude)

@@ -27,12 +27,12 @@ from vofem.integrators.energy_conserving.step import (
 )
 from vofem.integrators.methods import ENERGY_CONSERVING
 from vofem.integrators.stepping.ladder import Ladder
-from vofem.integrators.stepping.laws import Laws, with_state
-from vofem.integrators.stepping.memory import commit_all
 from vofem.integrators.stepping.record import Output, Trail
-from vofem.integrators.stepping.rows import Rows, dot
-from vofem.integrators.stepping.springpots import History, Pace, Springpots, carry_on, impose
 from vofem.integrators.stepping.step_loads import PARTS, joined, swing
+from vofem.laws.evaluate import commit_all
+from vofem.laws.rows import Rows, dot
+from vofem.laws.springpot import History, Pace, Springpots, carry_on, impose
+from vofem.laws.table import Laws, with_state
 from vofem.linalg.banded import solve, subtract_product
 from vofem.linalg.jit import jit
 
@@ -209,7 +209,7 @@ def _try(
     if past.size > 0:
         # The second half begins with what the first one leaves, should it be taken.
         past[:] = state.memory
-        commit_all(laws.memory, state.memory, u)
+        commit_all(laws, u)
     if remembers:
         ahead.y[:] = history.y
         for i in range(ahead.y.shape[0]):

@@ -19,11 +19,11 @@ from vofem.integrators.energy_conserving.step import (
     step,
 )
 from vofem.integrators.methods import ENERGY_CONSERVING
-from vofem.integrators.stepping.laws import Laws, with_state
 from vofem.integrators.stepping.march import chunk
 from vofem.integrators.stepping.record import Output, Trail
-from vofem.integrators.stepping.rows import Rows
-from vofem.integrators.stepping.springpots import History, Pace, Springpots, impose
+from vofem.laws.rows import Rows
+from vofem.laws.springpot import History, Pace, Springpots, impose
+from vofem.laws.table import Laws, with_state
 from vofem.linalg.jit import jit
 
 Array = NDArray[np.float64]

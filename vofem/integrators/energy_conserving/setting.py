@@ -7,19 +7,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.integrators.base import ProbeRows, Samples, initial_status
+from vofem.integrators.base import ProbeRows, Samples
 from vofem.integrators.damping_matrix import damping_matrix
 from vofem.integrators.energy_conserving.step import Factored, Matrices, State, forcing, scratch
 from vofem.integrators.stepping.balance import structure
-from vofem.integrators.stepping.callbacks import Callbacks
 from vofem.integrators.stepping.checks import check_times, watch
 from vofem.integrators.stepping.energies import kinetic_energy
-from vofem.integrators.stepping.laws import build_laws, loaded
 from vofem.integrators.stepping.march import MOST_FACTORED, Banded, tally
 from vofem.integrators.stepping.probes import tap
 from vofem.integrators.stepping.record import Output, leave, output, trail
-from vofem.integrators.stepping.rows import all_rows, compressed
-from vofem.integrators.stepping.springpots import NO_HISTORY, NO_PACE, NO_SPRINGPOTS, Pace, Springpots
+from vofem.laws import SpringpotLaws, initial_status
+from vofem.laws.callbacks import callbacks_of
+from vofem.laws.evaluate import loaded
+from vofem.laws.rows import all_rows, compressed
+from vofem.laws.springpot import NO_HISTORY, NO_PACE, NO_SPRINGPOTS, Pace, Springpots
+from vofem.laws.table import build_laws
 from vofem.linalg.banded import to_band, widen
 from vofem.system import Counters, System
 from vofem.system import State as Start
@@ -42,9 +44,9 @@ class Setting:
         self.bands = Banded(system, counters, system.mass, system.stiffness, damping)
         self.bands.over.until = t_end
         order, n = self.bands.order, system.size
-        self.callbacks = None if system.nonlinear is None else Callbacks(system.nonlinear.laws)
-        self.laws = build_laws(system, self.callbacks)
-        rows = all_rows(system)
+        self.callbacks = callbacks_of(system.laws)
+        self.laws = build_laws(system.laws, self.callbacks)
+        rows = all_rows(system.laws)
         self.rows = compressed(rows, order)
         c = np.empty((0, n)) if damping is None else to_band(damping, order)
         self.matrices = Matrices(to_band(system.mass, order), to_band(system.stiffness, order), c)
@@ -66,7 +68,7 @@ class Setting:
 
     def keep_history(self, shortest: float, t_end: float) -> None:
         """Let springpots, where there are any, keep their past in steps not below one in s, up to a time in s."""
-        if self.bands.system.springpots is None:
+        if self.bands.system.group(SpringpotLaws) is None:
             return
         from vofem.integrators.stepping.history import Springpotted
 
@@ -95,7 +97,7 @@ class Setting:
         if t_end is not None:
             looks = check_times(t_end, self.dt, system.size), watch(system.contacts)
         points = tap(probes, self.bands.order)
-        return output(times, system.size, points, len(system.springs), self.laws.state.size, looks)
+        return output(times, system.size, points, system.histories, self.laws.state.size, looks)
 
     def factor(self, dt: float) -> Factored:
         """Return the factored matrix of a step size, with the compliance of the laws' rows."""

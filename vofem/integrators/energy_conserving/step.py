@@ -9,12 +9,11 @@ from numpy.typing import NDArray
 
 from vofem.integrators.stepping.balance import Structure, balance
 from vofem.integrators.stepping.checks import look
-from vofem.integrators.stepping.laws import Laws, closed_share
-from vofem.integrators.stepping.memory import commit_all
-from vofem.integrators.stepping.recall import remember
+from vofem.integrators.stepping.recall import remember, tell_histories
 from vofem.integrators.stepping.record import Output, Trail, leave, log_event, rounding, store, switched
-from vofem.integrators.stepping.rows import Rows, dot, subtract_row
-from vofem.integrators.stepping.springpots import (
+from vofem.laws.evaluate import closed_share, commit_all
+from vofem.laws.rows import Rows, dot, subtract_row
+from vofem.laws.springpot import (
     FORCE,
     MEAN,
     WORK,
@@ -22,8 +21,8 @@ from vofem.integrators.stepping.springpots import (
     Pace,
     Springpots,
     carry_on,
-    tell_histories,
 )
+from vofem.laws.table import Laws
 from vofem.linalg.banded import solve, subtract_product
 from vofem.linalg.jit import jit
 from vofem.system import CLOSED
@@ -232,7 +231,7 @@ def accept(
     if out.every_step or (cursor < out.times.size and out.times[cursor] <= t + 1e-9 * dt):
         cursor = store(out, cursor, t, last if last > 0.0 else dt, last == 0.0, before, q, v, now, arriving)
     if state.memory.size > 0:
-        remember(laws.memory, before.memory, rows, out, wanted, cursor)
+        remember(laws, before.memory, rows, out, wanted, cursor)
         before.memory[:] = state.memory
     look(out.watch, rows, last, q, v)
     leave(before, q, v, leaving)
@@ -262,7 +261,7 @@ def accept(
                 happened += 1
         state.u[j] = u1
     if state.memory.size > 0:
-        commit_all(laws.memory, state.memory, state.u)
+        commit_all(laws, state.u)
     before.dissipated[0] += taken
     state.width[0], state.width[1] = dt, 1.0 if turns else 0.0
     return cursor, events, happened

@@ -112,9 +112,7 @@ def should_pin(
     others = np.arange(len(laws)) != contact
     closed = (status == CLOSED) & others
     rows = space.contacts[closed]
-    force = laws.stiffness[closed] * (rows @ displacement - laws.offset[closed]) + laws.damping[closed] * (
-        rows @ velocity
-    )
+    force = laws.elastic(space.contacts @ displacement)[closed] + laws.damping[closed] * (rows @ velocity)
     push = load - space.stiffness * displacement - space.damping_force(velocity) - force @ rows
     held = space.contacts[(status == PINNED) & others]
     direction = row

@@ -82,17 +82,18 @@ class Reduction:
             stiffness[:r], stiffness[:, :r] = 0.0, 0.0
             stiffness = 0.5 * (stiffness + stiffness.T)
         damping = None if system.damping is None else vectors.T @ (system.damping @ vectors)
-        contacts, nothing = system.contacts, np.zeros((k, 0))
-        if contacts is not None:
-            touched = np.unique(contacts.rows.indices)
-            contacts = replace(contacts, rows=csr_matrix(contacts.rows[:, touched] @ vectors[touched]))
+        laws, nothing = system.laws, np.zeros((k, 0))
+        if system.contacts is not None:
+            rows = system.contacts.rows
+            touched = np.unique(rows.indices)
+            laws = (replace(system.contacts, rows=csr_matrix(rows[:, touched] @ vectors[touched])),)
         small = replace(
             system,
             mass=csc_matrix(np.eye(k)),
             stiffness=csc_matrix(stiffness),
             damping=None if damping is None else csc_matrix(0.5 * (damping + damping.T)),
             loads=tuple(Load(vectors.T @ load.vector, load.function, load.name) for load in system.loads),
-            contacts=contacts,
+            laws=laws,
             scale=np.ones(k),
             rotation=np.zeros(k, dtype=bool),
             strain=None if root is None else csr_matrix(root),

@@ -47,22 +47,11 @@ MOST_EVENTS = 1_000_000
 
 def refusal(system: System) -> str | None:
     """Return why this method cannot treat the system and what can, or None."""
-    if system.memory is not None:
-        return (
-            f"{system.memory.laws[0].label} remembers its past, and {EVENT_DRIVEN.name} needs laws that are "
-            f"piecewise linear in the displacement. Use {advice(system, steps=True)}"
-        )
-    if system.springpots is not None:
-        return (
-            f"{system.springpots.laws[0].label} has a force that its whole past decides, and {EVENT_DRIVEN.name} needs "
-            "systems whose future follows from their present displacements and velocities. "
-            f"Use {advice(system, steps=True)}"
-        )
-    if system.printed is not None:
-        return (
-            f"{system.printed.label} follows Eq. 22, whose stiffness varies with the applied force. "
-            f"Use {advice(system, special=True)}"
-        )
+    for group in system.laws:
+        reason = group.nonlinearity(EVENT_DRIVEN.name)
+        if reason is not None:
+            way = {"special": True} if group.applied_force else {"steps": True}
+            return f"{reason}. Use {advice(system, **way)}"
     for load in system.loads:
         if not load.function.closed_form:
             return (
@@ -70,17 +59,6 @@ def refusal(system: System) -> str | None:
                 "Pulse, Tabulated and their sums; approximate it, vf.Approximated(f, t_end, tolerance); or "
                 f"choose {advice(conserves=True)}"
             )
-    if system.nonlinear is not None:
-        return (
-            f"NonlinearSpring {system.nonlinear.laws[0].name!r} is not piecewise linear, which "
-            f"{EVENT_DRIVEN.name} needs. Choose {advice(conserves=True)}"
-        )
-    if system.contacts is not None and not system.contacts.ideal:
-        k = int(np.argmax(np.isfinite(system.contacts.resolution)))
-        return (
-            f"Contact {system.contacts.names[k]!r} has a resolved switch, whose force is not piecewise linear; "
-            f"{EVENT_DRIVEN.name} needs switch='ideal'. Choose {advice(conserves=True)}"
-        )
     if system.size > MOST_UNKNOWNS and too_many_inputs(system) is not None:
         return _too_large(system)
     return None

@@ -13,7 +13,6 @@ from vofem.effects.time_functions import Piece, TimeFunction
 from vofem.integrators.base import (
     ContactSamples,
     Energies,
-    initial_status,
     status_at,
 )
 from vofem.integrators.event_driven.modal_samples import ModalSamples
@@ -25,6 +24,7 @@ from vofem.integrators.event_driven.segment import Segment, Segments
 from vofem.integrators.event_driven.sensitivity import Perturbation, Sensitivity
 from vofem.integrators.event_driven.spectrum import Spectra, Spectrum
 from vofem.integrators.unclosed import never_closed, open_throughout
+from vofem.laws import initial_status
 from vofem.system import CLOSED, OPEN, PINNED, ContactLaws, Counters, Events, State, System
 
 Array = NDArray[np.float64]
@@ -386,7 +386,7 @@ class EventSolution:
         if laws is not None:
             gaps = np.array([self._gap_functions(index) for index in range(starts.size)]).T
             status = np.array([state[0] for state in self._states]).T
-            energy += _contact_potential(laws, gaps, status)
+            energy += laws.closed_potential(gaps, status)
         largest = float(np.max(energy))
         worst = int(np.argmax(np.abs(energy - energy[0])))
         if largest > 0.0 and abs(energy[worst] - energy[0]) > _ENERGY * largest:
@@ -521,9 +521,7 @@ class EventSolution:
     def _contact_force(self, times: Array, v: Array, s: Array) -> Array:
         laws = self.system.contacts
         assert laws is not None
-        elastic = laws.stiffness[:, None] * (s + (laws.gap - laws.offset)[:, None])
-        damped = laws.damping[:, None] * (self.space.contacts @ v)
-        force = np.where(status_at(self.events, times) == CLOSED, elastic + damped, 0.0)
+        force = laws.force(s, self.space.contacts @ v, status_at(self.events, times))
         for index, mine, tau in self.visit(times):
             held = np.flatnonzero(self._states[index][0] == PINNED)
             if held.size:
@@ -591,7 +589,7 @@ class EventSolution:
         damped = system.damped
         pinning = None
         if system.contacts is not None:
-            contact = _contact_potential(system.contacts, s, status_at(self.events, times))
+            contact = system.contacts.closed_potential(s, status_at(self.events, times))
             damped = damped or bool(np.any(system.contacts.damping > 0))
             pinning = self._lost_in_pinning()
         if (damped or system.loads or pinning is not None) and times.size:
@@ -615,12 +613,3 @@ class EventSolution:
                 speed = held @ velocity
                 lost[index] = 0.5 * speed @ np.linalg.solve(held @ held.T, speed)
         return lost
-
-
-def _contact_potential(laws: ContactLaws, s: Array, status: NDArray[np.int64]) -> Array:
-    """Return the energy stored in the contact springs by their gap functions, (n_contacts, n_times), shape (n_times,).
-
-    ``K0 (u^2 - gap^2)/2`` under the jump law, ``K0 (u - gap)^2/2`` under the other; zero while open or pinned.
-    """
-    lever = np.where(laws.jump[:, None], s + 2.0 * laws.gap[:, None], s)
-    return np.asarray(np.sum(np.where(status == CLOSED, 0.5 * laws.stiffness[:, None] * s * lever, 0.0), axis=0))

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.integrators.stepping.contact_solve import compliance, law, only_force, solve_reactions
-from vofem.integrators.stepping.laws import JUMP, SMOOTH, Laws
-from vofem.integrators.stepping.rows import Rows, dot, subtract_row
+from vofem.laws.kinds import CALLED, JUMP
+from vofem.laws.rows import Rows, dot, subtract_row
+from vofem.laws.table import Laws
 from vofem.linalg.banded import factor, factor_in_place, solve, subtract_product, widen
 from vofem.linalg.jit import jit
 
@@ -74,7 +75,7 @@ def _banded_pays(laws: Laws, n: int, width: int) -> bool:
     on x stalls: where one is present the compliance is taken.
     """
     m, kind = laws.table.size, laws.table["kind"]
-    suited = not np.any((kind == SMOOTH) | ((kind == JUMP) & (laws.table["gap"] > 0.0)))
+    suited = not np.any((kind == CALLED) | ((kind == JUMP) & (laws.table["gap"] > 0.0)))
     return suited and m >= _FEWEST and m**3 / 24.0 + 1.5 * m**2 > 8.0 * n * (width + 1.0) ** 2
 
 

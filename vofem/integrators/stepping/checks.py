@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.integrators.stepping.rows import Rows, dot
+from vofem.laws.rows import Rows, dot
 from vofem.linalg.jit import jit
 from vofem.system import ContactLaws
 

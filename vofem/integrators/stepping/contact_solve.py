@@ -11,8 +11,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.integrators.stepping.laws import Laws, closed_share, end_force, mean_and_slope, mean_force
-from vofem.integrators.stepping.rows import Rows, dot, subtract_row
+from vofem.laws.evaluate import closed_share, force_and_tangent, force_at, mean_and_slope, mean_force
+from vofem.laws.rows import Rows, dot, subtract_row
+from vofem.laws.table import Laws
 from vofem.linalg.banded import solve
 from vofem.linalg.jit import jit
 
@@ -49,7 +50,7 @@ def law(laws: Laws, j: int, u0: float, u1: float, mean: bool, rate: float, drag:
         A damper's force that does not depend on u1, N.
     """
     one = laws.table[j]
-    force, slope = mean_and_slope(laws, j, u0, u1) if mean else end_force(laws, j, u1)
+    force, slope = mean_and_slope(laws, j, u0, u1) if mean else force_and_tangent(laws, j, u1)
     if one["damping"] > 0.0:
         damper = one["damping"] * rate
         force += damper * closed_share(laws, j, u0, u1) - drag
@@ -62,7 +63,7 @@ def law(laws: Laws, j: int, u0: float, u1: float, mean: bool, rate: float, drag:
 def only_force(laws: Laws, j: int, u0: float, u1: float, mean: bool, rate: float, drag: float) -> float:
     """Return the force of `law` alone."""
     one = laws.table[j]
-    force = mean_force(laws, j, u0, u1) if mean else end_force(laws, j, u1)[0]
+    force = mean_force(laws, j, u0, u1) if mean else force_at(laws, j, u1)
     if one["damping"] > 0.0:
         force += one["damping"] * rate * closed_share(laws, j, u0, u1) - drag
     return force

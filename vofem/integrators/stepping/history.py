@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from vofem.fractional.exponentials import exponentials
 from vofem.fractional.streaming import step_integrals
-from vofem.integrators.stepping.springpots import BEFORE, FORCE, MEAN, History, Pace, Springpots
+from vofem.laws.springpot import BEFORE, FORCE, MEAN, History, Pace, SpringpotLaws, Springpots
 from vofem.system import Counters, State, System
 
 Array = NDArray[np.float64]
@@ -41,10 +41,10 @@ class Springpotted:
     """
 
     def __init__(self, system: System, shortest: float, t_end: float, counters: Counters) -> None:
-        assert system.springpots is not None
-        self._laws, self._rows = system.springpots.laws, system.springpots.rows
-        parts = (system.contacts, system.nonlinear)
-        self._row = sum(part.rows.shape[0] for part in parts if part is not None)
+        group = system.group(SpringpotLaws)
+        assert group is not None
+        self._laws, self._rows = group.laws, group.rows
+        self._row = system.first_of(group)
         self._kernel = exponentials(shortest, max(t_end, shortest), _TOLERANCE)
         self.varies = any(law.varies for law in self._laws)
         # A rough run before the run itself takes fewer.

@@ -13,18 +13,18 @@ from vofem.integrators.method import Method
 from vofem.integrators.registry import advice
 from vofem.integrators.rounding import static_loss
 from vofem.integrators.stepped import SteppedSolution
-from vofem.integrators.stepping.callbacks import Callbacks
 from vofem.integrators.stepping.checks import check_times
 from vofem.integrators.stepping.energies import contact_energy, kinetic_energy, strain_energy
-from vofem.integrators.stepping.laws import Laws
 from vofem.integrators.stepping.probes import MOST_STEPS, Recorded
-from vofem.integrators.stepping.recall import memory_energy
+from vofem.integrators.stepping.recall import absorbed, memory_energy
 from vofem.integrators.stepping.record import Output, Trail, stored
-from vofem.integrators.stepping.rows import Rows, all_rows
-from vofem.integrators.stepping.springpots import History, absorbed
 from vofem.integrators.stepping.step_loads import StepLoads
 from vofem.integrators.stepping.telling import Seen, tell
 from vofem.integrators.watching import Snapshot, Watch, deferred_interrupts
+from vofem.laws.callbacks import Callbacks
+from vofem.laws.rows import Rows, all_rows
+from vofem.laws.springpot import History, SpringpotLaws
+from vofem.laws.table import Laws
 from vofem.linalg.banded import band_order, band_width, solve, subtract_product
 from vofem.system import Counters, Events, State, System
 
@@ -73,7 +73,7 @@ class Banded:
 
 def _order(system: System, matrices: list[Any]) -> IntArray:
     """Return an order that keeps matrices narrow and, where laws are many, their rows too, if both can be had."""
-    order, rows = band_order(*matrices), all_rows(system)
+    order, rows = band_order(*matrices), all_rows(system.laws)
     if rows is None or rows.shape[0] < _MANY:
         return order
     pairs = abs(rows).T @ abs(rows)
@@ -86,11 +86,12 @@ def tally(bands: Banded, laws: Laws, callbacks: Callbacks | None, steps: int, ev
     system, counters = bands.system, bands.counters
     counters.steps = steps
     counters.gap_evaluations = (0 if system.contacts is None else len(system.contacts)) * evaluations
-    counters.memory_updates = laws.memory.table.size * evaluations
+    counters.memory_updates = int(np.sum(laws.table["end"] > laws.table["start"])) * evaluations
     if callbacks is not None:
         counters.law_evaluations = callbacks.calls
-    if system.springpots is not None:
-        counters.history_updates = len(system.springpots.laws) * evaluations
+    springpots = system.group(SpringpotLaws)
+    if springpots is not None:
+        counters.history_updates = len(springpots) * evaluations
     if system.damped:
         counters.damping_evaluations = evaluations
 
@@ -246,7 +247,7 @@ def _outcome(kernel: Kernel, out: Output, columns: IntArray) -> tuple[Array, Sam
     place = np.ix_(back, columns)
     samples = Samples(out.q[place], out.v[place], out.a[place])
     strain, dissipated, springs = strain_energy(system, samples.q), out.dissipated[columns], None
-    if system.springs:
+    if system.recorded:
         force, held, lost = out.memory[:, :, columns]
         springs = SpringSamples(force, held, lost, out.past[:, 0])
         strain = strain + springs.stored.sum(axis=0)
@@ -261,12 +262,10 @@ def _held(kernel: Kernel) -> tuple[float, float]:
 
     What springpots have absorbed counts as dissipated here.
     """
-    system, trail, lost = kernel.bands.system, kernel.trail, 0.0
-    if system.springpots is not None:
-        lost = absorbed(kernel.history)
-    if system.memory is None:
+    trail, lost = kernel.trail, absorbed(kernel.history)
+    if not kernel.laws.state.size:
         return 0.0, lost
-    stored, more = memory_energy(kernel.laws.memory, trail.memory, kernel.rows, trail.q)
+    stored, more = memory_energy(kernel.laws, trail.memory, kernel.rows, trail.q)
     return float(stored), float(more) + lost
 
 

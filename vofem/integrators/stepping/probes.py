@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.integrators.base import ProbeRows, ProbeSamples
-from vofem.integrators.stepping.rows import Rows, compressed, dot
+from vofem.laws.rows import Rows, compressed, dot
 from vofem.linalg.jit import jit
 
 Array = NDArray[np.float64]

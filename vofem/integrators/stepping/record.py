@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from vofem.integrators.stepped import quintic
 from vofem.integrators.stepping.probes import Tap, record
-from vofem.integrators.stepping.rows import Rows
+from vofem.laws.rows import Rows
 from vofem.linalg.jit import jit
 from vofem.system import CLOSED, OPEN
 

@@ -14,9 +14,10 @@ def refusal(system: System) -> str | None:
 
 def follows_the_force(system: System) -> str | None:
     """Return why methods that step in time cannot treat the law that is printed in the paper; None without one."""
-    if system.printed is None:
+    driven = [label for group in system.laws if group.applied_force for label in group.labels]
+    if not driven:
         return None
     return (
-        f"{system.printed.label} with memory='printed' is Eq. 22, which the applied force drives; "
+        f"{driven[0]} with memory='printed' is Eq. 22, which the applied force drives; "
         f"{advice(system, special=True)} follows it, and methods that step in time take memory='cyclic'"
     )

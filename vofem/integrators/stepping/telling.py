@@ -162,8 +162,7 @@ def _coarse(system: System, seen: Seen, on: NDArray[np.bool_], scale: float, dt:
         laws = system.contacts
         u, rate = laws.rows @ q, laws.rows @ v
         closed = (u > laws.gap[:, None]) & np.isinf(laws.resolution)[:, None]
-        elastic = laws.stiffness[:, None] * (u - laws.offset[:, None])
-        power += np.sum(np.where(closed, elastic * rate, 0.0), axis=0)
+        power += np.sum(np.where(closed, laws.elastic(u) * rate, 0.0), axis=0)
         largest = float(np.max(seen.watch[:, POWER]))
     share = dt * max(float(np.max(np.abs(power), initial=0.0)), largest) / scale
     if not share > _COARSE:

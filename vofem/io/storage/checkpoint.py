@@ -129,17 +129,9 @@ def _check_same(scene: Scene, model: Model) -> None:
     same = mine.size == other.size
     for name in ("mass", "stiffness"):
         same = same and _equal(getattr(mine, name), getattr(other, name))
-    for one, two in ((mine.contacts, other.contacts),):
-        same = same and (one is None) == (two is None)
-        if same and one is not None and two is not None:
-            arrays = ("gap", "stiffness", "damping", "jump", "resolution")
-            same = all(np.array_equal(getattr(one, name), getattr(two, name)) for name in arrays)
-            same = same and _equal(one.rows, two.rows)
-    pots, others = mine.springpots, other.springpots
-    same = same and (pots is None) == (others is None)
-    if same and pots is not None and others is not None:
-        same = [law.coefficient for law in pots.laws] == [law.coefficient for law in others.laws]
-        same = same and _equal(pots.rows, others.rows)
+    same = same and [type(group) for group in mine.laws] == [type(group) for group in other.laws]
+    for one, two in zip(mine.laws, other.laws, strict=False):
+        same = same and _equal(one.rows, two.rows) and np.array_equal(one.numbers(), two.numbers())
     if not same or len(mine.loads) != len(other.loads):
         raise ArgumentError(
             "resume: the scene is another one than that of the checkpoint: masses, stiffnesses, springpots, contacts "

@@ -36,11 +36,10 @@ from vofem.io.storage.stand_ins import (
 )
 from vofem.io.storage.stored_field import StoredField
 from vofem.io.storage.tree import is_data
-from vofem.memory import past_of
+from vofem.laws import SmoothLaw, SmoothLaws, past_of
 from vofem.polynomial import Polynomial
 from vofem.result import Result
 from vofem.scene import Scene
-from vofem.system import NonlinearLaw
 
 
 class Taken(Protocol):
@@ -84,7 +83,7 @@ class Encoder:
             return "resolved", value.s0
         if isinstance(value, Scene):
             return "scene", self._scene(value)
-        if isinstance(value, NonlinearLaw):
+        if isinstance(value, SmoothLaw):
             return "plain", self._law(value)
         if isinstance(value, TimeFunction) and (isinstance(value, Arbitrary) or not is_data(type(value))):
             return "plain", StoredFunction.of(value, self._times)
@@ -113,8 +112,8 @@ class Encoder:
         plain = not callable(value) or isinstance(value, (Polynomial, StoredField, TimeFunction))
         return value if plain else StoredField.of(value, beam, what)
 
-    def _law(self, law: NonlinearLaw) -> StoredLaw:
-        nonlinear = self._result.model.system.nonlinear
+    def _law(self, law: SmoothLaw) -> StoredLaw:
+        nonlinear = self._result.model.system.group(SmoothLaws)
         assert nonlinear is not None
         index = next(k for k, known in enumerate(nonlinear.laws) if known is law)
         u = np.unique((nonlinear.rows @ self._result.samples.q)[index])
@@ -160,10 +159,10 @@ class Encoder:
                 return {body: tuple(state) for body, state in initial.items()}
         state, model = scene.initial_state(), scene.model
         states = {body.name: (model.of_body(body, state.q), model.of_body(body, state.v)) for body in scene.bodies}
-        if state.memory is None or model.system.memory is None:
+        if state.memory is None:
             return StoredState(states, {})
-        laws = model.system.memory.laws
-        pasts = {law.name: past for law in laws if (past := past_of(laws, state.memory, law.name)) is not None}
+        names = [name for group in model.system.laws for name in group.names]
+        pasts = {name: past for name in names if (past := past_of(model.system.laws, state.memory, name)) is not None}
         return StoredState(states, pasts)
 
 

@@ -19,6 +19,7 @@ from vofem.bodies.base import BaseBody, BodyMatrices, DegreesOfFreedom, IntArray
 from vofem.effects.time_functions import Piece, TimeFunction
 from vofem.errors import ArgumentError, MissingCallableError, VofemError
 from vofem.initial import StoredState
+from vofem.laws import SmoothLaws
 
 Array = NDArray[np.float64]
 
@@ -122,6 +123,21 @@ class StoredLaw:
     u: Array
     forces: Array
     energies: Array
+
+    @property
+    def monotone(self) -> bool:
+        """Nothing is known of the spring between its stored elongations."""
+        return False
+
+    @property
+    def label(self) -> str:
+        """Name with the class of the effect."""
+        return f"NonlinearSpring {self.name!r}"
+
+    @property
+    def group(self) -> type[SmoothLaws]:
+        """The group that gathers laws of this kind."""
+        return SmoothLaws
 
     def reaction(self, u: float) -> float:
         """Return R(u) in N at a stored elongation."""

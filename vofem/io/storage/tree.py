@@ -200,18 +200,30 @@ def _field_names(kind: Any) -> tuple[str, ...]:
     return kind._fields if issubclass(kind, tuple) else tuple(field.name for field in dataclasses.fields(kind))
 
 
+#: Classes that have moved since files named them, without a trace at their old place.
+_MOVED = {
+    "vofem.memory.laws:MemoryLaw": "vofem.laws.hysteretic:HystereticLaw",
+    "vofem.memory.laws:PrintedLaw": "vofem.laws.paper:PrintedLaw",
+    "vofem.memory.laws:LinearLevel": "vofem.laws.paper:LinearLevel",
+    "vofem.memory.springpot:SpringpotLaw": "vofem.laws.springpot:SpringpotLaw",
+    "vofem.system:NonlinearLaws": "vofem.laws.smooth:SmoothLaws",
+    "vofem.system:MemoryLaws": "vofem.laws.hysteretic:HystereticLaws",
+    "vofem.system:SpringpotLaws": "vofem.laws.springpot:SpringpotLaws",
+}
+
+
 def class_named(name: str) -> type:
     """Return the data class of this package that a file names as ``module:class``; a file can name nothing else.
 
-    The module is the one that held the class when the file was written, and
-    hands it on if the class has moved since.
+    The module is the one that held the class when the file was written. It
+    hands the class on if that has moved since, or `_MOVED` says where it is.
 
     Raises
     ------
     StorageError
         For any other name.
     """
-    module, _, qualified = name.partition(":")
+    module, _, qualified = _MOVED.get(name, name).partition(":")
     if re.fullmatch(r"vofem(\.[a-z]\w*)+", module) and qualified.isidentifier():
         try:
             kind = getattr(import_module(module), qualified, None)
@@ -231,6 +243,8 @@ def _defaults(kind: Any) -> dict[str, Any]:
 def _rebuilt(name: str, fields: dict[str, Any]) -> Any:
     """Return an object of a data class of this package; fields that came later have their defaults."""
     kind = class_named(name)
+    if hasattr(kind, "from_earlier"):
+        fields = kind.from_earlier(fields)
     wanted = _field_names(kind)
     fields = {field: value for field, value in _defaults(kind).items() if field not in fields} | fields
     if set(wanted) != set(fields):

@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 
 from vofem.scene import Scene
-from vofem.system import Load, NonlinearLaw, NonlinearLaws, System
+from vofem.system import Load, System
 
 _FACTOR = 3.0
 
 #: What is multiplied, and what stays as it is. A system that holds anything else cannot be scaled.
 _KNOWN = (
-    "mass", "stiffness", "damping", "rayleigh", "modal_damping", "loads", "contacts", "nonlinear", "scale", "strain",
-    "rigid", "rotation",
+    "mass", "stiffness", "damping", "rayleigh", "modal_damping", "loads", "laws", "scale", "strain", "rigid",
+    "rotation",
 )  # fmt: skip
 
 
@@ -32,15 +32,17 @@ def scaled(scene: Scene) -> Scene | None:
     system = scene.model.system
     if any(_is_there(getattr(system, field.name)) for field in fields(system) if field.name not in _KNOWN):
         return None
-    return scene.compiled_as(replace(scene.model, system=_times(system, _FACTOR)))
+    laws = [group.scaled(_FACTOR) for group in system.laws]
+    if any(group is None for group in laws):
+        return None
+    return scene.compiled_as(replace(scene.model, system=_times(system, tuple(laws), _FACTOR)))
 
 
 def _is_there(value: Any) -> bool:
     return value is not None and not (hasattr(value, "__len__") and len(value) == 0)
 
 
-def _times(system: System, factor: float) -> System:
-    contacts, nonlinear = system.contacts, system.nonlinear
+def _times(system: System, laws: tuple[Any, ...], factor: float) -> System:
     return replace(
         system,
         mass=factor * system.mass,
@@ -48,12 +50,5 @@ def _times(system: System, factor: float) -> System:
         damping=None if system.damping is None else factor * system.damping,
         strain=None if system.strain is None else np.sqrt(factor) * system.strain,
         loads=tuple(Load(factor * load.vector, load.function, load.name) for load in system.loads),
-        contacts=contacts
-        and replace(contacts, stiffness=factor * contacts.stiffness, damping=factor * contacts.damping),
-        nonlinear=nonlinear
-        and NonlinearLaws(nonlinear.rows, tuple(_scaled_law(law, factor) for law in nonlinear.laws)),
+        laws=laws,
     )
-
-
-def _scaled_law(law: NonlinearLaw, factor: float) -> NonlinearLaw:
-    return NonlinearLaw(law.name, lambda u: factor * law.potential(u), lambda u: factor * law.force(u))

@@ -1,9 +1,10 @@
-"""The resolved switch in compiled form: its force, and its integrals to rounding.
+"""The resolved switch of the variable-order operator: its stiffness, and its integrals to rounding.
 
 With ``x = s0 s`` the contact stiffness over K0 is ``1/Gamma(1 - exp(-x))``,
 an entire function of x that is 1 to rounding beyond x = 40. Its integrals
 over unit panels are tabulated once; within a panel they come from Gauss's
 rule, so that differences of the potential over short steps keep all digits.
+`vofem.fractional.resolved` is the operator on arrays.
 """
 
 from __future__ import annotations
@@ -22,21 +23,6 @@ _PER_UNIT = 2
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 
 
-def _table() -> Array:
-    """Return the integrals of 1 and x times the switch from 0 to every panel's edge, shape (2, n_edges)."""
-    from vofem.fractional.constants import resolved
-
-    width = 1.0 / _PER_UNIT
-    left = np.arange(_REACH * _PER_UNIT) * width
-    x = left[:, None] + 0.5 * width * (1.0 + _NODES)
-    value = 0.5 * width * resolved(1.0, x, 1.0)
-    parts = np.stack([value @ _WEIGHTS, (value * x) @ _WEIGHTS])
-    return np.concatenate([np.zeros((2, 1)), np.cumsum(parts, axis=1)], axis=1)
-
-
-_TABLE = _table()
-
-
 @jit
 def switch(x: float) -> float:
     """Return ``1/Gamma(1 - exp(-x))`` for x > 0, else 0."""
@@ -47,6 +33,20 @@ def switch(x: float) -> float:
     rise = -math.expm1(-x)
     # 1/Gamma(r) is r where the gamma function itself would overflow.
     return 1.0 / math.gamma(rise) if rise > 1e-150 else rise
+
+
+def _table() -> Array:
+    """Return the integrals of 1 and x times the switch from 0 to every panel's edge, shape (2, n_edges)."""
+    width = 1.0 / _PER_UNIT
+    left = np.arange(_REACH * _PER_UNIT) * width
+    x = left[:, None] + 0.5 * width * (1.0 + _NODES)
+    plain = switch.py_func  # type: ignore[attr-defined]
+    value = 0.5 * width * np.array([plain(one) for one in x.ravel().tolist()]).reshape(x.shape)
+    parts = np.stack([value @ _WEIGHTS, (value * x) @ _WEIGHTS])
+    return np.concatenate([np.zeros((2, 1)), np.cumsum(parts, axis=1)], axis=1)
+
+
+_TABLE = _table()
 
 
 @jit
@@ -104,3 +104,33 @@ def resolved_integrals(s_from: float, s_to: float, s0: float) -> tuple[float, fl
         plain, lever = _rising(s0 * s_to, s0 * s_from)
         plain, lever = -plain, -lever
     return plain / s0, lever / (s0 * s0)
+
+
+@jit
+def contact_order(s: float, s0: float) -> float:
+    """Return the order beta of the operator (Eqs. 5, 6): 0 closed and inf open for the ideal switch."""
+    if s0 == np.inf:
+        return 0.0 if s > 0.0 else np.inf
+    return np.exp(-s0 * s)
+
+
+@jit
+def contact_stiffness(stiffness: float, s: float, s0: float) -> float:
+    """Return K_eq, the operator of order beta applied to the constant K0 (Eqs. 8, 12a, 17)."""
+    if s0 == np.inf:
+        return stiffness if contact_order(s, s0) == 0.0 else 0.0
+    return stiffness * switch(s0 * s)
+
+
+def steepest(gap: float, jump: bool, s0: float) -> float:
+    """Return a bound of the slope of ``R/K0`` over penetration of a closed contact."""
+    if np.isinf(s0):
+        return 1.0
+    from scipy.special import digamma, gamma
+
+    x = np.logspace(-8, 2, 4001)
+    rise = -np.expm1(-x)
+    level = 1.0 / gamma(rise)
+    slope = -digamma(rise) / gamma(rise) * np.exp(-x)
+    lever = x + (s0 * gap if jump else 0.0)
+    return 1.01 * float(np.max(level + lever * slope))

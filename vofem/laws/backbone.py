@@ -3,52 +3,29 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.laws.kinds import HYPERBOLIC
+from vofem.laws.table import Laws
 from vofem.linalg.jit import jit
-from vofem.memory import HYPERBOLIC
 
 Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _SQRT = 1.0 / math.sqrt(3.0)
 
 
-#: Of a law with memory: kind, stiffness, limit and gap as in `MemoryLaw`; its parameters lie from `first` to `last`,
-#: its state from `start` to `end`. A record costs a compiled loop one pointer where arrays would each be counted.
-MEMORY_RECORD = np.dtype(
-    [(name, np.int64) for name in ("kind", "one_sided", "first", "last", "start", "end")]
-    + [(name, np.float64) for name in ("stiffness", "limit", "gap")]
-)
-
-
-class Memory(NamedTuple):
-    """Laws with memory, one after the other.
-
-    Attributes
-    ----------
-    table : ndarray of MEMORY_RECORD, shape (n,)
-    parameters : ndarray
-        Of all laws.
-    """
-
-    table: NDArray[np.void]
-    parameters: Array
-
-
 @jit
-def _knot(memory: Memory, i: int, w: float) -> tuple[int, int, int]:
+def _knot(laws: Laws, j: int, w: float) -> tuple[int, int, int]:
     """Return first parameter, number of knots and the interval of a tabulated backbone that holds w."""
-    law = memory.table[i]
+    law = laws.table[j]
     a = law["first"]
     n = (law["last"] - a) // 4
     low, high = 0, n - 1
     while high - low > 1:
         middle = (low + high) // 2
-        if memory.parameters[a + middle] <= w:
+        if laws.parameters[a + middle] <= w:
             low = middle
         else:
             high = middle
@@ -56,9 +33,9 @@ def _knot(memory: Memory, i: int, w: float) -> tuple[int, int, int]:
 
 
 @jit
-def _cubic(memory: Memory, a: int, n: int, k: int, w: float) -> tuple[float, float]:
+def _cubic(laws: Laws, a: int, n: int, k: int, w: float) -> tuple[float, float]:
     """Return force and slope of the backbone at w in interval k; beyond the last knot it goes on straight."""
-    p = memory.parameters
+    p = laws.parameters
     if w >= p[a + n - 1]:
         slope = p[a + 3 * n - 1]
         return p[a + 2 * n - 1] + slope * (w - p[a + n - 1]), slope
@@ -71,30 +48,30 @@ def _cubic(memory: Memory, a: int, n: int, k: int, w: float) -> tuple[float, flo
 
 
 @jit
-def backbone(memory: Memory, i: int, w: float) -> tuple[float, float]:
+def backbone(laws: Laws, j: int, w: float) -> tuple[float, float]:
     """Return force and slope of the backbone at an elongation w, counted along it."""
-    law = memory.table[i]
+    law = laws.table[j]
     if law["kind"] == HYPERBOLIC:
         k, limit, span = (
             law["stiffness"],
             law["limit"],
-            memory.parameters[law["first"]],
+            laws.parameters[law["first"]],
         )
         reach = span + k * w
         return limit * (k * w / reach), limit * k * (span / reach) / reach
-    a, n, at = _knot(memory, i, w)
-    return _cubic(memory, a, n, at, w)
+    a, n, at = _knot(laws, j, w)
+    return _cubic(laws, a, n, at, w)
 
 
 @jit
-def backbone_mean(memory: Memory, i: int, w0: float, w1: float) -> float:
+def backbone_mean(laws: Laws, j: int, w0: float, w1: float) -> float:
     """Return the mean force of the backbone between w0 < w1, without cancellation."""
-    law = memory.table[i]
+    law = laws.table[j]
     if law["kind"] == HYPERBOLIC:
         k, limit, span = (
             law["stiffness"],
             law["limit"],
-            memory.parameters[law["first"]],
+            laws.parameters[law["first"]],
         )
         reach = span + k * w0
         x = k * (w1 - w0) / reach
@@ -106,23 +83,23 @@ def backbone_mean(memory: Memory, i: int, w0: float, w1: float) -> float:
         else:
             bend = 1.0 - math.log1p(x) / x
         return limit * (bend + (k * w0 / reach) * (1.0 - bend))
-    p = memory.parameters
-    a, n, first = _knot(memory, i, w0)
-    last = _knot(memory, i, w1)[2]
+    p = laws.parameters
+    a, n, first = _knot(laws, j, w0)
+    last = _knot(laws, j, w1)[2]
     if first == last and not (w0 < p[a + n - 1] < w1):
-        return _inside(memory, a, n, first, w0, w1)
-    work = _inside(memory, a, n, first, w0, p[a + first + 1]) * (p[a + first + 1] - w0)
+        return _inside(laws, a, n, first, w0, w1)
+    work = _inside(laws, a, n, first, w0, p[a + first + 1]) * (p[a + first + 1] - w0)
     if last > first:
         work += p[a + 3 * n + last] - p[a + 3 * n + first + 1]
         middle = min(w1, p[a + n - 1])
-        work += _inside(memory, a, n, last, p[a + last], middle) * (middle - p[a + last])
+        work += _inside(laws, a, n, last, p[a + last], middle) * (middle - p[a + last])
     if w1 > p[a + n - 1]:
-        work += _inside(memory, a, n, last, p[a + n - 1], w1) * (w1 - p[a + n - 1])
+        work += _inside(laws, a, n, last, p[a + n - 1], w1) * (w1 - p[a + n - 1])
     return work / (w1 - w0)
 
 
 @jit
-def _inside(memory: Memory, a: int, n: int, k: int, w0: float, w1: float) -> float:
+def _inside(laws: Laws, a: int, n: int, k: int, w0: float, w1: float) -> float:
     """Return the mean of one cubic: Gauss's rule of two points is exact."""
     middle, half = 0.5 * (w0 + w1), 0.5 * (w1 - w0) * _SQRT
-    return 0.5 * (_cubic(memory, a, n, k, middle - half)[0] + _cubic(memory, a, n, k, middle + half)[0])
+    return 0.5 * (_cubic(laws, a, n, k, middle - half)[0] + _cubic(laws, a, n, k, middle + half)[0])

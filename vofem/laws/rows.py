@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.laws.group import LawGroup
 from vofem.linalg.jit import jit
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
-
-    from vofem.system import System
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -36,10 +36,9 @@ def compressed(rows: csr_matrix | None, order: IntArray) -> Rows:
     return Rows(rows.indptr.astype(np.int64), place[rows.indices], rows.data.copy())
 
 
-def all_rows(system: System) -> csr_matrix | None:
-    """Return the rows of contacts, nonlinear springs, springpots, springs with memory, or None where there are none."""
-    laws = (system.contacts, system.nonlinear, system.springpots, system.memory)
-    parts = [part.rows for part in laws if part is not None]
+def all_rows(groups: Sequence[LawGroup]) -> csr_matrix | None:
+    """Return the rows of all groups, one after the other, or None where there are none."""
+    parts = [group.rows for group in groups]
     if len(parts) < 2:
         return parts[0] if parts else None
     from scipy.sparse import vstack

@@ -1,0 +1,284 @@
+"""Contacts: both force laws, with the ideal and the resolved switch.
+
+A contact is closed exactly while ``s = u - gap > 0`` (Eq. 8 of the paper).
+While it is closed its force is ``K (u - offset) + C0 u'`` with K = K0 under
+the ideal switch, and with offset = 0 where the force acts on the whole
+displacement (Eqs. 9b, 13, 18c), or offset = gap where it acts on the
+penetration.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.laws.group import CLOSED, OPEN, PINNED, LawGroup
+from vofem.laws.kinds import JUMP, PENETRATION, RESOLVED
+from vofem.laws.resolved import resolved_force, resolved_integrals, steepest, switch
+from vofem.linalg.jit import jit
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
+Array = NDArray[np.float64]
+Status = NDArray[np.int64]
+
+#: Width, as a fraction of the gap, over which compiled loops spread the jump of the displacement law.
+_RAMP = 1e-12
+
+
+@dataclass(frozen=True)
+class ContactLaws(LawGroup):
+    """Contacts, one per row.
+
+    While closed, the force ``R`` acts on the structure as ``-b R``:
+
+    - ``R = K0 (b.q) + C0 (b.q')`` where `jump` is true (Eqs. 9b, 13, 18c), and
+    - ``R = K0 (b.q - gap) + C0 (b.q')`` elsewhere.
+
+    Attributes
+    ----------
+    names : tuple of str
+    rows : csr_matrix, shape (n_contacts, n)
+    gap, stiffness, damping : ndarray, shape (n_contacts,)
+        In m, N/m, N s/m.
+    jump : ndarray of bool, shape (n_contacts,)
+        Whether the force acts on the whole displacement.
+    resolution : ndarray, shape (n_contacts,)
+        s0 in 1/m of the resolved switch; inf for the ideal one.
+    """
+
+    kind: ClassVar[str] = "contacts"
+    place: ClassVar[int] = 0
+
+    names: tuple[str, ...]
+    rows: csr_matrix
+    gap: Array
+    stiffness: Array
+    damping: Array
+    jump: NDArray[np.bool_]
+    resolution: Array
+
+    @classmethod
+    def gather(cls, rows: csr_matrix, laws: tuple[Any, ...]) -> ContactLaws:
+        """Return the group of some contacts, whose attributes are named as those of the group."""
+        numbers = {
+            name: np.array([getattr(law, name) for law in laws])
+            for name in ("gap", "stiffness", "damping", "jump", "resolution")
+        }
+        return cls(tuple(law.name for law in laws), rows, **numbers)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names with "Contact" before them."""
+        return tuple(f"Contact {name!r}" for name in self.names)
+
+    @property
+    def offset(self) -> Array:
+        """The displacement that the spring force is counted from: 0 for the jump law, else the gap."""
+        return np.where(self.jump, 0.0, self.gap)
+
+    @property
+    def ideal(self) -> bool:
+        """Whether all switches are ideal."""
+        return bool(np.all(np.isinf(self.resolution)))
+
+    # -- what contacts need of a method ---------------------------------------------------------------
+
+    def _resolved(self) -> str:
+        return self.labels[int(np.argmax(np.isfinite(self.resolution)))]
+
+    def nonlinearity(self, method: str) -> str | None:
+        """Return why the force is not piecewise linear: only under a resolved switch."""
+        if self.ideal:
+            return None
+        return (
+            f"{self._resolved()} has a resolved switch, whose force is not piecewise linear; {method} needs "
+            "switch='ideal'"
+        )
+
+    def statics_refusal(self, path: bool) -> str | None:
+        """Return why statics cannot treat the contacts: only under a resolved switch."""
+        if self.ideal:
+            return None
+        return (
+            f"{'quasi_static' if path else 'equilibrium'} needs ideal switches; {self._resolved()} has a resolved one"
+        )
+
+    # -- the laws on arrays: u and s of shape (n_contacts,) or (n_contacts, n_times) ------------------
+
+    def column(self, values: Array, like: Array) -> Array:
+        """Return numbers of the contacts in a shape that goes with that of `like`."""
+        return values.reshape(values.shape + (1,) * (like.ndim - 1))
+
+    def elastic(self, u: Array) -> Array:
+        """Return the force in N that the springs have at coordinates u, as if all contacts were closed."""
+        return np.asarray(self.column(self.stiffness, u) * (u - self.column(self.offset, u)))
+
+    def force(self, s: Array, rate: Array, status: Status) -> Array:
+        """Return the contact forces of the ideal switch; pinned ones, which the structure decides, as zero.
+
+        From the gap functions, which keep the digits of small penetrations.
+        """
+        elastic = self.column(self.stiffness, s) * (s + self.column(self.gap - self.offset, s))
+        return np.where(status == CLOSED, elastic + self.column(self.damping, s) * rate, 0.0)
+
+    def closed_potential(self, s: Array, status: Status) -> Array:
+        """Return the energy of closed contacts with an ideal switch, J, summed over contacts.
+
+        It is ``K0 (u^2 - gap^2)/2`` under the jump law and ``K0 s^2/2`` under the other.
+        """
+        lever = s + 2.0 * self.column(self.gap - self.offset, s)
+        return np.asarray(
+            np.sum(np.where(status == CLOSED, 0.5 * self.column(self.stiffness, s) * s * lever, 0.0), axis=0)
+        )
+
+    def shares(self, s: Array) -> Array:
+        """Return ``K_eq/K0``: how far every contact is switched on at gap functions s (Eqs. 8, 12a, 17)."""
+        share = np.where(s > 0.0, 1.0, 0.0)
+        for j in np.flatnonzero(np.isfinite(self.resolution)):
+            share[j] = np.reshape([switch(self.resolution[j] * x) for x in np.ravel(s[j])], np.shape(s[j]))
+        return share
+
+    def status(self, u: Array) -> Status:
+        """Return OPEN or CLOSED."""
+        return np.where(u > self.column(self.gap, u), CLOSED, OPEN).astype(np.int64)
+
+    def potential(self, u: Array) -> Array:
+        """Return the energy in J stored in closed contacts, shape (n_times,)."""
+        s, status = u - self.gap[:, None], self.status(u)
+        resolved = np.flatnonzero(np.isfinite(self.resolution))
+        status[resolved] = OPEN
+        total = self.closed_potential(s, status)
+        for j in resolved:
+            lever, k, s0 = self.gap[j] - self.offset[j], self.stiffness[j], self.resolution[j]
+            parts = np.array([resolved_integrals(0.0, max(x, 0.0), s0) for x in s[j].tolist()])
+            total = total + k * (parts[:, 1] + lever * parts[:, 0])
+        return total
+
+    def steepest(self, u: Array) -> Array:
+        """Return bounds of the tangents of closed contacts, N/m."""
+        slopes = [steepest(g, bool(j), s0) for g, j, s0 in zip(self.gap, self.jump, self.resolution, strict=True)]
+        return self.stiffness * np.array(slopes)
+
+    def numbers(self) -> Array:
+        """Return gaps, stiffnesses, dampers, force laws and switches."""
+        return np.concatenate([self.gap, self.stiffness, self.damping, self.jump, self.resolution])
+
+    def scaled(self, factor: float) -> ContactLaws:
+        """Return contacts with springs and dampers times a factor."""
+        return replace(self, stiffness=factor * self.stiffness, damping=factor * self.damping)
+
+    def respond(self, laws: Any, first: int, u: Array, width: float) -> tuple[Array, Array, Status]:
+        """Return reaction, tangent and status of ideal switches, jumps spread over a width, a fraction of the gap."""
+        s, ramp = u - self.gap, np.where(self.jump, width * self.gap, 0.0)
+        beyond = s > ramp
+        within = (s > 0.0) & ~beyond
+        steep = self.stiffness * (self.gap + ramp) / np.where(ramp > 0.0, ramp, 1.0)
+        reaction = np.where(beyond, self.elastic(u), np.where(within, steep * s, 0.0))
+        tangent = np.where(beyond, self.stiffness, np.where(within, steep, 0.0))
+        return reaction, tangent, np.where(beyond, CLOSED, np.where(within, PINNED, OPEN)).astype(np.int64)
+
+    def fill(self, table: NDArray[np.void]) -> None:
+        """Enter kind and numbers."""
+        ideal = np.where(self.jump, JUMP, PENETRATION)
+        table["kind"] = np.where(np.isfinite(self.resolution), RESOLVED, ideal)
+        for name in ("gap", "offset", "stiffness", "damping", "resolution"):
+            table[name] = getattr(self, name)
+
+
+def initial_status(laws: ContactLaws, q: Array, v: Array, size: Array | None = None) -> Status:
+    """Return the status at t = 0: closed where ``s > 0``, or where ``s = 0`` and the contact moves in.
+
+    Parameters
+    ----------
+    q, v : ndarray, shape (n,)
+        Displacements and velocities at t = 0.
+    size : ndarray, shape (n_contacts,), optional
+        Sums of the magnitudes of the terms of ``rows @ q``, where they are known.
+    """
+    u, rate = np.asarray(laws.rows @ q), np.asarray(laws.rows @ v)
+    # An s below the rounding of the terms that u sums is zero.
+    if size is None:
+        size = np.asarray(abs(laws.rows) @ np.abs(q))
+    s = u - laws.gap
+    zero = np.abs(s) <= 4.0 * np.finfo(float).eps * (size + np.abs(laws.gap))
+    return np.where((~zero & (s > 0)) | (zero & (rate > 0)), CLOSED, OPEN).astype(np.int64)
+
+
+# -- the law of one record, in compiled loops ---------------------------------------------------------
+
+
+@jit
+def contact_force(law: Any, u: float) -> tuple[float, float]:
+    """Return spring force and tangent at u."""
+    gap, k = law["gap"], law["stiffness"]
+    s = u - gap
+    if s <= 0.0:
+        return 0.0, 0.0
+    if law["kind"] == PENETRATION:
+        return k * s, k
+    if law["kind"] == JUMP:
+        ramp = _RAMP * gap
+        if s >= ramp:
+            return k * u, k
+        steep = k * (gap + ramp) / ramp
+        return steep * s, steep
+    force, tangent = resolved_force(s, law["resolution"], gap - law["offset"])
+    return k * force, k * tangent
+
+
+@jit
+def damper_path(law: Any, u0: float, u1: float) -> float:
+    """Return the length of the path from u0 to u1 on which a contact's damper acts, with its sign."""
+    s0, s1 = max(u0 - law["gap"], 0.0), max(u1 - law["gap"], 0.0)
+    if law["kind"] != RESOLVED:
+        return s1 - s0
+    return resolved_integrals(s0, s1, law["resolution"])[0]
+
+
+@jit
+def contact_mean(law: Any, u0: float, u1: float) -> float:
+    """Return the mean spring force over the path from u0 to u1: work over length."""
+    gap, k = law["gap"], law["stiffness"]
+    s0, s1 = u0 - gap, u1 - gap
+    if s0 <= 0.0 and s1 <= 0.0:
+        return 0.0
+    lever = gap - law["offset"]
+    if law["kind"] == RESOLVED:
+        if s0 == s1:
+            return k * resolved_force(s0, law["resolution"], lever)[0]
+        plain, weighted = resolved_integrals(max(s0, 0.0), max(s1, 0.0), law["resolution"])
+        return k * (weighted + lever * plain) / (s1 - s0)
+    ramp = _RAMP * gap if law["kind"] == JUMP else 0.0
+    if s0 >= ramp and s1 >= ramp:
+        return k * (0.5 * (s0 + s1) + lever)
+    if s0 == s1:
+        return contact_force(law, u0)[0]
+    return k * (_height(s1, ramp, lever) - _height(s0, ramp, lever)) / (s1 - s0)
+
+
+@jit
+def _height(s: float, ramp: float, lever: float) -> float:
+    """Return the potential of an ideal switch over its stiffness, m^2."""
+    if s <= 0.0:
+        return 0.0
+    if s < ramp:
+        return 0.5 * s * s * (lever + ramp) / ramp
+    return s * (0.5 * s + lever) - 0.5 * lever * ramp
+
+
+@jit
+def ideal_mean_slope(law: Any, u0: float, u1: float, mean: float) -> float:
+    """Return the derivative by u1 of the mean force of an ideal switch."""
+    s0, s1 = u0 - law["gap"], u1 - law["gap"]
+    ramp = _RAMP * law["gap"] if law["kind"] == JUMP else 0.0
+    if s0 >= ramp and s1 >= ramp:
+        return 0.5 * law["stiffness"]
+    if s0 <= 0.0 and s1 <= 0.0:
+        return 0.0
+    force, tangent = contact_force(law, u1)
+    return (force - mean) / (u1 - u0) if u1 != u0 else 0.5 * tangent

@@ -1,0 +1,128 @@
+"""The laws of a system in compiled loops: force, mean force over a step, energy, loss, and the commit of a step.
+
+Every law is a force over a monotone path of its coordinate from u0 to u1;
+that of a law with internal variables depends on them at u0 too. The mean force
+over the path, work over length, is the discrete gradient of the law's
+potential: a step that uses it conserves energy whatever its size. All laws of
+contacts are monotone in u1, so a step has one solution.
+
+This is the only place that asks for the kind of a law; the formulas stand in
+the module of each law.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.laws.callbacks import FORCE, MEAN, STORED, TANGENT, call
+from vofem.laws.contact import contact_force, contact_mean, damper_path, ideal_mean_slope
+from vofem.laws.hysteretic import (
+    LOST,
+    hysteretic_commit,
+    hysteretic_force,
+    hysteretic_loss,
+    hysteretic_mean,
+    hysteretic_stored,
+)
+from vofem.laws.kinds import AFFINE, CALLED, HYPERBOLIC, JUMP, RESOLVED
+from vofem.laws.table import Laws
+from vofem.linalg.jit import jit
+
+Array = NDArray[np.float64]
+
+
+@jit
+def force_and_tangent(laws: Laws, j: int, u: float) -> tuple[float, float]:
+    """Return force and tangent at u, contact dampers left out."""
+    law = laws.table[j]
+    kind = law["kind"]
+    if kind <= RESOLVED:
+        return contact_force(law, u)
+    if kind == AFFINE:
+        return law["offset"] + law["stiffness"] * (u - law["gap"]), law["stiffness"]
+    if kind == CALLED:
+        return call(law["address"], FORCE, u, u), call(law["address"], TANGENT, u, u)
+    return hysteretic_force(laws, j, u)
+
+
+@jit
+def force_at(laws: Laws, j: int, u: float) -> float:
+    """Return the force at u alone."""
+    law = laws.table[j]
+    if law["kind"] == CALLED:
+        return call(law["address"], FORCE, u, u)
+    return force_and_tangent(laws, j, u)[0]
+
+
+@jit
+def mean_force(laws: Laws, j: int, u0: float, u1: float) -> float:
+    """Return the mean force over the path from u0 to u1, contact dampers left out."""
+    law = laws.table[j]
+    kind = law["kind"]
+    if kind <= RESOLVED:
+        return contact_mean(law, u0, u1)
+    if kind == AFFINE:
+        return law["offset"] + law["stiffness"] * (u1 - law["gap"])
+    if kind == CALLED:
+        return call(law["address"], MEAN, u0, u1)
+    return hysteretic_mean(laws, j, u0, u1)
+
+
+@jit
+def mean_and_slope(laws: Laws, j: int, u0: float, u1: float) -> tuple[float, float]:
+    """Return the mean force over the path from u0 to u1 and its derivative by u1."""
+    law = laws.table[j]
+    mean = mean_force(laws, j, u0, u1)
+    if law["kind"] <= JUMP:
+        return mean, ideal_mean_slope(law, u0, u1, mean)
+    if law["kind"] == AFFINE:
+        return mean, law["stiffness"]
+    force, tangent = force_and_tangent(laws, j, u1)
+    if abs(u1 - u0) <= 1e-6 * max(abs(u0), abs(u1)):
+        return mean, 0.5 * tangent
+    return mean, (force - mean) / (u1 - u0)
+
+
+@jit
+def closed_share(laws: Laws, j: int, u0: float, u1: float) -> float:
+    """Return the length of the path from u0 to u1 on which a contact's damper acts, with its sign."""
+    return damper_path(laws.table[j], u0, u1)
+
+
+@jit
+def stored(laws: Laws, j: int, u: float) -> float:
+    """Return the energy in J that a law with internal variables holds at u and would give back."""
+    if laws.table[j]["kind"] == CALLED:
+        return call(laws.table[j]["address"], STORED, u, u)
+    return hysteretic_stored(laws, j, u)
+
+
+@jit
+def lost(laws: Laws, j: int, u: float) -> float:
+    """Return the energy in J that a law with internal variables has dissipated when its path has come to u."""
+    return laws.state[laws.table[j]["start"] + LOST] + hysteretic_loss(laws, j, u)
+
+
+@jit
+def commit(laws: Laws, j: int, u: float) -> None:
+    """Make the path of law j to u part of its past."""
+    hysteretic_commit(laws, j, u)
+
+
+@jit
+def commit_all(laws: Laws, u: Array) -> None:
+    """Make the paths to all u part of the past of the laws with internal variables."""
+    for j in range(u.size):
+        if laws.table[j]["kind"] >= HYPERBOLIC:
+            commit(laws, j, u[j])
+
+
+def loaded(laws: Laws, u: Array, past: Array | None) -> Laws:
+    """Return laws that come from a past to the coordinates u at the start of a run; nothing is lost yet."""
+    if laws.state.size:
+        if past is not None:
+            laws.state[:] = past
+        commit_all(laws, u)
+        laws.state[laws.table["start"][laws.table["kind"] >= HYPERBOLIC]] = 0.0
+    return laws

@@ -1,0 +1,177 @@
+"""What every group of scalar laws states once, for all methods, statics, energies and pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
+Array = NDArray[np.float64]
+
+#: Status of a law: it does not act, it acts, or it is held where its force jumps.
+OPEN, CLOSED, PINNED = 0, 1, 2
+
+
+class LawGroup:
+    """Scalar laws of one kind, one for each row b: the force on the structure is ``-b R``, R a law of ``u = b.q``.
+
+    A group states its numbers for compiled loops (`fill`, `parameters`,
+    `virgin`), its response for statics (`respond`), and what it needs of a
+    method (its refusals). The defaults are those of laws without
+    internal variables.
+
+    Attributes
+    ----------
+    kind : str
+        What a reader calls the laws of this group.
+    place : int
+        Where the group stands among those of a system.
+    rows : csr_matrix, shape (n_laws, n)
+        Over the free degrees of freedom.
+    names, labels : tuple of str
+        The names alone, and with the class of the effect, for messages.
+    """
+
+    kind: ClassVar[str] = "laws"
+
+    #: Where the group stands among those of a system; contacts come first.
+    place: ClassVar[int] = 1
+
+    rows: csr_matrix
+
+    @classmethod
+    def gather(cls, rows: csr_matrix, laws: tuple[Any, ...]) -> LawGroup:
+        """Return the group of some laws with their rows over the free degrees of freedom."""
+        return cls(rows, laws)  # type: ignore[call-arg]
+
+    if TYPE_CHECKING:
+
+        @property
+        def names(self) -> tuple[str, ...]:
+            """Names of the laws."""
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names of the laws with the class of their effect, for messages."""
+        raise NotImplementedError
+
+    def __len__(self) -> int:
+        return int(self.rows.shape[0])
+
+    # -- what the group needs of a method -----------------------------------------------------------
+
+    #: Whether the load that is applied drives the laws, so that no method for general scenes can treat them.
+    applied_force: ClassVar[bool] = False
+
+    #: Whether `steepest` bounds the tangents wherever the coordinates go.
+    bounded: ClassVar[bool] = True
+
+    def nonlinearity(self, method: str) -> str | None:
+        """Return why a method that needs forces which are piecewise linear cannot treat the group, or None."""
+        raise NotImplementedError
+
+    def statics_refusal(self, path: bool) -> str | None:
+        """Return why the group has no equilibrium of its own, or none along a path of loads; None where it has."""
+        return None
+
+    def modes_refusal(self) -> str | None:
+        """Return why the group has no natural modes, and the way out, or None."""
+        return None
+
+    # -- the law in compiled loops ------------------------------------------------------------------
+
+    #: Whether force, stored energy and loss of every law are recorded along a run.
+    recorded: ClassVar[bool] = False
+
+    #: Whether the laws take part in statics; laws that yield to every lasting force do not.
+    static: ClassVar[bool] = True
+
+    def fill(self, table: NDArray[np.void]) -> None:
+        """Enter kind and numbers of every law into its record, see `table.RECORD`."""
+        raise NotImplementedError
+
+    def parameters(self) -> list[Array]:
+        """Return further numbers of every law."""
+        return [np.zeros(0)] * len(self)
+
+    def virgin(self) -> list[Array]:
+        """Return the internal variables of every law before any load, the energy dissipated (J) first."""
+        return [np.zeros(0)] * len(self)
+
+    def numbers(self) -> Array:
+        """Return all numbers that the laws are made of, by which two groups are told apart; functions have none."""
+        return np.concatenate([np.zeros(0), *self.parameters()])
+
+    def shifted(self, start: float) -> LawGroup:
+        """Return the laws as a run sees them that begins at a time in s; they are the same unless they vary in time."""
+        return self
+
+    def scaled(self, factor: float) -> LawGroup | None:
+        """Return the same laws with all forces and energies times a factor, or None where that is not known."""
+        return None
+
+    # -- the law at rest ----------------------------------------------------------------------------
+
+    def limits(self) -> Array:
+        """Return the forces in N that the laws never exceed, inf where there is none."""
+        return np.full(len(self), np.inf)
+
+    def units(self) -> tuple[str, ...]:
+        """Return the units of the forces, for messages."""
+        return ("N",) * len(self)
+
+    def steepest(self, u: Array) -> Array:
+        """Return bounds of the tangents in N/m, near the coordinates u where nothing bounds them everywhere."""
+        raise NotImplementedError
+
+    def potential(self, u: Array) -> Array:
+        """Return the energy in J that follows from u alone, shape (n_times,), for u of shape (n_laws, n_times).
+
+        Energy that depends on internal variables is recorded along the run.
+        """
+        return np.zeros(u.shape[1])
+
+    def reactions(self, u: Array) -> Array:
+        """Return the forces in N that follow from u alone, shape (n_laws, n_times), for u of the same shape."""
+        raise NotImplementedError
+
+    def respond(self, laws: Any, first: int, u: Array, width: float) -> tuple[Array, Array, NDArray[np.int64]]:
+        """Return reaction (N), tangent (N/m) and status at u, each (n_laws,); the laws are those from `first` on.
+
+        Jumps are spread over a width, a fraction of their gap.
+        """
+        from vofem.laws.evaluate import force_and_tangent
+
+        found = [force_and_tangent(laws, first + i, x) for i, x in enumerate(u.tolist())]
+        reaction, tangent = np.array(found).reshape(-1, 2).T
+        return reaction, tangent, np.full(u.size, CLOSED, dtype=np.int64)
+
+
+def past_of(groups: Sequence[LawGroup], states: Array, name: str) -> Array | None:
+    """Return the internal variables of the law of a name among those of all, one after the other, or None."""
+    start = 0
+    for group in groups:
+        for mine, virgin in zip(group.names, group.virgin(), strict=True):
+            if virgin.size and mine == name:
+                return states[start : start + virgin.size].copy()
+            start += virgin.size
+    return None
+
+
+def gathered_past(groups: Sequence[LawGroup], known: Callable[[str], Array | None]) -> Array | None:
+    """Return the internal variables of all laws, those of a past that is known by name, or None where none is."""
+    states, found = [np.zeros(0)], False
+    for group in groups:
+        for name, virgin in zip(group.names, group.virgin(), strict=True):
+            past = known(name) if virgin.size else None
+            if past is not None and past.shape == virgin.shape:
+                states.append(past)
+                found = True
+            else:
+                states.append(virgin)
+    return np.concatenate(states) if found else None

@@ -1,0 +1,343 @@
+"""Laws with internal variables: cyclic laws on a backbone, and springs of Jenkins elements.
+
+A cyclic law is elastic between two forces, the largest that tension and
+compression have reached, and follows its backbone beyond either of them. Its
+internal variables are six numbers, `HystereticLaw.virgin` says which. A spring
+of Jenkins elements is a spring beside elements of a spring and a slider each;
+its internal variables are the places of the sliders. Both are rate independent:
+the force follows from the internal variables and the elongation.
+
+The internal variables of all laws are one flat array that only `commit`
+changes; forces, means and losses of a path take it as it is at the path's
+start. So a step that is tried and rejected leaves no trace. A path is a
+monotone change of the elongation from u0, where the internal variables hold,
+to u1. Forces grow along rising paths and fall along falling ones, so mean and
+end force are monotone in u1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.laws.backbone import backbone, backbone_mean
+from vofem.laws.group import LawGroup
+from vofem.laws.kinds import HYPERBOLIC, JENKINS
+from vofem.laws.paper import no_modes, path_needed
+from vofem.laws.table import Laws
+from vofem.linalg.jit import jit
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
+Array = NDArray[np.float64]
+
+#: Where a cyclic law's internal variables hold what; the first one is that of every law.
+LOST = 0
+_UP_AT, _UP, _DOWN_AT, _DOWN, _RESIDUAL = 1, 2, 3, 4, 5
+
+
+@dataclass(frozen=True)
+class HystereticLaw:
+    """A rate-independent law with internal variables on a row; the force on the structure is ``-b R``.
+
+    Attributes
+    ----------
+    label : str
+        Class and name of its spring, for messages.
+    name : str
+    kind : int
+        HYPERBOLIC, TABULATED or JENKINS.
+    stiffness : float
+        That of the virgin law in N/m, the largest it ever has.
+    onset : float
+        Force at which it first yields, N.
+    limit : float
+        Force that it never reaches, N; inf where there is none.
+    one_sided : bool
+        Whether it cannot pull, as a stop.
+    gap : float
+        Elongation from which the law counts, m.
+    parameters : ndarray
+        Of HYPERBOLIC the range of forces over which the secant stiffness falls
+        to zero, N. Of TABULATED elongation, force, slope and work at the knots
+        of the backbone, one after the other. Of JENKINS the stiffness of the
+        spring beside, then those of the elements, then their slip forces.
+    unit : str
+        Of its force, for messages: "N m" where it acts on a rotation, and then
+        the numbers above are in rad, N m and N m/rad.
+    """
+
+    label: str
+    name: str
+    kind: int
+    stiffness: float
+    onset: float
+    limit: float
+    one_sided: bool
+    gap: float
+    parameters: Array
+    unit: str = "N"
+
+    @staticmethod
+    def from_earlier(fields: dict[str, Any]) -> dict[str, Any]:
+        """Return the fields of a law that an earlier version has saved, which counted its kinds from 0."""
+        kind = fields["kind"]
+        return fields | {"kind": kind + HYPERBOLIC if kind < HYPERBOLIC else kind}
+
+    @property
+    def group(self) -> type[LawGroup]:
+        """The group that gathers laws of this kind."""
+        return HystereticLaws
+
+    def virgin(self) -> Array:
+        """Return the internal variables before any load: energy dissipated (J), then those of the kind.
+
+        A cyclic law: elongation on the backbone and force where tension goes
+        on, both where compression goes on, residual elongation. A Jenkins law:
+        the sliders' places.
+        """
+        if self.kind == JENKINS:
+            return np.zeros(1 + (self.parameters.size - 1) // 2)
+        reach = self.onset / self.stiffness
+        return np.array([0.0, reach, self.onset, reach, self.onset, 0.0])
+
+
+@dataclass(frozen=True)
+class HystereticLaws(LawGroup):
+    """Laws with internal variables, one per row.
+
+    Attributes
+    ----------
+    rows : csr_matrix, shape (n_laws, n)
+    laws : tuple of HystereticLaw
+    """
+
+    place: ClassVar[int] = 2
+    kind: ClassVar[str] = "springs with memory"
+    recorded: ClassVar[bool] = True
+
+    rows: csr_matrix
+    laws: tuple[HystereticLaw, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the springs."""
+        return tuple(law.name for law in self.laws)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names with the class of the effect."""
+        return tuple(law.label for law in self.laws)
+
+    def nonlinearity(self, method: str) -> str:
+        """Return why the force is not piecewise linear in the displacement."""
+        return (
+            f"{self.labels[0]} remembers its past, and {method} needs laws that are piecewise linear in the "
+            "displacement"
+        )
+
+    def statics_refusal(self, path: bool) -> str | None:
+        """Return why there is no equilibrium without a path."""
+        return None if path else path_needed(self.labels[0])
+
+    def modes_refusal(self) -> str:
+        """Return why there are no modes."""
+        return no_modes(self.labels[0])
+
+    def limits(self) -> Array:
+        """Return the limit loads in N."""
+        return np.array([law.limit for law in self.laws])
+
+    def units(self) -> tuple[str, ...]:
+        """Return the units of the forces, for messages."""
+        return tuple(law.unit for law in self.laws)
+
+    def steepest(self, u: Array) -> Array:
+        """Return the stiffness before the first load: no law of this kind is ever stiffer."""
+        return np.array([law.stiffness for law in self.laws])
+
+    def fill(self, table: NDArray[np.void]) -> None:
+        """Enter kind and numbers."""
+        for name in ("kind", "one_sided", "stiffness", "limit", "gap"):
+            table[name] = [getattr(law, name) for law in self.laws]
+
+    def numbers(self) -> Array:
+        """Return stiffnesses, onsets, gaps and parameters."""
+        parts = [np.append(law.parameters, [law.kind, law.stiffness, law.onset, law.gap]) for law in self.laws]
+        return np.concatenate(parts)
+
+    def parameters(self) -> list[Array]:
+        """Return the parameters of every law."""
+        return [law.parameters for law in self.laws]
+
+    def virgin(self) -> list[Array]:
+        """Return the internal variables of every law before any load."""
+        return [law.virgin() for law in self.laws]
+
+
+# -- compiled: law j of all, its internal variables as they are at the start of a path ----------------------
+
+
+@jit
+def _edges(laws: Laws, j: int) -> tuple[float, float]:
+    """Return the elongations at which a cyclic law begins to yield in compression and in tension."""
+    law = laws.table[j]
+    s, k = law["start"], law["stiffness"]
+    low = laws.state[s + _RESIDUAL]
+    if not law["one_sided"]:
+        low -= laws.state[s + _DOWN] / k
+    return low, laws.state[s + _RESIDUAL] + laws.state[s + _UP] / k
+
+
+@jit
+def hysteretic_force(laws: Laws, j: int, u: float) -> tuple[float, float]:
+    """Return force in N and tangent in N/m where the elongation changes to u on a monotone path."""
+    law = laws.table[j]
+    u -= law["gap"]
+    s, k = law["start"], law["stiffness"]
+    if law["kind"] == JENKINS:
+        a, count = law["first"], law["end"] - s - 1
+        tangent = laws.parameters[a]
+        force = tangent * u
+        for e in range(count):
+            spring, slip = laws.parameters[a + 1 + e], laws.parameters[a + 1 + count + e]
+            pull = spring * (u - laws.state[s + 1 + e])
+            if abs(pull) < slip:
+                tangent += spring
+            force += min(max(pull, -slip), slip)
+        return force, tangent
+    low, high = _edges(laws, j)
+    if u > high:
+        return backbone(laws, j, laws.state[s + _UP_AT] + (u - high))
+    if u < low:
+        if law["one_sided"]:
+            return 0.0, 0.0
+        force, tangent = backbone(laws, j, laws.state[s + _DOWN_AT] + (low - u))
+        return -force, tangent
+    return k * (u - laws.state[s + _RESIDUAL]), k
+
+
+@jit
+def _clipped_mean(k: float, place: float, slip: float, a: float, b: float) -> float:
+    """Return the mean over [a, b], a < b, of a spring's force that slips at +-slip."""
+    low, high = place - slip / k, place + slip / k
+    total = 0.0
+    if a < low:
+        total -= slip * (min(b, low) - a)
+    if b > high:
+        total += slip * (b - max(a, high))
+    left, right = max(a, low), min(b, high)
+    if right > left:
+        total += k * (0.5 * (left + right) - place) * (right - left)
+    return total / (b - a)
+
+
+@jit
+def hysteretic_mean(laws: Laws, j: int, u0: float, u1: float) -> float:
+    """Return work over length of the path from u0, where the state holds, to u1: a mean force in N."""
+    law = laws.table[j]
+    a, b = min(u0, u1) - law["gap"], max(u0, u1) - law["gap"]
+    if a == b:
+        return hysteretic_force(laws, j, u1)[0]
+    s, k = law["start"], law["stiffness"]
+    if law["kind"] == JENKINS:
+        first, count = law["first"], law["end"] - s - 1
+        mean = laws.parameters[first] * 0.5 * (a + b)
+        for e in range(count):
+            slip = laws.parameters[first + 1 + count + e]
+            mean += _clipped_mean(laws.parameters[first + 1 + e], laws.state[s + 1 + e], slip, a, b)
+        return mean
+    low, high = _edges(laws, j)
+    if a >= low and b <= high:
+        return k * (0.5 * (a + b) - laws.state[s + _RESIDUAL])
+    total, length = 0.0, 0.0
+    if a < low:
+        part = min(b, low) - a
+        length += part
+        if not law["one_sided"]:
+            at = laws.state[s + _DOWN_AT] + (low - a)
+            total -= part * backbone_mean(laws, j, at - part, at)
+    left, right = max(a, low), min(b, high)
+    if right > left:
+        total += k * (0.5 * (left + right) - laws.state[s + _RESIDUAL]) * (right - left)
+        length += right - left
+    if b > high:
+        part = b - max(a, high)
+        length += part
+        at = laws.state[s + _UP_AT] + (b - high)
+        total += part * backbone_mean(laws, j, at - part, at)
+    return total / length
+
+
+@jit
+def hysteretic_loss(laws: Laws, j: int, u: float) -> float:
+    """Return the energy in J that the way to u dissipates."""
+    law = laws.table[j]
+    u -= law["gap"]
+    s, k = law["start"], law["stiffness"]
+    lost = 0.0
+    if law["kind"] == JENKINS:
+        a, count = law["first"], law["end"] - s - 1
+        for e in range(count):
+            spring, slip = laws.parameters[a + 1 + e], laws.parameters[a + 1 + count + e]
+            lost += slip * max(abs(u - laws.state[s + 1 + e]) - slip / spring, 0.0)
+        return lost
+    low, high = _edges(laws, j)
+    if u > high:
+        at, before, way = laws.state[s + _UP_AT], laws.state[s + _UP], u - high
+    elif u < low and not law["one_sided"]:
+        at, before, way = laws.state[s + _DOWN_AT], laws.state[s + _DOWN], low - u
+    else:
+        return 0.0
+    after = backbone(laws, j, at + way)[0]
+    stored = (after - before) * (0.5 * (after + before) / k)
+    return max(way * backbone_mean(laws, j, at, at + way) - stored, 0.0)
+
+
+@jit
+def hysteretic_stored(laws: Laws, j: int, u: float) -> float:
+    """Return the energy in J that the law holds at u and would give back."""
+    law = laws.table[j]
+    force = hysteretic_force(laws, j, u)[0]
+    s, k = law["start"], law["stiffness"]
+    if law["kind"] != JENKINS:
+        return 0.5 * force * force / k
+    u -= law["gap"]
+    a, count = law["first"], law["end"] - s - 1
+    stored = 0.5 * laws.parameters[a] * u * u
+    for e in range(count):
+        spring, slip = laws.parameters[a + 1 + e], laws.parameters[a + 1 + count + e]
+        pull = min(abs(spring * (u - laws.state[s + 1 + e])), slip)
+        stored += 0.5 * pull * pull / spring
+    return stored
+
+
+@jit
+def hysteretic_commit(laws: Laws, j: int, u: float) -> None:
+    """Make the way to u part of the past."""
+    law = laws.table[j]
+    laws.state[law["start"] + LOST] += hysteretic_loss(laws, j, u)
+    s, k = law["start"], law["stiffness"]
+    if law["kind"] == JENKINS:
+        u -= law["gap"]
+        a, count = law["first"], law["end"] - s - 1
+        for e in range(count):
+            reach = laws.parameters[a + 1 + count + e] / laws.parameters[a + 1 + e]
+            laws.state[s + 1 + e] = min(max(laws.state[s + 1 + e], u - reach), u + reach)
+        return
+    low, high = _edges(laws, j)
+    u -= law["gap"]
+    if u > high:
+        laws.state[s + _UP_AT] += u - high
+        force = backbone(laws, j, laws.state[s + _UP_AT])[0]
+        laws.state[s + _UP] = force
+        laws.state[s + _RESIDUAL] = u - force / k
+    elif u < low and not law["one_sided"]:
+        laws.state[s + _DOWN_AT] += low - u
+        force = backbone(laws, j, laws.state[s + _DOWN_AT])[0]
+        laws.state[s + _DOWN] = force
+        laws.state[s + _RESIDUAL] = u + force / k

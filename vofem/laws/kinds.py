@@ -1,0 +1,12 @@
+"""Kinds of laws in compiled loops, those of contacts first."""
+
+PENETRATION, JUMP, RESOLVED = 0, 1, 2
+
+#: A law affine in the coordinate: a springpot over one step.
+AFFINE = 3
+
+#: A law written in Python, called through its address.
+CALLED = 4
+
+#: Laws with internal variables: two backbones of cyclic laws, and Jenkins elements.
+HYPERBOLIC, TABULATED, JENKINS = 5, 6, 7

@@ -1,0 +1,130 @@
+"""The hysteresis of the paper as it is printed: Eqs. 22-25, a secant stiffness that follows the applied force."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.laws.group import LawGroup
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LinearLevel:
+    """The softening number that grows linearly with the force: ``(F - onset)/span``, both in N."""
+
+    onset: float
+    span: float
+
+    def __call__(self, force: float) -> float:
+        """Return the number at a force of a magnitude in N."""
+        return max(force - self.onset, 0.0) / self.span
+
+
+@dataclass(frozen=True)
+class PrintedLaw:
+    """Eqs. 22-25 as they stand: a secant stiffness that follows the applied force.
+
+    Attributes
+    ----------
+    label, name : str
+    stiffness : float
+        K in N/m.
+    linear_limit : float
+        d0 in m.
+    level : callable
+        The softening number of a force's magnitude in N.
+    limit : float
+        Force in N at which the secant stiffness is zero; inf where there is none.
+    """
+
+    label: str
+    name: str
+    stiffness: float
+    linear_limit: float
+    level: Callable[[float], float]
+    limit: float
+
+    @property
+    def group(self) -> type[LawGroup]:
+        """The group that gathers laws of this kind."""
+        return PrintedLaws
+
+
+@dataclass(frozen=True)
+class PrintedLaws(LawGroup):
+    """The one law of this kind in a system of one degree of freedom.
+
+    Attributes
+    ----------
+    rows : csr_matrix, shape (1, 1)
+    laws : tuple of PrintedLaw
+    """
+
+    place: ClassVar[int] = 2
+    kind: ClassVar[str] = "springs with memory"
+    recorded: ClassVar[bool] = True
+    applied_force: ClassVar[bool] = True
+
+    rows: csr_matrix
+    laws: tuple[PrintedLaw, ...]
+
+    @property
+    def law(self) -> PrintedLaw:
+        """The law."""
+        return self.laws[0]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The spring's name."""
+        return (self.law.name,)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Name with the class of the effect."""
+        return (self.law.label,)
+
+    def nonlinearity(self, method: str) -> str:
+        """Return why the force is not piecewise linear."""
+        return f"{self.law.label} follows Eq. 22, whose stiffness varies with the applied force"
+
+    def statics_refusal(self, path: bool) -> str | None:
+        """Return why there is no equilibrium without a path."""
+        return None if path else path_needed(self.law.label)
+
+    def modes_refusal(self) -> str:
+        """Return why there are no modes."""
+        return no_modes(self.law.label)
+
+    def steepest(self, u: Array) -> Array:
+        """Return the stiffness before the first load."""
+        return np.array([self.law.stiffness])
+
+    def numbers(self) -> Array:
+        """Return stiffness, linear limit and limit load."""
+        return np.array([self.law.stiffness, self.law.linear_limit, self.law.limit])
+
+    def limits(self) -> Array:
+        """Return the limit load in N."""
+        return np.array([self.law.limit])
+
+
+def path_needed(label: str) -> str:
+    """Return why a law with a past has no equilibrium of its own."""
+    return (
+        f"equilibrium: {label} has equilibria that depend on the path to them; "
+        "use vofem.quasi_static(scene, load_factors)"
+    )
+
+
+def no_modes(label: str) -> str:
+    """Return why a law with a past has no modes."""
+    return f"{label} has no modes; put a Spring of its initial stiffness there"

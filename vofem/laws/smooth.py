@@ -1,0 +1,205 @@
+"""Laws written in Python: a smooth force with a potential, and the base of laws with internal variables.
+
+A law of this kind states its numbers as plain methods of one coordinate. All
+methods that step in time, statics (where its force grows with the coordinate)
+and energies take it, at the price of a call of Python each time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.laws.group import LawGroup
+from vofem.laws.kinds import CALLED
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
+Array = NDArray[np.float64]
+
+_GAUSS = np.sqrt(0.6)
+
+#: Path over coordinate above which the potential's difference keeps enough digits of the work.
+_LONG = 1e-3
+
+
+@runtime_checkable
+class ScalarLaw(Protocol):
+    """What a law written in Python states; u is its coordinate in m, a path is a monotone change of u.
+
+    Attributes
+    ----------
+    name, label : str
+        The name alone, and with the class of its effect, for messages.
+    monotone : bool
+        Whether the force never falls where u rises, so that an equilibrium is the only one.
+    """
+
+    @property
+    def name(self) -> str:
+        """Name of the effect."""
+
+    @property
+    def monotone(self) -> bool:
+        """Whether the force never falls where u rises."""
+
+    @property
+    def label(self) -> str:
+        """Name with the class of the effect."""
+
+    @property
+    def group(self) -> type[LawGroup]:
+        """`SmoothLaws`."""
+
+    def reaction(self, u: float) -> float:
+        """Return the force R in N; the force on the structure is ``-b R``."""
+
+    def energy(self, u: float) -> float:
+        """Return the stored energy V in J, ``R = dV/du``."""
+
+    def tangent(self, u: float) -> float:
+        """Return dR/du in N/m."""
+
+
+@dataclass(frozen=True)
+class SmoothLaw:
+    """A smooth scalar law ``R = dV/du`` on a row; the force on the structure is ``-b R``.
+
+    Attributes
+    ----------
+    name : str
+    potential, force : callable
+        V in J and R in N of the elongation u in m.
+    """
+
+    name: str
+    potential: Callable[[float], float]
+    force: Callable[[float], float]
+
+    @property
+    def monotone(self) -> bool:
+        """Nothing is known of the functions of a user: the spring may soften, and have several equilibria."""
+        return False
+
+    @property
+    def group(self) -> type[LawGroup]:
+        """The group that gathers laws of this kind."""
+        return SmoothLaws
+
+    @property
+    def label(self) -> str:
+        """Name with the class of the effect."""
+        return f"NonlinearSpring {self.name!r}"
+
+    def reaction(self, u: float) -> float:
+        """Return R(u) in N; infinite where Python's floats overflow."""
+        try:
+            return float(self.force(u))
+        except OverflowError:
+            return float("inf")
+
+    def energy(self, u: float) -> float:
+        """Return V(u) in J; infinite where Python's floats overflow."""
+        try:
+            return float(self.potential(u))
+        except OverflowError:
+            return float("inf")
+
+    def tangent(self, u: float, step: float = 1e-6) -> float:
+        """Return dR/du in N/m by a central difference."""
+        width = step * max(1.0, abs(u))
+        return (self.reaction(u + width) - self.reaction(u - width)) / (2.0 * width)
+
+    def scaled(self, factor: float) -> SmoothLaw:
+        """Return the law with force and potential times a factor."""
+        potential, force = self.potential, self.force
+        return SmoothLaw(self.name, lambda u: factor * potential(u), lambda u: factor * force(u))
+
+
+def mean_reaction(law: ScalarLaw, u0: float, u1: float) -> float:
+    """Return work over length of a path: by the potential over long paths, else by quadrature, which keeps digits."""
+    if abs(u1 - u0) > _LONG * max(abs(u0), abs(u1)):
+        return (law.energy(u1) - law.energy(u0)) / (u1 - u0)
+    middle, reach = 0.5 * (u0 + u1), 0.5 * (u1 - u0) * _GAUSS
+    return (5.0 * law.reaction(middle - reach) + 8.0 * law.reaction(middle) + 5.0 * law.reaction(middle + reach)) / 18.0
+
+
+@dataclass(frozen=True)
+class SmoothLaws(LawGroup):
+    """Laws written in Python, one per row.
+
+    Attributes
+    ----------
+    rows : csr_matrix, shape (n_laws, n)
+    laws : tuple of ScalarLaw
+    """
+
+    place: ClassVar[int] = 1
+    kind: ClassVar[str] = "nonlinear springs"
+    bounded: ClassVar[bool] = False
+
+    rows: csr_matrix
+    laws: tuple[ScalarLaw, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the springs."""
+        return tuple(law.name for law in self.laws)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names with the class of the effect."""
+        return tuple(law.label for law in self.laws)
+
+    def nonlinearity(self, method: str) -> str:
+        """Return why the force is not piecewise linear."""
+        return f"{self.labels[0]} is not piecewise linear, which {method} needs"
+
+    def statics_refusal(self, path: bool) -> str | None:
+        """Return why statics cannot treat a law whose force may fall."""
+        several = next((law for law in self.laws if not law.monotone), None)
+        if several is None:
+            return None
+        return (
+            f"{'quasi_static' if path else 'equilibrium'}: {several.label} may have several equilibria or none; "
+            "let a damped simulation settle instead"
+        )
+
+    def modes_refusal(self) -> str:
+        """Return why there are no modes."""
+        return f"{self.labels[0]} has no modes; put a Spring of its tangent there"
+
+    def steepest(self, u: Array) -> Array:
+        """Return the tangents at u: no other bound is known."""
+        return np.array([law.tangent(x) for law, x in zip(self.laws, u.tolist(), strict=True)])
+
+    def potential(self, u: Array) -> Array:
+        """Return the stored energy in J, shape (n_times,)."""
+        parts = [[law.energy(x) for x in values] for law, values in zip(self.laws, u.tolist(), strict=True)]
+        return np.sum(np.array(parts), axis=0)
+
+    def reactions(self, u: Array) -> Array:
+        """Return the forces in N, shape (n_laws, n_times)."""
+        return np.array([[law.reaction(x) for x in values] for law, values in zip(self.laws, u.tolist(), strict=True)])
+
+    def scaled(self, factor: float) -> SmoothLaws | None:
+        """Return laws with force and potential times a factor."""
+        laws = [law for law in self.laws if isinstance(law, SmoothLaw)]
+        if len(laws) < len(self.laws):
+            return None
+        return SmoothLaws(self.rows, tuple(law.scaled(factor) for law in laws))
+
+    def respond(self, laws: Any, first: int, u: Array, width: float) -> tuple[Array, Array, NDArray[np.int64]]:
+        """Return reaction, tangent and status."""
+        pairs = [(law.reaction(x), law.tangent(x)) for law, x in zip(self.laws, u.tolist(), strict=True)]
+        reaction, tangent = np.array(pairs).T
+        return reaction, tangent, np.ones(u.size, dtype=np.int64)
+
+    def fill(self, table: NDArray[np.void]) -> None:
+        """Enter the kind; `callbacks.Callbacks` enters the addresses."""
+        table["kind"] = CALLED

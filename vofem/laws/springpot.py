@@ -1,0 +1,249 @@
+"""Springpots: a force proportional to a fractional derivative of the elongation.
+
+The kernel of a springpot is a sum of exponentials with positive weights, so a
+springpot is a row of Maxwell elements, springs and dashpots in series, of which
+number k holds the force ``weight y_k``, ``y_k' = u' - rate_k y_k``. Elements
+that are faster than any step act through two sums. Over a step the rate of
+elongation is taken to be constant, p; the mean force over the step is then
+``slope p + rest``, without error but for that, and the work ``mean p dt`` is
+what the elements take: some of it they hold, the rest they lose, and no step
+makes any. So a springpot over one step is an affine law, and only `carry_on`
+changes its past.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.errors import ArgumentError, VofemError
+from vofem.laws.group import LawGroup
+from vofem.laws.kinds import AFFINE
+from vofem.laws.table import Laws
+from vofem.linalg.jit import jit
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ShiftedOrder:
+    """The order of a springpot as a run sees it that begins at `start`, in s."""
+
+    order: Callable[[Array], Any]
+    start: float
+
+    def __call__(self, t: Array) -> Any:
+        """Return the orders at times t, shape (n,)."""
+        return self.order(self.start + np.asarray(t, dtype=float))
+
+
+@dataclass(frozen=True, eq=False)
+class SpringpotLaw:
+    """``R = coefficient D^order u`` on a row; the force on the structure is ``-b R``.
+
+    D is Caputo's derivative from t = 0: the system was at rest before, in
+    whatever place. An order that varies is frozen at the present.
+
+    Attributes
+    ----------
+    label : str
+        Class and name, for messages.
+    name : str
+    coefficient : float
+        In N s^order/m.
+    order : float or callable
+        In [0, 1]; a callable takes times in s, shape (n,), and returns orders.
+    """
+
+    label: str
+    name: str
+    coefficient: float
+    order: float | Callable[[Array], Any]
+
+    @property
+    def group(self) -> type[LawGroup]:
+        """The group that gathers laws of this kind."""
+        return SpringpotLaws
+
+    @property
+    def varies(self) -> bool:
+        """Whether the order is a function of time."""
+        return callable(self.order)
+
+    def orders(self, t: Array) -> Array:
+        """Return the orders at times in s, shape (n,).
+
+        Raises
+        ------
+        ArgumentError
+            If a callable raises, or returns anything but numbers from 0 to 1.
+        """
+        from vofem.fractional.laws import orders_at
+
+        try:
+            return orders_at(self.order, t, highest=1.0)
+        except ArgumentError as error:
+            raise ArgumentError(f"{self.label}: {error}") from None
+        except VofemError:
+            raise
+        except Exception as error:
+            raise ArgumentError(
+                f"{self.label}: order raised {type(error).__name__}: {error} at times from {t[0]:g} to {t[-1]:g} s; it "
+                "must take an array of times in s and return as many numbers from 0 to 1"
+            ) from error
+
+
+@dataclass(frozen=True)
+class SpringpotLaws(LawGroup):
+    """Springpots, one per row.
+
+    Attributes
+    ----------
+    rows : csr_matrix, shape (n_laws, n)
+    laws : tuple of SpringpotLaw
+    """
+
+    place: ClassVar[int] = 3
+    kind: ClassVar[str] = "springpots"
+    recorded: ClassVar[bool] = True
+    static: ClassVar[bool] = False
+
+    rows: csr_matrix
+    laws: tuple[SpringpotLaw, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the springpots."""
+        return tuple(law.name for law in self.laws)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names with the class of the effect."""
+        return tuple(law.label for law in self.laws)
+
+    def nonlinearity(self, method: str) -> str:
+        """Return why the present displacement does not decide the force."""
+        return (
+            f"{self.labels[0]} has a force that its whole past decides, and {method} needs systems whose future "
+            "follows from their present displacements and velocities"
+        )
+
+    def steepest(self, u: Array) -> Array:
+        """Return zeros: springpots enter every step implicitly and leave its limit as it is."""
+        return np.zeros(len(self))
+
+    def shifted(self, start: float) -> SpringpotLaws:
+        """Return springpots whose varying orders are those from a time on, in s."""
+        laws = tuple(
+            replace(law, order=ShiftedOrder(law.order, start)) if callable(law.order) else law for law in self.laws
+        )
+        return SpringpotLaws(self.rows, laws)
+
+    def numbers(self) -> Array:
+        """Return the coefficients."""
+        return np.array([law.coefficient for law in self.laws])
+
+    def fill(self, table: NDArray[np.void]) -> None:
+        """Enter the kind; `impose` enters the numbers of a step."""
+        table["kind"] = AFFINE
+
+
+class Pace(NamedTuple):
+    """What a step of size dt does to the numbers y that keep a past; arrays of shape (k,).
+
+    ``decay y + gain p`` is y at its end, ``old y + new p`` its mean.
+    """
+
+    dt: float
+    decay: Array
+    gain: Array
+    old: Array
+    new: Array
+
+
+class Springpots(NamedTuple):
+    """Springpots at some steps.
+
+    Attributes
+    ----------
+    row : int
+        Number of the first one among all laws.
+    weight : ndarray, shape (n, n_steps, k)
+        From y to forces, at the orders of the steps; one step stands for all where no order varies.
+    """
+
+    row: int
+    weight: Array
+
+
+class History(NamedTuple):
+    """What springpots know of their past.
+
+    Attributes
+    ----------
+    y : ndarray, shape (n, k)
+        The last one is the rate of elongation over the last step, m/s.
+    told : ndarray, shape (n, 7)
+        Mean force over the last step; force (N), energy held and work absorbed (J) at the last time; the same at the
+        time before, up to which results are stored.
+    """
+
+    y: Array
+    told: Array
+
+
+MEAN, FORCE, HELD, WORK, BEFORE = 0, 1, 2, 3, 3
+
+#: For systems without springpots.
+NO_PACE = Pace(1.0, np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0))
+NO_SPRINGPOTS = Springpots(0, np.zeros((0, 1, 0)))
+NO_HISTORY = History(np.zeros((0, 0)), np.zeros((0, 7)))
+
+
+@jit
+def affine(springpots: Springpots, pace: Pace, history: History, i: int, s: int) -> tuple[float, float]:
+    """Return slope (N s/m) and rest (N) of the mean force of springpot i over step s."""
+    s = min(s, springpots.weight.shape[1] - 1)
+    slope, rest = 0.0, 0.0
+    for k in range(pace.new.size):
+        weight = springpots.weight[i, s, k]
+        slope += weight * pace.new[k]
+        rest += weight * pace.old[k] * history.y[i, k]
+    return slope, rest
+
+
+@jit
+def impose(
+    springpots: Springpots, pace: Pace, history: History, s: int, laws: Laws, u: Array, ahead: float, share: float
+) -> None:
+    """Make forces over step s those of the laws, affine in the elongation at its end, for a step that starts at u.
+
+    They are extrapolated from the middles of this step and of the one before, by `ahead` of their distance, and
+    divided by the share with which the step weighs forces at its end.
+    """
+    for i in range(springpots.weight.shape[0]):
+        j = springpots.row + i
+        slope, rest = affine(springpots, pace, history, i, s)
+        laws.table[j]["stiffness"] = (1.0 + ahead) * slope / (share * pace.dt)
+        laws.table[j]["gap"] = u[j]
+        laws.table[j]["offset"] = ((1.0 + ahead) * rest - ahead * history.told[i, MEAN]) / share
+
+
+@jit
+def carry_on(springpots: Springpots, pace: Pace, history: History, i: int, s: int, rate: float, mean: float) -> None:
+    """Make step s, of a rate of elongation and a mean force, part of the past of springpot i."""
+    s = min(s, springpots.weight.shape[1] - 1)
+    held = 0.0
+    for k in range(pace.decay.size):
+        y = pace.decay[k] * history.y[i, k] + pace.gain[k] * rate
+        history.y[i, k] = y
+        held += 0.5 * springpots.weight[i, s, k] * y * y
+    history.told[i, MEAN] = mean
+    history.told[i, HELD] = held

@@ -1,0 +1,69 @@
+"""All laws of a system as flat records for compiled loops."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.laws.callbacks import Callbacks
+from vofem.laws.group import LawGroup
+from vofem.laws.kinds import CALLED
+
+Array = NDArray[np.float64]
+
+#: Of a law: its kind; where its parameters lie in those of all, `first` to `last`, and its internal variables, `start`
+#: to `end`; which histories it records, -1 for none; the address of a law written in Python; and its numbers. Gap,
+#: offset, stiffness, damping and resolution are those of `ContactLaws`; an affine law is
+#: ``offset + stiffness (u - gap)``. A record costs a compiled loop one pointer where arrays would each be counted.
+RECORD = np.dtype(
+    [(name, np.int64) for name in ("kind", "first", "last", "start", "end", "history", "address", "one_sided")]
+    + [(name, np.float64) for name in ("gap", "offset", "stiffness", "damping", "resolution", "limit")]
+)
+
+
+class Laws(NamedTuple):
+    """One law a row, in the order of the groups of a system.
+
+    Attributes
+    ----------
+    table : ndarray of RECORD, shape (n_laws,)
+    parameters : ndarray
+        Further numbers of all laws.
+    state : ndarray
+        Internal variables of all laws at the start of a step.
+    """
+
+    table: NDArray[np.void]
+    parameters: Array
+    state: Array
+
+
+def build_laws(groups: Sequence[LawGroup], callbacks: Callbacks | None = None) -> Laws:
+    """Return the laws of some groups as records, their internal variables those before any load."""
+    table = np.zeros(sum(len(group) for group in groups), dtype=RECORD)
+    table["resolution"], table["history"] = np.inf, -1
+    parameters, states = [np.zeros(0)], [np.zeros(0)]
+    first, histories = 0, 0
+    for group in groups:
+        part = table[first : first + len(group)]
+        group.fill(part)
+        if group.recorded:
+            part["history"] = np.arange(histories, histories + len(group))
+            histories += len(group)
+        parameters += group.parameters()
+        states += group.virgin()
+        first += len(group)
+    for low, high, parts in (("first", "last", parameters), ("start", "end", states)):
+        ends = np.cumsum([part.size for part in parts])
+        table[low], table[high] = ends[:-1], ends[1:]
+    if callbacks is not None:
+        table["address"][table["kind"] == CALLED] = callbacks.addresses
+    return Laws(table, np.concatenate(parameters), np.concatenate(states))
+
+
+def with_state(laws: Laws, state: Array) -> Laws:
+    """Return the same laws with another array of internal variables."""
+    return laws._replace(state=state) if state.size else laws
