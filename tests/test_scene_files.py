@@ -455,7 +455,7 @@ ONE = [
     ('side = "below"', 'side = "below"\nswitch = "idel"', "contact[0].switch", "expected 'ideal' or { resolved"),
     ("f = 1.0", "f = 'sin'", "point_load[0].f", "expected a number or a function of time such as { sine"),
     ("f = 1.0", "f = { sin = {} }", "point_load[0].f.sin", "unknown key; did you mean 'sine'?"),
-    ("f = 1.0", "f = { sine = 3 }", "point_load[0].f.sine", "a table with amplitude, omega, phase, found 3"),
+    ("f = 1.0", "f = { sine = 3 }", "point_load[0].f.sine", "a table with amplitude, omega, phase, frequency, found 3"),
     ("f = 1.0", "f = { sine = {amplitude=1, omega=2}, ramp = {slope=1} }", "point_load[0].f", "with sine, ramp"),
     ("f = 1.0", "f = { ramp = {slope=1, start=2, stop=1} }", "point_load[0].f.ramp.stop", "a time after start = 2"),
     ("f = 1.0", "f = { sum = [] }", "point_load[0].f.sum", "expected an array of functions of time"),

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import vofem as vf
+from vofem.cache import Cache
 from vofem.integrators.event_driven.modal_space import modal_space
 from vofem.integrators.event_driven.spectrum import Spectra
 from vofem.linalg.secular import rank_one, rank_one_less, refine
@@ -39,7 +40,7 @@ def test_statuses_stay_exact_after_many_closings_and_openings(stiffness):
     system = beam_on_stops(20, stiffness).model.system
     space = modal_space(system, Counters())
     counters = Counters()
-    spectra = Spectra(space, system.contacts, counters)
+    spectra = Spectra(space, system.contacts, counters, Cache())
     rng, status = np.random.default_rng(1), np.zeros(20, dtype=np.int64)
     for _ in range(120):
         status = status.copy()

@@ -97,7 +97,7 @@ def run(
     if tol is not None:
         if dt is not None:
             raise ArgumentError("simulate: dt and tol were both given; tol chooses the steps, leave out dt")
-        kernel = AdaptiveSteps(system, start, t_end, counters)
+        kernel = AdaptiveSteps(system, start, counters, t_end)
         kernel.plan(t_end, tol)
         # A run that goes on knows the size already.
         kernel.measure(start.q[:, None] if resume is not None else _pilot(system, start, t_end, counters).q)
@@ -111,7 +111,7 @@ def run(
             )
         steps = step_count(t_end, step)
         stored = storage_times(times, t_end, step, steps, system.size, notes)
-        kernel = FixedSteps(system, start, t_end, counters)
+        kernel = FixedSteps(system, start, counters, t_end)
         kernel.plan(step, steps)
     initial = kernel.state.status.copy()
     note_chatter(system, notes)
@@ -150,7 +150,7 @@ def _tell(kernel: AdaptiveSteps, tol: float, notes: list[str]) -> None:
 
 def _pilot(system: System, start: State, t_end: float, counters: Counters) -> Output:
     """Return a rough run of equal steps, which tells how far things move."""
-    kernel = FixedSteps(system, start, t_end, counters)
+    kernel = FixedSteps(system, start, counters, t_end)
     kernel.plan(t_end / _STEPS, _STEPS)
     out = kernel.output(np.linspace(0.0, t_end, _STEPS + 1), None)
     out.q[:] = 0.0

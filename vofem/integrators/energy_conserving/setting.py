@@ -39,7 +39,7 @@ class Setting:
     #: Size of all steps in s; None where they follow a tolerance.
     dt: float | None = None
 
-    def __init__(self, system: System, start: Start, t_end: float, counters: Counters) -> None:
+    def __init__(self, system: System, start: Start, counters: Counters, t_end: float = np.inf) -> None:
         damping = damping_matrix(system, counters)
         self.bands = Banded(system, counters, system.mass, system.stiffness, damping)
         self.bands.over.until = t_end
