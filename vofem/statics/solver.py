@@ -36,6 +36,9 @@ _MANY_UNKNOWNS = 400
 #: Coordinates in m, and over those of the last equilibrium, beyond which none is looked for.
 _BEYOND = 1e40
 
+#: Change of a coordinate over the terms that it is a sum of, at which Newton's method stands still.
+_STILL = 8.0 * float(np.finfo(float).eps)
+
 #: Widths, as fractions of the gap, over which the jump of a contact that acts on the displacement is spread.
 _RAMPS = (1e-6, 1e-9, 1e-12)
 
@@ -215,7 +218,10 @@ class EquilibriumSolver:
             if settled and np.max(np.abs(u_new - u)) > 1e-6 * np.max(np.abs(u)):
                 self._amplitude = a
                 return u, True
-            if settled or self._settled(u_new, w_new, status, width):
+            # u is a sum of terms that may cancel, and is no more accurate than these.
+            terms = np.abs(u) + np.abs(factor * self._free) + np.abs(self._compliance) @ np.abs(w)
+            still = np.array_equal(before, status) and bool(np.all(np.abs(u_new - u) <= _STILL * terms))
+            if settled or still or self._settled(u_new, w_new, status, width):
                 return u_new, True
             du, dw = u_new - u, w_new - w
             length = self._line_search(u, w, du, dw, width)

@@ -17,8 +17,18 @@ from vofem.io.scenes.settings import OUTPUT, OutputSettings, RunSettings, run_en
 from vofem.scene import Scene
 
 _SINGLE = ("run", "output", "initial")
-_KNOWN = BODIES | EFFECTS
-_TABLES = (*_SINGLE, *_KNOWN)
+
+
+def _known() -> dict[str, Entry]:
+    """Return the entries of bodies and effects; looked up when a file is read, so that entries can be added."""
+    return BODIES | EFFECTS
+
+
+def _tables() -> tuple[str, ...]:
+    """Return the names of all tables of a scene file."""
+    return (*_SINGLE, *_known())
+
+
 #: Keys of the initial state of a body; zero where silent.
 INITIAL = ("displacement", "velocity")
 _HEADER = re.compile(r"^[ \t]*\[{1,2}[ \t]*([A-Za-z0-9_-]+)[ \t]*\]", re.MULTILINE)
@@ -31,7 +41,7 @@ def read_tables(
 ) -> tuple[Scene | None, RunSettings | None, OutputSettings]:
     """Return scene, run and output of a parsed file; problems are added to `book`."""
     root = Place(book)
-    root.unknown_keys(content, _TABLES)
+    root.unknown_keys(content, _tables())
     for name in _SINGLE:
         if name in content and not isinstance(content[name], dict):
             root.key(name).expected(f"one table, headed [{name}]", content[name])
@@ -89,10 +99,10 @@ def _meant(name: str) -> Entry | None:
 
     So what is wrong inside it is noted too.
     """
-    if name in _TABLES:
-        return _KNOWN.get(name)
-    close = get_close_matches(name, _TABLES, n=1)
-    return _KNOWN.get(close[0]) if close else None
+    if name in _tables():
+        return _known().get(name)
+    close = get_close_matches(name, _tables(), n=1)
+    return _known().get(close[0]) if close else None
 
 
 def _check_names(order: list[Item], book: Book) -> None:
