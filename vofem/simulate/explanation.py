@@ -13,7 +13,7 @@ from vofem.simulate.methods import choose
 from vofem.system import System
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Explanation:
     """What will be simulated, by which method and why, and what will not; print it.
 
@@ -42,6 +42,9 @@ class Explanation:
         lines += [f"Unknowns: {self.unknowns}", f"Method: {self.method}, because {self.why}"]
         lines.append(f"Not simulated: {', '.join(self.absent) or 'nothing is left out'}")
         return "\n".join(lines)
+
+    # Notebooks and prompts show what they are given by its repr.
+    __repr__ = __str__
 
 
 def _holds(kind: str) -> Callable[[System], bool]:
