@@ -315,9 +315,9 @@ def test_a_step_that_is_tried_leaves_no_trace():
     kernel.plan(30.0, 1e-6)
     before, state = kernel.state.memory.copy(), kernel.state
     whole, half = kernel._rung(0), kernel._rung(1)
-    values = kernel.bands.load_values(whole.dt * np.array([0.5, 0.25, 0.75]))
+    values = kernel._loads(0.0, whole.dt, half)[0]
     found = adaptive._try(
-        kernel.matrices, whole.structure.factored, whole, half, kernel.rows, kernel.laws, kernel.bands.loads, values,
+        kernel.matrices, whole.structure.factored, whole, half, kernel.rows, kernel.laws, kernel.forcing, values,
         state, kernel.trial, kernel.tried, np.ones(1), kernel.space, kernel.past,
         kernel.springpots(np.zeros(3)), kernel._pace(0), kernel._pace(1), kernel.history, kernel.ahead,
     )  # fmt: skip

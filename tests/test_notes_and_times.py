@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from vofem.integrators.stepping.rows import compressed
 
 import vofem as vf
 from vofem.integrators.stepping.checks import MISSED, POWER, REACH, check_times, look, watch
+from vofem.laws.rows import compressed
 
 STEPPING = ("energy_conserving", "generalized_alpha", "central_difference")
 
