@@ -420,8 +420,8 @@ def test_a_step_that_is_tried_leaves_no_trace():
     middles = kernel.largest * np.array([0.5, 0.25, 0.75])
     found = adaptive._try(
         kernel.matrices, kernel._rung(0).structure.factored, kernel._rung(0), kernel._rung(1), kernel.rows, kernel.laws,
-        kernel.forcing, kernel._loads(0.0, kernel.largest, kernel._rung(1))[0], kernel.state, kernel.trial, kernel.tried, np.ones(1),
-        kernel.space, kernel.past, kernel.springpots(middles), kernel._pace(0), kernel._pace(1), kernel.history,
+        kernel.forcing, kernel._loads(0.0, kernel.largest, kernel._rung(1))[0], kernel.state, kernel.trial,
+        kernel.tried, np.ones(1), kernel.space, kernel.past, kernel.springpots(middles), kernel._pace(0), kernel._pace(1), kernel.history,
         kernel.ahead,
     )  # fmt: skip
     assert found[0] >= 0

@@ -265,7 +265,7 @@ for options in ({"dt": 0.01}, {"tol": 1e-3}, {"method": "generalized_alpha"}, {"
     assert result.counters.history_terms == result.counters.history_updates == 0
     assert len(result.springs) == 0
     assert not result.model.system.recorded
-    assert result.model.system.group(SpringpotLaws) is None
+    assert result.model.system.laws == ()
     assert result.solution.springs is None
 assert "vofem.integrators.stepping.history" not in sys.modules
 """
