@@ -14,16 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.effects.time_functions import carried
+from vofem.integrators.looked import LOOKS, loads_by_values
 from vofem.system import Counters, LoadFunction, System
 
 Array = NDArray[np.float64]
 
-#: Times in a run, at least, at which a plain callable is evaluated.
-LOOKS = 20_000
-
 #: Equal parts of a step over which a step of half its size and the load's course within are told.
 PARTS = 16
-
 
 #: Steps in the shortest time of a load that resolve it.
 _RESOLVED = 2.0
@@ -88,14 +85,7 @@ def note_loads(system: System, dt: float | None, t_end: float, notes: list[str])
             f"{dt:.4g} s are large against its period; dt = {dt * np.sqrt(0.5 * _OFF / off):.3g} s holds it below "
             f"{0.5 * _OFF:g}"
         )
-    for load in system.loads:
-        width = min(load.function.looked, t_end / LOOKS)
-        if width > 0.0:
-            notes.append(
-                f"load: {load.name} is known by its values at times {width:.3g} s apart only, and what is shorter may "
-                "be missed; use Pulse, Tabulated or Sine, or Approximated(..., breaks=...) with the times of short "
-                "features"
-            )
+    notes += loads_by_values(system, t_end)
 
 
 def _lag(system: System, dt: float | None, t_end: float) -> tuple[float, str]:
@@ -130,7 +120,8 @@ class StepLoads:
     until : float
         End of the run in s. The last step may end later. Loads are never asked for values beyond the run, where a
         measured one may not be known: there a load is the image of what it was before the end, turned about the point
-        that its mean and its trend before the end lead to. A straight line goes on as it is.
+        that its mean and its trend before the end lead to, the latter not beyond that of means. A straight line goes
+        on as it is.
     """
 
     def __init__(self, system: System, counters: Counters) -> None:
@@ -245,8 +236,15 @@ class StepLoads:
                 later[1:] = 0.0
             else:
                 m0, m1, m2 = function.moments(until - reach, 2.0 * until - begin, width)
-                mean, trend, _ = function.moments(until - reach, until, width) if a > until else (m0, m1, m2)
-                later = np.stack([2.0 * (mean + 6.0 * trend) - m0, m1, -m2])
+                mean, trend, _ = function.moments(until - reach, until, width)
+                point = mean + 6.0 * trend
+                if 2.0 * reach <= until:
+                    # The trend of what is short or fast leads nowhere: not beyond that of the means.
+                    past = function.moments(until - 2.0 * reach, until - reach, width)[0]
+                    ahead = 2.0 * mean - past
+                    low, high = np.minimum.reduce([past, mean, ahead]), np.maximum.reduce([past, mean, ahead])
+                    point = np.clip(point, low, high)
+                later = np.stack([2.0 * point - m0, m1, -m2])
             share = np.array([(b - begin) / (b - a)])
             moments[:, [k]] = carried(later, share, 0.5 * (1.0 - share))
             if a < until:
