@@ -85,6 +85,7 @@ CASES = [
     (lambda: vf.Pulse(1.0, 0.0, 0.0), "Pulse: duration"),
     (lambda: vf.Tabulated([0.0, 1.0], [1.0]), "expected two equal"),
     (lambda: vf.Tabulated([0.0, 0.0], [1.0, 2.0]), "must increase strictly"),
+    (lambda: vf.Tabulated([0.0, 1e-300, 1.0], [0.0, 1e50, 0.0]), "a slope beyond the range of double precision"),
     (lambda: vf.Tabulated([0.0, 1.0], [1.0, NAN]), "Tabulated: values holds nan"),
     (lambda: vf.Scene([]), "bodies is empty"),
     (lambda: vf.Scene([1.0]), "expected a Beam or a Mass"),

@@ -15,6 +15,7 @@ def catalogue() -> tuple[Case, ...]:
         bars,
         beams,
         faults,
+        loads,
         meshes,
         oscillators,
         published_modes,
@@ -27,7 +28,7 @@ def catalogue() -> tuple[Case, ...]:
     )
 
     parts = (
-        accumulation, bars, beams, faults, meshes, oscillators, rebounds, statics, units, two_masses,
+        accumulation, bars, beams, faults, loads, meshes, oscillators, rebounds, statics, units, two_masses,
         published_modes, published_runs, springpots,
     )  # fmt: skip
     cases = [case for part in parts for case in part.cases()]

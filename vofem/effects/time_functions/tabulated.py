@@ -25,6 +25,11 @@ class Tabulated(PiecewiseStraight):
         Strictly increasing times in s.
     values : array_like, shape (n,)
         In the unit of the load.
+
+    Raises
+    ------
+    ArgumentError
+        If shapes differ, times do not increase, or a slope is beyond the range of double precision.
     """
 
     t: Array
@@ -45,8 +50,16 @@ class Tabulated(PiecewiseStraight):
             )
         object.__setattr__(self, "t", times)
         object.__setattr__(self, "values", values)
-        slopes = np.concatenate([[0.0], np.diff(values) / np.diff(times), [0.0]])
-        object.__setattr__(self, "_slopes", slopes)
+        with np.errstate(over="ignore"):
+            slopes = np.diff(values) / np.diff(times)
+        if not np.all(np.isfinite(slopes)):
+            k = int(np.argmin(np.isfinite(slopes)))
+            raise ArgumentError(
+                f"Tabulated: between {times[k]:g} s and {times[k + 1]:g} s the values go from {values[k]:g} to "
+                f"{values[k + 1]:g}, a slope beyond the range of double precision; expected a smaller change or times "
+                "farther apart. For a jump use Pulse or Ramp"
+            )
+        object.__setattr__(self, "_slopes", np.concatenate([[0.0], slopes, [0.0]]))
 
     def __repr__(self) -> str:
         return f"Tabulated({self.t.size} values, {self.t[0]:g} to {self.t[-1]:g} s)"

@@ -56,9 +56,8 @@ class FixedSteps(Setting):
         """Take some steps."""
         first = self.done
         count = min(self.most_steps(chunk(self.state.q.size)), self.steps + 1 - first)
-        steps = np.arange(first, first + count, dtype=float)
-        middles = (steps + 0.5) * self.dt
-        values = self.load_values(self.bands.over.moments(steps * self.dt, (steps + 1.0) * self.dt))
+        middles = (np.arange(first, first + count, dtype=float) + 0.5) * self.dt
+        values = self.load_values(self.bands.over.steps(first, count, self.dt))
         cursor, events, solves, failed = _advance(
             self.matrices, self.factored, self.rows, with_state(self.laws, self.state.memory), self.forcing, values,
             first, count, self.state, self.trail, out, cursor, self.space, self.springpots(middles), self.step_pace,

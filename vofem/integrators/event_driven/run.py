@@ -24,6 +24,7 @@ from vofem.integrators.event_driven.truncated import (
     run_truncated,
     too_many_inputs,
 )
+from vofem.integrators.looked import loads_by_values
 from vofem.integrators.methods import EVENT_DRIVEN
 from vofem.integrators.registry import advice
 from vofem.integrators.rounding import graded
@@ -134,10 +135,12 @@ def run(
         truncated = run_truncated(system, start, t_end, times, truncation, follow)
         good = truncated is not None and truncated.truncation.error <= truncation
         if truncated is not None and (good or asked or system.size > FULL_AFTER_ALL):
+            truncated.notes += loads_by_values(system, t_end)
             return truncated
     if system.size > MOST_UNKNOWNS:
         raise MethodError(_too_large(system))
     solution = _follow(system, start, t_end, times, max_events, pin_fraction, watch, resume)
+    solution.notes += loads_by_values(system, t_end)
     if system.size > _LOSSY or graded(system):
         space = solution.space
         loss = system.cache.get(

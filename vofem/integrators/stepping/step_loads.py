@@ -14,19 +14,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.effects.time_functions import carried
+from vofem.integrators.looked import LOOKS, loads_by_values
 from vofem.system import Counters, LoadFunction, System
 
 Array = NDArray[np.float64]
 
-#: Times in a run, at least, at which a plain callable is evaluated.
-LOOKS = 20_000
-
 #: Equal parts of a step over which a step of half its size and the load's course within are told.
 PARTS = 16
 
-
-#: Steps in the shortest time of a smooth load from which on its values at the ends of steps tell it.
+#: Steps in the shortest time of a load that resolve it.
 _RESOLVED = 2.0
+
+#: Steps in the shortest time of a smooth load from which on its means over steps, or values at their ends, tell it.
+_SLOW = 4.0
+
+#: Part of a plain callable's values about the end of a step up to which what they do not tell of its mean is neglected.
+_TOLD = 1e-4
 
 #: Phase in rad by which motion may be late before it is told.
 _OFF = 0.02
@@ -82,14 +85,7 @@ def note_loads(system: System, dt: float | None, t_end: float, notes: list[str])
             f"{dt:.4g} s are large against its period; dt = {dt * np.sqrt(0.5 * _OFF / off):.3g} s holds it below "
             f"{0.5 * _OFF:g}"
         )
-    for load in system.loads:
-        width = min(load.function.looked, t_end / LOOKS)
-        if width > 0.0:
-            notes.append(
-                f"load: {load.name} is known by its values at times {width:.3g} s apart only, and what is shorter may "
-                "be missed; use Pulse, Tabulated or Sine, or Approximated(..., breaks=...) with the times of short "
-                "features"
-            )
+    notes += loads_by_values(system, t_end)
 
 
 def _lag(system: System, dt: float | None, t_end: float) -> tuple[float, str]:
@@ -124,7 +120,8 @@ class StepLoads:
     until : float
         End of the run in s. The last step may end later. Loads are never asked for values beyond the run, where a
         measured one may not be known: there a load is the image of what it was before the end, turned about the point
-        that its mean and its trend before the end lead to. A straight line goes on as it is.
+        that its mean and its trend before the end lead to, the latter not beyond that of means. A straight line goes
+        on as it is.
     """
 
     def __init__(self, system: System, counters: Counters) -> None:
@@ -150,16 +147,57 @@ class StepLoads:
 
         The first are means weighted by the hat that is 1 there and 0 a step away: sums over them have the impulse and
         the first moment of the load. At the start the hat has one side. The second are the m2 of the steps about. Of
-        loads without breakpoints that change little in a step the values themselves are taken.
+        loads without breakpoints that change little in a step the values themselves are taken; so are those of plain
+        callables where they tell the means.
         """
-        resolved = [f.closed_form and f.shortest(self.until) >= _RESOLVED * dt and not f.breakpoints(self.until).size
-                    for f in self.functions]  # fmt: skip
         means = self._hats(first, count, dt)
         # Values tell what is slow, as in the equations that the methods are known by.
-        for k in np.flatnonzero(resolved):
+        for k in np.flatnonzero(self._slow(dt)):
             times = np.minimum(np.arange(first, first + count, dtype=float) * dt, self.until)
             means[0, k], means[1, k] = self.functions[k](times), 0.0
+        for k, function in enumerate(self.functions):
+            if not function.closed_form and not function.breakpoints(self.until).size:
+                self._look(function, first, dt, means[:, k])
         return means
+
+    def steps(self, first: int, count: int, dt: float) -> Array:
+        """Return the moments over equal steps, shape (3, n_loads, count); the means alone of loads that are slow."""
+        steps = np.arange(first, first + count, dtype=float)
+        result = self.moments(steps * dt, (steps + 1.0) * dt)
+        result[1:, self._slow(dt)] = 0.0
+        return result
+
+    def _slow(self, dt: float) -> NDArray[np.bool_]:
+        """Return of each load whether its shape is known and it changes little in a step."""
+        return np.array(
+            [f.closed_form and f.shortest(self.until) >= _SLOW * dt and not f.breakpoints(self.until).size
+             for f in self.functions], dtype=bool,
+        )  # fmt: skip
+
+    def _look(self, function: LoadFunction, first: int, dt: float, means: Array) -> None:
+        """Put values of a plain callable in place of means, shape (2, count), where they tell the means.
+
+        A smooth function's mean follows from values one step apart, up to the fourth power of the step. Values that
+        do not tell the mean miss what happens within steps. Each end of a step is decided by itself, from the values
+        at it and its neighbours.
+        """
+        begin, count = max(first - 1, 0), means.shape[1]
+        last = min(max(first + count, 2), int(self.until / dt * (1.0 + 1e-12)))
+        if last < begin + 2:
+            return
+        values = function(np.minimum(np.arange(begin, last + 1, dtype=float) * dt, self.until))
+        three = np.lib.stride_tricks.sliding_window_view(values, 3)
+        told, at = three @ np.array([1.0, 10.0, 1.0]) / 12.0, begin + 1
+        if first == 0:
+            three = np.concatenate([three[:1], three])
+            told, at = np.append(three[0] @ np.array([7.0, 6.0, -1.0]) / 12.0, told), 0
+        nodes = np.arange(at, at + told.size)
+        wanted = (nodes >= first) & (nodes < first + count)
+        near = np.flatnonzero(
+            wanted & (np.abs(told - means[0, np.clip(nodes - first, 0, count - 1)]) <= _TOLD * np.max(np.abs(three), 1))
+        )
+        means[0, nodes[near] - first] = values[nodes[near] - begin]
+        means[1, nodes[near] - first] = 0.0
 
     def _hats(self, first: int, count: int, dt: float) -> Array:
         steps = np.arange(max(first - 1, 0), first + count, dtype=float)
@@ -191,12 +229,22 @@ class StepLoads:
         moments[:, near] = function.moments(left[near], np.minimum(right[near], until), width)
         for k in np.flatnonzero(~near):
             a, b = float(left[k]), float(right[k])
-            begin = max(a, until)
-            mirrored = 2.0 * until - b, 2.0 * until - begin
-            # A step longer than the run.
-            whole = mirrored[0] < 0.0
-            m0, m1, m2 = function.moments(0.0 if whole else mirrored[0], mirrored[1], width)
-            later = np.stack([m0, 0.0 * m1, 0.0 * m2]) if whole else np.stack([m0 + 12.0 * m1, m1, -m2])
+            begin, reach = max(a, until), b - until
+            if reach > until:
+                # A step longer than the run.
+                later = function.moments(0.0, until, width)
+                later[1:] = 0.0
+            else:
+                m0, m1, m2 = function.moments(until - reach, 2.0 * until - begin, width)
+                mean, trend, _ = function.moments(until - reach, until, width)
+                point = mean + 6.0 * trend
+                if 2.0 * reach <= until:
+                    # The trend of what is short or fast leads nowhere: not beyond that of the means.
+                    past = function.moments(until - 2.0 * reach, until - reach, width)[0]
+                    ahead = 2.0 * mean - past
+                    low, high = np.minimum.reduce([past, mean, ahead]), np.maximum.reduce([past, mean, ahead])
+                    point = np.clip(point, low, high)
+                later = np.stack([2.0 * point - m0, m1, -m2])
             share = np.array([(b - begin) / (b - a)])
             moments[:, [k]] = carried(later, share, 0.5 * (1.0 - share))
             if a < until:
