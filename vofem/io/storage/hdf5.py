@@ -223,14 +223,14 @@ def _verify(place: Path) -> None:
         if magic == _MAGIC:
             sound = _checksum(file, size - _TRAILER.size) == checksum
         else:
-            # Behind the data of a file without a trailer, which another program or an earlier version wrote, is nothing.
+            # A file without a trailer, of another program or an earlier version, ends with its data.
             file.seek(0)
             signature, version, width, _, _, base, _, end = _SUPERBLOCK.unpack(file.read(_SUPERBLOCK.size))
             sound = signature != _SIGNATURE or version not in (2, 3) or width != 8 or base + end >= size
     if not sound:
         raise StorageError(
-            f"{place} is damaged: its checksum is not that of the data, so bytes have changed since it was written; take "
-            "an undamaged copy, or run and write it again"
+            f"{place} is damaged: its checksum is not that of the data, so bytes have changed since it was written; "
+            "take an undamaged copy, or run and write it again"
         )
 
 
