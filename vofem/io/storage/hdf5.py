@@ -1,10 +1,19 @@
-"""HDF5 files, written whole or not at all, and read with errors that say what is wrong."""
+"""HDF5 files, written whole or not at all, and read with errors that say what is wrong.
+
+A trailer of `_MAGIC` and a CRC-32 of all that stands before it follows the
+data. It is compared before HDF5 opens the file, because HDF5 may end the
+process where it meets a damaged one. HDF5 ignores what follows its data, and
+removes the trailer when another program changes the file, which is then read
+as one of an earlier version, without the comparison.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import io
 import os
+import struct
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -19,6 +28,16 @@ _VERSIONS = ("v108", "v110")
 
 #: What every dataset with elements is written with: checked when read, and quick to compress.
 FILTERS: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True, "fletcher32": True}
+
+_MAGIC = b"vofem crc32:"
+_TRAILER = struct.Struct(f"<{len(_MAGIC)}sI")
+
+#: The first bytes of a file of HDF5 1.8 and later, and where these state the size of the data.
+_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+_SUPERBLOCK = struct.Struct("<8sBBBBQQQ")
+
+#: In bytes.
+_CHUNK = 2**20
 
 
 class GuardedFile(io.RawIOBase):
@@ -72,6 +91,11 @@ class GuardedFile(io.RawIOBase):
             except OSError as error:
                 self.error = error
         return size or 0
+
+    def seal(self) -> None:
+        """Write the trailer behind what is there."""
+        checksum = _checksum(self._file, self._file.seek(0, os.SEEK_END))
+        self.write(_TRAILER.pack(_MAGIC, checksum))
 
     def check(self) -> None:
         """Raise the error that was met, if any."""
@@ -128,6 +152,8 @@ def writing(path: Path, *, overwrite: bool = False) -> Iterator[Blocks]:
         try:
             with h5py.File(guard, "w", libver=_VERSIONS, track_order=True) as file:
                 yield Blocks(file, guard)
+            guard.check()
+            guard.seal()
         except Exception:
             # What HDF5 complains of after a failed write is a consequence.
             guard.check()
@@ -164,12 +190,48 @@ def reading(path: str | os.PathLike[str], expected: str = "a file that Result.sa
         what = "is a folder" if place.is_dir() else what
         raise StorageError(f"{place} {what}, expected {expected}; check the path")
     try:
+        _verify(place)
         with h5py.File(place, "r") as file:
             yield file
     except VofemError:
         raise
     except Exception as error:
         raise StorageError(f"{place} {_complaint(place, error, expected)}") from error
+
+
+def _checksum(file: Any, size: int) -> int:
+    """Return the CRC-32 of the first `size` bytes of a file; afterwards its place is behind them."""
+    file.seek(0)
+    checksum = 0
+    while size > 0:
+        data = file.read(min(size, _CHUNK))
+        if not data:
+            break
+        checksum = zlib.crc32(data, checksum)
+        size -= len(data)
+    return checksum
+
+
+def _verify(place: Path) -> None:
+    """Raise `StorageError` where a file has a trailer that does not fit its data, or remains of a trailer."""
+    with place.open("rb") as file:
+        size = file.seek(0, os.SEEK_END)
+        if size < _SUPERBLOCK.size + _TRAILER.size:
+            return
+        file.seek(size - _TRAILER.size)
+        magic, checksum = _TRAILER.unpack(file.read(_TRAILER.size))
+        if magic == _MAGIC:
+            sound = _checksum(file, size - _TRAILER.size) == checksum
+        else:
+            # A file without a trailer, of another program or an earlier version, ends with its data.
+            file.seek(0)
+            signature, version, width, _, _, base, _, end = _SUPERBLOCK.unpack(file.read(_SUPERBLOCK.size))
+            sound = signature != _SIGNATURE or version not in (2, 3) or width != 8 or base + end >= size
+    if not sound:
+        raise StorageError(
+            f"{place} is damaged: its checksum is not that of the data, so bytes have changed since it was written; "
+            "take an undamaged copy, or run and write it again"
+        )
 
 
 def _complaint(place: Path, error: Exception, expected: str) -> str:
