@@ -115,6 +115,18 @@ def test_a_tolerance_holds_across_a_pulse_also_between_steps(tol, stiffness):
     assert np.max(np.abs(result.displacement(m) - expected)) < 10.0 * tol * np.max(np.abs(expected))
 
 
+def test_a_tolerance_holds_under_a_sine_whose_phase_the_steps_might_follow():
+    """Steps that are large at one phase of the load only would add up to 1e-4."""
+    m = vf.Mass(1.0, 4.0)
+    omega, tol = 630.3, 1e-5
+    result = vf.simulate(
+        vf.Scene([m], [vf.PointLoad(m, vf.Sine(100.0, omega))]), 10.0, method="energy_conserving", tol=tol
+    )
+    t = result.times
+    expected = 100.0 / (4.0 - omega**2) * (np.sin(omega * t) - omega / 2.0 * np.sin(2.0 * t))
+    assert np.max(np.abs(result.displacement(m) - expected)) < 5.0 * tol * np.max(np.abs(expected))
+
+
 def test_work_of_a_short_load_balances_the_energy():
     m = vf.Mass(1.0, 4.0)
     scene = vf.Scene([m], [vf.PointLoad(m, vf.Pulse(1000.0, 5.0123, 1e-3))])

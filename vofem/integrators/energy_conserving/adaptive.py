@@ -56,6 +56,7 @@ class AdaptiveSteps(Ladder, Setting):
     def plan(self, t_end: float, tolerance: float) -> None:
         """Set the end in s and the tolerance."""
         self.climb(t_end, tolerance)
+        self.period = self.bands.over.period(t_end)
         self.steps, self.coarsest, self.beyond = 0, 0.0, False
         # Errors of contacts' velocities so far, m/s, added up; and the way, m, that they may make after an event.
         self.drift, self.unheld, self.farthest = 0.0, 0.0, 0.0

@@ -22,6 +22,12 @@ _TINY = 1e-300
 #: Halvings of the largest step with which a run begins.
 _FIRST = 6
 
+#: Error over its share below which a step may be doubled.
+_EASY = 0.2
+
+#: Steps in a period of a load above which their size may follow its phase.
+_MANY = 32
+
 
 class Ladder:
     """Where a run stands, the size of its next step, and what a step's error does to it.
@@ -38,10 +44,15 @@ class Ladder:
         Displacement that errors are related to, m.
     forced : int
         Steps that were accepted at the smallest size with an error beyond their share.
+    period : float
+        Of the fastest load, s. Steps that are large against it grow when all steps of a period allow it, and do not
+        follow its phase: the errors of large steps would all be made at the same phase, and add up.
+    uneasy : int
+        Time in ticks at which a step was refused or near its share for the last time.
     """
 
     #: What says where a run stands; the rest follows from the plan.
-    place: tuple[str, ...] = ("now", "rung", "forced", "size")
+    place: tuple[str, ...] = ("now", "rung", "forced", "size", "uneasy")
 
     def climb(self, t_end: float, tolerance: float) -> None:
         """Set the end in s and the tolerance."""
@@ -50,6 +61,7 @@ class Ladder:
         self.tick = self.largest / 2**RUNGS
         self.now, self.end = 0, _FEWEST * 2**RUNGS
         self.rung, self.forced, self.size = _FIRST, 0, 0.0
+        self.period, self.uneasy = 0.0, 0
 
     @property
     def time(self) -> float:
@@ -84,13 +96,19 @@ class Ladder:
         """Decide on a step by its error over its share; where it is refused the next one is half as long."""
         if not ratio <= 1.0 and not self.at_the_bottom:
             self.rung += 1
+            self.uneasy = self.now
             return False
         self.forced += not ratio <= 1.0
         return True
 
     def step_on(self, ratio: float) -> None:
         """Go on by the step that was accepted, and choose the size of the next one."""
+        length = self.length(self.rung)
         self.now += 2 ** (RUNGS - self.rung)
+        if not ratio < _EASY:
+            self.uneasy = self.now
+        patience = self.period / self.tick if self.period < _MANY * length else 0.0
         # The error over the step's length grows fourfold with a doubled step, and times stay multiples of steps.
-        if ratio < 0.2 and self.rung > 0 and self.now % 2 ** (RUNGS - self.rung + 1) == 0:
+        aligned = self.rung > 0 and self.now % 2 ** (RUNGS - self.rung + 1) == 0
+        if ratio < _EASY and aligned and self.now - self.uneasy >= patience:
             self.rung -= 1

@@ -137,6 +137,11 @@ class StepLoads:
             result[:, k] = self._of(function, left, right)
         return result
 
+    def period(self, t_end: float) -> float:
+        """Return the period in s of the fastest load within [0, t_end], or a few times its shortest part; 0 if none."""
+        shortest = min((function.shortest(t_end) for function in self.functions), default=np.inf)
+        return 2.0 * np.pi * shortest if np.isfinite(shortest) else 0.0
+
     def parts(self, left: float, right: float) -> Array:
         """Return the loads' moments over equal parts of one step, shape (3, n_loads, PARTS)."""
         edges = left + (right - left) * np.arange(PARTS + 1) / PARTS
