@@ -233,6 +233,7 @@ class HuntReference:
         u, rate = self.rows @ q, self.rows @ y[self.n : 2 * self.n]
         self.branch = [law.initial(a, b) for law, a, b in zip(self.laws, u, rate, strict=True)]
         t, cursor, found, self.until, self.quickest, self.fastest, switches = 0.0, 0, [], 0.0, 0.0, 0.0, 0
+        self.largest = float(np.max(np.abs(q)))
         while t < self.t_end:
             corner = next(c for c in self.corners if c > t)
             self.inside = t + 1e-12 * (corner - t), corner - 1e-9 * (corner - t)
@@ -248,6 +249,7 @@ class HuntReference:
                 dense, left, right = solver.dense_output(), solver.t_old, solver.t
                 rate = self._rhs(right, solver.y)
                 self.quickest = max(self.quickest, float(np.max(np.abs(rate[self.n : 2 * self.n]))))
+                self.largest = max(self.largest, float(np.max(np.abs(solver.y[: self.n]))))
                 self.fastest = max(self.fastest, float(np.max(np.abs(solver.y[self.n : 2 * self.n]))))
                 hit = self._first(dense, left, right)
                 if hit is not None:

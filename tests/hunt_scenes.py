@@ -95,8 +95,8 @@ def case(rng):
 
     point = points[0]
     smooth_past = rng.random() < 0.12
-    for k in range(rng.choice([0, 1, 1, 2])):
-        gap = rng.choice([0.0, decades(rng, -3, 0), decades(rng, -3, 0), 1e3])
+    for k in range(rng.choice([0, 1, 1, 1, 2, 2])):
+        gap = rng.choice([0.0, 0.0, *(decades(rng, -3, -0.5) for _ in range(6)), 1e3])
         law = rng.choice(["penetration", "penetration", "displacement"])
         switch = vf.Resolved(decades(rng, 1, 5)) if rng.random() < 0.15 and law == "penetration" else "ideal"
         stiffness = decades(rng, 2, 4 if smooth_past or switch != "ideal" else rng.choice([5, 8, 12]))
@@ -128,15 +128,15 @@ def case(rng):
             curves["curved"] = force
         if kind:
             words.append(kind)
-    for _ in range(rng.choice([0, 1, 1, 2])):
-        f, size = load(rng, t_end, words), decades(rng, -1, 1)
+    for _ in range(rng.choice([0, 1, 1, 1, 2] if isinstance(parts[0], vf.Mass) else [1, 1, 2])):
+        f, size = load(rng, t_end, words), decades(rng, 0, 1.5)
         if rng.random() < 0.2:
             effects.append(vf.BaseMotion(parts[0], _times(f, size)) if len(parts) == 1 else vf.PointLoad(point, f))
         else:
             effects.append(vf.PointLoad(point, _times(f, size)))
     initial = {}
-    if isinstance(parts[0], vf.Mass) and rng.random() < 0.85:
-        initial[parts[0]] = (0.0, rng.uniform(-2.0, 2.0))
+    if isinstance(parts[0], vf.Mass):
+        initial[parts[0]] = (0.0, rng.choice([-1.0, 1.0]) * decades(rng, -1, 0.5))
     scene = vf.Scene(parts, effects, initial)
     method, options = rng.choice(METHODS), {}
     pace = rng.choice(["default", "default", "dt", "dt", "tol"])

@@ -18,7 +18,12 @@ from hunt_scenes import case as random_case
 import vofem as vf
 
 #: Notes that say what was chosen, and not that anything is wrong.
-INFORMS = re.compile(r"^(step: dt = .* was chosen|step: the critical step of|storage:|chatter: under)")
+INFORMS = re.compile(
+    r"^(step: dt = .* was chosen|step: the critical step of|storage:|chatter: under|contacts: .* never closed)"
+)
+
+#: Notes that excuse an error of runs with `tol`, and of runs with steps of a given or a chosen size.
+EXCUSES = {True: re.compile(r"^tol:"), False: re.compile(r"^(load|step|steps|resolved?|chatter|energy|contacts)\b")}
 
 #: Of the largest displacement, without `tol`.
 ACCURATE = 0.02
@@ -31,7 +36,7 @@ def fault(case, budget=3_000):
     except vf.VofemError:
         return None
     told = [note for note in result.notes if not INFORMS.match(note)]
-    if told and "tol" not in case.options:
+    if any(EXCUSES["tol" in case.options].match(note) for note in told):
         return None
     times, got = result.times, result.samples.q
     if case.laws["springpot"]:
@@ -52,7 +57,7 @@ def fault(case, budget=3_000):
         until, quickest, fastest = reference.until, reference.quickest, reference.fastest
         other = reference.run(times, budget, shift=1e-8 * max(fastest, 1e-3))
         count = min(exact.shape[1], other.shape[1])
-        size = float(np.max(np.abs(exact), initial=0.0))
+        size = reference.largest
         apart = np.max(np.abs(exact[:, :count] - other[:, :count]), axis=0, initial=0.0)
         agree = np.maximum.accumulate(apart) <= 1e-4 * size
         exact, kept = exact[:, :count][:, agree], np.zeros(times.size, dtype=bool)
@@ -62,11 +67,8 @@ def fault(case, budget=3_000):
     error = float(np.max(np.abs(got[:, kept] - exact))) / size
     if "tol" in case.options:
         allowed = 10.0 * case.options["tol"] + (5e-3 if case.laws["springpot"] else 0.0)
-        return (
-            None
-            if error <= allowed
-            else f"error {error:.2e} of {size:.2e} m by {until:.3g} s, tol {case.options['tol']:.0e}, notes {told}"
-        )
+        said = f"error {error:.2e} of {size:.2e} m by {until:.3g} s, tol {case.options['tol']:.0e}, notes {told}"
+        return None if error <= allowed else said
     # A method of second order falls behind in phase: what that makes of the motion is no fault of one run.
     dt = getattr(result.solution, "dt", case.options.get("dt", 0.0))
     omega = quickest / max(fastest, 1e-300)
@@ -75,10 +77,11 @@ def fault(case, budget=3_000):
     allowed = ACCURATE + behind
     if error <= min(allowed, 1.0) or (allowed > 1.0 and error <= 2.5):
         return None
-    return f"error {error:.2e} of {size:.2e} m by {until:.3g} s, allowed {allowed:.1e}, omega dt {omega * dt:.1e}"
+    said = f"error {error:.2e} of {size:.2e} m by {until:.3g} s, allowed {allowed:.1e}"
+    return f"{said}, omega dt {omega * dt:.1e}, notes {told}"
 
 
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", range(14))
 def test_right_or_told(seed):
     case = random_case(random.Random(seed))
     assert fault(case, budget=600) is None, " | ".join(case.words)
@@ -87,6 +90,7 @@ def test_right_or_told(seed):
 def campaign(first, last):
     """Print the faults of the seeds from `first` to below `last`."""
     for seed in range(first, last):
+        print(f"\r{seed}", end="", file=sys.stderr, flush=True)
         case = None
         try:
             case = random_case(random.Random(seed))
