@@ -157,7 +157,7 @@ class StepLoads:
         """
         means = self._hats(first, count, dt)
         # Values tell what is slow, as in the equations that the methods are known by.
-        for k in np.flatnonzero(self._slow(dt)):
+        for k in np.flatnonzero(self._slow(dt)).tolist():
             times = np.minimum(np.arange(first, first + count, dtype=float) * dt, self.until)
             means[0, k], means[1, k] = self.functions[k](times), 0.0
         for k, function in enumerate(self.functions):

@@ -32,9 +32,8 @@ _FAST = 630.3
 
 def cases() -> Iterator[Case]:
     """Yield the cases."""
-    spike = Tabulated(
-        [0.0, _BEGIN, _BEGIN + 0.5 * _WIDTH, _BEGIN + _WIDTH, 10.0], [0.0, 0.0, _HEIGHT, 0.0, 0.0]
-    )  # fmt: skip
+    corners = np.array([0.0, _BEGIN, _BEGIN + 0.5 * _WIDTH, _BEGIN + _WIDTH, 10.0])
+    spike = Tabulated(corners, np.array([0.0, 0.0, _HEIGHT, 0.0, 0.0]))
     yield _case("pulse of 1 ms", Pulse(_HEIGHT, _BEGIN, _WIDTH), _pulse, 1e-3)
     yield _case("spike of 1 ms in a table", spike, _spike, 1e-3)
     yield _case("spike of 1 ms in the motion of the base", spike, lambda t: -_spike(t), 1e-3, base=True)
