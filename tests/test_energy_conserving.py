@@ -286,3 +286,22 @@ def test_energy_of_random_chains(data):
     assert np.max(np.abs(energy.balance)) <= 1e-10 * np.max(energy.total) + 1e-14 * jumps + ramps
     forces = [result.contacts[c.name].force for c in contacts]
     assert all(np.all(force >= 0.0) for force in forces)
+
+
+@pytest.mark.parametrize("seed", [6, 13, 30])
+def test_stops_much_stiffer_than_light_masses_at_large_steps(seed):
+    """A law 1e12 times stiffer than the structure over a step: its force rounds by more than any bound on forces."""
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(2, 5))
+    masses = [vf.Mass(rng.uniform(0.04, 0.1), stiffness=10 ** rng.uniform(-3, 3), name=f"{k}") for k in range(count)]
+    stops = []
+    for k in range(4):
+        pair = [masses[i] for i in rng.permutation(count)[: int(rng.integers(1, 3))]]
+        law = {"gap": 0.0, "stiffness": 10 ** rng.uniform(4, 9), "acts_on": "displacement", "name": f"stop {k}"}
+        side = {"side": str(rng.choice(["above", "below"]))} if len(pair) == 1 else {}
+        stops.append(vf.Contact(*pair, **law, **side))
+    initial = {mass: (rng.uniform(-1, 1), rng.uniform(-1.5, 1.5)) for mass in masses}
+    result = vf.simulate(vf.Scene(masses, stops, initial), 2000.0, dt=10.0, **METHOD)
+    energy = result.energy
+    # Coordinates round at 1e-16 of 1 m or more in every step, and forces by 1e12 times as much of what they are.
+    assert np.max(np.abs(energy.balance)) <= 1e-6 * np.max(energy.total)

@@ -121,25 +121,30 @@ def test_a_resolved_switch(resolution):
     assert np.max(np.abs(result.displacement(mass) - right)) < 1e-4 * np.max(np.abs(right))
 
 
-def test_fast_motion_that_meets_a_contact_again_is_told():
-    """A mass that hits a beam: the beam's fast modes, which the tolerance does not hold, decide on the next impact."""
+@pytest.mark.parametrize(("stiffness", "law"), [(1e4, "penetration"), (1e8, "displacement")])
+def test_a_mass_that_hits_a_beam_is_right_or_told(stiffness, law):
+    """The beam's fast modes, which hardly move anything, decide on the next impact; event_driven is exact."""
     beam = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "pinned", "right": "pinned"}, name="beam")
     mass = vf.Mass(0.3, name="m")
-    stop = vf.Contact(mass, beam.at(0.5), gap=0.1, stiffness=1e4, acts_on="penetration", name="stop")
+    stop = vf.Contact(mass, beam.at(0.5), gap=0.1, stiffness=stiffness, acts_on=law, name="stop")
     scene = vf.Scene([beam, mass], [stop], {mass: (0.0, 1.0)})
-    result = vf.simulate(scene, 2.0, tol=1e-3, **METHOD)
-    assert any(note.startswith("tol:") and "contacts close" in note for note in result.notes)
+    times = np.linspace(0.0, 2.0, 401)
+    exact = vf.simulate(scene, 2.0, times=times).displacement(mass)
+    result = vf.simulate(scene, 2.0, tol=1e-2, times=times, **METHOD)
+    off = np.max(np.abs(result.displacement(mass) - exact)) / np.max(np.abs(exact))
+    assert off < 10.0 * 1e-2 or any(note.startswith("tol: displacements may") for note in result.notes)
 
 
-def test_a_size_that_is_never_reached_is_told():
-    """The rough run sees a fast load as a slow one, so the tolerance is related to a motion that never comes."""
+def test_a_load_faster_than_the_rough_run_does_not_spoil_the_size():
+    """The rough run takes a hundredth of a second a step, the load turns every hundredth; loads enter by moments."""
     mass = vf.Mass(1.0, stiffness=4.0)
     omega = 2.0 * np.pi * 100.0 + 2.0
     scene = vf.Scene([mass], [vf.PointLoad(mass, lambda t: 100.0 * np.sin(omega * t))])
-    result = vf.simulate(scene, 10.0, tol=1e-3, **METHOD)
-    largest = np.max(np.abs(result.displacement(mass)))
-    assert largest < 1.0
-    assert any("a rough run" in note for note in result.notes)
+    times = np.linspace(0.0, 10.0, 301)
+    result = vf.simulate(scene, 10.0, tol=1e-3, times=times, **METHOD)
+    right = 100.0 / (4.0 - omega**2) * (np.sin(omega * times) - 0.5 * omega * np.sin(2.0 * times))
+    assert np.max(np.abs(result.displacement(mass) - right)) < 1e-2 * np.max(np.abs(right))
+    assert not any(note.startswith("tol:") for note in result.notes)
 
 
 def test_interpolation_between_contradicting_ends_stays_between_them():

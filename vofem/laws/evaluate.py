@@ -85,6 +85,13 @@ def mean_and_slope(laws: Laws, j: int, u0: float, u1: float) -> tuple[float, flo
 
 
 @jit
+def tangent_jumps(laws: Laws, j: int) -> bool:
+    """Return whether the tangent of a law may jump within a step: contacts, and laws with internal variables."""
+    kind = laws.table[j]["kind"]
+    return kind <= RESOLVED or kind >= HYPERBOLIC
+
+
+@jit
 def closed_share(laws: Laws, j: int, u0: float, u1: float) -> float:
     """Return the length of the path from u0 to u1 on which a contact's damper acts, with its sign."""
     return damper_path(laws.table[j], u0, u1)
@@ -126,3 +133,8 @@ def loaded(laws: Laws, u: Array, past: Array | None) -> Laws:
         commit_all(laws, u)
         laws.state[laws.table["start"][laws.table["kind"] >= HYPERBOLIC]] = 0.0
     return laws
+
+
+def may_jump(laws: Laws) -> bool:
+    """Return whether the tangent of any law may jump."""
+    return any(tangent_jumps(laws, j) for j in range(laws.table.size))

@@ -29,7 +29,7 @@ from vofem.integrators.methods import ENERGY_CONSERVING
 from vofem.integrators.stepping.ladder import Ladder
 from vofem.integrators.stepping.record import Output, Trail
 from vofem.integrators.stepping.step_loads import PARTS, joined, swing
-from vofem.laws.evaluate import commit_all
+from vofem.laws.evaluate import commit_all, force_and_tangent, tangent_jumps
 from vofem.laws.rows import Rows, dot
 from vofem.laws.springpot import History, Pace, Springpots, carry_on, impose
 from vofem.laws.table import Laws, with_state
@@ -44,6 +44,9 @@ _CHUNK = 256
 #: Change of velocity in one half of a step, over that of the impact, up to which a step resolves a contact.
 _RESOLVED = 0.25
 
+#: Tangent of a law over that of the rest of its step, up to which a step resolves a jump of it: the same measure.
+_SOFT = 0.5 * _RESOLVED**2
+
 #: Way that an unresolved change of velocity would make until the end, over the tolerance, up to which it is let pass.
 _HARMLESS = 0.1
 
@@ -51,15 +54,18 @@ _HARMLESS = 0.1
 class AdaptiveSteps(Ladder, Setting):
     """A run of steps chosen by their error."""
 
-    place: tuple[str, ...] = (*Ladder.place, "steps", "coarsest", "beyond", "drift", "unheld", "farthest")
+    place: tuple[str, ...] = (
+        *Ladder.place, "tolerance", "steps", "coarsest", "beyond", "farthest", "coarser", "fineness",
+    )  # fmt: skip
 
-    def plan(self, t_end: float, tolerance: float) -> None:
-        """Set the end in s and the tolerance."""
+    def plan(self, t_end: float, tolerance: float, fineness: float = 1.0) -> None:
+        """Set the end in s, the tolerance, and how finely impacts are resolved, over what is done by default."""
         self.climb(t_end, tolerance)
         self.period = self.bands.over.period(t_end)
-        self.steps, self.coarsest, self.beyond = 0, 0.0, False
-        # Errors of contacts' velocities so far, m/s, added up; and the way, m, that they may make after an event.
-        self.drift, self.unheld, self.farthest = 0.0, 0.0, 0.0
+        self.steps, self.coarsest, self.beyond, self.fineness = 0, 0.0, False, fineness
+        self.farthest = 0.0
+        # What a run of a coarser tolerance found at the times of `check_times`, in band order.
+        self.coarser = np.empty((0, 0))
         self.ladder: dict[int, Factored] = {}
         n, m = self.state.q.size, self.state.u.size
         self.trial, self.tried = np.zeros((6, n)), np.zeros((3, m))
@@ -71,8 +77,12 @@ class AdaptiveSteps(Ladder, Setting):
     def measure(self, displacement: Array) -> None:
         """Set the size that errors are related to from a rough run, shape (n, n_times)."""
         # A scene that starts from rest has no size of its own before it has moved.
+        self.size = self.largest_of(displacement)
+
+    def largest_of(self, displacement: Array) -> float:
+        """Return the largest of displacements in band order, shape (n, n_times), in m; rotations by their arms."""
         self.weight = self.bands.system.scale[self.bands.order]
-        self.size = float(np.max(np.abs(self.weight[:, None] * displacement), initial=0.0))
+        return float(np.max(np.abs(self.weight[:, None] * displacement), initial=0.0))
 
     @property
     def finished(self) -> bool:
@@ -112,10 +122,10 @@ class AdaptiveSteps(Ladder, Setting):
             paces = self._pace(self.rung), self._pace(self.rung + 1)
             state = self.state
             laws = with_state(self.laws, state.memory)
-            solves, rough, smooth, kick, stray = _try(
+            solves, rough, smooth, kick = _try(
                 self.matrices, self._rung(max(self.rung - 3, 0)).structure.factored, whole, half, self.rows, laws,
                 self.forcing, values, state, self.trial, self.tried, self.weight, self.space, self.past,
-                springpots, *paces, self.history, self.ahead,
+                springpots, *paces, self.history, self.ahead, self.fineness,
             )  # fmt: skip
             self.complain(dt)
             if solves < 0 and self.at_the_bottom:
@@ -135,9 +145,6 @@ class AdaptiveSteps(Ladder, Setting):
                 self.tried, self.trail, out, cursor, self.space, springpots, paces[1], self.history,
             )  # fmt: skip
             self.beyond = self.now >= self.end
-            self.drift += stray
-            if events.size:
-                self.unheld = max(self.unheld, self.drift * (self.t_end - self.time))
             self.farthest = max(self.farthest, float(np.max(self.weight * np.abs(state.q))))
             self.step_on(ratio)
             self.coarsest = max(self.coarsest, half.dt)
@@ -170,15 +177,15 @@ class AdaptiveSteps(Ladder, Setting):
 def _try(
     matrices: Matrices, filtering: Array, whole: Factored, half: Factored, rows: Rows, laws: Laws, total: Forcing,
     values: Array, state: State, trial: Array, tried: Array, weight: Array, space: Scratch, past: Array,
-    springpots: Springpots, pace: Pace, half_pace: Pace, history: History, ahead: History,
-) -> tuple[int, float, float, float, float]:  # fmt: skip
+    springpots: Springpots, pace: Pace, half_pace: Pace, history: History, ahead: History, fineness: float,
+) -> tuple[int, float, float, float]:  # fmt: skip
     """Take a step whole and in halves; return contact solves, two errors of displacements, and unresolved impacts.
 
     The second error is smoothed: ``(A^-1 M)^2`` of the first, A the matrix of
     a step eight times as long, which leaves what the step resolves well. Where
     a contact acts the first one holds the error of velocities times the step
-    too. The last numbers, in m/s, are the largest change of a contact's velocity
-    that the step does not resolve and, while none acts, the error of their velocities.
+    too. The last number, in m/s, is the largest change of a law's velocity that
+    the step does not resolve.
     The state stays as it is: mean velocities of the halves are left in
     `trial[0]` and `trial[1]`, reactions in `tried[0]` and `tried[1]`.
     """
@@ -197,7 +204,7 @@ def _try(
     tried[0][:] = state.reaction
     b = step(matrices, half, rows, laws, total.push, state.q, state.v, state.u, first, tried[0], space)
     if a < 0 or b < 0:
-        return -1, 0.0, 0.0, 0.0, 0.0
+        return -1, 0.0, 0.0, 0.0
     for i in range(n):
         q[i] = state.q[i] + half.dt * first[i]
         v[i] = 2.0 * (first[i] + total.shift[i]) - state.v[i]
@@ -220,21 +227,17 @@ def _try(
     if past.size > 0:
         state.memory[:] = past
     if c < 0:
-        return -1, 0.0, 0.0, 0.0, 0.0
-    rough, smooth, kick, stray = 0.0, 0.0, 0.0, 0.0
+        return -1, 0.0, 0.0, 0.0
+    rough, smooth, kick = 0.0, 0.0, 0.0
     acts = False
-    if state.status.size > 0:
+    if m > 0:
         for i in range(n):
             end[i] = second[i] + (second[i] - v[i])
-        acts, kick = _impact(rows, laws, state, half.dt, u, v, second, end)
+        acts, kick = _impact(rows, laws, state, half.dt, u, v, second, end, tried, fineness)
     if acts:
         # Where a stop is stiff, steps of any size end at it: their displacements agree and their velocities do not.
         for i in range(n):
             rough = max(rough, weight[i] * whole.dt * abs(full[i] + (full[i] - state.v[i]) - end[i]) / 3.0)
-    else:
-        for j in range(state.status.size):
-            off = 2.0 * dot(rows, j, full) - dot(rows, j, state.v) - dot(rows, j, end)
-            stray = max(stray, abs(off) / 3.0)
     # Else velocities are not asked: those of fast modes, which hardly move anything, would dictate the step.
     for i in range(n):
         # From velocities: of displacements, the shortest steps change nothing but the last digits.
@@ -248,31 +251,46 @@ def _try(
             q[i] = -v[i]
     for i in range(n):
         smooth = max(smooth, weight[i] * abs(q[i]))
-    return a + b + c, rough, smooth, kick, stray
+    return a + b + c, rough, smooth, kick
 
 
 @jit
 def _impact(
-    rows: Rows, laws: Laws, state: State, dt: float, u: Array, v: Array, second: Array, end: Array
+    rows: Rows, laws: Laws, state: State, dt: float, u: Array, v: Array, second: Array, end: Array, tried: Array,
+    fineness: float,
 ) -> tuple[bool, float]:  # fmt: skip
-    """Return whether a contact acts in two halves of a step, and the largest change of velocity not resolved, m/s.
+    """Return whether a law's tangent jumps in two halves of a step, and the largest change of rate not resolved, m/s.
 
     With a stiffness k on a mass m at penetration s the velocity of the impact
     is ``sqrt(r^2 + k s^2/m)``, r the rate: as ``k s/m`` is the change of rate
     per time, it needs no mass to be known. A contact that is held closed by
     what lies on it has a large one too, and its trembling passes for resolved.
+    Any other law is asked for its tangents k at the ends of the halves; ``k dt^2/2m`` follows from
+    the change of rate ``R dt/m`` that comes with its reaction R.
     """
     acts, kick = False, 0.0
-    for j in range(state.status.size):
-        gap = laws.table[j]["gap"]
+    for j in range(state.u.size):
         last = u[j] + dt * dot(rows, j, second)
-        deepest = max(state.u[j], u[j], last) - gap
+        r0, r1, r2 = dot(rows, j, state.v), dot(rows, j, v), dot(rows, j, end)
+        change = max(abs(r1 - r0), abs(r2 - r1))
+        if j >= state.status.size:
+            if tangent_jumps(laws, j):
+                k0 = force_and_tangent(laws, j, state.u[j])[1]
+                k1 = force_and_tangent(laws, j, u[j])[1]
+                k2 = force_and_tangent(laws, j, last)[1]
+                stiff = max(abs(k0), abs(k1), abs(k2))
+                if max(abs(k1 - k0), abs(k2 - k1)) > 0.5 * stiff:
+                    acts = True
+                    reaction = max(abs(tried[0, j]), abs(tried[1, j]))
+                    if 0.5 * stiff * change * dt > _SOFT / fineness**2 * reaction:
+                        kick = max(kick, change)
+            continue
+        deepest = max(state.u[j], u[j], last) - laws.table[j]["gap"]
         if deepest <= 0.0:
             continue
         acts = True
-        r0, r1, r2 = dot(rows, j, state.v), dot(rows, j, v), dot(rows, j, end)
-        change = max(abs(r1 - r0), abs(r2 - r1))
-        if change * change > _RESOLVED**2 * (max(r0 * r0, r1 * r1, r2 * r2) + deepest * change / dt):
+        speed = max(r0 * r0, r1 * r1, r2 * r2) + deepest * change / dt
+        if change * change > (_RESOLVED / fineness) ** 2 * speed:
             kick = max(kick, change)
     return acts, kick
 

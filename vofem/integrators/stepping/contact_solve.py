@@ -22,6 +22,9 @@ Array = NDArray[np.float64]
 _MOST = 200
 _EPS = float(np.finfo(float).eps)
 
+#: Newton steps after which a residual that is the rounding of its own terms is the best that can be had.
+_PATIENCE = 30
+
 
 def compliance(rows: Rows, factored: Array) -> Array:
     """Return ``B A^-1 B'`` of factored A, shape (n_rows, n_rows)."""
@@ -143,7 +146,7 @@ def _many(
                 matrix[a, b] += slope[index[a]] * compliance[index[a], index[b]]
         solution = np.linalg.solve(matrix, right)
         change, move = np.zeros(m), np.zeros(m)
-        still = True
+        still, rounded = True, True
         for a in range(size):
             change[index[a]] = solution[a]
         # Rounding of a steep law can keep the last digits from settling: the demand is lowered as steps go by.
@@ -154,7 +157,10 @@ def _many(
                 move[i] -= compliance[i, index[a]] * solution[a]
                 scale += abs(compliance[i, index[a]] * reaction[index[a]])
             still = still and abs(move[i]) <= 4.0 * _EPS * scale
-        settled = settled or still
+            # What the rounding of u does to the force of a law much stiffer than the structure may exceed all else.
+            noise = 4.0 * _EPS * (abs(force[i]) + abs(reaction[i]) + slope[i] * scale)
+            rounded = rounded and abs(force[i] - reaction[i]) <= noise
+        settled = settled or still or (rounded and step >= _PATIENCE)
         length = 1.0
         if not settled:
             length = _line_search(laws, u0, u, move, reaction, change, mean, rate, drag)
