@@ -319,7 +319,7 @@ def test_a_step_that_is_tried_leaves_no_trace():
     found = adaptive._try(
         kernel.matrices, whole.structure.factored, whole, half, kernel.rows, kernel.laws, kernel.forcing, values,
         state, kernel.trial, kernel.tried, np.ones(1), kernel.space, kernel.past,
-        kernel.springpots(np.zeros(3)), kernel._pace(0), kernel._pace(1), kernel.history, kernel.ahead,
+        kernel.springpots(np.zeros(3)), kernel._pace(0), kernel._pace(1), kernel.history, kernel.ahead, 1.0,
     )  # fmt: skip
     assert found[0] >= 0
     assert kernel.tried[0][0] > 5.0

@@ -422,7 +422,7 @@ def test_a_step_that_is_tried_leaves_no_trace():
         kernel.matrices, kernel._rung(0).structure.factored, kernel._rung(0), kernel._rung(1), kernel.rows, kernel.laws,
         kernel.forcing, kernel._loads(0.0, kernel.largest, kernel._rung(1))[0], kernel.state, kernel.trial,
         kernel.tried, np.ones(1), kernel.space, kernel.past, kernel.springpots(middles), kernel._pace(0),
-        kernel._pace(1), kernel.history, kernel.ahead,
+        kernel._pace(1), kernel.history, kernel.ahead, 1.0,
     )  # fmt: skip
     assert found[0] >= 0
     assert not np.array_equal(kernel.ahead.y, before[0])
