@@ -61,6 +61,7 @@ class AdaptiveSteps(Ladder, Setting):
     def plan(self, t_end: float, tolerance: float, fineness: float = 1.0) -> None:
         """Set the end in s, the tolerance, and how finely impacts are resolved, over what is done by default."""
         self.climb(t_end, tolerance)
+        self.weight = self.bands.system.scale[self.bands.order]
         self.period = self.bands.over.period(t_end)
         self.steps, self.coarsest, self.beyond, self.fineness = 0, 0.0, False, fineness
         self.farthest = 0.0
@@ -81,7 +82,6 @@ class AdaptiveSteps(Ladder, Setting):
 
     def largest_of(self, displacement: Array) -> float:
         """Return the largest of displacements in band order, shape (n, n_times), in m; rotations by their arms."""
-        self.weight = self.bands.system.scale[self.bands.order]
         return float(np.max(np.abs(self.weight[:, None] * displacement), initial=0.0))
 
     @property

@@ -172,7 +172,6 @@ def _compare(kernel: AdaptiveSteps, system: System, start: State, tol: float) ->
     trial = AdaptiveSteps(system, start, Counters(), kernel.t_end)
     trial.plan(kernel.t_end, _COARSER * tol, 0.5)
     trial.size = kernel.size
-    trial.largest_of(np.empty((start.q.size, 0)))
     out, hit = _trial(trial)
     if hit:
         # This run knows better than the pilot how far things move.
