@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -150,6 +151,30 @@ class LawGroup:
         found = [force_and_tangent(laws, first + i, x) for i, x in enumerate(u.tolist())]
         reaction, tangent = np.array(found).reshape(-1, 2).T
         return reaction, tangent, np.full(u.size, CLOSED, dtype=np.int64)
+
+
+@dataclass(frozen=True)
+class ListedLaws(LawGroup):
+    """A group that holds its laws as objects with a `name` and a `label`, one per row.
+
+    Attributes
+    ----------
+    rows : csr_matrix, shape (n_laws, n)
+    laws : tuple
+    """
+
+    rows: csr_matrix
+    laws: tuple[Any, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the laws."""
+        return tuple(law.name for law in self.laws)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names with the class of their effects."""
+        return tuple(law.label for law in self.laws)
 
 
 def past_of(groups: Sequence[LawGroup], states: Array, name: str) -> Array | None:

@@ -24,14 +24,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.laws.backbone import backbone, backbone_mean
-from vofem.laws.group import LawGroup
+from vofem.laws.group import LawGroup, ListedLaws
 from vofem.laws.kinds import HYPERBOLIC, JENKINS
 from vofem.laws.paper import no_modes, path_needed
 from vofem.laws.table import Laws
 from vofem.linalg.jit import jit
 
 if TYPE_CHECKING:
-    from scipy.sparse import csr_matrix
+    pass
 
 Array = NDArray[np.float64]
 
@@ -107,7 +107,7 @@ class HystereticLaw:
 
 
 @dataclass(frozen=True)
-class HystereticLaws(LawGroup):
+class HystereticLaws(ListedLaws):
     """Laws with internal variables, one per row.
 
     Attributes
@@ -120,18 +120,7 @@ class HystereticLaws(LawGroup):
     kind: ClassVar[str] = "springs with memory"
     recorded: ClassVar[bool] = True
 
-    rows: csr_matrix
     laws: tuple[HystereticLaw, ...]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the springs."""
-        return tuple(law.name for law in self.laws)
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Names with the class of the effect."""
-        return tuple(law.label for law in self.laws)
 
     def nonlinearity(self, method: str) -> str:
         """Return why the force is not piecewise linear in the displacement."""

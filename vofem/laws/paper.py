@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.laws.group import LawGroup
+from vofem.laws.group import LawGroup, ListedLaws
 
 if TYPE_CHECKING:
-    from scipy.sparse import csr_matrix
+    pass
 
 Array = NDArray[np.float64]
 
@@ -60,7 +60,7 @@ class PrintedLaw:
 
 
 @dataclass(frozen=True)
-class PrintedLaws(LawGroup):
+class PrintedLaws(ListedLaws):
     """The one law of this kind in a system of one degree of freedom.
 
     Attributes
@@ -74,23 +74,12 @@ class PrintedLaws(LawGroup):
     recorded: ClassVar[bool] = True
     applied_force: ClassVar[bool] = True
 
-    rows: csr_matrix
     laws: tuple[PrintedLaw, ...]
 
     @property
     def law(self) -> PrintedLaw:
         """The law."""
         return self.laws[0]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The spring's name."""
-        return (self.law.name,)
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Name with the class of the effect."""
-        return (self.law.label,)
 
     def nonlinearity(self, method: str) -> str:
         """Return why the force is not piecewise linear."""

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.laws.group import LawGroup
+from vofem.laws.group import LawGroup, ListedLaws
 from vofem.laws.kinds import CALLED
 
 if TYPE_CHECKING:
-    from scipy.sparse import csr_matrix
+    pass
 
 Array = NDArray[np.float64]
 
@@ -130,7 +130,7 @@ def mean_reaction(law: ScalarLaw, u0: float, u1: float) -> float:
 
 
 @dataclass(frozen=True)
-class SmoothLaws(LawGroup):
+class SmoothLaws(ListedLaws):
     """Laws written in Python, one per row.
 
     Attributes
@@ -143,18 +143,7 @@ class SmoothLaws(LawGroup):
     kind: ClassVar[str] = "nonlinear springs"
     bounded: ClassVar[bool] = False
 
-    rows: csr_matrix
     laws: tuple[ScalarLaw, ...]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the springs."""
-        return tuple(law.name for law in self.laws)
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Names with the class of the effect."""
-        return tuple(law.label for law in self.laws)
 
     def nonlinearity(self, method: str) -> str:
         """Return why the force is not piecewise linear."""

@@ -21,13 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import ArgumentError, VofemError
-from vofem.laws.group import LawGroup
+from vofem.laws.group import LawGroup, ListedLaws
 from vofem.laws.kinds import AFFINE
 from vofem.laws.table import Laws
 from vofem.linalg.jit import jit
 
 if TYPE_CHECKING:
-    from scipy.sparse import csr_matrix
+    pass
 
 Array = NDArray[np.float64]
 
@@ -101,7 +101,7 @@ class SpringpotLaw:
 
 
 @dataclass(frozen=True)
-class SpringpotLaws(LawGroup):
+class SpringpotLaws(ListedLaws):
     """Springpots, one per row.
 
     Attributes
@@ -115,18 +115,7 @@ class SpringpotLaws(LawGroup):
     recorded: ClassVar[bool] = True
     static: ClassVar[bool] = False
 
-    rows: csr_matrix
     laws: tuple[SpringpotLaw, ...]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the springpots."""
-        return tuple(law.name for law in self.laws)
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Names with the class of the effect."""
-        return tuple(law.label for law in self.laws)
 
     def nonlinearity(self, method: str) -> str:
         """Return why the present displacement does not decide the force."""
