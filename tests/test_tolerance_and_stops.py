@@ -135,6 +135,16 @@ def test_a_mass_that_hits_a_beam_is_right_or_told(stiffness, law):
     assert off < 10.0 * 1e-2 or any(note.startswith("tol: displacements may") for note in result.notes)
 
 
+def test_times_may_be_asked_for_twice():
+    """The comparison with a coarser run takes each of its own times once."""
+    mass = vf.Mass(1.0)
+    stop = vf.Contact(mass, gap=0.5, stiffness=1e6, side="above", acts_on="penetration")
+    scene = vf.Scene([mass], [stop], {mass: (0.0, 1.0)})
+    result = vf.simulate(scene, 3.0, tol=1e-2, times=[0.0, 0.0, 1.5, 3.0, 3.0], **METHOD)
+    assert result.displacement(mass)[-1] == result.displacement(mass)[-2]
+    assert abs(result.displacement(mass)[-1] + 2.0) < 10.0 * 1e-2 * 2.0
+
+
 def test_a_load_faster_than_the_rough_run_does_not_spoil_the_size():
     """The rough run takes a hundredth of a second a step, the load turns every hundredth; loads enter by moments."""
     mass = vf.Mass(1.0, stiffness=4.0)

@@ -30,6 +30,7 @@ from vofem.integrators.base import ProbeRows
 from vofem.integrators.energy_conserving.adaptive import AdaptiveSteps
 from vofem.integrators.energy_conserving.fixed import FixedSteps
 from vofem.integrators.methods import ENERGY_CONSERVING
+from vofem.integrators.registry import advice
 from vofem.integrators.stepped import SteppedSolution, step_count, storage_times
 from vofem.integrators.stepping.checks import check_times
 from vofem.integrators.stepping.march import march, note_chatter, stored_energy
@@ -146,13 +147,14 @@ def _tell(kernel: AdaptiveSteps, out: Output, tol: float, notes: list[str]) -> N
         )
     if kernel.coarser.size:
         checks = check_times(kernel.t_end, None, kernel.state.q.size)
-        columns = np.flatnonzero(np.isin(out.times, checks))
-        off = kernel.largest_of(np.nan_to_num(out.q[:, columns] - kernel.coarser[:, : columns.size]))
+        # The first column of each, as a time may be asked for twice.
+        columns = np.searchsorted(out.times, checks)
+        off = kernel.largest_of(np.nan_to_num(out.q[:, columns] - kernel.coarser))
         if off > _APART * tol * kernel.size:
             notes.append(
                 f"tol: displacements may be wrong by {off:.2g} m, {off / (tol * kernel.size):.2g} times what tol = "
                 f"{tol:g} allows: by so much the run differs from one whose tolerance is {_COARSER:g} times as large; "
-                f"impacts magnify errors. Choose a smaller tol, or method='event_driven' where it applies"
+                f"impacts magnify errors. Choose a smaller tol, or {advice(exact=True)} where it applies"
             )
     if kernel.farthest < _OVERSIZED * kernel.size:
         notes.append(
