@@ -45,6 +45,7 @@ from vofem.errors import (
     ArgumentError,
     ConvergenceError,
     EventStormError,
+    ExecutorError,
     InstabilityError,
     LimitLoadError,
     LoadError,
@@ -69,6 +70,7 @@ if TYPE_CHECKING:
     import vofem.studies.accuracy as accuracy
     from vofem.io.saved import load, resume
     from vofem.io.scene_file import dump_scene, load_scene
+    from vofem.io.sweeps import sweep
 
 __all__ = [
     "Approximated",
@@ -84,6 +86,7 @@ __all__ = [
     "DistributedLoad",
     "Equilibrium",
     "EventStormError",
+    "ExecutorError",
     "Foundation",
     "Gravity",
     "HystereticSpring",
@@ -135,6 +138,7 @@ __all__ = [
     "quasi_static",
     "resume",
     "simulate",
+    "sweep",
 ]
 
 #: What is imported when first asked for.
@@ -145,6 +149,7 @@ _LATER = {
     "load": "vofem.io.saved",
     "load_scene": "vofem.io.scene_file",
     "resume": "vofem.io.saved",
+    "sweep": "vofem.io.sweeps",
 }
 
 

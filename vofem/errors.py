@@ -71,6 +71,10 @@ class EventStormError(VofemError):
     """More contact events than the run was allowed to treat."""
 
 
+class ExecutorError(VofemError):
+    """The executor that was given to a sweep takes no more work; the message says why and what to do."""
+
+
 class OutputError(VofemError, OSError):
     """A file could not be written; the message says which, why, and what to do."""
 

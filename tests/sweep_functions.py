@@ -1,0 +1,69 @@
+"""Functions for sweeps; in a module of their own, so that other processes can import them."""
+
+import os
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+
+import vofem as vf
+
+OFFSET = 1.5
+
+
+def amplitude(omega, gap):
+    """Run an oscillator against a stop; larger matrix products show the number of threads in their last bits."""
+    mass = vf.Mass(1.0, 1.0, 0.1, name="m")
+    stop = vf.Contact(mass, gap=gap, stiffness=8.0, side="above", acts_on="penetration", name="stop")
+    result = vf.simulate(vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(1.0, omega))]), 30.0)
+    rng = np.random.default_rng(int(1e6 * omega))
+    matrix = rng.normal(size=(300, 300))
+    return {
+        "u": np.abs(result.displacement(mass)).max(),
+        "closings": result.contacts["stop"].closings.size,
+        "trace": np.trace(matrix @ matrix @ matrix),
+    }
+
+
+def square(x):
+    return {"y": x * x + shifted(x), "series": np.arange(3) * x, "large": x > 2, "label": f"p{x}"}
+
+
+def shifted(x):
+    return x + OFFSET
+
+
+def slow_square(x, folder, seconds):
+    Path(folder, f"{x}-{os.getpid()}-{time.monotonic_ns()}").touch()
+    time.sleep(seconds)
+    return {"y": x / 3.0, "series": np.sin(np.arange(4.0) + x)}
+
+
+def trouble(kind):
+    """Do what a function of a user may do."""
+    if kind == "raise":
+        raise ValueError("no such gap")
+    if kind == "exit":
+        raise SystemExit(3)
+    if kind == "nan":
+        return {"y": float("nan")}
+    if kind == "sleep":
+        time.sleep(60.0)
+    if kind == "loop":
+        while True:
+            pass
+    if kind == "deaf":
+        signal.signal(signal.SIGALRM, signal.SIG_IGN)
+        time.sleep(60.0)
+    if kind == "kill":
+        os.kill(os.getpid(), signal.SIGKILL)
+    if kind == "number":
+        return 3.0
+    if kind == "object":
+        return {"y": object()}
+    if kind == "shape":
+        return {"y": [1.0, 2.0]}
+    if kind == "clash":
+        return {"kind": 1.0}
+    return {"y": 1.0}

@@ -1,0 +1,535 @@
+"""Sweeps: the same table on every executor, after every interruption, and whatever a point does."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sweep_functions as functions
+
+import vofem as vf
+from vofem.io.storage import journal, sweep_file
+from vofem.studies.sweep import SweepInterrupted, schedule
+from vofem.studies.sweep.identity import identity
+from vofem.studies.sweep.limits import one_thread
+
+TESTS = Path(__file__).parent
+GRID = {"omega": [0.4, 0.7, 1.1], "gap": [0.0, 0.2]}
+
+
+def same(first, second):
+    """Return whether two tables hold the same bits."""
+    return list(first) == list(second) and all(
+        first[name].dtype == second[name].dtype and first[name].tobytes() == second[name].tobytes() for name in first
+    )
+
+
+# -- points -------------------------------------------------------------------------------------------
+
+
+def test_a_grid_has_the_shape_of_its_lists_and_the_last_name_changes_fastest():
+    table = vf.sweep(functions.square, {"x": [1, 2, 3]}, executor="serial")
+    assert table["y"].tolist() == [3.5, 7.5, 13.5]
+    assert table["series"].shape == (3, 3)
+    assert table["large"].dtype == bool
+    assert table["label"].tolist() == ["p1", "p2", "p3"]
+    grid = vf.sweep(lambda a, b: {"sum": 10 * a + b}, {"a": [1, 2], "b": [3, 4, 5]}, executor="serial")
+    assert grid["sum"].tolist() == [[13, 14, 15], [23, 24, 25]]
+    assert grid.parameter("b").tolist() == [[3, 4, 5], [3, 4, 5]]
+    assert repr(grid) == "<Sweep: 2 x 3 points over a, b; quantities sum>"
+
+
+def test_tables_and_iterables_are_points_too():
+    import pandas
+
+    rows = [{"x": 1.0}, {"x": 2.5}]
+    expected = vf.sweep(functions.square, rows, executor="serial")
+    assert expected["y"].tolist() == [3.5, 10.25]
+    structured = np.array([(1.0,), (2.5,)], dtype=[("x", float)])
+    for points in (iter(rows), structured, pandas.DataFrame(rows)):
+        assert same(vf.sweep(functions.square, points, executor="serial"), expected)
+
+
+def test_equal_points_are_computed_once():
+    table = vf.sweep(functions.square, [{"x": 1}, {"x": 2}, {"x": 1}], executor="serial")
+    assert table.counters["computed"] == 2
+    assert table["y"].tolist() == [3.5, 7.5, 3.5]
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        ({}, "points are empty"),
+        ({"x": []}, "points are empty"),
+        ([], "points are empty"),
+        ({"x": 3.0}, "expected a list of values"),
+        ({"x": "abc"}, "expected a list of values"),
+        ({"two words": [1]}, "expected names of arguments"),
+        ([{"x": 1}, {"y": 1}], r"names \[.y.\], expected \[.x.\]"),
+        ([3.0], "point 0 is 3.0, expected a mapping"),
+        (3.0, "expected a mapping of names to lists"),
+        ({"x": [object()]}, "an object of type object, expected numbers, texts"),
+    ],
+)
+def test_points_that_cannot_serve_are_refused(points, message):
+    with pytest.raises(vf.ArgumentError, match=message):
+        vf.sweep(functions.square, points, executor="serial")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"executor": "dask"}, "executor is 'dask', expected None"),
+        ({"executor": 4}, "executor is 4, expected None"),
+        ({"workers": 0}, "workers is 0, expected a positive integer"),
+        ({"time_limit": -1.0, "executor": "serial"}, "time_limit is -1.0, expected a positive number"),
+        ({"progress": 3, "executor": "serial"}, "progress is 3, expected True, False, or a function"),
+        ({"store": "rows.txt", "executor": "serial"}, "rows.txt.*expected a name that ends in"),
+        ({"store": "no/such/folder/rows.h5", "executor": "serial"}, "cannot be written"),
+    ],
+)
+def test_arguments_that_cannot_serve_are_refused(arguments, message):
+    with pytest.raises((vf.ArgumentError, vf.OutputError), match=message):
+        vf.sweep(functions.square, {"x": [1]}, **arguments)
+
+
+def test_a_function_that_no_other_process_can_import_is_refused_before_anything_starts():
+    with pytest.raises(vf.ArgumentError, match="at the top level of a module"):
+        vf.sweep(lambda x: {"y": x}, {"x": [1]})
+
+
+# -- executors ----------------------------------------------------------------------------------------
+
+
+class Reversed(Executor):
+    """An executor that is none of the known ones: it computes at once and knows no number of workers."""
+
+    def submit(self, call, *arguments, **options):
+        future = Future()
+        future.set_result(call(*arguments, **options))
+        return future
+
+
+def test_every_executor_gives_the_same_bits():
+    from distributed import Client, LocalCluster
+
+    expected = vf.sweep(functions.amplitude, GRID, executor="serial")
+    assert expected.failed == ()
+    assert expected["closings"].min() > 0
+    with ThreadPoolExecutor(2) as threads:
+        assert same(vf.sweep(functions.amplitude, GRID, executor=threads), expected)
+    assert same(vf.sweep(functions.amplitude, GRID, executor=Reversed()), expected)
+    own = vf.sweep(functions.amplitude, GRID, workers=2)
+    assert same(own, expected)
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as processes:
+        assert same(vf.sweep(functions.amplitude, GRID, executor=processes), expected)
+    with (
+        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        Client(cluster) as client,
+    ):
+        client.run(sys.path.insert, 0, str(TESTS))
+        assert same(vf.sweep(functions.amplitude, GRID, executor=client), expected)
+
+
+def test_threads_of_linear_algebra_are_limited_in_the_sweep_and_restored_after_it():
+    from threadpoolctl import threadpool_info
+
+    def threads():
+        return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+    before = threads()
+    table = vf.sweep(lambda x: {"threads": max(threads())}, {"x": [1, 2]}, executor="serial")
+    assert table["threads"].tolist() == [1, 1]
+    assert threads() == before
+    with pytest.raises(RuntimeError, match="inside"), one_thread():
+        raise RuntimeError("inside")
+    assert threads() == before
+
+
+def test_small_points_travel_in_batches():
+    table = vf.sweep(functions.square, {"x": range(3000)}, executor="serial")
+    assert table.counters["batches"] < 40
+
+
+def test_points_that_take_long_travel_alone():
+    sizes = []
+
+    class Counting(Reversed):
+        def submit(self, call, task, points):
+            sizes.append(len(points))
+            return super().submit(call, task, points)
+
+    vf.sweep(lambda x: time.sleep(0.25) or {"y": x}, {"x": range(4)}, executor=Counting())
+    assert sizes == [1, 1, 1, 1]
+
+
+# -- what a point may do ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("kind", "error"),
+    [
+        ("raise", "ValueError: no such gap"),
+        ("exit", "SystemExit: 3"),
+        ("number", "TypeError: the function returned 3.0, expected a dict"),
+        ("object", "TypeError: the function returned 'y' of type object"),
+        ("shape", "TypeError: the function returned 'y' of shape (2,), expected 'y' of shape () as at first"),
+        ("clash", "TypeError: the function returned 'kind', which is the name of a parameter"),
+    ],
+)
+def test_a_failing_point_is_a_row_and_not_the_end(kind, error):
+    table = vf.sweep(functions.trouble, {"kind": ["fine", kind, "also fine"]}, executor="serial")
+    assert table["y"][[0, 2]].tolist() == [1.0, 1.0]
+    assert np.isnan(table["y"][1])
+    (one,) = table.failed
+    assert (one.index, one.point) == (1, {"kind": kind})
+    assert one.error.startswith(error)
+    assert any("1 of 3 points failed" in note for note in table.notes)
+    if kind == "raise":
+        assert "sweep_functions.py" in one.traceback
+        assert "worker.py" not in one.traceback
+        assert str(one) == "point 1 (kind='raise'): ValueError: no such gap"
+
+
+def test_a_point_that_returns_nan_has_not_failed():
+    table = vf.sweep(functions.trouble, {"kind": ["fine", "nan"]}, executor="serial")
+    assert table.failed == ()
+    assert np.isnan(table["y"]).tolist() == [False, True]
+
+
+@pytest.mark.parametrize("kind", ["sleep", "loop"])
+def test_a_point_that_hangs_ends_at_its_time_limit(kind):
+    begun = time.monotonic()
+    table = vf.sweep(functions.trouble, {"kind": ["fine", kind, "nan"]}, executor="serial", time_limit=0.3)
+    assert time.monotonic() - begun < 10.0
+    assert [one.index for one in table.failed] == [1]
+    assert table.failed[0].error == "TimeLimitError: the point took longer than the time limit of 0.3 s"
+
+
+def test_a_loop_in_a_thread_ends_at_its_time_limit():
+    with ThreadPoolExecutor(2) as threads:
+        table = vf.sweep(functions.trouble, {"kind": ["fine", "loop"]}, executor=threads, time_limit=0.3)
+    assert [one.index for one in table.failed] == [1]
+
+
+def test_workers_that_die_or_hear_no_signal_are_replaced(monkeypatch):
+    monkeypatch.setattr(schedule, "_GRACE", 3.0)
+    kinds = ["fine", "kill", "deaf", "nan"]
+    table = vf.sweep(functions.trouble, {"kind": kinds}, workers=2, time_limit=0.5)
+    assert [(one.index, one.error.partition(":")[0]) for one in table.failed] == [
+        (1, "WorkerError"),
+        (2, "TimeLimitError"),
+    ]
+    assert table.counters["restarts"] >= 3
+    assert any("started anew" in note for note in table.notes)
+
+
+def test_a_broken_executor_of_the_user_ends_the_sweep_with_an_error_and_the_store_keeps_the_rows(tmp_path):
+    store = tmp_path / "rows.h5"
+    with (
+        ProcessPoolExecutor(1, mp_context=get_context("spawn")) as processes,
+        pytest.raises(vf.ExecutorError, match="make a new one and run again"),
+    ):
+        vf.sweep(functions.trouble, {"kind": ["fine", "kill"]}, executor=processes, store=store)
+    table = vf.sweep(functions.trouble, {"kind": ["fine", "nan"]}, executor="serial", store=store)
+    assert table.counters["stored"] == 1
+
+
+def test_integers_become_floats_only_where_points_failed():
+    def function(x):
+        return {"n": 1 // x}
+
+    assert vf.sweep(function, {"x": [1, 2]}, executor="serial")["n"].dtype.kind == "i"
+    assert np.isnan(vf.sweep(function, {"x": [1, 0]}, executor="serial")["n"][1])
+
+
+def test_ctrl_c_gives_what_was_computed():
+    def function(x):
+        if x == 2:
+            raise KeyboardInterrupt
+        return {"y": x}
+
+    with pytest.raises(SweepInterrupted) as caught:
+        vf.sweep(function, {"x": [0, 1, 2, 3]}, executor="serial")
+    assert isinstance(caught.value, KeyboardInterrupt)
+    assert caught.value.sweep.counters["computed"] >= 1
+    assert caught.value.sweep["y"][0] == 0.0
+    assert caught.value.sweep.failed[-1].error.startswith("Interrupted")
+
+
+def test_progress_is_told_to_a_function():
+    told = []
+    vf.sweep(functions.trouble, {"kind": ["a", "raise", "b"]}, executor="serial", progress=lambda *k: told.append(k))
+    assert told[-1] == (3, 3, 1)
+
+
+# -- the store ----------------------------------------------------------------------------------------
+
+
+def test_stored_rows_are_not_computed_again_and_give_the_same_table(tmp_path):
+    store = tmp_path / "rows.h5"
+    points = {"x": [1, 2, 3]}
+    plain = vf.sweep(functions.square, points, executor="serial")
+    first = vf.sweep(functions.square, points, executor="serial", store=store)
+    again = vf.sweep(functions.square, points, executor="serial", store=store)
+    assert (first.counters["computed"], again.counters["computed"]) == (3, 0)
+    assert same(first, plain)
+    assert same(again, plain)
+    wider = vf.sweep(functions.square, {"x": [0, 1, 2, 3, 4]}, executor="serial", store=store)
+    assert wider.counters["computed"] == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["rows.h5"]
+
+
+def test_failed_rows_stay_until_they_are_to_be_tried_again(tmp_path):
+    store = tmp_path / "rows.h5"
+    points = {"kind": ["fine", "raise"]}
+    first = vf.sweep(functions.trouble, points, executor="serial", store=store)
+    again = vf.sweep(functions.trouble, points, executor="serial", store=store)
+    assert again.counters["computed"] == 0
+    assert again.failed == first.failed
+    assert vf.sweep(functions.trouble, points, executor="serial", store=store, retry_failed=True).counters == {
+        "computed": 1, "stored": 1, "batches": 1, "restarts": 0,
+    }  # fmt: skip
+
+
+def test_a_store_opens_in_xarray(tmp_path):
+    import xarray
+
+    store = tmp_path / "rows.h5"
+    table = vf.sweep(functions.square, {"x": [1, 2, 3]}, executor="serial", store=store)
+    with xarray.open_dataset(store, engine="h5netcdf") as data:
+        assert data["x"].values.tolist() == [1, 2, 3]
+        assert data["y"].values.tolist() == table["y"].tolist()
+        assert data["series"].values.tolist() == table["series"].tolist()
+        assert data["large"].values.dtype == bool
+        assert data["label"].values.tolist() == ["p1", "p2", "p3"]
+
+
+def changed(monkeypatch, offset):
+    monkeypatch.setattr(functions, "OFFSET", offset)
+    return identity(functions.square)["source"]
+
+
+def test_a_changed_function_starts_anew_and_says_so(tmp_path, monkeypatch):
+    store = tmp_path / "rows.h5"
+    vf.sweep(functions.square, {"x": [1]}, executor="serial", store=store)
+    before = store.read_bytes()
+    monkeypatch.setattr(functions, "OFFSET", 2.5)
+    table = vf.sweep(functions.square, {"x": [1]}, executor="serial", store=store)
+    assert table["y"].tolist() == [4.5]
+    assert (
+        "rows of a changed function, which were kept as rows.before-1.h5; all points are computed anew"
+        in table.notes[0]
+    )
+    assert (tmp_path / "rows.before-1.h5").read_bytes() == before
+
+
+def test_the_identity_of_a_function_covers_what_it_uses(monkeypatch):
+    import functools
+
+    first = identity(functions.square)
+    assert identity(functions.square) == first
+    monkeypatch.setattr(functions, "shifted", lambda x: x)
+    assert identity(functions.square)["source"] != first["source"]
+    monkeypatch.undo()
+    bound = [identity(functools.partial(functions.slow_square, seconds=s))["source"] for s in (1.0, 2.0, 1.0)]
+    assert bound[0] == bound[2] != bound[1]
+    scale = 2.0
+    inner = identity(lambda x: {"y": scale * x})["source"]
+    assert inner
+
+
+def test_a_second_process_is_refused(tmp_path):
+    store = tmp_path / "rows.h5"
+    first = sweep_file.SweepFile(store, identity(functions.square))
+    code = f"""
+import sys
+sys.path.insert(0, {str(TESTS)!r})
+import sweep_functions, vofem as vf
+try:
+    vf.sweep(sweep_functions.square, {{"x": [1]}}, executor="serial", store={str(store)!r})
+except vf.OutputError as error:
+    print(error)
+"""
+    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert f"is being written by another process (process {os.getpid()})" in answer
+    first.close()
+    vf.sweep(functions.square, {"x": [1]}, executor="serial", store=store)
+
+
+SCRIPT = """
+import functools, sys
+sys.path.insert(0, {tests!r})
+import sweep_functions, vofem as vf
+if __name__ == "__main__":
+    function = functools.partial(sweep_functions.slow_square, folder={folder!r}, seconds=0.1)
+    table = vf.sweep(function, {{"x": list(range(12))}}, store={store!r}, workers=2)
+    print(table.counters["restarts"])
+"""
+
+
+def touched(folder):
+    return sorted(int(path.name.partition("-")[0]) for path in folder.iterdir())
+
+
+def started(script, folder, count):
+    """Start a sweep in a process of its own and return it once `count` points were begun."""
+    process = subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, text=True)
+    for _ in range(600):
+        if len(list(folder.iterdir())) >= count:
+            return process
+        time.sleep(0.05)
+    process.kill()
+    raise AssertionError("the sweep did not begin")
+
+
+@pytest.mark.parametrize("victim", ["main", "worker"])
+def test_a_sweep_that_was_killed_goes_on_to_the_same_table(tmp_path, victim):
+    import functools
+
+    folder, store = tmp_path / "calls", tmp_path / "rows.h5"
+    folder.mkdir()
+    script = tmp_path / "study.py"
+    script.write_text(SCRIPT.format(tests=str(TESTS), folder=str(folder), store=str(store)))
+    process = started(script, folder, 5)
+    worker = int(max(folder.iterdir(), key=lambda path: path.stat().st_mtime_ns).name.split("-")[1])
+    if victim == "worker":
+        os.kill(worker, signal.SIGKILL)
+        output, _ = process.communicate(timeout=60)
+        assert int(output) >= 1
+        assert set(touched(folder)) == set(range(12))
+    else:
+        process.kill()
+        process.wait()
+        # The workers end with the process that started them.
+        for _ in range(100):
+            if not Path(f"/proc/{worker}").exists():
+                break
+            time.sleep(0.1)
+        else:
+            raise AssertionError("a worker lives on")
+    before = len(touched(folder))
+    function = functools.partial(functions.slow_square, folder=str(folder), seconds=0.1)
+    table = vf.sweep(function, {"x": list(range(12))}, executor="serial", store=store)
+    assert same(table, vf.sweep(functools.partial(function, seconds=0.0), {"x": list(range(12))}, executor="serial"))
+    if victim == "worker":
+        assert table.counters["computed"] == 0
+    else:
+        assert 2 <= table.counters["stored"] < 12
+        assert before >= 5
+
+
+@pytest.mark.parametrize("cut", [1, 10, 60, 120])
+def test_a_record_that_was_being_written_is_cut_off(tmp_path, cut):
+    store = sweep_file.SweepFile(tmp_path / "rows.h5", identity(functions.square))
+    table = vf.sweep(functions.square, {"x": [1, 2]}, executor="serial")
+    rows = [sweep_file.Row({name: table[name][k] for name in table}, "", "", 0.1) for k in range(2)]
+    store.add([("first", {"x": 1}, rows[0])])
+    store.add([("second", {"x": 2}, rows[1])])
+    store.close()
+    data = store.path.read_bytes()
+    store.path.write_bytes(data[:-cut])
+    again = sweep_file.SweepFile(store.path, identity(functions.square))
+    assert list(again.rows()) == ["first"]
+    again.add([("second", {"x": 2}, rows[1])])
+    again.close()
+    assert store.path.read_bytes() == data
+
+
+def test_a_full_disk_ends_with_a_typed_error_and_the_rows_stored_before_it(tmp_path, monkeypatch):
+    store = tmp_path / "rows.h5"
+    written = []
+    append = journal.Journal.append
+
+    class Full:
+        """A file on a disk that takes half of one more record."""
+
+        def __init__(self, file):
+            self._file = file
+
+        def __getattr__(self, name):
+            return getattr(self._file, name)
+
+        def write(self, data):
+            if len(data) < 8:
+                raise OSError(28, "No space left on device")
+            return self._file.write(data[: len(data) // 2])
+
+    def limited(self, entries):
+        written.append(len(entries))
+        if len(written) == 3:
+            self._file = Full(self._file)
+        append(self, entries)
+
+    monkeypatch.setattr(journal.Journal, "append", limited)
+    with pytest.raises(vf.OutputError, match="No space left on device; rows stored so far are kept"):
+        vf.sweep(functions.square, {"x": range(3000)}, executor="serial", store=store)
+    monkeypatch.undo()
+    table = vf.sweep(functions.square, {"x": range(3000)}, executor="serial", store=store)
+    assert table.counters["stored"] == sum(written[:2])
+    assert same(table, vf.sweep(functions.square, {"x": range(3000)}, executor="serial"))
+
+
+@pytest.mark.parametrize("content", [b"", b"no HDF5 file at all, but text" * 100])
+def test_a_store_that_is_another_file_stays_as_it_is(tmp_path, content):
+    store = tmp_path / "rows.h5"
+    store.write_bytes(content)
+    with pytest.raises(vf.StorageError, match="was not written by vofem"):
+        vf.sweep(functions.square, {"x": [1]}, executor="serial", store=store)
+    assert store.read_bytes() == content
+
+
+def test_a_saved_run_is_no_store(tmp_path):
+    mass = vf.Mass(1.0, 1.0, name="m")
+    path = tmp_path / "run.h5"
+    vf.simulate(vf.Scene([mass], [vf.PointLoad(mass, 1.0)]), 1.0).save(tmp_path / "run.vtkhdf")
+    (tmp_path / "run.vtkhdf").rename(path)
+    before = path.read_bytes()
+    with pytest.raises(vf.StorageError, match="no store of a sweep"):
+        vf.sweep(functions.square, {"x": [1]}, executor="serial", store=path)
+    assert path.read_bytes() == before
+
+
+def test_damage_is_found(tmp_path):
+    store = tmp_path / "rows.h5"
+    vf.sweep(functions.square, {"x": [1]}, executor="serial", store=store)
+    data = bytearray(store.read_bytes())
+    data[len(data) // 2] ^= 16
+    store.write_bytes(bytes(data))
+    with pytest.raises(vf.StorageError, match="is damaged"):
+        vf.sweep(functions.square, {"x": [1]}, executor="serial", store=store)
+
+
+# -- tables -------------------------------------------------------------------------------------------
+
+
+def test_xarray_has_the_dimensions_of_the_grid():
+    table = vf.sweep(lambda a, b: {"s": a + b, "v": [a, b]}, {"a": [1.0, 2.0], "b": [3, 4, 5]}, executor="serial")
+    data = table.to_xarray()
+    assert data["s"].dims == ("a", "b")
+    assert data["v"].dims == ("a", "b", "v_0")
+    assert data["s"].sel(a=2.0, b=4).item() == 6.0
+
+
+def test_a_dataframe_has_one_row_a_point_and_the_errors():
+    table = vf.sweep(functions.trouble, {"kind": ["fine", "raise"]}, executor="serial")
+    frame = table.to_dataframe()
+    assert frame.columns.tolist() == ["kind", "y", "error"]
+    assert frame["error"].tolist() == ["", "ValueError: no such gap"]
+    assert table.to_xarray()["y"].dims == ("kind",)
+
+
+def test_names_that_are_not_there_are_answered_with_the_nearest():
+    table = vf.sweep(functions.square, {"x": [1]}, executor="serial")
+    with pytest.raises(vf.ArgumentError, match=r"serie.*did you mean 'series'"):
+        table["serie"]
+    with pytest.raises(vf.ArgumentError, match="no parameter is named 'z'"):
+        table.parameter("z")

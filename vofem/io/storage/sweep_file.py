@@ -1,0 +1,240 @@
+"""The store of a sweep: one HDF5 file with a row for every point, which xarray reads as it is."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.errors import StorageError
+from vofem.io.files import target
+from vofem.io.storage.hdf5 import FILTERS, end_of_data, writing
+from vofem.io.storage.journal import Entry, Journal, point_text
+from vofem.io.storage.lock import FileLock
+from vofem.studies.sweep.sweep import agreeing, columns_of
+from vofem.studies.sweep.worker import RESERVED, Row
+
+_SUFFIXES = (".h5", ".hdf5", ".nc")
+
+#: Counts up when files of a new kind could not be read by this version.
+FORMAT = 1
+
+#: The table is written whole at most this often, in s, and for at most this share of the time.
+_INTERVAL, _SHARE = 30.0, 0.05
+
+
+class SweepFile:
+    """A store of rows in one file; only one process opens it at a time.
+
+    Parameters
+    ----------
+    path : path
+        New, or of a store. Its name ends in .h5, .hdf5 or .nc.
+    identity : dict
+        Of the function. Rows of another one are not used: their file is kept under another name.
+
+    Attributes
+    ----------
+    notes : list of str
+        What was found when the file was opened.
+
+    Raises
+    ------
+    ArgumentError
+        For another suffix.
+    OutputError
+        If the file cannot be written, or another process has it open.
+    StorageError
+        If the file is no store, damaged, or of a newer vofem. It stays as it is.
+    """
+
+    def __init__(self, path: Any, identity: dict[str, str]) -> None:
+        self.path = target(path, _SUFFIXES)
+        self.notes: list[str] = []
+        self._identity = identity
+        self._entries: dict[str, Entry] = {}
+        self._journal: Journal | None = None
+        self._pending = 0
+        self._lock = FileLock(self.path)
+        try:
+            self._open()
+        except BaseException:
+            self.close()
+            raise
+
+    def _open(self) -> None:
+        if self.path.exists():
+            identity, entries = _read(self.path)
+            if identity == self._identity:
+                self._entries = {entry[0]: entry for entry in entries}
+            else:
+                self._set_aside(identity)
+        if not self.path.exists():
+            self._write()
+        self._journal = Journal(self.path)
+        recent = self._journal.read()
+        self._entries.update((entry[0], entry) for entry in recent)
+        self._pending = len(recent)
+        self._written, self._cost = time.monotonic(), 0.0
+
+    def _set_aside(self, identity: dict[str, str]) -> None:
+        """Rename the file of another function."""
+        number = 1
+        while (aside := self.path.with_name(f"{self.path.stem}.before-{number}{self.path.suffix}")).exists():
+            number += 1
+        self.path.rename(aside)
+        changed = [name for name in ("name", "source", "vofem") if identity.get(name) != self._identity[name]]
+        reasons = {"name": "another function", "source": "a changed function", "vofem": "another version of vofem"}
+        why = " and ".join(reasons[name] for name in changed) or "another function"
+        self.notes.append(
+            f"the store held rows of {why}, which were kept as {aside.name}; all points are computed anew"
+        )
+
+    def rows(self) -> dict[str, Row]:
+        """Return what is stored, by key."""
+        return {key: row for key, (_, _, row) in self._entries.items()}
+
+    def forget_failed(self) -> None:
+        """Take failed rows for missing ones from now on."""
+        kept = {key: entry for key, entry in self._entries.items() if entry[2].values is not None}
+        self._pending += len(self._entries) - len(kept)
+        self._entries = kept
+
+    def add(self, rows: Sequence[Entry]) -> None:
+        """Store rows, so that they are still there if the process ends at once."""
+        assert self._journal is not None
+        self._journal.append(rows)
+        self._entries.update((entry[0], entry) for entry in rows)
+        self._pending += len(rows)
+        waited = time.monotonic() - self._written
+        if waited > _INTERVAL and waited > self._cost / _SHARE:
+            self._fold()
+
+    def _fold(self) -> None:
+        """Write the table whole, the records of the journal included."""
+        begun = time.monotonic()
+        self._write()
+        if self._journal is not None:
+            self._journal.close()
+        self._journal = Journal(self.path)
+        self._pending = 0
+        self._written = time.monotonic()
+        self._cost = self._written - begun
+
+    def _write(self) -> None:
+        with writing(self.path, overwrite=True) as blocks:
+            _write_table(blocks.file, self._identity, list(self._entries.values()))
+
+    def finish(self, keys: Sequence[str]) -> None:
+        """Write the table whole, rows of these keys first and in their order.
+
+        Raises
+        ------
+        OutputError
+            If it cannot be written; the rows stay in the file as they were added.
+        """
+        ordered = {key: self._entries[key] for key in keys if key in self._entries}
+        changed = self._pending or list(ordered) != list(self._entries)[: len(ordered)]
+        self._entries = ordered | self._entries
+        if changed:
+            self._fold()
+
+    def close(self) -> None:
+        """Let other processes open the file."""
+        if self._journal is not None:
+            self._journal.close()
+        self._lock.release()
+
+
+def _write_table(file: h5py.File, identity: dict[str, str], entries: Sequence[Entry]) -> None:
+    """Write rows as variables over the dimension ``sweep_row``, by the conventions of netCDF and xarray."""
+    file.attrs["vofem_kind"] = "sweep"
+    file.attrs["vofem_format"] = FORMAT
+    file.attrs["vofem_function"] = json.dumps(identity)
+    rows = agreeing([row for _, _, row in entries])
+    scale = _variable(file, "sweep_row", np.arange(len(entries)), None)
+    scale.make_scale("sweep_row")
+    present = np.array([row.values is not None for row in rows], dtype=bool)
+    _variable(file, "sweep_key", np.array([key for key, _, _ in entries], dtype=str), scale)
+    _variable(file, "sweep_point", np.array([point_text(point) for _, point, _ in entries], dtype=str), scale)
+    _variable(file, "sweep_failed", ~present, scale)
+    _variable(file, "sweep_error", np.array([row.error for row in rows], dtype=str), scale)
+    _variable(file, "sweep_traceback", np.array([row.traceback for row in rows], dtype=str), scale)
+    _variable(file, "sweep_seconds", np.array([row.seconds for row in rows], dtype=float), scale)
+    names = list(dict.fromkeys(name for _, point, _ in entries for name in point))
+    for name in names:
+        column = _parameter([point.get(name) for _, point, _ in entries])
+        if column is not None:
+            _variable(file, name, column, scale).attrs["vofem_role"] = "parameter"
+    for name, values in columns_of([row for row in rows if row.values is not None]).items():
+        column = np.zeros((len(rows), *values.shape[1:]), dtype=values.dtype)
+        if values.dtype.kind in "fc":
+            column[~present] = np.nan
+        column[present] = values
+        _variable(file, name, column, scale).attrs["vofem_role"] = "quantity"
+
+
+def _variable(file: h5py.File, name: str, values: NDArray, scale: h5py.Dataset | None) -> h5py.Dataset:
+    """Write one variable; its dimensions beyond the first get scales of their own."""
+    kind = values.dtype.kind
+    options = FILTERS if values.size else {}
+    if kind == "U":
+        data = values.astype(object)
+        dataset = file.create_dataset(name, data=data, dtype=h5py.string_dtype(), shape=values.shape)
+    else:
+        dataset = file.create_dataset(name, data=values.astype(np.int8) if kind == "b" else values, **options)
+    if kind == "b":
+        dataset.attrs["dtype"] = "bool"
+    for axis in range(values.ndim) if scale is not None else ():
+        if axis > 0:
+            inner = file.create_dataset(f"{name}_{axis - 1}", data=np.arange(values.shape[axis]))
+            inner.make_scale(f"{name}_{axis - 1}")
+            inner.attrs["vofem_role"] = "dimension"
+        dataset.dims[axis].attach_scale(scale if axis == 0 else inner)
+    return dataset
+
+
+def _parameter(values: Sequence[Any]) -> NDArray | None:
+    """Return a parameter as a column where all its values are numbers or all are texts, else None."""
+    if all(isinstance(value, (bool, int, float)) for value in values) or all(isinstance(v, str) for v in values):
+        column = np.asarray(values)
+        return column if column.dtype.kind in "biufU" else None
+    return None
+
+
+def _read(path: Path) -> tuple[dict[str, str], list[Entry]]:
+    """Return the identity of the function and the rows of the table of a store, without those of its journal."""
+    if not path.is_file():
+        raise StorageError(f"{path} is no regular file, expected the store of a sweep; give another name")
+    end_of_data(path)  # compares the checksum before HDF5 opens the file
+    with h5py.File(path, "r") as file:
+        if file.attrs.get("vofem_kind") != "sweep":
+            raise StorageError(f"{path} is no store of a sweep; give another name, or remove the file")
+        if int(file.attrs["vofem_format"]) > FORMAT:
+            raise StorageError(f"{path} was written by a newer vofem; update vofem, or give another name")
+        identity = json.loads(file.attrs["vofem_function"])
+        named = {name: file[name] for name in file if file[name].attrs.get("vofem_role") == "quantity"}
+        columns = {name: _values(dataset) for name, dataset in named.items()}
+        texts = {name: file[f"{RESERVED}{name}"].asstr()[()] for name in ("key", "point", "error", "traceback")}
+        lost = file[f"{RESERVED}failed"][()].astype(bool)
+        seconds = file[f"{RESERVED}seconds"][()]
+    entries: list[Entry] = []
+    for k, key in enumerate(texts["key"]):
+        values = None if lost[k] else {name: column[k] for name, column in columns.items()}
+        row = Row(values, texts["error"][k], texts["traceback"][k], float(seconds[k]))
+        entries.append((key, json.loads(texts["point"][k]), row))
+    return identity, entries
+
+
+def _values(dataset: h5py.Dataset) -> NDArray:
+    """Return the values of a variable with the type that they had."""
+    if h5py.check_string_dtype(dataset.dtype) is not None:
+        return np.asarray(dataset.asstr()[()]).astype(str)
+    values = np.asarray(dataset[()])
+    return values.astype(bool) if dataset.attrs.get("dtype") == "bool" else values

@@ -1,0 +1,102 @@
+"""Limits inside a worker: wall time of a point, and threads of the linear algebra libraries."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import signal
+import threading
+from collections.abc import Iterator
+from types import FrameType
+from typing import Any
+
+
+class TimeUp(BaseException):
+    """The time limit of a point has passed. No `Exception`, so that no handler of the function swallows it."""
+
+
+@contextlib.contextmanager
+def time_limit(seconds: float | None) -> Iterator[None]:
+    """Raise `TimeUp` in the block once it has taken longer than `seconds`.
+
+    In the main thread of a process a timer of the system interrupts also
+    calls that wait. In other threads the interpreter raises the error between
+    two instructions, so that a compiled loop must end first.
+    """
+    if seconds is None:
+        yield
+    elif threading.current_thread() is threading.main_thread() and hasattr(signal, "setitimer"):
+        with _alarm(seconds):
+            yield
+    else:
+        with _raised_in_thread(seconds):
+            yield
+
+
+@contextlib.contextmanager
+def _alarm(seconds: float) -> Iterator[None]:
+    def ring(number: int, frame: FrameType | None) -> None:
+        raise TimeUp
+
+    before = signal.signal(signal.SIGALRM, ring)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+@contextlib.contextmanager
+def _raised_in_thread(seconds: float) -> Iterator[None]:
+    thread = ctypes.c_ulong(threading.get_ident())
+    raise_in = ctypes.pythonapi.PyThreadState_SetAsyncExc
+    lock = threading.Lock()
+    over = False
+
+    def ring() -> None:
+        with lock:
+            if not over:
+                raise_in(thread, ctypes.py_object(TimeUp))
+
+    timer = threading.Timer(seconds, ring)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        with lock:
+            over = True
+            # An error that was set and not raised yet belongs to this block only.
+            raise_in(thread, None)
+        timer.cancel()
+
+
+_counting = threading.Lock()
+_users = 0
+_limit: Any = None
+
+
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """Let the linear algebra libraries use one thread in the block.
+
+    Results then have the same bits whatever the number of processors, and
+    processes do not compete. Threads may be in the block at the same time:
+    the last one that leaves restores what was there.
+    """
+    global _users, _limit
+    from threadpoolctl import threadpool_limits
+
+    with _counting:
+        if _users == 0:
+            _limit = threadpool_limits(limits=1)
+        _users += 1
+    try:
+        yield
+    finally:
+        with _counting:
+            _users -= 1
+            if _users == 0:
+                _limit.restore_original_limits()
+                _limit = None

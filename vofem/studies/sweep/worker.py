@@ -1,0 +1,116 @@
+"""What happens in a worker: the function is called for a batch of points, and every outcome becomes a row."""
+
+from __future__ import annotations
+
+import time
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.studies.sweep.limits import TimeUp, one_thread, time_limit
+
+#: Kinds of arrays that a row may hold: booleans, integers, floats, complex numbers, texts.
+_KINDS = "biufcU"
+
+#: How names begin that a store uses itself.
+RESERVED = "sweep_"
+
+
+@dataclass(frozen=True)
+class Row:
+    """The outcome of one point.
+
+    Attributes
+    ----------
+    values : dict of str to array, optional
+        What the function returned; None where it failed.
+    error : str
+        Type and message of the error; empty where there was none.
+    traceback : str
+        Where the error was raised.
+    seconds : float
+        Wall time of the call.
+    """
+
+    values: dict[str, NDArray] | None
+    error: str
+    traceback: str
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Task:
+    """What a worker needs beside the points of a batch.
+
+    Attributes
+    ----------
+    function : callable
+    limit : float, optional
+        Largest wall time of one point, in s.
+    """
+
+    function: Callable[..., Any]
+    limit: float | None
+
+
+def compute(task: Task, points: Sequence[dict[str, Any]]) -> list[Row]:
+    """Return the rows of a batch of points, in order."""
+    with one_thread():
+        return [_row(task, point) for point in points]
+
+
+def failed(error: str, seconds: float = 0.0, where: str = "") -> Row:
+    """Return the row of a point that failed."""
+    return Row(None, error, where, seconds)
+
+
+def _row(task: Task, point: dict[str, Any]) -> Row:
+    begun = time.perf_counter()
+    try:
+        with time_limit(task.limit):
+            values = _values(task.function(**point), point)
+    except TimeUp:
+        return failed(timed_out(task.limit), time.perf_counter() - begun, traceback.format_exc())
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # SystemExit of the function must not end the worker
+        message = f"{type(error).__name__}: {error}"
+        return failed(message, time.perf_counter() - begun, _where(error))
+    return Row(values, "", "", time.perf_counter() - begun)
+
+
+def timed_out(limit: float | None) -> str:
+    """Return the error of a point that took longer than its limit."""
+    return f"TimeLimitError: the point took longer than the time limit of {limit:g} s"
+
+
+def _where(error: BaseException) -> str:
+    """Return the traceback of an error from the user's function on, without the lines of this module."""
+    trace = error.__traceback__
+    while trace is not None and trace.tb_frame.f_code.co_filename == __file__ and trace.tb_next is not None:
+        trace = trace.tb_next
+    return "".join(traceback.format_exception(type(error), error, trace))
+
+
+def _values(returned: Any, point: dict[str, Any]) -> dict[str, NDArray]:
+    """Return what a function returned as arrays, or raise `TypeError` that says what is wrong with it."""
+    if not isinstance(returned, Mapping):
+        raise TypeError(f"the function returned {returned!r:.100}, expected a dict of names to numbers or arrays")
+    values = {}
+    for name, value in returned.items():
+        if not isinstance(name, str) or not name or "/" in name or name.startswith(RESERVED):
+            expected = f"texts without '/' that do not begin with {RESERVED!r}"
+            raise TypeError(f"the function returned the name {name!r}, expected {expected}")
+        if name in point:
+            raise TypeError(f"the function returned {name!r}, which is the name of a parameter; choose another name")
+        array = np.asarray(value)
+        if array.dtype.kind not in _KINDS:
+            raise TypeError(
+                f"the function returned {name!r} of type {type(value).__name__}, expected a number or array"
+            )
+        values[name] = array
+    return values
