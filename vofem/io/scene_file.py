@@ -77,14 +77,39 @@ def load_scene(path: str | os.PathLike[str]) -> SceneFile:
         With all problems of the file: key path, what was expected, what was
         found, and the nearest valid name.
     """
+    file, text, content = scene_text(path)
+    return read_content(content, text, file)
+
+
+def scene_text(path: str | os.PathLike[str]) -> tuple[Path, str, dict[str, Any]]:
+    """Return the path of a scene file, its text and its tables; raise `SceneFileError` where it is no TOML."""
     file = _path(path)
     text = _text(file)
     try:
-        content = tomllib.loads(text)
+        return file, text, tomllib.loads(text)
     except RecursionError:
         raise SceneFileError(str(file), [("", "arrays or tables are nested too deeply")]) from None
     except ValueError as error:
         raise _syntax_error(file, text, str(error)) from None
+
+
+def read_content(content: dict[str, Any], text: str, file: Path) -> SceneFile:
+    """Return what the tables of a scene file say.
+
+    Parameters
+    ----------
+    content : dict
+        As TOML reads it.
+    text : str
+        Of the file: the order of its headers is that of the bodies.
+    file : Path
+        Relative paths start at its folder.
+
+    Raises
+    ------
+    SceneFileError
+        With all problems.
+    """
     book = Book(file.parent)
     scene, run, output = read_tables(content, text, book)
     if book.problems or scene is None:

@@ -18,6 +18,9 @@ from vofem.scene import Scene
 
 _SINGLE = ("run", "output", "initial")
 
+#: Tables of studies, which a single run does not need; their own readers look into them.
+_STUDIES = ("sweep",)
+
 
 def _known() -> dict[str, Entry]:
     """Return the entries of bodies and effects; looked up when a file is read, so that entries can be added."""
@@ -41,7 +44,7 @@ def read_tables(
 ) -> tuple[Scene | None, RunSettings | None, OutputSettings]:
     """Return scene, run and output of a parsed file; problems are added to `book`."""
     root = Place(book)
-    root.unknown_keys(content, _tables())
+    root.unknown_keys(content, (*_tables(), *_STUDIES))
     for name in _SINGLE:
         if name in content and not isinstance(content[name], dict):
             root.key(name).expected(f"one table, headed [{name}]", content[name])

@@ -70,7 +70,7 @@ def _points(names: tuple[str, ...], rows: tuple[dict[str, Any], ...], axes: dict
 
 
 def _name(name: Any) -> str:
-    if not isinstance(name, str) or not name.isidentifier():
+    if not isinstance(name, str) or not name or "/" in name or name.startswith("sweep_"):
         raise ArgumentError(f"sweep: points has the name {name!r}, expected names of arguments of the function")
     return name
 

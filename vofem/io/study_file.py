@@ -1,0 +1,195 @@
+"""Study files: a scene file with a table ``[sweep]`` that names keys, their values, and what is measured."""
+
+from __future__ import annotations
+
+import functools
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vofem._validate import nearest
+from vofem.errors import ArgumentError, SceneFileError, VofemError
+from vofem.io.scene_file import SceneFile, read_content, scene_text
+from vofem.io.scenes.changes import changed
+from vofem.io.scenes.measures import OF_CONTACTS, OF_POINTS, OF_RUNS, Measure
+from vofem.io.scenes.parts import PointByName
+from vofem.io.scenes.place import Book, Place
+
+_KEYS = ("values", "measure", "after")
+_LINE = ("start", "stop", "count")
+
+
+@dataclass(frozen=True)
+class StudyFile:
+    """What a study file holds.
+
+    Attributes
+    ----------
+    path : Path
+    values : dict of str to list
+        The values of each parameter, by the dotted path of its key; the grid of all combinations is meant.
+    measure : dict
+        What is measured, by name, as the file says it.
+    after : float
+        Quantities are taken from this time on, s.
+    content : dict
+        The tables of the scene.
+    text : str
+        The file as it stands: the order of its tables is that of the bodies.
+    """
+
+    path: Path
+    values: dict[str, list[Any]]
+    measure: dict[str, dict[str, str]]
+    after: float
+    content: dict[str, Any]
+    text: str
+
+    def function(self) -> Any:
+        """Return the function of a point that a sweep calls, which other processes can import."""
+        return functools.partial(
+            measured, content=json.dumps(self.content), order=table_order(self.text), folder=str(self.path.parent),
+            measure=self.measure, after=self.after,
+        )  # fmt: skip
+
+
+def load_study(path: str | os.PathLike[str]) -> StudyFile:
+    """Read a study file.
+
+    Parameters
+    ----------
+    path : path
+        TOML in UTF-8: a scene file with a table ``[sweep]``.
+
+    Raises
+    ------
+    SceneFileError
+        With all that is wrong in the table ``[sweep]``, in the scene, and in
+        the scenes with the first and the last value of each parameter.
+    """
+    file, text, content = scene_text(path)
+    sweep = content.pop("sweep", None)
+    if not isinstance(sweep, dict):
+        message = "missing, expected a table [sweep] with values and measure" if sweep is None else "expected one table"
+        raise SceneFileError(str(file), [("sweep", message)])
+    scene_file = read_content(content, text, file)
+    book = Book(file.parent, {body.name: body for body in scene_file.scene.bodies})
+    place = Place(book).key("sweep")
+    place.unknown_keys(sweep, _KEYS)
+    values = _values(sweep.get("values"), place.key("values"))
+    after = sweep.get("after", 0.0)
+    t_end = None if scene_file.run is None else scene_file.run.t_end
+    if t_end is None:
+        Place(book).key("run").report("missing, expected a table [run] with t_end: how long each run lasts")
+    if isinstance(after, bool) or not isinstance(after, (int, float)) or not 0.0 <= after < (t_end or np.inf):
+        place.key("after").expected(f"a time in s, not negative and before t_end = {t_end} s", after)
+        after = 0.0
+    measure = sweep.get("measure")
+    _measures(measure, scene_file, place.key("measure"))
+    for name, series in values.items():
+        _try_values(name, series, content, text, file, place.key("values").key(name))
+    if book.problems:
+        raise SceneFileError(str(file), book.problems)
+    return StudyFile(file, values, dict(measure or {}), float(after), content, text)
+
+
+def measured(
+    content: str, order: str, folder: str, measure: dict[str, dict[str, str]], after: float, **point: Any
+) -> dict[str, float]:
+    """Run a scene with the values of a point and return what is measured."""
+    tables = changed(json.loads(content), point)
+    file = read_content(tables, order, Path(folder) / "study")
+    result = file.simulate()
+    found = _measures(measure, file, Place(Book(Path(folder), {body.name: body for body in file.scene.bodies})))
+    return {name: one.value(result, after) for name, one in found.items()}
+
+
+def table_order(text: str) -> str:
+    """Return the headers of a file: all that reading needs of its text beside the tables."""
+    return "\n".join(line.strip() for line in text.splitlines() if line.lstrip().startswith("["))
+
+
+def _values(given: Any, place: Place) -> dict[str, list[Any]]:
+    """Return the values of each parameter by its dotted path."""
+    if not isinstance(given, dict) or not given:
+        place.expected("a table such as { 'contact.stop.gap' = [0.01, 0.02] }", given)
+        return {}
+    result: dict[str, list[Any]] = {}
+
+    def add(table: dict[str, Any], before: str, here: Place) -> None:
+        for key, value in table.items():
+            path, at = f"{before}{key}", here.key(key)
+            if isinstance(value, dict) and set(value) == set(_LINE):
+                series = _line(value, at)
+            elif isinstance(value, dict) and value:
+                add(value, f"{path}.", at)
+                continue
+            elif isinstance(value, list) and value:
+                series = value
+            else:
+                at.expected("an array of values, or { start = ..., stop = ..., count = ... }", value)
+                continue
+            result[path] = series
+
+    add(given, "", place)
+    return result
+
+
+def _line(given: dict[str, Any], place: Place) -> list[float]:
+    start, stop, count = (given[name] for name in _LINE)
+    sound = all(isinstance(v, (int, float)) and not isinstance(v, bool) and np.isfinite(v) for v in (start, stop))
+    if not sound or isinstance(count, bool) or not isinstance(count, int) or count < 1:
+        place.report("expected numbers start and stop and a whole number count, 1 or more")
+        return []
+    return [float(value) for value in np.linspace(start, stop, count)]
+
+
+def _measures(given: Any, file: SceneFile, place: Place) -> dict[str, Measure]:
+    """Return what is measured by name; what is wrong is noted at `place`."""
+    if not isinstance(given, dict) or not given:
+        place.expected("a table such as { tip = { amplitude = 'beam@1.0' } }", given)
+        return {}
+    contacts = tuple(effect.name for effect in file.scene.contacts)
+    result = {}
+    for name, one in given.items():
+        here = place.key(name)
+        kinds = (*OF_POINTS, *OF_CONTACTS, *OF_RUNS)
+        if not isinstance(one, dict) or len(one) != 1:
+            here.expected(
+                f"a table with one key, such as {{ amplitude = 'beam@1.0' }}; keys are {', '.join(kinds)}", one
+            )
+            continue
+        ((kind, of),) = one.items()
+        if kind in OF_POINTS:
+            result[name] = Measure(kind, PointByName().read(of, here.key(kind)))
+        elif kind in OF_CONTACTS:
+            if of not in contacts:
+                hint = nearest(of, contacts) if isinstance(of, str) else ""
+                here.key(kind).expected(f"the name of a contact, one of {list(contacts)}", of, hint)
+            result[name] = Measure(kind, of)
+        elif kind in OF_RUNS:
+            result[name] = Measure(kind, None)
+        else:
+            here.unknown_keys(one, kinds)
+    return result
+
+
+def _try_values(name: str, series: list[Any], content: dict[str, Any], text: str, file: Path, place: Place) -> None:
+    """Note what is wrong with the first and the last value of a parameter."""
+    for value in (series[0], series[-1]) if series else ():
+        try:
+            read_content(changed(content, {name: value}), text, file)
+        except SceneFileError as error:
+            for key, message in error.problems:
+                place.report(f"with the value {value!r}: {key}: {message}")
+        except ArgumentError as error:
+            place.report(str(error).removeprefix(f"{name!r}: "))
+        except VofemError as error:
+            place.report(f"with the value {value!r}: {error}")
+        else:
+            continue
+        return
