@@ -69,6 +69,7 @@ if TYPE_CHECKING:
     import vofem.studies.accuracy as accuracy
     from vofem.io.saved import load, resume
     from vofem.io.scene_file import dump_scene, load_scene
+    from vofem.studies.steady import Branch, PeriodicOrbit, SpecialPoint, periodic
 
 __all__ = [
     "Approximated",
@@ -76,6 +77,7 @@ __all__ = [
     "BaseMotion",
     "Beam",
     "BilinearSpring",
+    "Branch",
     "Constant",
     "Contact",
     "ConvergenceError",
@@ -101,6 +103,7 @@ __all__ = [
     "Modes",
     "NonlinearSpring",
     "OutputError",
+    "PeriodicOrbit",
     "PointLoad",
     "PointMass",
     "PointMoment",
@@ -116,6 +119,7 @@ __all__ = [
     "SceneFileError",
     "Sine",
     "SingularSystemError",
+    "SpecialPoint",
     "Spring",
     "Springpot",
     "StepSizeError",
@@ -132,6 +136,7 @@ __all__ = [
     "load",
     "load_scene",
     "modes",
+    "periodic",
     "quasi_static",
     "resume",
     "simulate",
@@ -139,11 +144,15 @@ __all__ = [
 
 #: What is imported when first asked for.
 _LATER = {
+    "Branch": "vofem.studies.steady",
+    "PeriodicOrbit": "vofem.studies.steady",
+    "SpecialPoint": "vofem.studies.steady",
     "accuracy": "vofem.studies.accuracy",
     "dump_scene": "vofem.io.scene_file",
     "io": "vofem.io",
     "load": "vofem.io.saved",
     "load_scene": "vofem.io.scene_file",
+    "periodic": "vofem.studies.steady",
     "resume": "vofem.io.saved",
 }
 

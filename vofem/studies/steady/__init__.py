@@ -3,5 +3,6 @@
 from vofem.studies.steady.branch import Branch, BranchCounters
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.special import SpecialPoint
+from vofem.studies.steady.steady_state import periodic
 
-__all__ = ["Branch", "BranchCounters", "PeriodicOrbit", "SpecialPoint"]
+__all__ = ["Branch", "BranchCounters", "PeriodicOrbit", "SpecialPoint", "periodic"]

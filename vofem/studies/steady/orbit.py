@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -23,6 +23,9 @@ TIMES = 1001
 
 #: Distance from the unit circle below which stability is not decided: rounding of multipliers that are simple.
 DECIDED = 1e-9
+
+#: Distance beyond which no rounding matters.
+_NEAR = 1e-2
 
 #: Nodes of the quadrature that gives harmonics, and panels in a period between corners of the motion.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
@@ -80,6 +83,8 @@ class PeriodicOrbit:
         Of the method, for problems that go on from here.
     autonomous : bool
         Whether no load sets the period: then one multiplier is 1 whatever the stability.
+    decided : callable, optional
+        Returns the distance from the unit circle below which stability is not decided; called where it matters.
 
     Attributes
     ----------
@@ -103,6 +108,7 @@ class PeriodicOrbit:
         notes: tuple[str, ...] = (),
         unknowns: Array | None = None,
         autonomous: bool = False,
+        decided: Callable[[], float] | None = None,
     ) -> None:
         self.scene, self.method = scene, method
         self.omega, self.periods = float(omega), int(periods)
@@ -112,7 +118,7 @@ class PeriodicOrbit:
         self.notes = list(notes)
         self.unknowns = unknowns
         self.autonomous = autonomous
-        self._make = result
+        self._make, self._decided = result, decided
 
     def __repr__(self) -> str:
         stable = {True: "stable", False: "unstable", None: "stability not decided"}[self.stable]
@@ -137,9 +143,10 @@ class PeriodicOrbit:
         if self.autonomous and size.size:
             size = np.delete(size, int(np.argmin(np.abs(self.multipliers - 1.0))))
         most = float(np.max(size, initial=0.0))
-        if abs(most - 1.0) <= DECIDED:
-            return None
-        return most < 1.0
+        if abs(most - 1.0) > _NEAR:
+            return most < 1.0
+        margin = DECIDED if self._decided is None else self._decided()
+        return None if abs(most - 1.0) <= margin else most < 1.0
 
     @cached_property
     def result(self) -> Result:
@@ -150,11 +157,16 @@ class PeriodicOrbit:
 
     def state_of(self, body_name: str) -> tuple[Any, Any]:
         """Return a body's degrees of freedom and rates at t = 0 of the loads, each (size,)."""
-        return self.result.state_of(body_name)
+        states = self.as_start().states
+        return states[body_name] if body_name in states else self.result.state_of(body_name)
 
     def as_start(self) -> StoredState:
         """Return the state at t = 0 of the loads, with which a run can start, without the orbit."""
-        return self.result.as_start()
+        result = self.result
+        q, v = result.solution.sample(np.zeros(1)).last()
+        of = result.model.of_body
+        states = {body.name: (of(body, q), of(body, v)) for body in result.scene.bodies}
+        return replace(result.as_start(), states=states, source="PeriodicOrbit")
 
     # -- what is measured of it -----------------------------------------------------------------------
 

@@ -46,6 +46,8 @@ class OrbitProblem(Protocol):
     Attributes
     ----------
     scene : Scene
+    periods : int
+        Of the loads, that an orbit takes.
     size : int
         Number n of unknowns.
     scales : ndarray, shape (n,)
@@ -56,6 +58,7 @@ class OrbitProblem(Protocol):
     """
 
     scene: Scene
+    periods: int
     size: int
     scales: Array
     tolerance: float
@@ -75,8 +78,11 @@ class OrbitProblem(Protocol):
             Where the unknowns are beyond what the method can evaluate.
         """
 
-    def orbit(self, unknowns: Array, evaluation: Evaluation) -> PeriodicOrbit:
-        """Return the orbit of a solution of the equations."""
+    def orbit(self, unknowns: Array, evaluation: Any) -> PeriodicOrbit:
+        """Return the orbit of a solution of the equations, from the problem's own evaluation there."""
+
+    def shortest_period(self, unknowns: Array, evaluation: Any) -> int:
+        """Return after how many periods of the loads a solution first repeats: `periods` or a divisor of it."""
 
 
 class OrbitFamily(Protocol):
