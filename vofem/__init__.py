@@ -71,6 +71,7 @@ if TYPE_CHECKING:
     from vofem.io.saved import load, resume
     from vofem.io.scene_file import dump_scene, load_scene
     from vofem.io.sweeps import sweep
+    from vofem.studies.steady import Branch, PeriodicOrbit, SpecialPoint, periodic
 
 __all__ = [
     "Approximated",
@@ -78,6 +79,7 @@ __all__ = [
     "BaseMotion",
     "Beam",
     "BilinearSpring",
+    "Branch",
     "Constant",
     "Contact",
     "ConvergenceError",
@@ -104,6 +106,7 @@ __all__ = [
     "Modes",
     "NonlinearSpring",
     "OutputError",
+    "PeriodicOrbit",
     "PointLoad",
     "PointMass",
     "PointMoment",
@@ -119,6 +122,7 @@ __all__ = [
     "SceneFileError",
     "Sine",
     "SingularSystemError",
+    "SpecialPoint",
     "Spring",
     "Springpot",
     "StepSizeError",
@@ -135,6 +139,7 @@ __all__ = [
     "load",
     "load_scene",
     "modes",
+    "periodic",
     "quasi_static",
     "resume",
     "simulate",
@@ -143,11 +148,15 @@ __all__ = [
 
 #: What is imported when first asked for.
 _LATER = {
+    "Branch": "vofem.studies.steady",
+    "PeriodicOrbit": "vofem.studies.steady",
+    "SpecialPoint": "vofem.studies.steady",
     "accuracy": "vofem.studies.accuracy",
     "dump_scene": "vofem.io.scene_file",
     "io": "vofem.io",
     "load": "vofem.io.saved",
     "load_scene": "vofem.io.scene_file",
+    "periodic": "vofem.studies.steady",
     "resume": "vofem.io.saved",
     "sweep": "vofem.io.sweeps",
 }

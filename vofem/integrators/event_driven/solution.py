@@ -163,8 +163,8 @@ class EventSolution:
 
     # -- recording --------------------------------------------------------------------------------
 
-    def begin(self, start: State, displacement: Array, velocity: Array, fraction: float) -> Status:
-        """Return and keep the contact status at t = 0; a start at rest at the gap may be pinned."""
+    def begin(self, start: State, displacement: Array, velocity: Array, fraction: float, t: float = 0.0) -> Status:
+        """Return and keep the contact status at the start; a start at rest at the gap may be pinned."""
         laws = self.system.contacts
         if laws is not None:
             rows = self.system.cache.get("magnitudes of contact rows", None, lambda: abs(laws.rows))
@@ -175,10 +175,20 @@ class EventSolution:
             touching = np.abs(laws.rows @ start.q - laws.gap) <= 1e-12 * size
             for j in np.flatnonzero(touching & laws.jump):
                 if should_pin(
-                    self.space, laws, self._initial, int(j), (displacement, velocity), self._load(0.0), fraction
+                    self.space, laws, self._initial, int(j), (displacement, velocity), self.load(t), fraction
                 ):
                     self._initial[j] = PINNED
         return self._initial
+
+    def begin_at(self, status: Status, displacement: Array, touching: int | None = None) -> None:
+        """Begin with a known status in a modal displacement; a contact that has just switched is at its gap."""
+        self._initial = status
+        laws = self.system.contacts
+        if laws is not None and touching is not None:
+            gaps = self.space.contacts @ displacement - laws.gap
+            gaps[touching] = 0.0
+            gaps[status == PINNED] = 0.0
+            self._gaps.append(gaps)
 
     def add_segment(self, t: float, status: Status, displacement: Array, velocity: Array) -> Motion:
         """Begin a segment at time t in a modal state.
@@ -229,7 +239,7 @@ class EventSolution:
             self._changed = index, displacement[:, 0], velocity[:, 0]
         return self._changed[1:]
 
-    def _gap_functions(self, index: int) -> Array:
+    def gap_functions(self, index: int) -> Array:
         """Return the gap functions s at the begin of a segment, shape (n_contacts,).
 
         They are sums of changes, so that they are known far better than
@@ -259,7 +269,7 @@ class EventSolution:
         laws, status = self.system.contacts, self._states[-1][0]
         assert laws is not None
         spectrum, count = motion.spectrum, motion.omega.size
-        gaps = self._gap_functions(len(self._states) - 1)
+        gaps = self.gap_functions(len(self._states) - 1)
         known = spectrum.event_functions.get(count)
         if known is None:
             known = spectrum.event_functions[count] = self._plain_functions(laws, status, spectrum, count)
@@ -329,7 +339,7 @@ class EventSolution:
             after[contact] = new
         jumping = [j for j in entered if status[j] != PINNED and may_pin(self.space, laws, j, velocity, fraction)]
         if jumping:
-            state, load = (displacement, velocity), self._load(t)
+            state, load = (displacement, velocity), self.load(t)
             for contact in jumping:
                 if should_pin(self.space, laws, after, contact, state, load, fraction):
                     after[contact] = PINNED
@@ -339,7 +349,7 @@ class EventSolution:
         self.counters.events += len(entered)
         return after
 
-    def _load(self, t: float) -> Array:
+    def load(self, t: float) -> Array:
         """Return the modal load at time t, shape (n,)."""
         total = np.zeros(self.space.size)
         for vector, load in zip(self.space.loads, self.system.loads, strict=True):
@@ -384,7 +394,7 @@ class EventSolution:
         z, v = (np.array([state[k] for state in self._states]).T for k in (1, 2))
         energy = 0.5 * np.sum(v**2 + self.space.stiffness[:, None] * z**2, axis=0)
         if laws is not None:
-            gaps = np.array([self._gap_functions(index) for index in range(starts.size)]).T
+            gaps = np.array([self.gap_functions(index) for index in range(starts.size)]).T
             status = np.array([state[0] for state in self._states]).T
             energy += laws.closed_potential(gaps, status)
         largest = float(np.max(energy))
@@ -415,6 +425,11 @@ class EventSolution:
         """Return the closed form of every load near time t."""
         functions = [load.function for load in self.system.loads]
         return [function.piece(t) for function in functions if isinstance(function, TimeFunction)]
+
+    def spectrum(self, index: int) -> Spectrum:
+        """Return the eigensystem of a segment."""
+        self._await(index)
+        return self._spectra[self._states[index][0]]
 
     def motion(self, index: int) -> Motion:
         """Return the closed form of a segment; the last ones asked for are kept."""
@@ -488,7 +503,7 @@ class EventSolution:
             motion = self.motion(index)
             displacement, velocity = motion.mode_changes(tau)
             if gaps:
-                s[:, mine] = self._gap_functions(index)[:, None] + self.space.contacts @ displacement
+                s[:, mine] = self.gap_functions(index)[:, None] + self.space.contacts @ displacement
             z[:, mine] = displacement + motion.displacement[:, None]
             v[:, mine] = velocity + motion.velocity[:, None]
         return z, v, s

@@ -1,0 +1,325 @@
+"""The flow of a system over a time, with its exact derivative: what orbits are found with.
+
+`flow` follows a modal state from one time to another in closed form between
+events, as a run does, and carries perturbations along. Runs of one system
+share its modes and the eigensystems of its contact statuses through
+`System.cache`; `share_modes` lets other systems with the same matrices use
+them too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.errors import EventStormError
+from vofem.integrators.event_driven.modal_space import ModalSpace, modal_space
+from vofem.integrators.event_driven.pinned import PIN_FRACTION
+from vofem.integrators.event_driven.search import EventFunctions, next_event
+from vofem.integrators.event_driven.solution import EventSolution
+from vofem.integrators.event_driven.tangent import Event, Tangent, acceleration
+from vofem.system import Counters, State, System
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+Array = NDArray[np.float64]
+Status = NDArray[np.int64]
+
+#: Events in one flow after which it is given up.
+MOST_EVENTS = 10_000
+
+
+@dataclass(frozen=True)
+class Unwatched:
+    """A contact whose events do not count for a while: it keeps the status that it has.
+
+    Attributes
+    ----------
+    contact : int
+    start, stop : float
+        Absolute times in s; outside of them it is watched.
+    """
+
+    contact: int
+    start: float
+    stop: float
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where a flow begins.
+
+    Attributes
+    ----------
+    time : float
+        In s, of the loads.
+    displacement, velocity : ndarray, shape (n,)
+        Modal.
+    status : ndarray of int, shape (n_contacts,), optional
+        Contact status just after `time`; that of the state where not given.
+    touching : int, optional
+        A contact that switches at `time`, so that it is at its gap to the last bit.
+    """
+
+    time: float
+    displacement: Array
+    velocity: Array
+    status: Status | None = None
+    touching: int | None = None
+
+
+@dataclass(frozen=True)
+class FlowEvent:
+    """A contact event within a flow.
+
+    Attributes
+    ----------
+    time : float
+        In s.
+    contact : int
+    before, after : int
+        Status of the contact.
+    rate : float
+        Rate of its gap function just before, m/s.
+    """
+
+    time: float
+    contact: int
+    before: int
+    after: int
+    rate: float
+
+
+@dataclass(frozen=True)
+class Flow:
+    """A flow over a time.
+
+    Attributes
+    ----------
+    start : Start
+    stop : float
+        In s.
+    displacement, velocity : ndarray, shape (n,)
+        Modal state at `stop`.
+    monodromy : ndarray, shape (2n, k), optional
+        Perturbations at `stop`, displacements above velocities; with all unit perturbations of the start the
+        derivative of the final state.
+    events : tuple of FlowEvent
+    solution : EventSolution
+        The segments, for sampling.
+    """
+
+    start: Start
+    stop: float
+    displacement: Array
+    velocity: Array
+    monodromy: Array | None
+    events: tuple[FlowEvent, ...]
+    solution: EventSolution
+
+    @property
+    def space(self) -> ModalSpace:
+        """The modes."""
+        return self.solution.space
+
+    @property
+    def status(self) -> Status:
+        """Contact status at the end."""
+        return self.solution.segments[2][-1][0]
+
+    def rate(self, *, at_start: bool) -> Array:
+        """Return the rates of displacement and velocity at the start (just after it) or the stop, shape (2n,)."""
+        solution = self.solution
+        laws = solution.system.contacts
+        if at_start:
+            time, displacement, velocity = self.start.time, self.start.displacement, self.start.velocity
+            status = solution.segments[2][0][0]
+        else:
+            time, displacement, velocity, status = self.stop, self.displacement, self.velocity, self.status
+        a = acceleration(solution.space, laws, status, displacement, velocity, solution.load(time))
+        return np.concatenate([velocity, a])
+
+    @property
+    def sizes(self) -> tuple[float, float]:
+        """Sizes of modal displacements and velocities along the flow: the largest norms at ends of segments."""
+        states = self.solution.segments[2]
+        z = max(np.linalg.norm(self.displacement), *(np.linalg.norm(state[1]) for state in states))
+        v = max(np.linalg.norm(self.velocity), *(np.linalg.norm(state[2]) for state in states))
+        return float(z), float(v)
+
+
+def modal_state(system: System, space: ModalSpace, state: State) -> tuple[Array, Array]:
+    """Return modal displacement and velocity, each (n,), of a state."""
+    momentum = system.mass @ np.stack([state.q, state.v], axis=1)
+    z, v = (space.shapes.T @ momentum).T
+    return np.ascontiguousarray(z), np.ascontiguousarray(v)
+
+
+def modes_of(system: System, counters: Counters) -> ModalSpace:
+    """Return the modes of a system without contacts, solved once."""
+    return system.cache.get("modal space", None, lambda: modal_space(system, counters))
+
+
+def flow(
+    system: System,
+    start: Start,
+    stop: float,
+    *,
+    derivative: Array | None = None,
+    unwatched: Sequence[Unwatched] = (),
+    counters: Counters | None = None,
+    most_events: int = MOST_EVENTS,
+) -> Flow:
+    """Return the flow of a system from a state.
+
+    Parameters
+    ----------
+    system : System
+        One that `event_driven` takes.
+    start : Start
+    stop : float
+        Absolute time in s.
+    derivative : ndarray, shape (2n, k), optional
+        Perturbations of the start that are carried along; the identity for the monodromy matrix.
+    unwatched : sequence of Unwatched
+    counters : Counters, optional
+        Work is counted here.
+    most_events : int
+
+    Raises
+    ------
+    EventStormError
+        After `most_events` events.
+    """
+    counters = Counters() if counters is None else counters
+    space = modes_of(system, counters)
+    n = space.size
+    solution = EventSolution(system, space, stop, np.array([stop]), counters)
+    t, displacement, velocity = start.time, start.displacement, start.velocity
+    if start.status is None:
+        shapes = space.shapes
+        status = solution.begin(
+            State(shapes @ displacement, shapes @ velocity), displacement, velocity, PIN_FRACTION, t
+        )  # fmt: skip
+    else:
+        status = start.status
+        solution.begin_at(status, displacement, start.touching)
+    tangent = None if derivative is None else Tangent(space, system.contacts, derivative[:n], derivative[n:])
+    stops = _stops(system, t, stop, unwatched)
+    events: list[FlowEvent] = []
+    at = 0
+    while t < stop:
+        while stops[at] <= t:
+            at += 1
+        motion = solution.add_segment(t, status, displacement, velocity)
+        duration = stops[at] - t
+        tau, entered = duration, None
+        if system.contacts is not None:
+            functions, owner, entering = solution.event_functions(motion)
+            functions, owner, entering = _watched(functions, owner, entering, unwatched, t)
+            if owner.size:
+                tau, hits, evaluations = next_event(functions, motion, duration)
+                counters.gap_evaluations += evaluations * len(system.contacts)
+                if hits.any():
+                    entered = dict(zip(owner[hits].tolist(), entering[hits].tolist(), strict=True))
+        displacement, velocity = solution.end_segment(tau)
+        if tangent is not None:
+            tangent.drift(motion.spectrum, tau)
+        t = stops[at] if tau >= duration else t + tau
+        if entered is None:
+            continue
+        after = solution.enter(t, status, entered, displacement, velocity, PIN_FRACTION)
+        for j in entered:
+            rate = float(space.contacts[j] @ velocity)
+            events.append(FlowEvent(t, j, int(status[j]), int(after[j]), rate))
+        if tangent is not None:
+            tangent.jump(Event(status, after, displacement, velocity, solution.load(t)))
+        status = after
+        if len(events) > most_events:
+            raise EventStormError(
+                f"more than {most_events} contact events in a flow of {stop - start.time:g} s: contacts chatter"
+            )
+    monodromy = None if tangent is None else np.concatenate([tangent.z, tangent.v])
+    return Flow(start, stop, displacement, velocity, monodromy, tuple(events), solution)
+
+
+def _stops(system: System, start: float, stop: float, unwatched: Sequence[Unwatched]) -> list[float]:
+    """Return the times at which a segment ends whatever happens, the last of them the stop."""
+    breaks = [b for load in system.loads for b in load.function.breakpoints(stop)]
+    breaks += [t for window in unwatched for t in (window.start, window.stop)]
+    return [*(float(t) for t in np.unique([b for b in breaks if start < b < stop])), stop]
+
+
+def _watched(
+    functions: EventFunctions, owner: NDArray[np.int64], entering: Status, unwatched: Sequence[Unwatched], t: float
+) -> tuple[EventFunctions, NDArray[np.int64], Status]:
+    """Return event functions without those of contacts that are not watched from t on."""
+    out = [window.contact for window in unwatched if window.start <= t < window.stop]
+    if not out:
+        return functions, owner, entering
+    kept = ~np.isin(owner, out)
+    parts = {field.name: getattr(functions, field.name)[kept] for field in fields(functions)}
+    return EventFunctions(**parts), owner[kept], entering[kept]
+
+
+# -- systems that differ in their loads alone ---------------------------------------------------------
+
+
+def share_modes(system: System, earlier: System) -> bool:
+    """Let a system use what is known of an earlier one, where matrices, contacts and load vectors are the same numbers.
+
+    Where the matrices alone are the same, the modes are shared. Returns whether modes are shared.
+    """
+    same = ("mass", "stiffness", "damping", "strain")
+    if system is earlier:
+        return True
+    if not all(_equal(getattr(system, name), getattr(earlier, name)) for name in (*same, "rigid", "scale")):
+        return False
+    if system.rayleigh != earlier.rayleigh or not _equal(system.modal_damping, earlier.modal_damping):
+        return False
+    rows = (None if system.contacts is None else system.contacts.rows for system in (system, earlier))
+    alike = _equal(*rows) and len(system.loads) == len(earlier.loads)
+    alike = alike and all(_equal(a.vector, b.vector) for a, b in zip(system.loads, earlier.loads, strict=True))
+    contacts = system.contacts is None or (
+        earlier.contacts is not None and np.array_equal(system.contacts.numbers(), earlier.contacts.numbers())
+    )
+    if alike and contacts:
+        system.share(earlier)
+        return True
+    known = modes_of(earlier, Counters())
+    system.cache.get("modal space", None, lambda: known if alike else _with_rows(system, known))
+    return True
+
+
+def _with_rows(system: System, known: ModalSpace) -> ModalSpace:
+    """Return known modes with the rows of a system's contacts and loads."""
+    n, shapes = known.size, known.shapes
+    contacts = np.empty((0, n)) if system.contacts is None else np.asarray(system.contacts.rows @ shapes)
+    loads = np.stack([load.vector for load in system.loads]) @ shapes if system.loads else np.empty((0, n))
+    return replace(known, contacts=contacts, loads=loads)
+
+
+def _equal(a: Any, b: Any) -> bool:
+    """Return whether two numbers, arrays or sparse matrices are the same, or both None."""
+    if a is None or b is None:
+        return a is b
+    if hasattr(a, "indptr"):
+        parts = ("indptr", "indices", "data")
+        return a.shape == b.shape and all(np.array_equal(getattr(a, part), getattr(b, part)) for part in parts)
+    return bool(np.array_equal(np.asarray(a), np.asarray(b)))
+
+
+__all__ = [
+    "Flow",
+    "FlowEvent",
+    "Start",
+    "Unwatched",
+    "flow",
+    "modal_state",
+    "modes_of",
+    "share_modes",
+]

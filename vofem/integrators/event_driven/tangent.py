@@ -1,0 +1,155 @@
+"""Perturbations along an event-driven run, exactly: free motion between events, saltation matrices at events.
+
+A perturbed run meets an event at another time. To first order the state after
+it is that of the matrix ``S = D + (f_after - D f_before) g'/(g' f_before)``
+with g the gradient of the event function, f the rates of the state on both
+sides, and D the derivative of what the event itself does to the state: the
+identity, or the projection by which a contact is pinned.
+
+R. I. Leine, H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical
+Systems, Springer 2004, doi:10.1007/978-3-540-44398-8.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.integrators.event_driven.modal_space import ModalSpace
+from vofem.integrators.event_driven.spectrum import Spectrum
+from vofem.linalg.exponential import matrix_change, oscillator
+from vofem.linalg.jit import jit
+from vofem.system import CLOSED, OPEN, PINNED, ContactLaws
+
+Array = NDArray[np.float64]
+Status = NDArray[np.int64]
+
+
+class Event(NamedTuple):
+    """An event as perturbations see it.
+
+    Attributes
+    ----------
+    before, after : ndarray of int, shape (n_contacts,)
+        Contact status.
+    displacement, velocity : ndarray, shape (n,)
+        Modal state before it.
+    load : ndarray, shape (n,)
+        Modal load.
+    """
+
+    before: Status
+    after: Status
+    displacement: Array
+    velocity: Array
+    load: Array
+
+
+class Tangent:
+    """Some perturbations of a modal state, as columns.
+
+    Parameters
+    ----------
+    space : ModalSpace
+    laws : ContactLaws, optional
+    displacement, velocity : ndarray, shape (n, k)
+        To begin with.
+
+    Attributes
+    ----------
+    z, v : ndarray, shape (n, k)
+    """
+
+    def __init__(self, space: ModalSpace, laws: ContactLaws | None, displacement: Array, velocity: Array) -> None:
+        self._space, self._laws = space, laws
+        self.z, self.v = displacement, velocity
+
+    def drift(self, spectrum: Spectrum, duration: float) -> None:
+        """Follow the free motion of a status for a duration in s."""
+        z, v = spectrum.to_blocks(self.z, self.v, shifted=False)
+        delta, p = spectrum.delta[:, None], spectrum.p[:, None]
+        c, s = (part[:, None] for part in _oscillators(spectrum.delta, spectrum.p, duration))
+        after_z, after_v = c * z + s * (v + delta * z), c * v - s * (p * z + delta * v)
+        if spectrum.plain is not None:
+            assert spectrum.blocks is not None
+            for cluster in spectrum.blocks.clusters:
+                k = cluster.member
+                both = np.concatenate([z[k], v[k]])
+                both = both + matrix_change(np.ascontiguousarray(cluster.generator), duration) @ both
+                after_z[k], after_v[k] = both[: k.size], both[k.size :]
+        self.z, self.v = spectrum.to_modes(after_z, after_v, shifted=False)
+
+    def jump(self, event: Event) -> None:
+        """Pass an event; contacts that switch at once are passed one after the other."""
+        laws = self._laws
+        assert laws is not None
+        now = event.before.copy()
+        for j in np.flatnonzero(event.before != event.after).tolist():
+            old, new = now[j], event.after[j]
+            following = now.copy()
+            following[j] = new
+            if new == PINNED:
+                self._pin(event, now, following, j)
+            elif old != PINNED:
+                self._switch(event, now, j, -1.0 if (old, new) == (OPEN, CLOSED) else 1.0)
+            # A pinned contact is released as its reaction reaches the force of the status that follows: nothing jumps.
+            now = following
+
+    def _switch(self, event: Event, now: Status, contact: int, sign: float) -> None:
+        """Pass a closing (sign -1) or an opening (sign 1): the force jumps, and with it the acceleration."""
+        laws, row = self._laws, self._space.contacts[contact]
+        assert laws is not None
+        force, rate = laws.damping[contact], float(row @ event.velocity)
+        if laws.jump[contact] and laws.gap[contact] > 0.0:
+            force = force + laws.stiffness[contact] * laws.gap[contact] / rate if rate != 0.0 else np.inf
+        if force != 0.0:
+            direction = row - _onto(self._space.contacts[now == PINNED], row)
+            self.v = self.v + sign * force * np.outer(direction, row @ self.z)
+
+    def _pin(self, event: Event, now: Status, following: Status, contact: int) -> None:
+        """Pass the event by which a contact comes to rest at its gap."""
+        row = self._space.contacts[contact]
+        rows = self._space.contacts[following == PINNED]
+        velocity = event.velocity - _onto(rows, event.velocity)
+        along = row @ self.z
+        z, v = self.z - _onto(rows, self.z), self.v - _onto(rows, self.v)
+        rate = float(row @ event.velocity)
+        if rate != 0.0:
+
+            def push(status: Status, speed: Array) -> Array:
+                return acceleration(self._space, self._laws, status, event.displacement, speed, event.load)
+
+            before, after = push(now, event.velocity), push(following, velocity)
+            # The displacement is continuous, and so are its rates along the surface.
+            v = v + np.outer(before - _onto(rows, before) - after, -along / rate)
+        self.z, self.v = z, v
+
+
+def acceleration(
+    space: ModalSpace, laws: ContactLaws | None, status: Status, displacement: Array, velocity: Array, load: Array
+) -> Array:
+    """Return the modal acceleration of a state under a contact status, shape (n,)."""
+    force = load - space.stiffness * displacement - space.damping_force(velocity)
+    if laws is None:
+        return np.asarray(force)
+    rows = space.contacts
+    push = laws.force(rows @ displacement - laws.gap, rows @ velocity, status)
+    force = force - push @ rows
+    return np.asarray(force - _onto(rows[status == PINNED], force))
+
+
+def _onto(rows: Array, vectors: Array) -> Array:
+    """Return the parts of vectors, shape (n,) or (n, k), that lie in the space of some rows."""
+    if not rows.shape[0]:
+        return np.zeros_like(vectors)
+    return np.asarray(rows.T @ np.linalg.solve(rows @ rows.T, rows @ vectors))
+
+
+@jit
+def _oscillators(delta: Array, p: Array, t: float) -> tuple[Array, Array]:
+    c, s = np.empty(p.size), np.empty(p.size)
+    for k in range(p.size):
+        c[k], s[k] = oscillator(delta[k], p[k], t)
+    return c, s

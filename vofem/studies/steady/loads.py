@@ -1,0 +1,133 @@
+"""The common period of all loads of a system."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from math import gcd, lcm
+
+import numpy as np
+
+from vofem._validate import number
+from vofem.effects.time_functions import TimeFunction
+from vofem.errors import ArgumentError
+from vofem.system import Load, System
+
+#: Largest whole number in a ratio of two frequencies of loads, and the relative error that it may have.
+_LARGEST, _EXACT = 1000, 1e-12
+
+#: Times in a period at which loads are compared with themselves a period later, and by how much they may differ.
+_LOOKS, _SAME = 97, 1e-9
+
+
+@dataclass(frozen=True)
+class LoadPeriod:
+    """The common period of all loads.
+
+    Attributes
+    ----------
+    omega : float
+        Angular frequency in rad/s.
+    forced : bool
+        Whether any load varies.
+    """
+
+    omega: float
+    forced: bool
+
+    @property
+    def period(self) -> float:
+        """In s."""
+        return 2.0 * np.pi / self.omega
+
+
+def load_period(what: str, system: System, period: float | None = None) -> LoadPeriod:
+    """Return the common period of all loads, or the given one, checked.
+
+    Parameters
+    ----------
+    what : str
+        Whose argument it is, for messages.
+    system : System
+    period : float, optional
+        In s.
+
+    Raises
+    ------
+    ArgumentError
+        If a load is not periodic or loads have no common period; the message names it. If no load varies and no period
+        is given.
+    """
+    frequencies = [(load, w) for load in system.loads for w in _frequencies(what, load, period)]
+    if period is not None:
+        omega = 2.0 * np.pi / number(f"{what}: period", period, positive=True)
+        # To the last bit where the given period is that of a load.
+        close = [w for _, w in frequencies if abs(w - omega) <= 4.0 * np.finfo(float).eps * omega]
+        omega = close[0] if close else omega
+    elif frequencies:
+        omega = _fundamental(what, frequencies)
+    else:
+        raise ArgumentError(
+            f"{what}: no load varies in time, so nothing sets the period. Add a load such as "
+            "PointLoad(point, Sine(...)), give period= in s, or follow free oscillations with vofem.backbone"
+        )
+    found = LoadPeriod(float(omega), any(_varies(load, 2.0 * np.pi / omega) for load in system.loads))
+    for load in system.loads:
+        _check(what, load, found.period)
+    return found
+
+
+def _frequencies(what: str, load: Load, period: float | None) -> list[float]:
+    """Return the angular frequencies of a load's harmonics; none where it has no closed form."""
+    function = load.function
+    if not isinstance(function, TimeFunction) or not function.closed_form:
+        if period is None:
+            raise ArgumentError(
+                f"{what}: {load.name} is a function whose period is not known; give period= in s, or write the load "
+                "with Sine and sums of it"
+            )
+        return []
+    piece = function.piece(0.0)
+    return [w for w, amplitude in piece.harmonics if w > 0.0 and amplitude != 0.0]
+
+
+def _fundamental(what: str, frequencies: list[tuple[Load, float]]) -> float:
+    first, base = frequencies[0]
+    ratios = []
+    for load, w in frequencies:
+        ratio = Fraction(w / base).limit_denominator(_LARGEST)
+        if ratio == 0 or ratio.numerator > _LARGEST or abs(float(ratio) - w / base) > _EXACT * w / base:
+            raise ArgumentError(
+                f"{what}: {load.name} has {w:.17g} rad/s and {first.name} has {base:.17g} rad/s, which have no common "
+                "period; choose frequencies in the ratio of small whole numbers"
+            )
+        ratios.append(ratio)
+    divisor = Fraction(gcd(*(r.numerator for r in ratios)), lcm(*(r.denominator for r in ratios)))
+    for (_, w), ratio in zip(frequencies, ratios, strict=True):
+        if ratio == divisor:
+            return w
+    return base * float(divisor)
+
+
+def _values(load: Load, period: float, later: float) -> np.ndarray:
+    times = (np.arange(_LOOKS) + 0.381966) / _LOOKS * period
+    return np.asarray(load.function(times + later), dtype=float)
+
+
+def _varies(load: Load, period: float) -> bool:
+    values = _values(load, period, 0.0)
+    return bool(np.ptp(values) > 0.0)
+
+
+def _check(what: str, load: Load, period: float) -> None:
+    """Raise where a load differs from itself a period later."""
+    now = _values(load, period, 0.0)
+    size = float(np.abs(now).max())
+    for count in (1, 2, 3):
+        later = _values(load, period, count * period)
+        if np.abs(later - now).max() > _SAME * max(size, float(np.abs(later).max())):
+            raise ArgumentError(
+                f"{what}: {load.name} is not periodic with {period:.9g} s: it differs from itself {count} "
+                f"period{'s' * (count > 1)} later by {np.abs(later - now).max():.3g}. Loads of steady states are sums "
+                "of Sine and Constant; where the period is longer, give period="
+            )

@@ -1,0 +1,62 @@
+"""The methods that find orbits, by name."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+from vofem.errors import ArgumentError
+from vofem.scene import Scene
+from vofem.studies.steady.counters import Work
+from vofem.studies.steady.problem import OrbitProblem
+from vofem.studies.steady.shooting import Shooting, shooting_refusal
+
+#: Methods that find orbits.
+METHODS = ("auto", "shooting", "harmonic_balance")
+
+
+def chosen(scene: Scene, method: str, harmonics: int | None) -> str:
+    """Return the method for a scene: shooting where it applies and no harmonics are asked for."""
+    if method != "auto":
+        return method
+    return "harmonic_balance" if harmonics is not None or shooting_refusal(scene) is not None else "shooting"
+
+
+def problem_of(
+    what: str,
+    scene: Scene,
+    method: str,
+    periods: int,
+    *,
+    period: float | None = None,
+    harmonics: int | None = None,
+    earlier: Any = None,
+    work: Work | None = None,
+) -> OrbitProblem:
+    """Return the equations of the orbits of a scene by a method other than "auto".
+
+    Parameters
+    ----------
+    what : str
+        Whose argument the scene is, for messages.
+    scene : Scene
+    method : str
+    periods : int
+    period : float, optional
+        Of the loads, in s.
+    harmonics : int, optional
+    earlier : OrbitProblem, optional
+        Of the same method, at another value of a parameter: its unknowns mean the same, and what it has computed
+        serves.
+    work : Work, optional
+        Where work is counted.
+    """
+    if method == "harmonic_balance":
+        module: Any = import_module("vofem.studies.steady.harmonic_balance")
+        problem: OrbitProblem = module.HarmonicBalance(
+            what, scene, periods, period=period, harmonics=harmonics, earlier=earlier, work=work
+        )
+        return problem
+    if harmonics is not None:
+        raise ArgumentError(f"{what}: harmonics was given, but shooting has none; leave it out")
+    return Shooting(what, scene, periods, period=period, earlier=earlier, work=work)

@@ -1,0 +1,88 @@
+"""Newton's method on the equations of an orbit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.errors import ConvergenceError
+from vofem.studies.steady.problem import Evaluation, OrbitProblem
+
+Array = NDArray[np.float64]
+
+#: Steps of Newton's method, and halvings of one step.
+_STEPS, _HALVINGS = 40, 8
+
+#: A residual that no longer shrinks counts as rounding below this.
+ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A solution of the equations of an orbit.
+
+    Attributes
+    ----------
+    unknowns : ndarray, shape (n,)
+    evaluation : Evaluation
+        There, with its Jacobian matrix.
+    """
+
+    unknowns: Array
+    evaluation: Evaluation
+
+
+def solved(problem: OrbitProblem, guess: Array, steps: int = _STEPS) -> Solved:
+    """Return the orbit near a guess by Newton's method, steps halved while the residual grows.
+
+    Raises
+    ------
+    ConvergenceError
+        If the residual does not vanish; the message says how far it came.
+    """
+    x = np.array(guess, dtype=float)
+    now = problem.evaluate(x)
+    best = now.error
+    for _ in range(steps):
+        if now.error <= problem.tolerance:
+            return Solved(x, now)
+        step = direction(now.jacobian, now.residual)
+        moved = _shorter(problem, x, step, now)
+        if moved is None:
+            if now.error <= ROUNDING:
+                return Solved(x, now)
+            break
+        x, now = moved
+        best = min(best, now.error)
+    if now.error <= ROUNDING:
+        return Solved(x, now)
+    raise ConvergenceError(f"Newton's method left a residual of {best:.2e} of the motion")
+
+
+def _shorter(problem: OrbitProblem, x: Array, step: Array, now: Evaluation) -> tuple[Array, Evaluation] | None:
+    """Return the longest of a step and its halves that lowers the residual; None where rounding or a kink stops it."""
+    factor = 1.0
+    for _ in range(_HALVINGS):
+        try:
+            after = problem.evaluate(x - factor * step)
+        except ConvergenceError:
+            after = None
+        if after is not None and after.error <= (1.0 - 0.1 * factor) * now.error:
+            return x - factor * step, after
+        factor *= 0.5
+    return None
+
+
+def direction(matrix: Array, right: Array) -> Array:
+    """Return the solution of linear equations; of singular ones the shortest."""
+    try:
+        step = np.linalg.solve(matrix, right)
+    except np.linalg.LinAlgError:
+        step = np.full(right.shape, np.nan)
+    if not np.all(np.isfinite(step)):
+        if not (np.all(np.isfinite(matrix)) and np.all(np.isfinite(right))):
+            raise ConvergenceError("the derivative is not finite: an orbit grazes a contact")
+        step = np.linalg.lstsq(matrix, right, rcond=1e-14)[0]
+    return np.asarray(step)

@@ -1,0 +1,263 @@
+"""A periodic orbit: what is known of it, whatever method has found it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.errors import ArgumentError
+from vofem.initial import StoredState
+from vofem.result import Result
+from vofem.scene import Scene
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+#: Number of equal times, both ends included, of an orbit's result.
+TIMES = 1001
+
+#: Distance from the unit circle below which stability is not decided: rounding of multipliers that are simple.
+DECIDED = 1e-9
+
+#: Distance beyond which no rounding matters.
+_NEAR = 1e-2
+
+#: Nodes of the quadrature that gives harmonics, and panels in a period between corners of the motion.
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
+_PANELS = 64
+
+#: Halvings of the time between samples that find an extreme.
+_HALVINGS = 60
+
+
+@dataclass(frozen=True)
+class OrbitTruncation:
+    """What was left out of an orbit's unknowns or multipliers.
+
+    Attributes
+    ----------
+    modes : int
+        Number of modes (or harmonics) left out.
+    largest : float
+        Bound on the modulus of their multipliers; of harmonics, estimated error of displacements relative to the
+        largest one.
+    what : str
+        One sentence about it.
+    """
+
+    modes: int
+    largest: float
+    what: str
+
+
+class PeriodicOrbit:
+    """A periodic orbit of a scene.
+
+    A run can start from it: ``vofem.simulate(scene, t_end, initial=orbit)`` takes its state at t = 0 of the loads.
+
+    Parameters
+    ----------
+    scene : Scene
+    method : str
+        "shooting" or "harmonic_balance".
+    omega : float
+        Angular frequency of the loads, rad/s; of a free oscillation its own.
+    periods : int
+        How many periods of the loads the orbit takes.
+    multipliers : ndarray of complex, optional
+        Floquet multipliers over the whole orbit, in any order; None where the method does not know them.
+    residual : float
+        What is missing to close the orbit: the largest difference between its two ends over the size of the motion,
+        displacements and velocities alike.
+    result : callable
+        Returns the `Result` over the whole orbit at `TIMES` equal times; called once, when it is first needed.
+    truncation : OrbitTruncation, optional
+    notes : tuple of str
+        What a user should know.
+    unknowns : ndarray, optional
+        Of the method, for problems that go on from here.
+    autonomous : bool
+        Whether no load sets the period: then one multiplier is 1 whatever the stability.
+    decided : callable, optional
+        Returns the distance from the unit circle below which stability is not decided; called where it matters.
+
+    Attributes
+    ----------
+    scene, method, omega, periods, residual, truncation, notes, unknowns
+        As above.
+    multipliers : ndarray of complex, optional
+        By decreasing modulus.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        method: str,
+        omega: float,
+        periods: int,
+        *,
+        multipliers: Complex | None,
+        residual: float,
+        result: Callable[[], Result],
+        truncation: OrbitTruncation | None = None,
+        notes: tuple[str, ...] = (),
+        unknowns: Array | None = None,
+        autonomous: bool = False,
+        decided: Callable[[], float] | None = None,
+    ) -> None:
+        self.scene, self.method = scene, method
+        self.omega, self.periods = float(omega), int(periods)
+        self.multipliers: Complex | None = None if multipliers is None else by_modulus(multipliers)
+        self.residual = float(residual)
+        self.truncation = truncation
+        self.notes = list(notes)
+        self.unknowns = unknowns
+        self.autonomous = autonomous
+        self._make, self._decided = result, decided
+
+    def __repr__(self) -> str:
+        stable = {True: "stable", False: "unstable", None: "stability not decided"}[self.stable]
+        times = f" over {self.periods} periods of the loads" if self.periods > 1 else ""
+        return f"PeriodicOrbit({self.method}, omega = {self.omega:.9g} rad/s{times}, {stable})"
+
+    @property
+    def period(self) -> float:
+        """Duration of the whole orbit in s: `periods` times ``2 pi/omega``."""
+        return 2.0 * np.pi * self.periods / self.omega
+
+    @property
+    def stable(self) -> bool | None:
+        """Whether small perturbations die out.
+
+        None where this is not decided: where multipliers are not known, or the largest one lies on the unit circle
+        within rounding, as those of conservative scenes and of special points do.
+        """
+        if self.multipliers is None:
+            return None
+        size = np.abs(self.multipliers)
+        if self.autonomous and size.size:
+            size = np.delete(size, int(np.argmin(np.abs(self.multipliers - 1.0))))
+        most = float(np.max(size, initial=0.0))
+        if abs(most - 1.0) > _NEAR:
+            return most < 1.0
+        margin = DECIDED if self._decided is None else self._decided()
+        return None if abs(most - 1.0) <= margin else most < 1.0
+
+    @cached_property
+    def result(self) -> Result:
+        """The `Result` over the whole orbit: 1001 equal times, both ends included, from t = 0 of the loads on."""
+        return self._make()
+
+    # -- as the start of a run ------------------------------------------------------------------------
+
+    def state_of(self, body_name: str) -> tuple[Any, Any]:
+        """Return a body's degrees of freedom and rates at t = 0 of the loads, each (size,)."""
+        states = self.as_start().states
+        return states[body_name] if body_name in states else self.result.state_of(body_name)
+
+    def as_start(self) -> StoredState:
+        """Return the state at t = 0 of the loads, with which a run can start, without the orbit."""
+        result = self.result
+        q, v = result.solution.sample(np.zeros(1)).last()
+        of = result.model.of_body
+        states = {body.name: (of(body, q), of(body, v)) for body in result.scene.bodies}
+        return replace(result.as_start(), states=states, source="PeriodicOrbit")
+
+    # -- what is measured of it -----------------------------------------------------------------------
+
+    def extremes(self, point: Any) -> tuple[float, float]:
+        """Return the least and the largest displacement of a point in m, found between samples.
+
+        Parameters
+        ----------
+        point : point of a body
+
+        Returns
+        -------
+        least, largest : float
+        """
+        result = self.result
+        times = self._corners
+        u, v = result.displacement(point, times), result.velocity(point, times)
+        turning = np.flatnonzero(v[:-1] * v[1:] < 0.0)
+        low, high = times[turning], times[turning + 1]
+        rising = v[turning] > 0.0
+        # Only neighbours of the samples that lead: the rest cannot win.
+        spread = float(np.ptp(u)) if u.size else 0.0
+        reach = np.maximum(np.abs(v[turning]), np.abs(v[turning + 1])) * (high - low)
+        top, bottom = np.maximum(u[turning], u[turning + 1]), np.minimum(u[turning], u[turning + 1])
+        wanted = np.where(rising, top + reach >= u.max(), bottom - reach <= u.min())
+        low, high, rising = low[wanted], high[wanted], rising[wanted]
+        if low.size and spread > 0.0:
+            for _ in range(_HALVINGS):
+                middle = 0.5 * (low + high)
+                before = (result.velocity(point, middle) > 0.0) == rising
+                low, high = np.where(before, middle, low), np.where(before, high, middle)
+                if np.all(high - low <= 1e-9 * self.period):
+                    break
+            u = np.concatenate([u, result.displacement(point, 0.5 * (low + high))])
+        return float(u.min()), float(u.max())
+
+    def amplitude(self, point: Any) -> float:
+        """Return half the difference between the largest and the least displacement of a point, m."""
+        least, largest = self.extremes(point)
+        return 0.5 * (largest - least)
+
+    def harmonics(self, point: Any, count: int) -> Complex:
+        """Return the Fourier coefficients of a point's displacement.
+
+        Parameters
+        ----------
+        point : point of a body
+        count : int
+            Harmonics beyond the mean.
+
+        Returns
+        -------
+        ndarray of complex, shape (count + 1,)
+            ``c`` in m with ``u(t) = Re sum_k c[k] exp(2 pi i k t/period)``: ``c[0]`` is the mean and ``abs(c[k])`` the
+            amplitude of harmonic k of the whole orbit, which for k periods of the loads is a subharmonic.
+
+        Raises
+        ------
+        ArgumentError
+            If count is no whole number of 0 or more.
+        """
+        if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 0:
+            raise ArgumentError(f"harmonics: count is {count!r}, expected a whole number, 0 or more")
+        inner = self._events
+        panels = _PANELS + 2 * int(count)
+        edges = np.unique(np.concatenate([np.linspace(0.0, self.period, panels + 1), inner]))
+        width = np.diff(edges)
+        times = (edges[:-1, None] + 0.5 * width[:, None] * (1.0 + _NODES)).ravel()
+        weights = (0.5 * width[:, None] * _WEIGHTS).ravel() / self.period
+        u = self.result.displacement(point, times)
+        turn = np.exp(-2j * np.pi * np.outer(np.arange(count + 1), times / self.period))
+        coefficients = 2.0 * (turn @ (weights * u))
+        coefficients[0] *= 0.5
+        return coefficients
+
+    @property
+    def _events(self) -> Array:
+        """Times of contact events within the orbit."""
+        times = np.asarray(self.result.solution.events.time, dtype=float)
+        return times[(times > 0.0) & (times < self.period)]
+
+    @property
+    def _corners(self) -> Array:
+        """Sample times together with those of events."""
+        return np.unique(np.concatenate([self.result.times, self._events]))
+
+
+def by_modulus(multipliers: Complex) -> Complex:
+    """Return multipliers by decreasing modulus, those of positive imaginary part first in a pair."""
+    values = np.asarray(multipliers, dtype=complex)
+    order = sorted(
+        range(values.size), key=lambda k: (-round(float(abs(values[k])), 12), -values[k].imag, -values[k].real)
+    )
+    return values[order]

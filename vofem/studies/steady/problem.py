@@ -1,0 +1,92 @@
+"""What a method offers for periodic orbits, so that one code follows branches of all of them.
+
+A method (shooting, harmonic balance) describes the orbits of one scene as the
+roots of as many equations as unknowns: `OrbitProblem`. A branch needs the same
+problem at other values of a parameter: `OrbitFamily`. Derivatives with respect
+to the parameter are taken by differences of residuals, so that a scene may
+depend on it in any way.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.scene import Scene
+from vofem.studies.steady.orbit import PeriodicOrbit
+
+Array = NDArray[np.float64]
+
+
+class Evaluation(Protocol):
+    """The equations at one set of unknowns."""
+
+    @property
+    def residual(self) -> Array:
+        """What the equations leave over, shape (n,)."""
+
+    @property
+    def jacobian(self) -> Array:
+        """Derivative of the residual with respect to the unknowns, shape (n, n); only where it was asked for."""
+
+    @property
+    def error(self) -> float:
+        """Size of the residual over that of the motion: what `PeriodicOrbit.residual` tells of an orbit."""
+
+    @property
+    def multipliers(self) -> NDArray[np.complex128] | None:
+        """Floquet multipliers by decreasing modulus; None where the method does not know them."""
+
+
+class OrbitProblem(Protocol):
+    """Periodic orbits of one scene as roots of equations.
+
+    Attributes
+    ----------
+    scene : Scene
+    periods : int
+        Of the loads, that an orbit takes.
+    size : int
+        Number n of unknowns.
+    scales : ndarray, shape (n,)
+        Positive sizes by which unknowns are divided before they are compared with each other; they need to be right
+        up to a common factor. A problem without unknowns of different kinds gives ones.
+    tolerance : float
+        `Evaluation.error` at or below which the equations count as solved.
+    """
+
+    scene: Scene
+    periods: int
+    size: int
+    scales: Array
+    tolerance: float
+
+    def from_rest(self) -> Array:
+        """Return a first guess of the unknowns without any orbit to start from, shape (n,)."""
+
+    def from_orbit(self, orbit: Any) -> Array:
+        """Return the unknowns of a `PeriodicOrbit` or of the last period of a `Result`, of any method, shape (n,)."""
+
+    def evaluate(self, unknowns: Array, *, derivative: bool = True) -> Evaluation:
+        """Return the equations, with their Jacobian matrix where `derivative` is true.
+
+        Raises
+        ------
+        ConvergenceError
+            Where the unknowns are beyond what the method can evaluate.
+        """
+
+    def orbit(self, unknowns: Array, evaluation: Any) -> PeriodicOrbit:
+        """Return the orbit of a solution of the equations, from the problem's own evaluation there."""
+
+    def shortest_period(self, unknowns: Array, evaluation: Any) -> int:
+        """Return after how many periods of the loads a solution first repeats: `periods` or a divisor of it."""
+
+
+class OrbitFamily(Protocol):
+    """The same problem along a parameter; unknowns mean the same at all values."""
+
+    def at(self, value: float) -> OrbitProblem:
+        """Return the problem at a value of the parameter."""

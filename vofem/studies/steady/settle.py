@@ -1,0 +1,91 @@
+"""An orbit from rest: the transient until stroboscopic points settle, then Newton's method."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.errors import ConvergenceError
+from vofem.integrators.event_driven.flow import Start
+from vofem.studies.steady.newton import Solved, solved
+from vofem.studies.steady.shooting import Shooting, relative
+
+Array = NDArray[np.float64]
+
+#: Periods of the loads after which a transient is given up.
+MOST_PERIODS = 200
+
+#: Relative change over an orbit from which on Newton's method is tried; by which factor it must fall for another try.
+_TRY, _AGAIN = 1e-2, 0.1
+
+#: Steps of Newton's method at a try, and how far it may lead, in changes over an orbit.
+_STEPS, _FAR = 8, 200.0
+
+
+@dataclass(frozen=True)
+class Settled:
+    """An orbit that was found from rest.
+
+    Attributes
+    ----------
+    solved : Solved
+    notes : tuple of str
+    """
+
+    solved: Solved
+    notes: tuple[str, ...] = ()
+
+
+def from_rest(problem: Shooting) -> Settled:
+    """Return the orbit that a motion from rest settles on, or one near the linear response where it does not settle.
+
+    Raises
+    ------
+    ConvergenceError
+        If neither leads to an orbit.
+    """
+    x = np.zeros(problem.size)
+    level, change = _TRY, np.inf
+    for _ in range(max(1, MOST_PERIODS // problem.periods)):
+        z, v = problem.to_modes(x)
+        one = problem.run(Start(0.0, z, v), problem.duration)
+        after = problem.to_unknowns(one.displacement, one.velocity)
+        before, change = change, relative(after - x, one.sizes)
+        if not np.isfinite(change):
+            break
+        if change <= level and change <= before:
+            found = _tried(problem, after, change, one.sizes)
+            if found is not None:
+                return Settled(found)
+            level = _AGAIN * change
+        x = after
+    seen = f"after {MOST_PERIODS} periods from rest the motion still changes by {change:.2g} of itself over an orbit"
+    try:
+        found = solved(problem, problem.linear_response())
+    except ConvergenceError as error:
+        raise ConvergenceError(
+            f"periodic: no orbit was found. {seen}: a subharmonic or chaotic motion, or little damping; and from the "
+            f"linear response {error}. Try more periods (periods=2, 3, ...), a guess= such as a run with more damping, "
+            "or follow a branch from where the motion is regular with vofem.continuation"
+        ) from error
+    note = f"{seen}, so this orbit was found from the linear response; motions need not settle on it"
+    return Settled(found, (note,))
+
+
+def _tried(problem: Shooting, x: Array, change: float, sizes: tuple[float, float]) -> Solved | None:
+    """Return the orbit that the transient approaches, or None where Newton's method does not find it from here."""
+    try:
+        found = solved(problem, x, _STEPS)
+    except ConvergenceError:
+        return None
+    multipliers = found.evaluation.multipliers
+    assert multipliers is not None
+    size = np.abs(multipliers)
+    leading = float(size.max()) if size.size else 0.0
+    if leading > 1.0 + 1e-9:
+        return None
+    # The motion still has to cover the change over an orbit as often as its slowest multiplier says.
+    reach = _FAR * change / max(1.0 - leading, 1e-2)
+    return found if relative(found.unknowns - x, sizes) <= reach else None

@@ -1,0 +1,326 @@
+"""Periodic orbits by shooting: the flow over one orbit must return to where it began.
+
+The unknowns are modal displacements and velocities at t = 0 of the loads. The
+flow is exact between events and its derivative is too, so Newton's method
+converges quadratically and the multipliers are those of the orbit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.errors import ConvergenceError, EventStormError, MethodError
+from vofem.initial import Initial, StoredState
+from vofem.integrators.event_driven.flow import Flow, Start, flow, modal_state, modes_of, share_modes
+from vofem.integrators.event_driven.run import refusal
+from vofem.result import Result
+from vofem.scene import Scene
+from vofem.simulate.plan import Plan, run_plan
+from vofem.studies.steady.counters import Work
+from vofem.studies.steady.loads import LoadPeriod, load_period
+from vofem.studies.steady.orbit import DECIDED, TIMES, PeriodicOrbit
+from vofem.system import State
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+#: Degrees of freedom up to which all modes are unknowns.
+MOST_UNKNOWNS = 600
+
+#: Rounding of a multiplier, in terms of its condition and the size of the monodromy matrix.
+_EPS = 64.0 * float(np.finfo(float).eps)
+
+
+@dataclass(frozen=True)
+class ShootingEvaluation:
+    """A flow over one orbit from some unknowns.
+
+    Attributes
+    ----------
+    flow : Flow
+    residual : ndarray, shape (2n,)
+        By how much the end differs from the start.
+    frame : ndarray, shape (n, n), optional
+        Modal states of one unit of each unknown; None for the identity.
+    """
+
+    flow: Flow
+    residual: Array
+    frame: Array | None = None
+
+    @cached_property
+    def jacobian(self) -> Array:
+        """Derivative of the residual, shape (2n, 2n)."""
+        return self.monodromy - np.eye(self.residual.size)
+
+    @cached_property
+    def monodromy(self) -> Array:
+        """Derivative of the end with respect to the start, in the unknowns, shape (2n, 2n)."""
+        matrix = self.flow.monodromy
+        assert matrix is not None
+        if self.frame is None:
+            return matrix
+        n = self.frame.shape[0]
+        both = np.zeros((2 * n, 2 * n))
+        both[:n, :n] = both[n:, n:] = self.frame
+        return np.asarray(np.linalg.solve(both, matrix @ both))
+
+    @cached_property
+    def error(self) -> float:
+        """The difference of both ends over the size of the motion, displacements and velocities apart."""
+        return relative(self.residual, self.flow.sizes)
+
+    @cached_property
+    def multipliers(self) -> Complex:
+        """Eigenvalues of the monodromy matrix."""
+        if not np.all(np.isfinite(self.monodromy)):
+            raise ConvergenceError("the monodromy matrix is not finite: the orbit grazes a contact")
+        return np.linalg.eigvals(self.monodromy).astype(complex)
+
+    @cached_property
+    def uncertainty(self) -> float:
+        """What rounding may have done to the modulus of the largest multipliers."""
+        from scipy.linalg import eig
+
+        values, left, right = eig(self.monodromy, left=True, right=True)
+        size = np.abs(values)
+        if not size.size:
+            return DECIDED
+        close = np.abs(np.sum(left.conj() * right, axis=0))
+        norm = float(np.linalg.norm(self.monodromy, 2))
+        loss = _EPS * norm / np.maximum(close, np.finfo(float).eps)
+        near = np.abs(size - 1.0) <= np.maximum(loss, DECIDED)
+        return float(max(DECIDED, np.max(np.minimum(loss, 0.1)[near], initial=0.0)))
+
+
+def relative(residual: Array, sizes: tuple[float, float]) -> float:
+    """Return the size of a difference of states over sizes of displacements and velocities."""
+    n = residual.size // 2
+    parts = [
+        float(np.linalg.norm(part)) / size if size > 0.0 else float(np.linalg.norm(part) > 0.0)
+        for part, size in zip((residual[:n], residual[n:]), sizes, strict=True)
+    ]
+    return max(parts) if np.all(np.isfinite(parts)) else np.inf
+
+
+class Shooting:
+    """Periodic orbits of a scene as roots of the flow; an `OrbitProblem`.
+
+    Parameters
+    ----------
+    what : str
+        Whose argument the scene is, for messages.
+    scene : Scene
+    periods : int
+    period : float, optional
+        Of the loads, in s.
+    earlier : Shooting, optional
+        A problem whose modes define the unknowns, and serve here too where they are the same.
+    work : Work, optional
+        Where work is counted.
+
+    Attributes
+    ----------
+    scene, periods
+        As above.
+    loads : LoadPeriod
+    size : int
+    scales : ndarray, shape (2n,)
+    tolerance : float
+    """
+
+    tolerance = 1e-13
+
+    def __init__(
+        self,
+        what: str,
+        scene: Scene,
+        periods: int = 1,
+        *,
+        period: float | None = None,
+        earlier: Shooting | None = None,
+        work: Work | None = None,
+    ) -> None:
+        self.scene, self.periods = scene, periods
+        self.system = system = scene.model.system
+        reason = shooting_refusal(scene)
+        if reason is not None:
+            raise MethodError(f"{what}: {reason}")
+        self.loads: LoadPeriod = load_period(what, system, period)
+        self.work = Work() if work is None else work
+        shared = earlier is not None and share_modes(system, earlier.system)
+        self.space = modes_of(system, self.work.runs)
+        n = self.space.size
+        self.reference: Shooting = self if earlier is None else earlier.reference
+        self.frame: Array | None = None
+        if not shared and self.reference is not self:
+            if self.reference.space.size != n:
+                raise MethodError(
+                    f"{what}: the scene has {n} degrees of freedom, and {self.reference.space.size} at another value "
+                    "of the parameter; build the same mesh for all values"
+                )
+            self.frame = self.space.shapes.T @ (system.mass @ self.reference.space.shapes)
+        elif shared and earlier is not None:
+            self.frame = earlier.frame
+        self.size = 2 * n
+        self.scales = np.concatenate([np.ones(n), np.full(n, self.loads.omega)])
+
+    @property
+    def duration(self) -> float:
+        """Of the whole orbit, s."""
+        return 2.0 * np.pi * self.periods / self.loads.omega
+
+    # -- unknowns and modal states --------------------------------------------------------------------
+
+    def to_modes(self, unknowns: Array) -> tuple[Array, Array]:
+        """Return modal displacement and velocity, each (n, ...), of unknowns (2n, ...)."""
+        n = self.size // 2
+        z, v = unknowns[:n], unknowns[n:]
+        return (z, v) if self.frame is None else (self.frame @ z, self.frame @ v)
+
+    def to_unknowns(self, z: Array, v: Array) -> Array:
+        """Return the unknowns, shape (2n,), of a modal state."""
+        if self.frame is not None:
+            z, v = np.linalg.solve(self.frame, np.stack([z, v], axis=1)).T
+        return np.concatenate([z, v])
+
+    def from_state(self, state: State) -> Array:
+        """Return the unknowns of a state over the free degrees of freedom."""
+        return self.to_unknowns(*modal_state(self.system, self.space, state))
+
+    def state(self, unknowns: Array) -> State:
+        """Return the state over the free degrees of freedom."""
+        z, v = self.to_modes(unknowns)
+        return State(self.space.shapes @ z, self.space.shapes @ v)
+
+    # -- guesses --------------------------------------------------------------------------------------
+
+    def from_rest(self) -> Array:
+        """Return the response with all contacts open, or rest where it has none."""
+        return self.linear_response()
+
+    def linear_response(self) -> Array:
+        """Return the unknowns of the periodic motion with all contacts open."""
+        from vofem.integrators.event_driven.flow import Unwatched
+        from vofem.system import OPEN
+
+        n = self.space.size
+        contacts = self.space.contacts.shape[0]
+        never = [Unwatched(j, -np.inf, np.inf) for j in range(contacts)]
+        start = Start(0.0, np.zeros(n), np.zeros(n), np.full(contacts, OPEN, dtype=np.int64))
+        one = flow(
+            self.system, start, self.loads.period, derivative=np.eye(2 * n), unwatched=never, counters=self.work.runs
+        )
+        self.work.flows += 1
+        assert one.monodromy is not None
+        end = np.concatenate([one.displacement, one.velocity])
+        state = np.linalg.lstsq(np.eye(2 * n) - one.monodromy, end, rcond=1e-12)[0]
+        return self.to_unknowns(state[:n], state[n:])
+
+    def from_orbit(self, orbit: Any) -> Array:
+        """Return the unknowns of an orbit, of the last period of a `Result`, or of anything a run can start from."""
+        source = _at_phase(orbit, self.loads.period) if isinstance(orbit, Result) else orbit
+        initial = Initial("periodic", self.scene.bodies, source, by_name=True)
+        return self.from_state(self.scene.initial_state(initial))
+
+    # -- equations ------------------------------------------------------------------------------------
+
+    def run(self, start: Start, stop: float, *, derivative: Array | None = None, **options: Any) -> Flow:
+        """Return a flow, counted.
+
+        Raises
+        ------
+        ConvergenceError
+            Where contacts chatter or the motion diverges.
+        """
+        self.work.flows += 1
+        if not (np.all(np.isfinite(start.displacement)) and np.all(np.isfinite(start.velocity))):
+            raise ConvergenceError("the iteration diverged: a state is not finite")
+        try:
+            return flow(self.system, start, stop, derivative=derivative, counters=self.work.runs, **options)
+        except EventStormError as error:
+            raise ConvergenceError(str(error)) from error
+
+    def evaluate(self, unknowns: Array, *, derivative: bool = True) -> ShootingEvaluation:
+        """Return the flow over one orbit."""
+        z, v = self.to_modes(unknowns)
+        one = self.run(Start(0.0, z, v), self.duration, derivative=np.eye(self.size) if derivative else None)
+        ends = self.to_unknowns(one.displacement, one.velocity)
+        return ShootingEvaluation(one, ends - unknowns, self.frame)
+
+    def orbit(self, unknowns: Array, evaluation: ShootingEvaluation) -> PeriodicOrbit:
+        """Return the orbit of a solution."""
+        return PeriodicOrbit(
+            self.scene,
+            "shooting",
+            self.loads.omega,
+            self.periods,
+            multipliers=evaluation.multipliers,
+            residual=evaluation.error,
+            result=self.result_of(unknowns),
+            unknowns=np.array(unknowns),
+            decided=lambda: evaluation.uncertainty,
+        )
+
+    def result_of(self, unknowns: Array) -> Callable[[], Result]:
+        """Return what makes the result over one orbit."""
+        scene, state, duration = self.scene, self.state(unknowns), self.duration
+        return lambda: orbit_result(scene, state, duration)
+
+    def shortest_period(self, unknowns: Array, evaluation: ShootingEvaluation) -> int:
+        """Return after how many periods of the loads an orbit first repeats: `periods` or a divisor of it."""
+        z, v = self.to_modes(unknowns)
+        for count in range(1, self.periods):
+            if self.periods % count:
+                continue
+            after_z, after_v = evaluation.flow.solution.modal(np.array([count * self.loads.period]))
+            difference = np.concatenate([after_z[:, 0] - z, after_v[:, 0] - v])
+            if relative(difference, evaluation.flow.sizes) <= _REPEATS:
+                return count
+        return self.periods
+
+
+#: Relative difference of states below which an orbit repeats before its end.
+_REPEATS = 1e-7
+
+
+def shooting_refusal(scene: Scene) -> str | None:
+    """Return why shooting cannot treat a scene and what can, or None."""
+    system = scene.model.system
+    reason = refusal(system)
+    if reason is not None:
+        why = reason.split(". Use ")[0].rstrip(".")
+        return f"{why}; shooting needs what event_driven needs. Use method='harmonic_balance'"
+    if system.size > MOST_UNKNOWNS:
+        return (
+            f"the scene has {system.size} degrees of freedom, shooting takes at most {MOST_UNKNOWNS}; use fewer "
+            "elements, or method='harmonic_balance', whose unknowns are those of the laws alone"
+        )
+    return None
+
+
+def orbit_result(scene: Scene, state: State, duration: float) -> Result:
+    """Return the run of `event_driven` over one orbit at `TIMES` equal times."""
+    times = np.linspace(0.0, duration, TIMES)
+    plan = Plan("event_driven", duration, times, None, {"truncation": 0.0}, None, state)
+    return run_plan(scene, plan, False, None, 60.0, None)
+
+
+def _at_phase(result: Result, period: float) -> StoredState:
+    """Return the state of a run at its last whole number of periods of the loads; that at its end without one."""
+    end = result.solution.t_end
+    time = np.floor((result.t_start + end) / period * (1.0 + 1e-12)) * period - result.t_start
+    if time < 0.0:
+        time = end
+    q, v = result.solution.sample(np.array([min(time, end)])).last()
+    of = result.model.of_body
+    return StoredState({body.name: (of(body, q), of(body, v)) for body in result.scene.bodies}, {}, source="Result")
+
+
+__all__ = ["Shooting", "ShootingEvaluation", "orbit_result", "relative", "shooting_refusal"]

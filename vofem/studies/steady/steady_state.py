@@ -1,0 +1,130 @@
+"""One steady state of a scene: `periodic`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from vofem._validate import choice
+from vofem.errors import ArgumentError, ConvergenceError
+from vofem.scene import Scene, as_scene
+from vofem.studies.steady.methods import METHODS, chosen, problem_of
+from vofem.studies.steady.newton import Solved, solved
+from vofem.studies.steady.orbit import PeriodicOrbit
+from vofem.studies.steady.problem import OrbitProblem
+from vofem.studies.steady.settle import from_rest
+from vofem.studies.steady.shooting import Shooting
+
+#: Closings slower than this, of the largest speed of the contact, are told as grazings.
+_SLOW = 1e-3
+
+
+def periodic(
+    scene: Scene,
+    *,
+    period: float | None = None,
+    periods: int = 1,
+    guess: Any = None,
+    method: str = "auto",
+    harmonics: int | None = None,
+) -> PeriodicOrbit:
+    """Return a steady state of a scene: a periodic orbit, with its stability.
+
+    Without a guess a motion from rest runs until its states at the beginnings of periods settle, at most for 200
+    periods of the loads, and Newton's method does the rest: what is found is an attractor, not necessarily the only
+    one. Where nothing settles Newton's method starts from the response with all contacts open, and a note says so.
+
+    Parameters
+    ----------
+    scene : Scene
+        With loads that are sums of `Sine` and `Constant` for shooting.
+    period : float, optional
+        Of the loads, in s; their common period where not given.
+    periods : int
+        How many periods of the loads the orbit takes: k for a subharmonic of order k.
+    guess : PeriodicOrbit, Result or anything that ``simulate(initial=)`` takes, optional
+        Where the search begins. Of a run the state at its last full period of the loads is taken.
+    method : {"auto", "shooting", "harmonic_balance"}
+        "shooting" is exact, where event_driven applies; "harmonic_balance" takes any law; "auto" takes shooting where
+        it applies.
+    harmonics : int, optional
+        Of harmonic balance.
+
+    Returns
+    -------
+    PeriodicOrbit
+
+    Raises
+    ------
+    ArgumentError
+        For arguments out of range, or loads that are not periodic.
+    MethodError
+        If the method cannot treat the scene.
+    ConvergenceError
+        If no orbit is found; the message says what was seen and what to try.
+    """
+    as_scene("periodic", scene)
+    choice("periodic: method", method, METHODS)
+    periods = whole("periodic: periods", periods)
+    method = chosen(scene, method, harmonics)
+    problem = problem_of("periodic", scene, method, periods, period=period, harmonics=harmonics)
+    found, notes = first_orbit("periodic", problem, guess)
+    orbit = problem.orbit(found.unknowns, found.evaluation)
+    orbit.notes.extend(notes)
+    return orbit
+
+
+def first_orbit(what: str, problem: OrbitProblem, guess: Any) -> tuple[Solved, tuple[str, ...]]:
+    """Return an orbit of a problem from a guess or from rest, its minimal period checked, and notes about it.
+
+    Raises
+    ------
+    ConvergenceError
+        If none is found, or one that repeats earlier than after the periods that were asked for.
+    """
+    notes: tuple[str, ...] = ()
+    if guess is None and isinstance(problem, Shooting):
+        settled = from_rest(problem)
+        found, notes = settled.solved, settled.notes
+    else:
+        try:
+            found = solved(problem, problem.from_rest() if guess is None else problem.from_orbit(guess))
+        except ConvergenceError as error:
+            seen = seen_of(problem, guess) if isinstance(problem, Shooting) else ""
+            raise ConvergenceError(
+                f"{what}: no orbit was found from the guess. {error}. {seen}Try a guess that is closer, such as the "
+                "orbit of a scene that differs less, or vofem.continuation from there"
+            ) from error
+    shortest = problem.shortest_period(found.unknowns, found.evaluation)
+    if shortest < problem.periods:
+        raise ConvergenceError(
+            f"{what}: an orbit over {problem.periods} periods of the loads was asked for, and the one found repeats "
+            f"after {shortest}. Ask for periods={shortest}, or give a guess nearer to an orbit over {problem.periods}: "
+            "vofem.continuation finds one by branch.switch at a period doubling"
+        )
+    return found, notes
+
+
+def seen_of(problem: Shooting, guess: Any) -> str:
+    """Return a sentence about what lies near a guess: a grazing, chatter; or nothing."""
+    try:
+        evaluation = problem.evaluate(problem.from_orbit(guess), derivative=False)
+    except ConvergenceError as error:
+        return f"From the guess: {error}. "
+    events = evaluation.flow.events
+    rates = np.array([abs(event.rate) for event in events])
+    if rates.size > 1 and rates.min() < _SLOW * rates.max():
+        slow = events[int(rates.argmin())]
+        laws = problem.system.contacts
+        assert laws is not None
+        where = f"with {abs(slow.rate):.2g} m/s at {slow.time:.6g} s"
+        return f"Contact {laws.names[slow.contact]!r} is grazed nearby, {where}. "
+    return ""
+
+
+def whole(what: str, value: Any) -> int:
+    """Return a positive whole number, checked."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
+        raise ArgumentError(f"{what} is {value!r}, expected a whole number, 1 or more")
+    return int(value)
