@@ -17,6 +17,7 @@ LAYERS = [
     "errors",
     "_validate",
     "cache",
+    "files",
     "polynomial",
     "fractional",
     "linalg",
@@ -55,7 +56,7 @@ RESERVED = {
     "pyvista": {"io"},
     "vtkmodules": {"io"},
     "meshio": {"io", "bodies"},
-    "h5py": {"io"},
+    "h5py": {"files", "studies", "io"},
 }
 
 

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 import vofem as vf
-from vofem.io import files
+from vofem.files import whole as files
+from vofem.files.hdf5 import GuardedFile
 from vofem.io.csv_file import write_csv
-from vofem.io.storage.hdf5 import GuardedFile
 from vofem.io.vtk import write_series
 
 

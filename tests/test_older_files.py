@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import vofem as vf
-from vofem.io.storage.hdf5 import reading, writing
+from vofem.files.hdf5 import reading, writing
 from vofem.io.storage.tree import class_named, read_tree, write_text
 
 SAVED = Path(__file__).parent / "data" / "saved"

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import vofem as vf
+from vofem.files.whole import replacing
 from vofem.io import render as render_module
-from vofem.io.files import replacing
 from vofem.io.pictures import backend_matplotlib, histories, profiles
 from vofem.io.pictures.layout import arrange
 from vofem.io.pictures.places import along_beam, between_masses

@@ -16,8 +16,8 @@ import pytest
 import sweep_functions as functions
 
 import vofem as vf
-from vofem.io.storage import journal, sweep_file
-from vofem.studies.sweep import SweepInterrupted, schedule
+from vofem.studies.sweep import SweepInterrupted, journal, schedule
+from vofem.studies.sweep import store as store_module
 from vofem.studies.sweep.identity import identity
 from vofem.studies.sweep.limits import one_thread
 
@@ -350,7 +350,7 @@ def test_the_identity_of_a_function_covers_what_it_uses(monkeypatch):
 
 def test_a_second_process_is_refused(tmp_path):
     store = tmp_path / "rows.h5"
-    first = sweep_file.SweepFile(store, identity(functions.square))
+    first = store_module.SweepFile(store, identity(functions.square))
     code = f"""
 import sys
 sys.path.insert(0, {str(TESTS)!r})
@@ -430,15 +430,15 @@ def test_a_sweep_that_was_killed_goes_on_to_the_same_table(tmp_path, victim):
 
 @pytest.mark.parametrize("cut", [1, 10, 60, 120])
 def test_a_record_that_was_being_written_is_cut_off(tmp_path, cut):
-    store = sweep_file.SweepFile(tmp_path / "rows.h5", identity(functions.square))
+    store = store_module.SweepFile(tmp_path / "rows.h5", identity(functions.square))
     table = vf.sweep(functions.square, {"x": [1, 2]}, executor="serial")
-    rows = [sweep_file.Row({name: table[name][k] for name in table}, "", "", 0.1) for k in range(2)]
+    rows = [store_module.Row({name: table[name][k] for name in table}, "", "", 0.1) for k in range(2)]
     store.add([("first", {"x": 1}, rows[0])])
     store.add([("second", {"x": 2}, rows[1])])
     store.close()
     data = store.path.read_bytes()
     store.path.write_bytes(data[:-cut])
-    again = sweep_file.SweepFile(store.path, identity(functions.square))
+    again = store_module.SweepFile(store.path, identity(functions.square))
     assert list(again.rows()) == ["first"]
     again.add([("second", {"x": 2}, rows[1])])
     again.close()

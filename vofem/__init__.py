@@ -70,8 +70,8 @@ if TYPE_CHECKING:
     import vofem.studies.accuracy as accuracy
     from vofem.io.saved import load, resume
     from vofem.io.scene_file import dump_scene, load_scene
-    from vofem.io.sweeps import sweep
     from vofem.studies.steady import Branch, PeriodicOrbit, SpecialPoint, periodic
+    from vofem.studies.sweep.sweeping import sweep
 
 __all__ = [
     "Approximated",
@@ -158,7 +158,7 @@ _LATER = {
     "load_scene": "vofem.io.scene_file",
     "periodic": "vofem.studies.steady",
     "resume": "vofem.io.saved",
-    "sweep": "vofem.io.sweeps",
+    "sweep": "vofem.studies.sweep.sweeping",
 }
 
 

@@ -33,8 +33,8 @@ def add_sweep(commands: Commands) -> None:
 def _sweep(arguments: argparse.Namespace) -> int:
     from vofem.io.study_file import load_study
     from vofem.io.sweep_tables import write_sweep
-    from vofem.io.sweeps import sweep
     from vofem.studies.sweep import SweepInterrupted
+    from vofem.studies.sweep.sweeping import sweep
 
     study = load_study(arguments.study)
     print(_summary(study), flush=True)

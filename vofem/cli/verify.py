@@ -23,7 +23,7 @@ def add_verify(commands: Commands) -> None:
 
 
 def _verify(arguments: argparse.Namespace) -> int:
-    from vofem.io.files import target, write_text
+    from vofem.files.whole import target, write_text
     from vofem.verification import FAILED, catalogue, select, verify
     from vofem.verification.report import junit, markdown, summary, text_header, text_lines
 

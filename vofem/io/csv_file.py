@@ -13,7 +13,7 @@ import numpy as np
 from vofem.bodies.base import as_point
 from vofem.effects.two_points import units_of
 from vofem.errors import ArgumentError
-from vofem.io.files import replacing, target
+from vofem.files.whole import replacing, target
 from vofem.result import Result
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from vofem.io.files import replacing
+from vofem.files.whole import replacing
 from vofem.io.pictures.axes import goal_of
 from vofem.io.pictures.histories import time_history
 from vofem.io.pictures.profiles import shapes

@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from vofem.io.files import replacing, target
+from vofem.files.whole import replacing, target
 from vofem.io.probe import Probe, cure, prepare_environment, probe
 from vofem.result import Result
 from vofem.scene import Scene

@@ -11,7 +11,7 @@ from typing import Any
 
 from vofem._validate import nearest
 from vofem.errors import ArgumentError, OutputError, SceneFileError
-from vofem.io.files import impossible, replacing
+from vofem.files.whole import impossible, replacing
 from vofem.io.scenes.parts import PointByName
 from vofem.io.scenes.place import Book, Place
 from vofem.io.scenes.reader import read_tables

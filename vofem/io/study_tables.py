@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vofem.io.files import replacing, target
+from vofem.files.whole import replacing, target
 from vofem.studies.accuracy import Study
 from vofem.studies.accuracy.quantities import Errors
 from vofem.studies.accuracy.study import Run

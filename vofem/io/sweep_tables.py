@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vofem.io.files import replacing, target
+from vofem.files.whole import replacing, target
 from vofem.studies.sweep import Sweep
 
 

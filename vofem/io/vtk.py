@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import array, number
 from vofem.errors import ArgumentError, OutputError
-from vofem.io.files import impossible, replacing
+from vofem.files.whole import impossible, replacing
 from vofem.io.series.grid import Grid
 from vofem.io.series.placement import place
 from vofem.io.series.vtu import VtuTemplate

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from vofem.io.files import replacing, target
+from vofem.files.whole import replacing, target
 
 INK = "#16181d"
 COLORS = ("#e07b21", "#2f6fae", "#3f8f5b", "#8a5aa8", "#b23a48", "#6b7280")

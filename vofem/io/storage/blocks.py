@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.io.storage.hdf5 import FILTERS, Blocks
+from vofem.files.hdf5 import FILTERS, Blocks
 
 #: Of a chunk, which is compressed at once, and of a block, between two flushes; bytes.
 _CHUNK, _BLOCK = 1 << 20, 1 << 23

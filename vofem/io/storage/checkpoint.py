@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from vofem._version import __version__
 from vofem.assembly import Model
 from vofem.errors import ArgumentError, OutputError, StorageError
+from vofem.files.hdf5 import reading, writing
+from vofem.files.whole import impossible, target, try_to_write
 from vofem.integrators.base import Samples
-from vofem.io.files import impossible, target, try_to_write
-from vofem.io.storage.hdf5 import reading, writing
 from vofem.io.storage.records import Encoder, decode
 from vofem.io.storage.tree import read_tree, write_tree
 from vofem.progress import Progress

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from vofem.bodies.base import Body, Point
 from vofem.effects.two_points import Units, units_of
+from vofem.files.hdf5 import FILTERS, Blocks
 from vofem.histories import Energy
 from vofem.integrators.base import ContactSamples, ProbeSamples, Samples
 from vofem.io.run_pictures import telling_points
 from vofem.io.storage.blocks import read_columns, stream_columns, write_columns
-from vofem.io.storage.hdf5 import FILTERS, Blocks
 from vofem.io.storage.tree import read_array
 from vofem.lookup import rows_over
 from vofem.result import Result

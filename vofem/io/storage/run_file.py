@@ -22,9 +22,9 @@ import numpy as np
 from vofem._validate import array
 from vofem._version import __version__
 from vofem.errors import ArgumentError, SceneFileError, StorageError
-from vofem.io.files import refuse_existing, target, try_to_write
+from vofem.files.hdf5 import reading, writing
+from vofem.files.whole import refuse_existing, target, try_to_write
 from vofem.io.scenes.writer import scene_to_toml
-from vofem.io.storage.hdf5 import reading, writing
 from vofem.io.storage.history import read_history, write_history
 from vofem.io.storage.records import Encoder, decode
 from vofem.io.storage.solutions import has_segments, restored_solution, solution_record, write_segments

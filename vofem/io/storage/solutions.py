@@ -9,12 +9,12 @@ import h5py
 import numpy as np
 
 from vofem.errors import ArgumentError
+from vofem.files.hdf5 import Blocks
 from vofem.histories import Energy
 from vofem.integrators.base import Energies, Samples, Solution
 from vofem.integrators.event_driven.segment import Segments
 from vofem.integrators.stepped import SteppedSolution
 from vofem.io.storage.blocks import write_rows
-from vofem.io.storage.hdf5 import Blocks
 from vofem.io.storage.tree import read_array, write_array
 from vofem.result import Result
 from vofem.system import Events

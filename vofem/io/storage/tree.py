@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import ArgumentError, StorageError
-from vofem.io.storage.hdf5 import FILTERS
+from vofem.files.hdf5 import FILTERS
 
 #: Says how an object that is not plain is written: a tag and plain data, or None where it does not know the object.
 Encode = Callable[[Any], tuple[str, Any] | None]

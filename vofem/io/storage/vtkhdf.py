@@ -12,10 +12,10 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.files.hdf5 import FILTERS, Blocks
 from vofem.io.series.grid import Grid
 from vofem.io.series.placement import place
 from vofem.io.storage.blocks import block_slices, empty_dataset
-from vofem.io.storage.hdf5 import FILTERS, Blocks
 from vofem.result import Result
 
 Array = NDArray[np.float64]

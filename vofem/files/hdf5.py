@@ -21,7 +21,7 @@ from typing import Any
 import h5py
 
 from vofem.errors import StorageError, VofemError
-from vofem.io.files import impossible, replacing
+from vofem.files.whole import impossible, replacing
 
 #: Object headers of this and later versions carry checksums. VTK and netCDF read them.
 _VERSIONS = ("v108", "v110")

@@ -102,7 +102,7 @@ def sweep(
     task = Task(function, limit)
     if store is None:
         return run_sweep(task, table, engine, None, progress)
-    from vofem.io.storage.sweep_file import SweepFile
+    from vofem.studies.sweep.store import SweepFile
 
     file = SweepFile(store, identity(function))
     try:

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import StorageError
-from vofem.io.files import target
-from vofem.io.storage.hdf5 import FILTERS, end_of_data, writing
-from vofem.io.storage.journal import Entry, Journal, point_text
-from vofem.io.storage.lock import FileLock
+from vofem.files.hdf5 import FILTERS, end_of_data, writing
+from vofem.files.lock import FileLock
+from vofem.files.whole import target
+from vofem.studies.sweep.journal import Entry, Journal, point_text
 from vofem.studies.sweep.sweep import agreeing, columns_of
 from vofem.studies.sweep.worker import RESERVED, Row
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from vofem.errors import OutputError
-from vofem.io.storage.hdf5 import end_of_data
+from vofem.files.hdf5 import end_of_data
 from vofem.studies.sweep.worker import Row
 
 _MAGIC = b"vofem row:"
@@ -33,7 +33,7 @@ class Journal:
     Parameters
     ----------
     path : Path
-        Of an HDF5 file that `vofem.io.storage.hdf5.writing` has written.
+        Of an HDF5 file that `vofem.files.hdf5.writing` has written.
     """
 
     def __init__(self, path: Path) -> None:
