@@ -70,6 +70,7 @@ if TYPE_CHECKING:
     import vofem.studies.accuracy as accuracy
     from vofem.io.saved import load, resume
     from vofem.io.scene_file import dump_scene, load_scene
+    from vofem.studies.diagrams import basins, bifurcation_diagram, stability_map
     from vofem.studies.steady import Branch, PeriodicOrbit, SpecialPoint, periodic
     from vofem.studies.sweep.sweeping import sweep
 
@@ -132,6 +133,8 @@ __all__ = [
     "VofemError",
     "__version__",
     "accuracy",
+    "basins",
+    "bifurcation_diagram",
     "dump_scene",
     "equilibrium",
     "explain",
@@ -143,6 +146,7 @@ __all__ = [
     "quasi_static",
     "resume",
     "simulate",
+    "stability_map",
     "sweep",
 ]
 
@@ -152,12 +156,15 @@ _LATER = {
     "PeriodicOrbit": "vofem.studies.steady",
     "SpecialPoint": "vofem.studies.steady",
     "accuracy": "vofem.studies.accuracy",
+    "basins": "vofem.studies.diagrams",
+    "bifurcation_diagram": "vofem.studies.diagrams",
     "dump_scene": "vofem.io.scene_file",
     "io": "vofem.io",
     "load": "vofem.io.saved",
     "load_scene": "vofem.io.scene_file",
     "periodic": "vofem.studies.steady",
     "resume": "vofem.io.saved",
+    "stability_map": "vofem.studies.diagrams",
     "sweep": "vofem.studies.sweep.sweeping",
 }
 

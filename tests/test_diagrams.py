@@ -1,0 +1,125 @@
+"""Diagrams over many scenes, against orbits found by shooting and known multistability."""
+
+from __future__ import annotations
+
+import diagram_functions as functions
+import numpy as np
+import pytest
+
+import vofem as vf
+from vofem.studies.diagrams.attractors import _letters
+
+#: NLvib's example 03 between its grazing at 0.6534 and its fold at 0.7556: the linear and the impacting motion coexist.
+VALUES = [0.63, 0.67, 0.7]
+
+
+@pytest.fixture(scope="module")
+def diagram():
+    return vf.bifurcation_diagram(functions.two_masses, VALUES, periods=4, skip=220, executor="serial")
+
+
+def linear(omega):
+    """Return displacement and velocity of the first mass without a stop, where the load's sine is 0 and rising."""
+    M, C, K = np.eye(2), 0.03 * np.array([[1, -1], [-1, 2]]), np.array([[1.0, -1.0], [-1.0, 2.0]])
+    response = np.linalg.solve(K + 1j * omega * C - omega**2 * M, [0.0, 0.1])
+    return response[0].real, (1j * omega * response[0]).real
+
+
+def test_rising_values_follow_the_impacting_motion_and_falling_ones_the_linear_motion(diagram):
+    assert diagram.order("up", 1e-4).tolist() == [1, 1, 1]
+    expected = [linear(omega)[0] for omega in VALUES[1:]]
+    assert diagram.displacement(start="down")[1:, -1] == pytest.approx(expected, rel=1e-4)
+    assert np.all(diagram.displacement(start="up")[1:, -1] > 0.8)
+    # Below the grazing there is one motion only.
+    assert diagram.displacement(start="down")[0, -1] == pytest.approx(diagram.displacement(start="up")[0, -1], abs=1e-4)
+
+
+def test_samples_are_those_of_the_orbit_that_shooting_finds(diagram):
+    orbit = vf.periodic(functions.two_masses(VALUES[0]))
+    u, v = (call(functions.FIRST, [0.0])[0] for call in (orbit.result.displacement, orbit.result.velocity))
+    assert diagram.displacement(start="up")[0, -1] == pytest.approx(u, abs=1e-4)
+    assert diagram.velocity(functions.FIRST, start="up")[0, -1] == pytest.approx(v, abs=1e-4)
+
+
+def test_the_diagram_says_what_it_holds(diagram):
+    assert repr(diagram).startswith("<BifurcationDiagram: 3 values x 4 periods; starts rest, up, down; points first")
+    with pytest.raises(vf.ArgumentError, match="no point is named 'third'"):
+        diagram.displacement("third")
+    with pytest.raises(vf.ArgumentError, match="start is 'left'"):
+        diagram.displacement(start="left")
+
+
+def test_a_store_gives_the_same_diagram_without_computing(tmp_path, monkeypatch):
+    store = tmp_path / "diagram.h5"
+    arguments = {"periods": 2, "skip": 3, "executor": "serial", "points": functions.SECOND}
+    values = np.linspace(0.5, 0.62, 12)
+    first = vf.bifurcation_diagram(functions.two_masses, values, store=store, **arguments)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["diagram-follow.h5", "diagram-rest.h5"]
+
+    def refuse(*_, **__):
+        raise AssertionError("computed again")
+
+    monkeypatch.setattr("vofem.studies.diagrams.stroboscope.simulate", refuse)
+    again = vf.bifurcation_diagram(functions.two_masses, values, store=store, **arguments)
+    for start in ("rest", "up", "down"):
+        assert again.displacement(start=start).tobytes() == first.displacement(start=start).tobytes()
+    assert first.points == ("second",)
+    assert np.all(np.isfinite(first.looks["down"]))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"values": []}, "values is"),
+        ({"values": [0.5, float("nan")]}, "values is"),
+        ({"periods": 0}, "periods is 0"),
+        ({"skip": -1}, "skip is -1"),
+        ({"build": functions.transient}, "every run failed, the first with"),
+    ],
+)
+def test_arguments_that_cannot_serve_are_refused(arguments, message):
+    given = {"build": functions.two_masses, "values": [0.6], "executor": "serial"} | arguments
+    with pytest.raises(vf.ArgumentError, match=message):
+        vf.bifurcation_diagram(**given)
+
+
+def test_basins_tell_attractors_apart():
+    found = vf.basins(
+        functions.two_masses(0.68), {"q1": [-2.0, -1.0, 0.0, 0.9]}, start=functions.start, tolerance=1e-3,
+        executor="serial",
+    )  # fmt: skip
+    assert [one.order for one in found.attractors] == [1, 1]
+    assert sorted(one.name for one in found.attractors) == ["period 1 (a)", "period 1 (b)"]
+    points = sorted(one.points[0, 0, 0] for one in found.attractors)
+    assert points[0] == pytest.approx(linear(0.68)[0], rel=1e-3)
+    assert points[1] > 0.8
+    assert sum(one.share for one in found.attractors) == pytest.approx(1.0)
+    assert found.index.shape == (4,)
+    assert set(found.index) == {0, 1}
+    assert "period 1 (a)" in repr(found)
+
+
+def test_basins_of_one_body_need_no_start_and_others_do():
+    found = vf.basins(
+        functions.oscillator(0.8, 0.2), {"displacement": [0.0, 1.0], "velocity": [-1.0, 0.0]}, skip=60,
+        executor="serial",
+    )  # fmt: skip
+    assert found.index.tolist() == [[0, 0], [0, 0]]
+    assert found.attractors[0].name == "period 1"
+    with pytest.raises(vf.ArgumentError, match="give start="):
+        vf.basins(functions.two_masses(0.6), {"q1": [0.0]}, executor="serial")
+
+
+def test_letters_go_on_after_z():
+    assert [_letters(k) for k in (1, 26, 27, 52, 53)] == ["a", "z", "aa", "az", "ba"]
+
+
+def test_a_map_of_stability_holds_the_orbits_of_periodic():
+    found = vf.stability_map(functions.oscillator, [0.5, 1.2], [0.0, 0.2], executor="serial")
+    orbit = vf.periodic(functions.oscillator(1.2, 0.2))
+    assert found.stable.tolist() == [[1.0, 1.0], [1.0, 1.0]]
+    assert found.multiplier[1, 1] == orbit.multipliers[0]
+    assert found.amplitude[1, 1] == orbit.amplitude(orbit.scene.contacts[0].points()[0])
+    assert "2 x 2 points; 100 % stable; 0 failed" in repr(found)
+    with pytest.raises(vf.ArgumentError, match="no orbit was found at any point"):
+        vf.stability_map(lambda x, y: functions.transient(x), [1.0], [1.0], executor="serial")

@@ -1,0 +1,158 @@
+"""Study files and `vofem sweep`."""
+
+from __future__ import annotations
+
+import csv
+
+import pytest
+
+import vofem as vf
+from vofem.cli import main
+from vofem.io.pictures.sweeps import sweep_curves
+from vofem.io.scenes.changes import changed
+from vofem.io.study_file import load_study
+
+SCENE = """
+[run]
+t_end = 20.0
+times = { start = 0.0, stop = 20.0, count = 401 }
+
+[[mass]]
+name = "m"
+mass = 1.0
+stiffness = 1.0
+
+[[contact]]
+name = "stop"
+a = "m"
+gap = 0.2
+stiffness = 8.0
+side = "above"
+acts_on = "penetration"
+
+[[point_load]]
+point = "m"
+f = { sine = { amplitude = 1.0, omega = 0.5 } }
+"""
+
+SWEEP = """
+[sweep]
+after = 5.0
+
+[sweep.values]
+"contact.stop.gap" = [0.1, 0.2]
+"point_load.0.f.sine.omega" = { start = 0.4, stop = 0.6, count = 3 }
+
+[sweep.measure]
+size = { amplitude = "m" }
+most = { largest = "m" }
+hits = { closings = "stop" }
+force = { peak_force = "stop" }
+share = { closed_share = "stop" }
+balance = { balance_error = "run" }
+"""
+
+
+@pytest.fixture
+def study(tmp_path):
+    path = tmp_path / "study.toml"
+    path.write_text(SWEEP + SCENE)
+    return path
+
+
+def test_a_study_gives_the_quantities_of_its_runs(study):
+    file = load_study(study)
+    assert file.values == {"contact.stop.gap": [0.1, 0.2], "point_load.0.f.sine.omega": [0.4, 0.5, 0.6]}
+    table = vf.sweep(file.function(), file.values, executor="serial")
+    assert table["size"].shape == (2, 3)
+    result = vf.load_scene(study).simulate()
+    late = result.times >= 5.0
+    u = result.displacement(result.scene.bodies[0])[late]
+    contact = result.contacts["stop"]
+    assert table["size"][1, 1] == pytest.approx(0.5 * (u.max() - u.min()), rel=1e-12)
+    assert table["most"][1, 1] == pytest.approx(abs(u).max(), rel=1e-12)
+    assert table["hits"][1, 1] == (contact.closings >= 5.0).sum() > 0
+    assert table["force"][1, 1] == pytest.approx(contact.force[late].max(), rel=1e-12)
+    assert table["share"][1, 1] == contact.closed[late].mean()
+    assert table["balance"].max() < 1e-10
+
+
+def test_the_command_writes_a_table_and_a_picture_and_goes_on_where_it_stopped(study, tmp_path, capsys):
+    folder = tmp_path / "out"
+    command = ["sweep", str(study), "--output", str(folder), "--workers", "1"]
+    assert main(command) == 0
+    assert "6 points; 0 failed" in capsys.readouterr().out
+    assert sorted(path.name for path in folder.iterdir()) == ["sweep.csv", "sweep.h5", "sweep.png"]
+    with open(folder / "sweep.csv", encoding="utf-8") as file:
+        rows = list(csv.reader(file))
+    assert rows[0][:3] == ["contact.stop.gap", "point_load.0.f.sine.omega", "size"]
+    assert len(rows) == 7
+    study.write_text(study.read_text().replace("[0.1, 0.2]", "[0.1, 0.2, 0.3]"))
+    assert main([*command, "--no-pictures"]) == 0
+    assert "9 points, 6 of them kept from before; 0 failed" in capsys.readouterr().out
+
+
+def test_points_that_fail_are_told(study, tmp_path, capsys):
+    study.write_text(study.read_text().replace("t_end = 20.0", 't_end = 20.0\nmethod = "central_difference"\ndt = 0.1'))
+    text = study.read_text().replace('"contact.stop.gap" = [0.1, 0.2]', '"run.dt" = [0.05, 100.0]')
+    study.write_text(text)
+    folder = tmp_path / "out"
+    assert main(["sweep", str(study), "--output", str(folder), "--workers", "1", "--no-pictures"]) == 0
+    output = capsys.readouterr().out
+    assert "6 points; 3 failed" in output
+    assert "failed: point 3 (run.dt=100.0, point_load.0.f.sine.omega=0.4): StepSizeError" in output
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("after = 5.0", "afterr = 5.0", "sweep.afterr: unknown key; did you mean 'after'?"),
+        ("after = 5.0", "after = 50.0", "sweep.after: expected a time in s, not negative and before t_end = 20.0 s"),
+        ("contact.stop.gap", "contact.stopp.gap", "contact has no entry 'stopp'; give a number from 0 to 0, or one"),
+        ("contact.stop.gap", "contact.stop.gapp", "with the value 0.1: contact[0].gapp: unknown key; did you mean"),
+        ("contact.stop.gap", "gap", "'gap' is no path, expected table and key with a dot between"),
+        ("contact.stop.gap", "contacts.stop.gap", "there is no 'contacts' in the file"),
+        ("[0.1, 0.2]", "[0.1, 'x']", "with the value 'x'"),
+        ("[0.1, 0.2]", "0.1", "expected an array of values, or { start"),
+        ("count = 3", "count = 0", "expected numbers start and stop and a whole number count"),
+        ('amplitude = "m"', 'amplitud = "m"', "sweep.measure.size.amplitud: unknown key; did you mean 'amplitude'?"),
+        ('amplitude = "m"', 'amplitude = "n"', "sweep.measure.size.amplitude: expected a point"),
+        ('closings = "stop"', 'closings = "stopp"', "expected the name of a contact, one of ['stop']"),
+        ("t_end = 20.0\n", "", "t_end: missing"),
+        ("[sweep.measure]", "[sweep.measures]", "expected a table such as { tip"),
+    ],
+)
+def test_mistakes_are_named_before_anything_runs(study, old, new, message, capsys):
+    text = study.read_text()
+    assert old in text
+    study.write_text(text.replace(old, new))
+    assert main(["sweep", str(study)]) == 1
+    assert message in capsys.readouterr().err
+    assert not (study.parent / "output").exists()
+
+
+def test_a_scene_file_without_the_table_is_no_study(study, capsys):
+    study.write_text(SCENE)
+    assert main(["sweep", str(study)]) == 1
+    assert "sweep: missing, expected a table [sweep]" in capsys.readouterr().err
+
+
+def test_other_commands_take_a_study_for_its_scene(study, capsys):
+    assert main(["explain", str(study)]) == 0
+
+
+def test_changes_leave_the_tables_as_they_are():
+    content = {"contact": [{"name": "a", "gap": 1.0}, {"name": "b", "gap": 2.0}], "x": {"y": [1, 2]}}
+    result = changed(content, {"contact.b.gap": 3.0, "contact.0.gap": 4.0, "x.y.1": 5})
+    assert result == {"contact": [{"name": "a", "gap": 4.0}, {"name": "b", "gap": 3.0}], "x": {"y": [1, 5]}}
+    assert content["contact"][1]["gap"] == 2.0
+    with pytest.raises(vf.ArgumentError, match=r"'x\.y\.z\.w': x\.y has no entry 'z'; give a number from 0 to 1"):
+        changed(content, {"x.y.z.w": 1})
+
+
+def test_pictures_need_one_or_two_parameters_that_are_numbers(tmp_path):
+    table = vf.sweep(lambda kind: {"y": 1.0}, {"kind": ["a"]}, executor="serial")
+    with pytest.raises(vf.ArgumentError, match="no grid of one or two parameters that are numbers"):
+        sweep_curves(table, tmp_path / "picture.png")
+    line = vf.sweep(lambda x: {"y": x, "z": "text"}, {"x": [1.0, 2.0]}, executor="serial")
+    assert sweep_curves(line, tmp_path / "picture.png").stat().st_size > 5000

@@ -1,0 +1,212 @@
+"""Basins of attraction: which steady motion each initial state leads to."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem._validate import number
+from vofem.errors import ArgumentError
+from vofem.scene import Scene, as_scene
+from vofem.studies.diagrams.stroboscope import Stroboscope, order_of, stroboscope
+from vofem.studies.sweep import Sweep
+from vofem.studies.sweep.bar import Progress
+from vofem.studies.sweep.sweeping import sweep
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Attractor:
+    """A steady motion that some initial states lead to.
+
+    Attributes
+    ----------
+    name : str
+        "period 1", "period 2", ...; with a letter where there are several of
+        one period; "not periodic" for all that does not repeat.
+    order : int
+        Periods of the loads after which it repeats; 0 where it does not.
+    points : ndarray, shape (2, n_points, order)
+        Displacements in m and velocities in m/s once a period of the loads;
+        of motions that do not repeat, the samples of the first one found.
+    share : float
+        Of the initial states that lead to it.
+    """
+
+    name: str
+    order: int
+    points: Array
+    share: float
+
+
+@dataclass(frozen=True, eq=False)
+class Basins:
+    """Which attractor each initial state leads to.
+
+    Attributes
+    ----------
+    attractors : tuple of Attractor
+        Those that take most initial states first.
+    index : ndarray of int
+        Of the attractor of every initial state, shaped as the grid; -1 where the run failed.
+    sweep : Sweep
+        The runs: ``sweep["looks"]`` are the samples, `failed` the runs that failed.
+    """
+
+    attractors: tuple[Attractor, ...]
+    index: NDArray[np.int64]
+    sweep: Sweep
+
+    def __repr__(self) -> str:
+        parts = ", ".join(f"{one.name} ({100 * one.share:.3g} %)" for one in self.attractors)
+        return f"<Basins: {' x '.join(map(str, self.index.shape))} initial states; {parts}>"
+
+
+def basins(
+    scene: Scene,
+    grid: Mapping[str, Iterable[float]],
+    *,
+    start: Callable[..., Mapping[Any, Any]] | None = None,
+    periods: int = 12,
+    skip: int = 200,
+    tolerance: float = 1e-6,
+    points: Any = None,
+    period: float | None = None,
+    method: str = "auto",
+    executor: Any = None,
+    workers: int | None = None,
+    store: Any = None,
+    progress: Progress = None,
+) -> Basins:
+    """Return which steady motion each initial state of a grid leads to.
+
+    Parameters
+    ----------
+    scene : Scene
+    grid : mapping of names to values
+        Of the initial states; all combinations are run.
+    start : callable, optional
+        ``start(**point)`` returns the initial state, as `vofem.simulate` takes
+        it, for a point of the grid. Where not given the grid has the names
+        ``displacement`` and ``velocity``, in m and m/s, of the only body.
+    periods : int
+        Looks, once a period of the loads; attractors of up to half that order are recognised.
+    skip : int
+        Periods of the loads before the first look.
+    tolerance : float
+        By which samples may differ to be the same, relative to the largest one of the point over all runs.
+    points : point or sequence of points, optional
+        By which attractors are told apart; that of the first contact where not given.
+    period : float, optional
+        Between two looks, s; the common period of the loads where not given.
+    method : str
+        As in `vofem.simulate`.
+    executor, workers, store, progress
+        As in `vofem.sweep`.
+
+    Returns
+    -------
+    Basins
+
+    Raises
+    ------
+    ArgumentError
+        For arguments out of range, or if every run fails.
+    """
+    as_scene("basins", scene)
+    tolerance = number("basins: tolerance", tolerance, positive=True)
+    how = stroboscope("basins", points, period, periods, skip, method)
+    if start is None:
+        if len(scene.bodies) != 1 or set(grid) != {"displacement", "velocity"}:
+            raise ArgumentError(
+                f"basins: the grid has the names {list(grid)} and the scene {len(scene.bodies)} bodies; give start=, "
+                "or a scene of one body and the names 'displacement' and 'velocity'"
+            )
+        start = functools.partial(_start_of, body=scene.bodies[0])
+    table = sweep(
+        functools.partial(_looks, scene=scene, start=start, how=how), grid,
+        executor=executor, workers=workers, store=store, progress=progress,
+    )  # fmt: skip
+    if not len(table):
+        raise ArgumentError(f"basins: every run failed, the first with: {table.failed[0].error}")
+    looks = table["looks"].reshape(-1, *table["looks"].shape[-3:])
+    index, found = _told_apart(looks, tolerance)
+    return Basins(_named(found, index, looks), _by_share(index, len(found)).reshape(table.points.shape), table)
+
+
+def _start_of(displacement: float, velocity: float, body: Any) -> dict[Any, Any]:
+    return {body: (displacement, velocity)}
+
+
+def _looks(scene: Scene, start: Callable[..., Mapping[Any, Any]], how: Stroboscope, **point: Any) -> dict[str, Any]:
+    samples, _ = how.samples(scene, start(**point))
+    return {"looks": samples}
+
+
+def _told_apart(looks: Array, tolerance: float) -> tuple[NDArray[np.int64], list[tuple[int, Array]]]:
+    """Return the number of the attractor of every run, and order and points of each attractor."""
+    found: list[tuple[int, Array]] = []
+    index = np.full(looks.shape[0], -1, dtype=np.int64)
+    size = np.nanmax(np.abs(looks), axis=(0, 3), keepdims=True)[0]
+    for k, samples in enumerate(looks):
+        if not np.all(np.isfinite(samples)):
+            continue
+        order = order_of(samples, tolerance * size)
+        own = samples[..., : order or None]
+        for j, (other, points) in enumerate(found):
+            if other == order and (order == 0 or _same(own, points, tolerance * size)):
+                index[k] = j
+                break
+        else:
+            index[k] = len(found)
+            found.append((order, own))
+    return index, found
+
+
+def _same(first: Array, second: Array, tolerance: Array) -> bool:
+    """Return whether two periodic motions have the same points; they may begin at different ones."""
+    # Ten times as far as a motion may be from itself a period later: it has not settled to the last bit.
+    return any(
+        bool(np.all(np.abs(np.roll(first, k, axis=-1) - second) <= 10.0 * tolerance)) for k in range(first.shape[-1])
+    )
+
+
+def _ranking(index: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    return np.argsort(-np.bincount(index[index >= 0], minlength=count), kind="stable")
+
+
+def _by_share(index: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """Return the numbers of attractors in the order of their shares."""
+    place = np.empty(count + 1, dtype=np.int64)
+    place[_ranking(index, count)] = np.arange(count)
+    place[-1] = -1
+    return place[index]
+
+
+def _named(found: list[tuple[int, Array]], index: NDArray[np.int64], looks: Array) -> tuple[Attractor, ...]:
+    orders = [order for order, _ in found]
+    letters: dict[int, int] = {}
+    result = []
+    for j in _ranking(index, len(found)):
+        order, points = found[j]
+        name = f"period {order}" if order else "not periodic"
+        if orders.count(order) > 1:
+            letters[order] = letters.get(order, 0) + 1
+            name += f" ({_letters(letters[order])})"
+        result.append(Attractor(name, order, points, float(np.mean(index == j))))
+    return tuple(result)
+
+
+def _letters(number: int) -> str:
+    """Return a, b, ..., z, aa, ab, ... for 1, 2, ..."""
+    text = ""
+    while number > 0:
+        number, digit = divmod(number - 1, 26)
+        text = chr(ord("a") + digit) + text
+    return text

@@ -1,0 +1,236 @@
+"""Stroboscopic (bifurcation) diagrams: where motions are once a period, over a parameter."""
+
+from __future__ import annotations
+
+import functools
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vofem._validate import choice
+from vofem.errors import ArgumentError, VofemError
+from vofem.scene import Scene
+from vofem.studies.diagrams.stroboscope import Stroboscope, order_of, plain_state, state_from, stroboscope
+from vofem.studies.sweep import Sweep
+from vofem.studies.sweep.bar import Progress
+from vofem.studies.sweep.sweeping import sweep
+
+Array = NDArray[np.float64]
+
+#: Values that a sweep with carried states computes in one go: what is lost at most if it is killed.
+_LINK = 10
+
+STARTS = ("rest", "up", "down")
+
+
+@dataclass(frozen=True, eq=False)
+class BifurcationDiagram:
+    """Stroboscopic samples over a parameter.
+
+    Attributes
+    ----------
+    values : ndarray, shape (n_values,)
+        Of the parameter.
+    points : tuple of str
+        Names of the points that were looked at.
+    looks : dict of str to ndarray, shape (2, n_points, n_values, periods)
+        Displacements in m and velocities in m/s, by where the runs started:
+        "rest" (each from the initial state of its scene), "up" and "down"
+        (each from the end of the run before it, along rising and falling
+        values). NaN where a run failed.
+    failed : tuple of str
+        One message a run that failed.
+    """
+
+    values: Array
+    points: tuple[str, ...]
+    looks: dict[str, Array]
+    failed: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        periods = self.looks["rest"].shape[-1]
+        runs = f"{self.values.size} values x {periods} periods; starts {', '.join(self.looks)}"
+        return f"<BifurcationDiagram: {runs}; points {', '.join(self.points)}; {len(self.failed)} failed>"
+
+    def _of(self, kind: int, point: Any, start: str) -> Array:
+        choice("BifurcationDiagram: start", start, tuple(self.looks))
+        name = self.points[0] if point is None else getattr(point, "name", point)
+        if name not in self.points:
+            raise ArgumentError(f"BifurcationDiagram: no point is named {name!r}; there are {list(self.points)}")
+        samples: Array = self.looks[start][kind, self.points.index(name)]
+        return samples
+
+    def displacement(self, point: Any = None, start: str = "rest") -> Array:
+        """Return the displacements of a point, the first where none is given, shape (n_values, periods), m."""
+        return self._of(0, point, start)
+
+    def velocity(self, point: Any = None, start: str = "rest") -> Array:
+        """Return the velocities of a point, the first where none is given, shape (n_values, periods), m/s."""
+        return self._of(1, point, start)
+
+    def order(self, start: str = "rest", tolerance: float = 1e-6) -> NDArray[np.int64]:
+        """Return after how many periods each motion repeats, shape (n_values,); 0 where it does not.
+
+        Parameters
+        ----------
+        start : {"rest", "up", "down"}
+        tolerance : float
+            By which samples may differ, relative to the largest one of the point over all values.
+        """
+        choice("BifurcationDiagram: start", start, tuple(self.looks))
+        looks = self.looks[start]
+        allowed = tolerance * np.nanmax(np.abs(looks), axis=(2, 3))[:, :, None]
+        return np.array([order_of(looks[:, :, k], allowed) for k in range(self.values.size)], dtype=np.int64)
+
+
+def bifurcation_diagram(
+    build: Callable[[float], Scene],
+    values: ArrayLike,
+    *,
+    periods: int = 100,
+    skip: int = 200,
+    follow: bool = True,
+    points: Any = None,
+    period: float | None = None,
+    method: str = "auto",
+    executor: Any = None,
+    workers: int | None = None,
+    store: Any = None,
+    progress: Progress = None,
+) -> BifurcationDiagram:
+    """Return where motions are once a period of the loads, over a parameter: a stroboscopic diagram.
+
+    Parameters
+    ----------
+    build : callable
+        ``build(value) -> Scene``. For other processes it stands at the top level of a module.
+    values : array_like, shape (n_values,)
+        Of the parameter.
+    periods : int
+        Looks at each value.
+    skip : int
+        Periods of the loads before the first look: the transient.
+    follow : bool
+        Whether the values are also followed upwards and downwards, each run
+        starting where the one before it ended. Attractors that exist beside
+        each other show as differences between the three.
+    points : point or sequence of points, optional
+        Whose displacement and velocity are taken; bodies are found by name.
+        The point of the first contact where not given.
+    period : float, optional
+        Between two looks, s; the common period of the loads where not given.
+    method : str
+        As in `vofem.simulate`.
+    executor, workers, store, progress
+        As in `vofem.sweep`.
+
+    Returns
+    -------
+    BifurcationDiagram
+
+    Raises
+    ------
+    ArgumentError
+        For arguments out of range. Loads without a common period make every run fail; `failed` says so.
+    """
+    given = np.asarray(values, dtype=float)
+    if given.ndim != 1 or given.size == 0 or not np.all(np.isfinite(given)):
+        raise ArgumentError(f"bifurcation_diagram: values is {values!r}, expected numbers, shape (n_values,)")
+    how = stroboscope("bifurcation_diagram", points, period, periods, skip, method)
+    options = {"executor": executor, "workers": workers, "progress": progress}
+    rest = sweep(
+        functools.partial(_from_rest, build=build, how=how),
+        {"value": given.tolist()}, store=_beside(store, "rest"), **options,
+    )  # fmt: skip
+    if not len(rest):
+        raise ArgumentError(f"bifurcation_diagram: every run failed, the first with: {rest.failed[0].error}")
+    failed = [str(one) for one in rest.failed]
+    looks = {"rest": np.moveaxis(rest["looks"], 0, 2)}
+    if follow:
+        chains = {"up": np.argsort(given, kind="stable"), "down": np.argsort(-given, kind="stable")}
+        found, errors = _followed(build, given, how, chains, _beside(store, "follow"), options)
+        looks |= found
+        failed += errors
+    names = tuple(json.loads(next(name for name in rest["names"] if name)))
+    return BifurcationDiagram(given, names, looks, tuple(failed))
+
+
+def _beside(store: Any, part: str) -> Path | None:
+    """Return the file of one part of a diagram."""
+    if store is None:
+        return None
+    path = Path(store)
+    return path.with_name(f"{path.stem}-{part}{path.suffix}")
+
+
+def _from_rest(value: float, build: Callable[[float], Scene], how: Stroboscope) -> dict[str, Any]:
+    scene = build(value)
+    samples, _ = how.samples(scene)
+    return {"looks": samples, "names": json.dumps(how.names(scene))}
+
+
+def _followed(
+    build: Callable[[float], Scene],
+    values: Array,
+    how: Stroboscope,
+    chains: dict[str, NDArray[np.int64]],
+    store: Path | None,
+    options: dict[str, Any],
+) -> tuple[dict[str, Array], list[str]]:
+    """Return the samples along rising and falling values, and the messages of runs that failed."""
+    function = functools.partial(_chain, build=build, how=how)
+    states: dict[str, Any] = dict.fromkeys(chains)
+    looks: dict[str, list[Array]] = {name: [] for name in chains}
+    errors: list[str] = []
+    for first in range(0, values.size, _LINK):
+        links = {name: _padded(values[order[first : first + _LINK]]) for name, order in chains.items()}
+        points = [{"values": links[name], "state": states[name]} for name in chains]
+        table: Sweep = sweep(function, points, store=store, **options)
+        if table.failed:
+            raise ArgumentError(f"bifurcation_diagram: {table.failed[0].error}")
+        for k, name in enumerate(chains):
+            looks[name].append(table["looks"][k])
+            states[name] = json.loads(str(table["end"][k]))
+            errors += [f"{name}: {message}" for message in json.loads(str(table["errors"][k]))]
+    result = {}
+    for name, order in chains.items():
+        samples = np.concatenate(looks[name], axis=2)[:, :, : order.size]
+        result[name] = np.empty_like(samples)
+        result[name][:, :, order] = samples
+    return result, errors
+
+
+def _padded(values: Array) -> list[float | None]:
+    """Return the values of one link of a chain; all links are of one length, so that their rows agree in shape."""
+    return [*values.tolist(), *[None] * (_LINK - values.size)]
+
+
+def _chain(
+    values: Sequence[float | None], state: dict[str, Any] | None, build: Callable[[float], Scene], how: Stroboscope
+) -> dict[str, Any]:
+    """Run scenes one after the other, each from the end of the one before."""
+    current = state_from(state)
+    looks: list[Array] = []
+    errors: list[str] = []
+    for value in values:
+        if value is None:
+            looks.append(np.full_like(looks[0], np.nan))
+            continue
+        scene = build(value)
+        try:
+            samples, current = how.samples(scene, current)
+        except VofemError as error:
+            samples = np.full((2, len(how.names(scene)), how.periods), np.nan)
+            errors.append(f"value {value!r}: {type(error).__name__}: {error}")
+        looks.append(samples)
+    end = None if current is None else plain_state(current)
+    return {
+        "looks": np.moveaxis(np.array(looks), 0, 2),
+        "end": json.dumps(end, default=lambda value: value.tolist()),
+        "errors": json.dumps(errors),
+    }

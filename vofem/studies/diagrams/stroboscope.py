@@ -1,0 +1,121 @@
+"""Runs that are looked at once a period of the loads, after their transient."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.errors import ArgumentError
+from vofem.initial import StoredState
+from vofem.scene import Scene
+from vofem.simulate import simulate
+from vofem.studies.steady.loads import load_period
+from vofem.studies.steady.steady_state import whole
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Stroboscope:
+    """How a run is looked at.
+
+    Attributes
+    ----------
+    points : tuple of points
+        Of bodies, which are found by name in every scene; empty for that of the first contact.
+    period : float, optional
+        In s; the common period of the loads where not given.
+    periods : int
+        Looks.
+    skip : int
+        Periods before the first look.
+    method : str
+        As in `vofem.simulate`.
+    """
+
+    points: tuple[Any, ...]
+    period: float | None
+    periods: int
+    skip: int
+    method: str
+
+    def samples(self, scene: Scene, initial: Any = None) -> tuple[Array, StoredState]:
+        """Return displacements and velocities at the looks, and the state at the last one.
+
+        Returns
+        -------
+        samples : ndarray, shape (2, n_points, periods)
+            In m and m/s.
+        state : StoredState
+        """
+        period = load_period("stroboscope", scene.model.system, self.period).period
+        times = period * np.arange(self.skip + 1, self.skip + self.periods + 1)
+        result = simulate(scene, float(times[-1]), times=times, initial=initial, method=self.method, progress=False)
+        looks = [(result.displacement(point), result.velocity(point)) for point in self._of(scene)]
+        return np.array(looks).transpose(1, 0, 2), result.as_start()
+
+    def names(self, scene: Scene) -> tuple[str, ...]:
+        """Return the names of the points that are looked at."""
+        return tuple(point.name for point in self._of(scene))
+
+    def _of(self, scene: Scene) -> tuple[Any, ...]:
+        return self.points or (first_point(scene),)
+
+
+def stroboscope(what: str, points: Any, period: float | None, periods: int, skip: int, method: str) -> Stroboscope:
+    """Return how runs are looked at, from the arguments of a diagram, checked."""
+    chosen = () if points is None else tuple(points) if isinstance(points, (tuple, list)) else (points,)
+    if isinstance(skip, bool) or not isinstance(skip, (int, np.integer)) or skip < 0:
+        raise ArgumentError(f"{what}: skip is {skip!r}, expected a whole number of periods, 0 or more")
+    return Stroboscope(chosen, period, whole(f"{what}: periods", periods), int(skip), method)
+
+
+def first_point(scene: Scene) -> Any:
+    """Return the point of the first contact of a scene.
+
+    Raises
+    ------
+    ArgumentError
+        If there is none.
+    """
+    if not scene.contacts:
+        raise ArgumentError("the scene has no contact whose point could be looked at; give points=")
+    return scene.contacts[0].points()[0]
+
+
+def order_of(samples: Array, tolerance: Array) -> int:
+    """Return after how many looks the samples repeat, or 0 where they do not.
+
+    Parameters
+    ----------
+    samples : ndarray, shape (..., periods)
+    tolerance : ndarray, shape (..., 1)
+        By which samples may differ, in their unit.
+    """
+    periods = samples.shape[-1]
+    if not np.all(np.isfinite(samples)):
+        return 0
+    for k in range(1, periods // 2 + 1):
+        if np.all(np.abs(samples[..., k:] - samples[..., :-k]) <= tolerance):
+            return k
+    return 0
+
+
+def plain_state(state: StoredState) -> dict[str, Any]:
+    """Return a state as plain data, which can be a value of a point of a sweep."""
+    return {
+        "states": {name: [q, v] for name, (q, v) in state.states.items()},
+        "springs": dict(state.springs),
+        "springpots": list(state.springpots),
+    }
+
+
+def state_from(plain: dict[str, Any] | None) -> StoredState | None:
+    """Return the state that `plain_state` has given as plain data."""
+    if plain is None:
+        return None
+    states = {name: (np.asarray(q), np.asarray(v)) for name, (q, v) in plain["states"].items()}
+    return StoredState(states, plain["springs"], tuple(plain["springpots"]))
