@@ -103,6 +103,8 @@ NAMES = ["vofem.assembly:Model", "vofem.simulate:Plan", "vofem.effects.time_func
     f"vofem.effects.time_functions:{name}"
     for name in ("Constant", "Piece", "Pulse", "Ramp", "Scaled", "Sine", "Sum", "Tabulated")
 ]
+NAMES += ["vofem.effects.time_functions.base:Sum", "vofem.effects.time_functions.named:Constant"]
+NAMES += ["vofem.effects.approximated:Approximated", "vofem.integrators.event_driven.lifted:Truncation"]
 
 
 @pytest.mark.parametrize("name", NAMES)
