@@ -17,7 +17,7 @@ import numpy as np
 from scipy.linalg import cholesky, eigh, expm, solve_triangular
 
 import vofem as vf
-from vofem.effects import time_functions
+from vofem import time_functions
 
 #: Samples per radian of the quickest motion, samples computed at once, and halvings of a step in bisection.
 DENSITY, BLOCK, HALVINGS = 20.0, 32, 44

@@ -7,7 +7,9 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.sparse.csgraph import connected_components
 
 ROOT = Path(__file__).parent.parent / "vofem"
 
@@ -18,14 +20,16 @@ LAYERS = [
     "_validate",
     "cache",
     "files",
+    "persistence",
     "polynomial",
     "fractional",
     "linalg",
+    "time_functions",
     "laws",
     "system",
-    "initial",
     "bodies",
     "assembly",
+    "initial",
     "lookup",
     "effects",
     "scene",
@@ -42,12 +46,6 @@ LAYERS = [
     "verification",
     "cli",
 ]
-
-# Imports against the direction: inside a function, so that what they bring is loaded when it is called.
-DOORS = {
-    ("result.py", "vofem.io.storage.run_file"): "Result.save",
-    ("simulate/simulation.py", "vofem.io.storage.checkpoint"): "simulate(checkpoint=...)",
-}
 
 # What only some layers may import.
 RESERVED = {
@@ -68,20 +66,25 @@ def modules():
 
 
 def imported(path):
-    tree = ast.parse(path.read_text())
-    typing_only = {
-        id(node)
-        for block in ast.walk(tree)
-        if isinstance(block, ast.If) and getattr(block.test, "id", "") == "TYPE_CHECKING"
-        for node in ast.walk(block)
-    }
-    for node in ast.walk(tree):
-        if id(node) in typing_only:
-            continue
+    """Return the names that a file imports, be it inside functions or for types alone."""
+    for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
             yield from ([f"vofem.{a.name}" for a in node.names] if node.module == "vofem" else [node.module])
         elif isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.Call) and getattr(node.func, "id", "") in ("import_module", "__import__"):
+            assert not any(isinstance(a, ast.Constant) for a in node.args), f"{path}: {ast.unparse(node)}"
+
+
+def imported_at_run_time(path):
+    """Return the names that a file imports when it runs."""
+    tree = ast.parse(path.read_text())
+    for block in ast.walk(tree):
+        if isinstance(block, ast.If) and getattr(block.test, "id", "") == "TYPE_CHECKING":
+            block.body = []
+    names = [node for node in ast.walk(tree) if isinstance(node, (ast.Import, ast.ImportFrom))]
+    yield from (a.name for node in names if isinstance(node, ast.Import) for a in node.names)
+    yield from (node.module for node in names if isinstance(node, ast.ImportFrom) and node.module)
 
 
 def test_every_module_has_a_layer():
@@ -95,36 +98,71 @@ def test_imports_point_one_way(layer):
             continue
         for name in imported(path):
             first, *rest = name.split(".")
-            if first == "vofem" and rest and (path.relative_to(ROOT).as_posix(), name) not in DOORS:
+            if first == "vofem" and rest:
                 assert LAYERS.index(rest[0]) <= LAYERS.index(layer), f"{path.name} imports {name}"
+        for name in imported_at_run_time(path):
+            first = name.split(".")[0]
             if first in RESERVED:
                 assert layer in RESERVED[first], f"{path.name} imports {name}"
 
 
-@pytest.mark.parametrize(("file", "name"), DOORS)
-def test_imports_against_the_direction_wait_until_they_are_needed(file, name):
-    at_once = [node for node in ast.parse((ROOT / file).read_text()).body if isinstance(node, ast.ImportFrom)]
-    assert name in imported(ROOT / file)
-    assert name not in [node.module for node in at_once]
+def files():
+    """Return all files by the names of their modules; a package has the name of its folder."""
+    found = {}
+    for path in ROOT.rglob("*.py"):
+        parts = path.relative_to(ROOT.parent).with_suffix("").parts
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+def needed(path, known):
+    """Return the modules of this package that a file imports anywhere."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and node.module in known:
+            inside = {f"{node.module}.{alias.name}" for alias in node.names} & known.keys()
+            yield from inside or {node.module}
+        elif isinstance(node, ast.Import):
+            yield from {alias.name for alias in node.names} & known.keys()
+
+
+def test_no_circle_among_files():
+    """Imports inside functions and for types alone count too: a file can be read knowing those below it only."""
+    known = files()
+    names = sorted(known)
+    graph = np.array([[other in found for other in names] for found in (set(needed(known[n], known)) for n in names)])
+    _, circle = connected_components(graph, connection="strong")
+    circles = [
+        [n for n, c in zip(names, circle, strict=True) if c == k] for k in np.flatnonzero(np.bincount(circle) > 1)
+    ]
+    assert circles == []
+
+
+def test_nothing_imports_the_package_as_a_whole():
+    """`vofem/__init__.py` stands above all rooms, so none of them asks it for a name."""
+    known = files()
+    for name, path in known.items():
+        if name not in ("vofem", "vofem.__main__"):
+            assert "vofem" not in set(needed(path, known)), name
 
 
 def test_integrators_know_nothing_of_bodies():
-    allowed = {"_validate", "cache", "errors", "linalg", "laws", "system", "integrators", "fractional", "effects"}
+    allowed = {
+        "_validate",
+        "cache",
+        "errors",
+        "linalg",
+        "time_functions",
+        "laws",
+        "system",
+        "integrators",
+        "fractional",
+    }
     for path, layer in modules():
         if layer != "integrators":
             continue
         for name in imported(path):
             if name.startswith("vofem."):
                 assert name.split(".")[1] in allowed, f"{path.name} imports {name}"
-                if name.startswith("vofem.effects"):
-                    assert name == "vofem.effects.time_functions"
-
-
-def test_functions_of_time_know_nothing_of_effects():
-    allowed = ("vofem._validate", "vofem.errors", "vofem.effects.time_functions")
-    for path in (ROOT / "effects" / "time_functions").glob("*.py"):
-        for name in imported(path):
-            assert not name.startswith("vofem") or name.startswith(allowed), f"{path.name} imports {name}"
 
 
 def test_library_code_neither_prints_nor_exits():

@@ -16,11 +16,11 @@ from hypothesis import strategies as st
 from scenes import FORCES, paper_beam, two_masses
 
 import vofem as vf
-from vofem.effects.time_functions import Scaled, Sum
 from vofem.io.scene_file import OutputSettings, RunSettings, UniformTimes, scene_to_toml
 from vofem.io.scenes import toml_text
 from vofem.io.scenes.place import Book, Place
 from vofem.io.scenes.schema import BODIES, EFFECTS, TIME_FUNCTION
+from vofem.time_functions import Scaled, Sum
 
 MESHES = Path(__file__).parent.parent / "meshes"
 

@@ -17,12 +17,12 @@ from scenes import LAWS, paper_beam, two_masses
 
 import vofem as vf
 from vofem import cli
-from vofem.effects.time_functions import Piece
 from vofem.files.hdf5 import reading, writing
 from vofem.integrators.base import Samples
 from vofem.integrators.event_driven.motion import Forcing
 from vofem.io.run_pictures import telling_points
 from vofem.io.storage.tree import read_tree, write_tree
+from vofem.time_functions import Piece
 
 ROOT = Path(__file__).parent.parent
 

@@ -60,6 +60,7 @@ from vofem.errors import (
     VofemError,
 )
 from vofem.modes import Modes, modes
+from vofem.persistence import Store, use_store
 from vofem.polynomial import Polynomial
 from vofem.result import Result
 from vofem.scene import Scene
@@ -167,6 +168,15 @@ _LATER = {
     "stability_map": "vofem.studies.diagrams",
     "sweep": "vofem.studies.sweep.sweeping",
 }
+
+
+def _store() -> Store:
+    from vofem.io.storage import checkpoint, run_file
+
+    return Store(run_file.save, checkpoint.checkpoint_writer)
+
+
+use_store(_store)
 
 
 def __getattr__(name: str) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,15 +24,12 @@ from vofem.histories import (
     reaction_of,
 )
 from vofem.initial import StoredState
-from vofem.integrators.base import ContactSamples, ProbeSamples, Solution
+from vofem.integrators.base import ContactSamples, ProbeSamples, Sensitivity, Solution, Truncation
 from vofem.integrators.registry import advice
 from vofem.laws import SpringpotLaws, past_of
+from vofem.persistence import store
 from vofem.scene import Scene
 from vofem.system import Counters, State
-
-if TYPE_CHECKING:
-    from vofem.integrators.event_driven.lifted import Truncation
-    from vofem.integrators.event_driven.sensitivity import Sensitivity
 
 Array = NDArray[np.float64]
 
@@ -238,6 +235,4 @@ class Result(Motion):
             If the file exists and is not to be overwritten, or cannot be
             written. What was there stays as it was.
         """
-        from vofem.io.storage.run_file import save
-
-        return save(self, path, overwrite=overwrite, frames=frames)
+        return store().save(self, path, overwrite=overwrite, frames=frames)

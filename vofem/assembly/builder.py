@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.assembly.effect import ContactEntry
-from vofem.assembly.laws import law_groups
+from vofem.assembly.laws import ContactEntry, law_groups
 from vofem.assembly.model import Model
 from vofem.assembly.strains import attached_strains, rigid_motions, strain_rows
 from vofem.assembly.triplets import Triplets, entries

@@ -1,15 +1,11 @@
-"""What an effect offers, and a contact as it hands itself over."""
+"""What an effect offers."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Protocol
+from typing import Protocol
 
-from vofem.bodies.base import Point, Row
-from vofem.laws import ContactLaws, LawGroup
-
-if TYPE_CHECKING:
-    from vofem.assembly.builder import SystemBuilder
+from vofem.assembly.builder import SystemBuilder
+from vofem.bodies.base import Point
 
 
 class Effect(Protocol):
@@ -23,18 +19,3 @@ class Effect(Protocol):
 
     def describe(self) -> str:
         """Return one line for `vofem.explain`."""
-
-
-@dataclass(frozen=True)
-class ContactEntry:
-    """One contact as `SystemBuilder.add_contact` takes it; the fields are those of `ContactLaws`."""
-
-    group: ClassVar[type[LawGroup]] = ContactLaws
-
-    name: str
-    row: Row
-    gap: float
-    stiffness: float
-    damping: float
-    jump: bool
-    resolution: float

@@ -1,9 +1,10 @@
-"""Scalar laws gathered into groups with their rows, checked."""
+"""Scalar laws gathered into groups with their rows, checked; a contact as it hands itself over."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -11,7 +12,22 @@ from vofem.assembly.triplets import stacked
 from vofem.assembly.unknowns import Unknowns
 from vofem.bodies.base import Row
 from vofem.errors import ArgumentError
-from vofem.laws import LawGroup
+from vofem.laws import ContactLaws, LawGroup
+
+
+@dataclass(frozen=True)
+class ContactEntry:
+    """One contact as `SystemBuilder.add_contact` takes it; the fields are those of `ContactLaws`."""
+
+    group: ClassVar[type[LawGroup]] = ContactLaws
+
+    name: str
+    row: Row
+    gap: float
+    stiffness: float
+    damping: float
+    jump: bool
+    resolution: float
 
 
 def law_groups(

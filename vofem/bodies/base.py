@@ -255,8 +255,8 @@ class BaseBody:
         return found
 
 
-class ShapePoint:
-    """A point on the line of a body's shape; made by `BaseBody.at`.
+class BodyPoint:
+    """A point on the axis of a body, by its x.
 
     Attributes
     ----------
@@ -271,8 +271,19 @@ class ShapePoint:
 
     @property
     def name(self) -> str:
-        """Body and place, such as ``bar@1.0``."""
+        """Body and place as scene files name them, such as ``beam@1.0``."""
         return f"{self.body.name}@{float(self.x)!r}"
+
+    def __repr__(self) -> str:
+        return f"{self.body!r}.at({self.x:g})"
+
+    def describe(self) -> str:
+        """Return body and place."""
+        return f"{self.body.label} at x = {self.x:g} m"
+
+
+class ShapePoint(BodyPoint):
+    """A point on the line of a body's shape; made by `BaseBody.at`."""
 
     def row(self) -> Row:
         """Return the row of the displacement: that of a place of the shape, or between two in proportion."""
@@ -291,10 +302,6 @@ class ShapePoint:
     def slope_row(self) -> Row:
         """Refuse: nothing is known of rotations."""
         raise ArgumentError(f"{self.describe()} has no rotation that is known; moments need a beam")
-
-    def describe(self) -> str:
-        """Return body and place."""
-        return f"{self.body.label} at x = {self.x:g} m"
 
 
 class Point(Protocol):

@@ -1,7 +1,6 @@
 """Effects: what acts on bodies. Each compiles itself into rows, laws and loads of the System."""
 
 from vofem._validate import public
-from vofem.effects.approximated import Approximated
 from vofem.effects.attachments import Dashpot, PointMass, RotationalSpring, Spring
 from vofem.effects.base_motion import BaseMotion
 from vofem.effects.contact import Contact, Resolved
@@ -14,7 +13,8 @@ from vofem.effects.loads import DistributedLoad, Gravity, PointLoad, PointMoment
 from vofem.effects.nonlinear_spring import NonlinearSpring
 from vofem.effects.softening import LinearSoftening
 from vofem.effects.springpot import Springpot
-from vofem.effects.time_functions import Constant, Pulse, Ramp, Sine, Tabulated, TimeFunction
+from vofem.time_functions import Constant, Pulse, Ramp, Sine, Tabulated, TimeFunction
+from vofem.time_functions.approximated import Approximated
 
 __all__ = [
     "Approximated",

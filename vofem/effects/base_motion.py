@@ -6,8 +6,8 @@ from typing import Any
 
 from vofem.assembly import SystemBuilder
 from vofem.bodies.base import Body, Point
-from vofem.effects.time_functions import as_time_function
 from vofem.errors import ArgumentError
+from vofem.time_functions import as_time_function
 
 
 class BaseMotion:

@@ -12,8 +12,8 @@ from vofem.assembly import SystemBuilder
 from vofem.bodies.base import Point, as_point
 from vofem.bodies.beam import Beam
 from vofem.bodies.coefficient import evaluate_along
-from vofem.effects.time_functions import Constant, TimeFunction, as_time_function
 from vofem.errors import ArgumentError
+from vofem.time_functions import Constant, TimeFunction, as_time_function
 
 
 class PointLoad:

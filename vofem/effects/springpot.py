@@ -9,11 +9,11 @@ import numpy as np
 from vofem._validate import number
 from vofem.assembly import SystemBuilder
 from vofem.bodies.base import automatic_name
-from vofem.effects.time_functions import Constant
 from vofem.effects.two_points import TwoPoints
 from vofem.errors import ArgumentError
 from vofem.fractional.laws import ConstantOrder, OrderLaw
 from vofem.laws import SpringpotLaw
+from vofem.time_functions import Constant
 
 
 class Springpot(TwoPoints):

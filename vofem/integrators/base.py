@@ -28,9 +28,6 @@ from vofem.system import CLOSED, OPEN, PINNED, Counters, Events
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
-    from vofem.integrators.event_driven.lifted import Truncation
-    from vofem.integrators.event_driven.sensitivity import Sensitivity
-
 Array = NDArray[np.float64]
 
 
@@ -158,6 +155,55 @@ class ProbeSamples:
     a: Array
 
 
+@dataclass(frozen=True)
+class Sensitivity:
+    """Growth of a generic perturbation, measured by its energy.
+
+    Attributes
+    ----------
+    times : ndarray, shape (k,)
+        Begin of every segment, and the end of the run, s.
+    growth : ndarray, shape (k,)
+        Decimal logarithm of the perturbation's size over that at t = 0.
+    """
+
+    times: Array
+    growth: Array
+
+    def horizon(self, tolerance: float = 1e-3, perturbation: float = 1e-15) -> float:
+        """Return until when a relative perturbation stays below a tolerance, s; the end of the run where it does.
+
+        With the default, rounding: beyond this time pointwise values mean
+        nothing, while means, rms values and impulses still may.
+        """
+        lost = self.growth + np.log10(perturbation) > np.log10(tolerance)
+        return float(self.times[int(np.argmax(lost))] if np.any(lost) else self.times[-1])
+
+
+@dataclass(frozen=True)
+class Truncation:
+    """What a truncated run left out.
+
+    Attributes
+    ----------
+    vectors, unknowns : int
+        Ritz vectors, and degrees of freedom that they stand for.
+    error : float
+        Estimated error of displacements at contacts and loads and, in the mean over the mass, everywhere,
+        relative to the largest value of each.
+    until : float
+        Time in s up to which it stays within the tolerance.
+    rounding : float
+        Estimated loss to rounding, relative to displacements.
+    """
+
+    vectors: int
+    unknowns: int
+    error: float
+    until: float
+    rounding: float
+
+
 class Solution(Protocol):
     """What a run leaves behind.
 
@@ -238,7 +284,9 @@ __all__ = [
     "ProbeSamples",
     "Sampled",
     "Samples",
+    "Sensitivity",
     "Solution",
     "SpringSamples",
+    "Truncation",
     "status_at",
 ]

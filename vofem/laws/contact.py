@@ -172,7 +172,7 @@ class ContactLaws(LawGroup):
         """Return contacts with springs and dampers times a factor."""
         return replace(self, stiffness=factor * self.stiffness, damping=factor * self.damping)
 
-    def respond(self, laws: Any, first: int, u: Array, width: float) -> tuple[Array, Array, Status]:
+    def respond(self, u: Array, width: float) -> tuple[Array, Array, Status]:
         """Return reaction, tangent and status of ideal switches, jumps spread over a width, a fraction of the gap."""
         s, ramp = u - self.gap, np.where(self.jump, width * self.gap, 0.0)
         beyond = s > ramp

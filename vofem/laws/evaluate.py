@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from vofem.laws.callbacks import FORCE, MEAN, STORED, TANGENT, call
 from vofem.laws.contact import contact_force, contact_mean, damper_path, ideal_mean_slope
+from vofem.laws.group import CLOSED, LawGroup
 from vofem.laws.hysteretic import (
     LOST,
     hysteretic_commit,
@@ -123,6 +124,19 @@ def commit_all(laws: Laws, u: Array) -> None:
     for j in range(u.size):
         if laws.table[j]["kind"] >= HYPERBOLIC:
             commit(laws, j, u[j])
+
+
+def response(group: LawGroup, laws: Laws, first: int, u: Array, width: float) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Return reaction (N), tangent (N/m) and status of the laws of a group at u, each (n_laws,).
+
+    The laws of the group are those from `first` on. Jumps are spread over a width, a fraction of their gap.
+    """
+    known = group.respond(u, width)
+    if known is not None:
+        return known
+    found = [force_and_tangent(laws, first + i, x) for i, x in enumerate(u.tolist())]
+    reaction, tangent = np.array(found).reshape(-1, 2).T
+    return reaction, tangent, np.full(u.size, CLOSED, dtype=np.int64)
 
 
 def loaded(laws: Laws, u: Array, past: Array | None) -> Laws:

@@ -141,16 +141,12 @@ class LawGroup:
         """Return the forces in N that follow from u alone, shape (n_laws, n_times), for u of the same shape."""
         raise NotImplementedError
 
-    def respond(self, laws: Any, first: int, u: Array, width: float) -> tuple[Array, Array, NDArray[np.int64]]:
-        """Return reaction (N), tangent (N/m) and status at u, each (n_laws,); the laws are those from `first` on.
+    def respond(self, u: Array, width: float) -> tuple[Array, Array, NDArray[np.int64]] | None:
+        """Return reaction (N), tangent (N/m) and status at u, each (n_laws,), or None where the compiled laws tell.
 
         Jumps are spread over a width, a fraction of their gap.
         """
-        from vofem.laws.evaluate import force_and_tangent
-
-        found = [force_and_tangent(laws, first + i, x) for i, x in enumerate(u.tolist())]
-        reaction, tangent = np.array(found).reshape(-1, 2).T
-        return reaction, tangent, np.full(u.size, CLOSED, dtype=np.int64)
+        return None
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -183,7 +183,7 @@ class SmoothLaws(ListedLaws):
             return None
         return SmoothLaws(self.rows, tuple(law.scaled(factor) for law in laws))
 
-    def respond(self, laws: Any, first: int, u: Array, width: float) -> tuple[Array, Array, NDArray[np.int64]]:
+    def respond(self, u: Array, width: float) -> tuple[Array, Array, NDArray[np.int64]]:
         """Return reaction, tangent and status."""
         pairs = [(law.reaction(x), law.tangent(x)) for law, x in zip(self.laws, u.tolist(), strict=True)]
         reaction, tangent = np.array(pairs).T

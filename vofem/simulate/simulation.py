@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from vofem._validate import number
 from vofem.initial import StateSource
+from vofem.persistence import store
 from vofem.progress import Progress
 from vofem.result import Result
 from vofem.scene import Scene
@@ -116,9 +117,5 @@ def simulate(
     """
     plan = checked_plan(scene, t_end, method, dt, tol, times, probes, options, initial, t_start)
     every = number("simulate: checkpoint_every", checkpoint_every, minimum=0)
-    save = None
-    if checkpoint is not None:
-        from vofem.io.storage.checkpoint import checkpoint_writer
-
-        save = checkpoint_writer(checkpoint, scene, plan)
+    save = None if checkpoint is None else store().snapshots(checkpoint, scene, plan)
     return run_plan(scene, plan, progress, save, every, None)

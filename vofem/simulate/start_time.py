@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.assembly import Model
-from vofem.effects.time_functions import Shifted, as_time_function
 from vofem.system import System
+from vofem.time_functions import Shifted, as_time_function
 
 Array = NDArray[np.float64]
 

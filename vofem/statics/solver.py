@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from vofem.errors import SingularSystemError
 from vofem.integrators.rounding import graded
 from vofem.laws import CLOSED, OPEN, PINNED
-from vofem.laws.evaluate import commit_all, lost, stored
+from vofem.laws.evaluate import commit_all, lost, response, stored
 from vofem.laws.rows import all_rows
 from vofem.laws.table import build_laws
 from vofem.statics.line_search import lowest
@@ -140,7 +140,7 @@ class EquilibriumSolver:
     def _law(self, u: Array, width: float) -> tuple[Array, Array, Array, Status]:
         """Return reaction, tangent, intercept and status; jumps are spread over a width, a fraction of their gap."""
         found = [
-            group.respond(self.laws, part.start, u[part], width)
+            response(group, self.laws, part.start, u[part], width)
             for group, part in zip(self.groups, self._parts, strict=True)
         ]
         reaction, tangent, status = (np.concatenate(parts) for parts in zip(*found, strict=True))

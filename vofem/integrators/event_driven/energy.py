@@ -16,12 +16,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.effects.time_functions import Piece
 from vofem.integrators.event_driven.clusters import ClusterFlow
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.integrators.event_driven.motion import Motion, Special
 from vofem.integrators.event_driven.segment import Segment
 from vofem.system import CLOSED, ContactLaws
+from vofem.time_functions import Piece
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

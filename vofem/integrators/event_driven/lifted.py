@@ -2,44 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.integrators.base import ContactSamples, Energies
-from vofem.integrators.event_driven.sensitivity import Sensitivity
+from vofem.integrators.base import ContactSamples, Energies, Sensitivity, Truncation
 from vofem.integrators.event_driven.solution import EventSolution
 from vofem.system import Counters, Events
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class Truncation:
-    """What a truncated run left out.
-
-    Attributes
-    ----------
-    vectors, unknowns : int
-        Ritz vectors, and degrees of freedom that they stand for.
-    error : float
-        Estimated error of displacements at contacts and loads and, in the mean over the mass, everywhere,
-        relative to the largest value of each.
-    until : float
-        Time in s up to which it stays within the tolerance.
-    rounding : float
-        Estimated loss to rounding, relative to displacements.
-    """
-
-    vectors: int
-    unknowns: int
-    error: float
-    until: float
-    rounding: float
 
 
 class LiftedSamples:

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.effects.time_functions import Piece
 from vofem.integrators.event_driven.motion import Motion
+from vofem.time_functions import Piece
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,31 +27,6 @@ from vofem.system import CLOSED, OPEN, PINNED, ContactLaws
 
 Array = NDArray[np.float64]
 Status = NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class Sensitivity:
-    """Growth of a generic perturbation, measured by its energy.
-
-    Attributes
-    ----------
-    times : ndarray, shape (k,)
-        Begin of every segment, and the end of the run, s.
-    growth : ndarray, shape (k,)
-        Decimal logarithm of the perturbation's size over that at t = 0.
-    """
-
-    times: Array
-    growth: Array
-
-    def horizon(self, tolerance: float = 1e-3, perturbation: float = 1e-15) -> float:
-        """Return until when a relative perturbation stays below a tolerance, s; the end of the run where it does.
-
-        With the default, rounding: beyond this time pointwise values mean
-        nothing, while means, rms values and impulses still may.
-        """
-        lost = self.growth + np.log10(perturbation) > np.log10(tolerance)
-        return float(self.times[int(np.argmax(lost))] if np.any(lost) else self.times[-1])
 
 
 class Perturbation:

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.effects.time_functions import Piece, TimeFunction
 from vofem.integrators.base import (
     ContactSamples,
     Energies,
+    Sensitivity,
     status_at,
 )
 from vofem.integrators.event_driven.modal_samples import ModalSamples
@@ -21,11 +21,12 @@ from vofem.integrators.event_driven.motion import Forcing, Motion, start_motion
 from vofem.integrators.event_driven.pinned import Reactions, may_pin, reactions, should_pin
 from vofem.integrators.event_driven.search import EventFunctions
 from vofem.integrators.event_driven.segment import Segment, Segments
-from vofem.integrators.event_driven.sensitivity import Perturbation, Sensitivity
+from vofem.integrators.event_driven.sensitivity import Perturbation
 from vofem.integrators.event_driven.spectrum import Spectra, Spectrum
 from vofem.integrators.unclosed import never_closed, open_throughout
 from vofem.laws import initial_status
 from vofem.system import CLOSED, OPEN, PINNED, ContactLaws, Counters, Events, State, System
+from vofem.time_functions import Piece, TimeFunction
 
 Array = NDArray[np.float64]
 

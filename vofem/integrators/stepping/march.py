@@ -202,7 +202,7 @@ def march(
             if new.size:
                 log.append(new)
             excess = _check(kernel, method, energy, dt, blow_up)
-            if method == "energy_conserving" and abs(excess) > abs(missing[0]):
+            if method.conserves and abs(excess) > abs(missing[0]):
                 missing = excess, kernel.reached()
             stop = interrupted() and not kernel.finished
             if watch is not None:

@@ -13,9 +13,9 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.effects.time_functions import carried
 from vofem.integrators.looked import LOOKS, loads_by_values
 from vofem.system import Counters, LoadFunction, System
+from vofem.time_functions import carried
 
 Array = NDArray[np.float64]
 

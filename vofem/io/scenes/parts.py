@@ -11,12 +11,12 @@ import numpy as np
 
 from vofem._validate import nearest
 from vofem.bodies import Beam, BeamPoint, Body
-from vofem.effects.approximated import Approximated
-from vofem.effects.time_functions import Arbitrary, TimeFunction, as_time_function
 from vofem.errors import ArgumentError
 from vofem.io.scenes.entry import Entry
 from vofem.io.scenes.kinds import NAME, NUMBER, Number, Numbers, Unwritable
 from vofem.io.scenes.place import INVALID, Book, Invalid, Place
+from vofem.time_functions import Arbitrary, TimeFunction, as_time_function
+from vofem.time_functions.approximated import Approximated
 
 
 def _body(name: str, place: Place, expected: str, only: tuple[str, ...] = ()) -> Body | Invalid:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from vofem import effects
+from vofem import time_functions as functions
 from vofem.bodies import Beam, Mass
 from vofem.bodies.beam import SUPPORTS
-from vofem.effects import time_functions as functions
 from vofem.effects.two_points import UNITS
 from vofem.fractional import TabulatedOrder
 from vofem.io.scenes.beam import Elements, build_beam, values_of_beam

@@ -20,7 +20,6 @@ from vofem.assembly import Model
 from vofem.bodies import Beam, BeamPoint, Mass
 from vofem.bodies.base import Body
 from vofem.effects import Resolved
-from vofem.effects.time_functions import Arbitrary, TimeFunction
 from vofem.errors import ArgumentError, MissingCallableError
 from vofem.integrators.base import Samples
 from vofem.io.scenes.schema import EFFECTS
@@ -40,6 +39,7 @@ from vofem.laws import SmoothLaw, SmoothLaws, past_of
 from vofem.polynomial import Polynomial
 from vofem.result import Result
 from vofem.scene import Scene
+from vofem.time_functions import Arbitrary, TimeFunction
 
 
 class Taken(Protocol):

@@ -16,10 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from vofem.assembly import SystemBuilder
 from vofem.bodies.base import BaseBody, BodyMatrices, DegreesOfFreedom, IntArray, Point, Row, Shape, ShapePoint
-from vofem.effects.time_functions import Piece, TimeFunction
 from vofem.errors import ArgumentError, MissingCallableError, VofemError
 from vofem.initial import StoredState
 from vofem.laws import SmoothLaws
+from vofem.time_functions import Piece, TimeFunction
 
 Array = NDArray[np.float64]
 

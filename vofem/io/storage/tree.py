@@ -212,6 +212,10 @@ _MOVED = {
 }
 
 
+#: Where functions of time were kept, in modules of this package or named by it.
+_FUNCTIONS = "vofem.time_functions"
+
+
 def class_named(name: str) -> type:
     """Return the data class of this package that a file names as ``module:class``; a file can name nothing else.
 
@@ -224,6 +228,8 @@ def class_named(name: str) -> type:
         For any other name.
     """
     module, _, qualified = _MOVED.get(name, name).partition(":")
+    if module.startswith(_FUNCTIONS) or module == "vofem.time_functions.approximated":
+        module = "vofem.time_functions"
     if re.fullmatch(r"vofem(\.[a-z]\w*)+", module) and qualified.isidentifier():
         try:
             kind = getattr(import_module(module), qualified, None)

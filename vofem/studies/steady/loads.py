@@ -9,9 +9,9 @@ from math import gcd, lcm
 import numpy as np
 
 from vofem._validate import number
-from vofem.effects.time_functions import TimeFunction
 from vofem.errors import ArgumentError
 from vofem.system import Load, System
+from vofem.time_functions import TimeFunction
 
 #: Largest whole number in a ratio of two frequencies of loads, and the relative error that it may have.
 _LARGEST, _EXACT = 1000, 1e-12

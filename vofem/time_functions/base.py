@@ -1,8 +1,9 @@
-"""What every function of time offers; sums and multiples of them."""
+"""What every function of time offers, and what arithmetic makes: sums and multiples, of numbers and callables too."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import number
-from vofem.effects.time_functions.moments import gather, sampled, straight
-from vofem.effects.time_functions.piece import Piece
-from vofem.errors import ArgumentError
+from vofem.errors import ArgumentError, LoadError
+from vofem.time_functions.moments import gather, sampled, straight
+from vofem.time_functions.piece import Piece
 
 Array = NDArray[np.float64]
 
@@ -83,7 +84,7 @@ class TimeFunction(ABC):
         return sampled(self, left, right, width)
 
     def __add__(self, other: Any) -> TimeFunction:
-        return Sum((self, _function(other)))
+        return Sum((self, as_time_function(other)))
 
     __radd__ = __add__
 
@@ -102,10 +103,10 @@ class TimeFunction(ABC):
         return self * -1.0
 
     def __sub__(self, other: Any) -> TimeFunction:
-        return self + _function(other) * -1.0
+        return self + as_time_function(other) * -1.0
 
     def __rsub__(self, other: Any) -> TimeFunction:
-        return _function(other) + self * -1.0
+        return as_time_function(other) + self * -1.0
 
 
 class PiecewiseStraight(TimeFunction):
@@ -224,8 +225,88 @@ def order_of(order: int) -> int:
     return int(order)
 
 
-def _function(value: Any) -> TimeFunction:
-    # What a number or a callable becomes is itself a TimeFunction, so that module builds on this one.
-    from vofem.effects.time_functions.conversion import as_time_function
+@dataclass(frozen=True)
+class Constant(PiecewiseStraight):
+    """The same value at all times t >= 0."""
 
-    return as_time_function(value)
+    value: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "value", number("Constant: value", self.value))
+
+    def __call__(self, t: ArrayLike) -> Array:
+        """Return the values at times t."""
+        return np.full(np.shape(t), self.value)
+
+    def derivative(self, t: ArrayLike, order: int = 1) -> Array:
+        """Return zero, or the value for order 0."""
+        return np.full(np.shape(t), self.value if order_of(order) == 0 else 0.0)
+
+    def piece(self, t0: float) -> Piece:
+        """Return the constant."""
+        return Piece(constant=self.value)
+
+
+@dataclass(frozen=True)
+class Arbitrary(TimeFunction):
+    """A plain callable of t in s, wrapped and watched: a value that is not a finite number raises `LoadError`."""
+
+    function: Callable[[Any], Any]
+
+    closed_form = False
+    looked = np.inf
+
+    def __call__(self, t: ArrayLike) -> Array:
+        """Return the values at times t."""
+        times = np.asarray(t, dtype=float)
+        values = np.array([self._value(time) for time in times.ravel()])
+        return values.reshape(times.shape)
+
+    def _value(self, t: float) -> float:
+        try:
+            value = self.function(float(t))
+        except Exception as error:
+            raise LoadError(
+                f"load function {self._name} raised {type(error).__name__}: {error} at t = {t:g} s; it must take one "
+                "time in s and return a number"
+            ) from error
+        try:
+            result = float(value)
+        except (TypeError, ValueError):
+            raise LoadError(
+                f"load function {self._name} returned {value!r} at t = {t:g} s, expected a number"
+            ) from None
+        if not np.isfinite(result):
+            raise LoadError(
+                f"load function {self._name} returned {result} at t = {t:g} s, expected a finite number; "
+                "a division by zero or a table that ends too early is the usual cause"
+            )
+        return result
+
+    def __repr__(self) -> str:
+        return f"function {self._name}"
+
+    @property
+    def _name(self) -> str:
+        return repr(getattr(self.function, "__name__", self.function))
+
+    def derivative(self, t: ArrayLike, order: int = 1) -> Array:
+        """Refuse: a plain callable has no known derivative."""
+        raise ArgumentError(f"load function {self._name} has no derivative; use Sine, Ramp, Tabulated, ...")
+
+    def piece(self, t0: float) -> Piece:
+        """Refuse: a plain callable has no closed form."""
+        raise ArgumentError(f"load function {self._name} has no closed form; use Sine, Ramp, Tabulated, ...")
+
+
+def as_time_function(value: Any) -> TimeFunction:
+    """Return `value` as a `TimeFunction`: one already, a number, or any callable of t."""
+    if isinstance(value, TimeFunction):
+        return value
+    if callable(value):
+        return Arbitrary(value)
+    if isinstance(value, str) or not np.isscalar(value):
+        raise ArgumentError(
+            f"a load's time function is {value!r}, expected a number, a callable of t, Sine, Ramp, Tabulated, ..."
+        )
+    return Constant(number("a load's time function", value))

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import array
-from vofem.effects.time_functions.base import PiecewiseStraight, inside, order_of
-from vofem.effects.time_functions.piece import Piece
 from vofem.errors import ArgumentError
+from vofem.time_functions.base import PiecewiseStraight, inside, order_of
+from vofem.time_functions.piece import Piece
 
 Array = NDArray[np.float64]
 

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import array, number
-from vofem.effects.time_functions import Piece, TimeFunction, as_time_function
-from vofem.effects.time_functions.moments import straight, wave
 from vofem.errors import ArgumentError, ConvergenceError
+from vofem.time_functions.base import TimeFunction, as_time_function
+from vofem.time_functions.moments import straight, wave
+from vofem.time_functions.piece import Piece
 
 Array = NDArray[np.float64]
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem.effects.time_functions.base import TimeFunction, inside
-from vofem.effects.time_functions.piece import Piece
+from vofem.time_functions.base import TimeFunction, inside
+from vofem.time_functions.piece import Piece
 
 Array = NDArray[np.float64]
 

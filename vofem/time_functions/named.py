@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import number
-from vofem.effects.time_functions.base import PiecewiseStraight, TimeFunction, inside, order_of
-from vofem.effects.time_functions.moments import wave
-from vofem.effects.time_functions.piece import Piece
 from vofem.errors import ArgumentError
+from vofem.time_functions.base import PiecewiseStraight, TimeFunction, inside, order_of
+from vofem.time_functions.moments import wave
+from vofem.time_functions.piece import Piece
 
 Array = NDArray[np.float64]
 
@@ -84,28 +84,6 @@ class Sine(TimeFunction):
         angle = self.omega * (0.5 * (left + right)) + self.phase
         m0, m1, m2 = wave(0.5 * self.omega * (right - left))
         return self.amplitude * np.stack([m0 * np.sin(angle), m1 * np.cos(angle), m2 * np.sin(angle)])
-
-
-@dataclass(frozen=True)
-class Constant(PiecewiseStraight):
-    """The same value at all times t >= 0."""
-
-    value: float
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "value", number("Constant: value", self.value))
-
-    def __call__(self, t: ArrayLike) -> Array:
-        """Return the values at times t."""
-        return np.full(np.shape(t), self.value)
-
-    def derivative(self, t: ArrayLike, order: int = 1) -> Array:
-        """Return zero, or the value for order 0."""
-        return np.full(np.shape(t), self.value if order_of(order) == 0 else 0.0)
-
-    def piece(self, t0: float) -> Piece:
-        """Return the constant."""
-        return Piece(constant=self.value)
 
 
 @dataclass(frozen=True)

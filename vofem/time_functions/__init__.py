@@ -6,16 +6,16 @@ event-driven method integrates it in closed form. A plain callable has no
 pieces: only the stepping methods take it.
 """
 
-from vofem.effects.time_functions.arbitrary import Arbitrary
-from vofem.effects.time_functions.base import Scaled, Sum, TimeFunction
-from vofem.effects.time_functions.conversion import as_time_function
-from vofem.effects.time_functions.moments import carried
-from vofem.effects.time_functions.named import Constant, Pulse, Ramp, Sine
-from vofem.effects.time_functions.piece import Piece
-from vofem.effects.time_functions.shifted import Shifted
-from vofem.effects.time_functions.tabulated import Tabulated
+from vofem.time_functions.approximated import Approximated
+from vofem.time_functions.base import Arbitrary, Constant, Scaled, Sum, TimeFunction, as_time_function
+from vofem.time_functions.moments import carried
+from vofem.time_functions.named import Pulse, Ramp, Sine
+from vofem.time_functions.piece import Piece
+from vofem.time_functions.shifted import Shifted
+from vofem.time_functions.tabulated import Tabulated
 
 __all__ = [
+    "Approximated",
     "Arbitrary",
     "Constant",
     "Piece",

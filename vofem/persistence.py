@@ -1,0 +1,64 @@
+"""Where runs are kept: what results and simulations ask of a store, and which one they find.
+
+Results and simulations know no file format. `vofem/__init__.py`, which stands
+above all rooms, names the store; it is opened when something is to be kept.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from vofem.errors import StorageError
+
+
+class SaveRun(Protocol):
+    """Writes a whole run to one file; see `vofem.Result.save`."""
+
+    def __call__(self, result: Any, path: str | os.PathLike[str], *, overwrite: bool, frames: Any) -> Path:
+        """Return the path of the file."""
+
+
+class KeepSnapshots(Protocol):
+    """Prepares a file for the snapshots of a run that is about to begin."""
+
+    def __call__(self, path: str | os.PathLike[str], scene: Any, plan: Any) -> Callable[[dict[str, Any]], None]:
+        """Return a function that writes one snapshot in place of the one before."""
+
+
+@dataclass(frozen=True)
+class Store:
+    """What keeps runs.
+
+    Attributes
+    ----------
+    save : SaveRun
+    snapshots : KeepSnapshots
+    """
+
+    save: SaveRun
+    snapshots: KeepSnapshots
+
+
+_openers: list[Callable[[], Store]] = []
+
+
+def use_store(opener: Callable[[], Store]) -> None:
+    """Name the store from now on by a function that opens it; it is called when something is to be kept."""
+    _openers[:] = [opener]
+
+
+def store() -> Store:
+    """Return the store.
+
+    Raises
+    ------
+    StorageError
+        If none was named.
+    """
+    if not _openers:
+        raise StorageError("there is no store to keep runs in; name one with vofem.persistence.use_store")
+    return _openers[0]()
