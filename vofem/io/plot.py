@@ -7,15 +7,26 @@ from pathlib import Path
 
 from vofem.files.whole import replacing
 from vofem.io.pictures.axes import goal_of
+from vofem.io.pictures.diagrams import basin_map, bifurcation
 from vofem.io.pictures.histories import time_history
 from vofem.io.pictures.profiles import shapes
 from vofem.io.pictures.space_time import space_time
+from vofem.io.pictures.sweeps import sweep_curves
 from vofem.io.pictures.work_precision import work_precision
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.statics import Equilibrium
 
-__all__ = ["draw_scene", "shapes", "space_time", "time_history", "work_precision"]
+__all__ = [
+    "basin_map",
+    "bifurcation",
+    "draw_scene",
+    "shapes",
+    "space_time",
+    "sweep_curves",
+    "time_history",
+    "work_precision",
+]
 
 
 def draw_scene(
