@@ -165,6 +165,7 @@ def extremes(problem: Shooting, flow: Flow, window: tuple[int, float, float] | N
     rows = problem.space.contacts
     s, rate = rows @ z - laws.gap[:, None], rows @ v
     size_z, _ = sizes(problem, flow)
+    events = [(entry.time, entry.contact) for entry in flow.events]
     found = []
     for j in range(len(laws)):
         if window is not None and window[0] != j:
@@ -173,6 +174,8 @@ def extremes(problem: Shooting, flow: Flow, window: tuple[int, float, float] | N
         top = (rate[j, :-1] > 0.0) & (rate[j, 1:] <= 0.0) & (s[j, :-1] <= 0.0) & (s[j, 1:] <= 0.0)
         bottom = (rate[j, :-1] < 0.0) & (rate[j, 1:] >= 0.0) & (s[j, :-1] >= 0.0) & (s[j, 1:] >= 0.0)
         for k in np.flatnonzero(top | bottom).tolist():
+            if any(i == j and inside[k] <= t <= inside[k] + times[1] - times[0] for t, i in events):
+                continue
             share = rate[j, k] / (rate[j, k] - rate[j, k + 1])
             time = times[k] + share * (times[k + 1] - times[k])
             height = float(np.interp(time, times[k : k + 2], s[j, k : k + 2]))

@@ -13,7 +13,7 @@ from vofem.errors import ConvergenceError
 from vofem.studies.steady.branch import BranchCounters
 from vofem.studies.steady.charts import ORIGIN, EventChart, at_phase
 from vofem.studies.steady.crossings import Crossing, crossings
-from vofem.studies.steady.events import chart_at, extremes, phases, signature, slowest
+from vofem.studies.steady.events import chart_at, extremes, phases, signature, slowest, switches
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.grazing import (
     Touch,
@@ -205,8 +205,8 @@ class Follower:
 
     def _advanced(self, now: Point, step: float) -> tuple[Point, float] | None:
         """Return the next point and step, or None where the step was too long."""
-        guess = now.y + step * now.tangent * now.scales
         chart = now.chart
+        guess = now.y + (step * now.tangent + 0.5 * step**2 * self._bend(now)) * now.scales
         if isinstance(chart, EventChart) and chart.rate(now.problem, guess[:-1]) <= 0.0:
             return self._leaving(now, guess, step)
         try:
@@ -229,6 +229,16 @@ class Follower:
             return after, step
         factor = float(np.clip(_AIM / max(angle, 1e-3), 0.5, _GROW))
         return self._recharted(after, now), min(step * factor, self.largest)
+
+    def _bend(self, now: Point) -> Array:
+        """Return the change of the tangent along the branch, from the step that led to a point; zero without one."""
+        before = self.track.steps[-1] if self.track.steps else None
+        if before is None or type(before.last.chart) is not type(now.chart) or before.last.y is not now.y:
+            return np.zeros_like(now.tangent)
+        length = float(np.linalg.norm((now.y - before.first.y) / now.scales))
+        tangent = before.first.tangent * before.first.scales / now.scales
+        change = now.tangent - tangent / np.linalg.norm(tangent)
+        return np.asarray(change / length) if length > 0.0 else np.zeros_like(change)
 
     def _accepted(self, now: Point, y: Array, evaluation: Any, by_value: Array) -> Point | None:
         """Return a corrected point, or None where the branch has turned too far."""
@@ -380,8 +390,12 @@ class Follower:
         here, there = chart.rate(now.problem, now.y[:-1]), chart.rate(now.problem, guess[:-1])
         target = now.y + here / (here - there) * (guess - now.y)
         problem = self.family.at(target[-1])
+        if here <= 0.0 or there >= here:
+            return None
         time, state = chart.point(problem, target[:-1])
-        touch = Touch(problem, float(target[-1]), chart.contact, time, state, chart.before, chart.margin)  # type: ignore[arg-type]
+        mine = [t for t, contact, *_ in switches(chart, now.evaluation.flow) if contact == chart.contact]
+        margin = margin_around(now.problem, mine[2:], now.evaluation.flow.start.time)
+        touch = Touch(problem, float(target[-1]), chart.contact, time, state, chart.before, margin)  # type: ignore[arg-type]
         return self._passed_out(now, touch, step)
 
     def _changed(self, now: Point, after: Point, step: float) -> tuple[Point, float] | None:
@@ -434,7 +448,7 @@ class Follower:
         """Go on with a contact that begins to touch."""
         at = self._located(now, touch, step)
         try:
-            if at is None:
+            if at is None or signature(at.chart, at.evaluation) != signature(now.chart, now.evaluation):
                 return None
             outside = before(self.family, self.interval, at)
             first = beyond(self.family, self.interval, at)
@@ -457,7 +471,7 @@ class Follower:
         """Go on without a contact that has just stopped to touch."""
         at = self._located(now, touch, step)
         try:
-            if at is None:
+            if at is None or signature(at.chart, at.evaluation) == signature(now.chart, now.evaluation):
                 return None
             outside = before(self.family, self.interval, at)
             last = beyond(self.family, self.interval, at)
