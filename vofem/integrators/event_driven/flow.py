@@ -275,7 +275,7 @@ def share_modes(system: System, earlier: System) -> bool:
     Where the matrices alone are the same, the modes are shared. Returns whether modes are shared.
     """
     same = ("mass", "stiffness", "damping", "strain")
-    if system is earlier:
+    if system is earlier or system.cache is earlier.cache:
         return True
     if not all(_equal(getattr(system, name), getattr(earlier, name)) for name in (*same, "rigid", "scale")):
         return False
