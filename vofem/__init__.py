@@ -69,7 +69,7 @@ if TYPE_CHECKING:
     import vofem.studies.accuracy as accuracy
     from vofem.io.saved import load, resume
     from vofem.io.scene_file import dump_scene, load_scene
-    from vofem.studies.steady import Branch, PeriodicOrbit, SpecialPoint, periodic
+    from vofem.studies.steady import Branch, PeriodicOrbit, SpecialPoint, frequency_response, periodic, poincare
 
 __all__ = [
     "Approximated",
@@ -133,10 +133,12 @@ __all__ = [
     "equilibrium",
     "explain",
     "fractional",
+    "frequency_response",
     "load",
     "load_scene",
     "modes",
     "periodic",
+    "poincare",
     "quasi_static",
     "resume",
     "simulate",
@@ -149,10 +151,12 @@ _LATER = {
     "SpecialPoint": "vofem.studies.steady",
     "accuracy": "vofem.studies.accuracy",
     "dump_scene": "vofem.io.scene_file",
+    "frequency_response": "vofem.studies.steady",
     "io": "vofem.io",
     "load": "vofem.io.saved",
     "load_scene": "vofem.io.scene_file",
     "periodic": "vofem.studies.steady",
+    "poincare": "vofem.studies.steady",
     "resume": "vofem.io.saved",
 }
 
