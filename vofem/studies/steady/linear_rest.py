@@ -15,6 +15,7 @@ doubled until it is small.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -188,6 +189,20 @@ class LinearRest:
         """Return responses to all inputs in Ritz vectors, shape (n_frequencies, m, n_inputs)."""
         forces = (inputs @ self.vectors).T
         return np.stack([self._ritz @ self.response(w, forces) for w in omegas.tolist()])
+
+    def with_attached(self, part: Attached) -> LinearRest:
+        """Return the same structure with something more that is linear."""
+        other = copy.copy(self)
+        other._attached = (*self._attached, part)
+        other.columns = np.concatenate([self.columns, np.asarray(part.rows @ self.vectors).T], axis=1)
+        return other
+
+    def dissipation(self, rates: Array) -> Array:
+        """Return the power in W that dashpots and material damping take at modal velocities (m, n_times)."""
+        power = self.damping @ rates**2
+        if self._dashpots:
+            power = power + self._rates @ (self.columns[:, : self._dashpots].T @ rates) ** 2
+        return np.asarray(power)
 
     # -- responses ------------------------------------------------------------------------------------
 
