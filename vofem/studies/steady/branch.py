@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import os
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, Protocol, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.scene import Scene
+from vofem._validate import number
+from vofem.errors import ArgumentError
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.special import SpecialPoint
 
@@ -31,6 +34,8 @@ class BranchCounters:
         The same for special points.
     rejected_flows : int
         The same for steps that were tried and taken back.
+    search_flows : int
+        The same for the first orbit.
     eigensolves : int
         Full eigenvalue problems of the structure.
     """
@@ -39,7 +44,52 @@ class BranchCounters:
     flows: int = 0
     refinement_flows: int = 0
     rejected_flows: int = 0
+    search_flows: int = 0
     eigensolves: int = 0
+
+
+class Source(Protocol):
+    """What finds further orbits of a branch."""
+
+    def at(self, value: float) -> list[PeriodicOrbit]:
+        """Return all orbits at a value of the parameter, solved anew."""
+
+    def switch(self, special: SpecialPoint) -> Branch:
+        """Return the branch that leaves at a special point."""
+
+
+class Orbits(Sequence[PeriodicOrbit]):
+    """Orbits of a branch, each made when it is first asked for.
+
+    Parameters
+    ----------
+    makers : sequence of callables
+        Return the orbits.
+    """
+
+    def __init__(self, makers: Sequence[Callable[[], PeriodicOrbit]]) -> None:
+        self._makers = list(makers)
+        self._known: dict[int, PeriodicOrbit] = {}
+
+    def __len__(self) -> int:
+        return len(self._makers)
+
+    @overload
+    def __getitem__(self, index: int) -> PeriodicOrbit: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[PeriodicOrbit]: ...
+
+    def __getitem__(self, index: int | slice) -> PeriodicOrbit | list[PeriodicOrbit]:
+        if isinstance(index, slice):
+            return [self[k] for k in range(*index.indices(len(self)))]
+        k = range(len(self))[index]
+        if k not in self._known:
+            self._known[k] = self._makers[k]()
+        return self._known[k]
+
+    def __iter__(self) -> Iterator[PeriodicOrbit]:
+        return (self[k] for k in range(len(self)))
 
 
 class Branch:
@@ -50,6 +100,7 @@ class Branch:
     values : ndarray, shape (n_points,)
         The parameter, in the order of the branch; it goes back and forth at folds.
     orbits : sequence of PeriodicOrbit
+        With one just before and one just after every grazing.
     special : list of SpecialPoint
         In the order of the branch.
     counters : BranchCounters
@@ -68,7 +119,7 @@ class Branch:
         *,
         notes: Sequence[str] = (),
         periods: int = 1,
-        build: Callable[[float], Scene] | None = None,
+        source: Source | None = None,
     ) -> None:
         self.values = np.asarray(values, dtype=float)
         self.orbits = orbits
@@ -76,14 +127,14 @@ class Branch:
         self.counters = counters
         self.notes = list(notes)
         self.periods = periods
-        self._build = build
+        self._source = source
 
     def __len__(self) -> int:
         return len(self.orbits)
 
     def __repr__(self) -> str:
-        kinds = {kind: sum(point.kind == kind for point in self.special) for kind in {p.kind for p in self.special}}
-        shown = ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items()))
+        kinds = [point.kind for point in self.special]
+        shown = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
         span = f"{self.values.min():.6g} to {self.values.max():.6g}" if self.values.size else "empty"
         return f"Branch({len(self)} orbits, {span}; {shown or 'nothing special'})"
 
@@ -95,3 +146,71 @@ class Branch:
     def amplitude(self, point: Any) -> Array:
         """Return the amplitude of every orbit at a point, m, shape (n_points,); see `PeriodicOrbit.amplitude`."""
         return np.array([orbit.amplitude(point) for orbit in self.orbits])
+
+    def at(self, value: float) -> list[PeriodicOrbit]:
+        """Return all orbits of the branch at exactly this value, one a sheet, in the order of the branch.
+
+        Each is solved again from its stored neighbours, never interpolated; there is none outside the branch.
+
+        Raises
+        ------
+        ArgumentError
+            If the branch was loaded from a file, which holds no function that builds scenes.
+        """
+        return self._finder("at").at(number("at: value", value))
+
+    def switch(self, special: SpecialPoint) -> Branch:
+        """Return the branch that leaves at a special point.
+
+        At a period doubling it is that of orbits over twice as many periods; at a branch point the other one through
+        it. It begins at the special point and is followed within the interval of this branch.
+
+        Parameters
+        ----------
+        special : SpecialPoint
+            One of `special`, of kind "period_doubling" or "branch_point".
+
+        Raises
+        ------
+        ArgumentError
+            For another kind, where no branch of periodic orbits leaves, or a branch that was loaded from a file.
+        ConvergenceError
+            If no orbit is found beside the point.
+        """
+        if not isinstance(special, SpecialPoint):
+            raise ArgumentError(f"switch: special is {special!r}, expected an entry of branch.special")
+        if special.kind not in ("period_doubling", "branch_point"):
+            raise ArgumentError(
+                f"switch: at a {special.kind} no other branch of periodic orbits leaves; expected a period_doubling or "
+                "a branch_point"
+            )
+        return self._finder("switch").switch(special)
+
+    def _finder(self, what: str) -> Source:
+        if self._source is None:
+            raise ArgumentError(
+                f"{what}: this branch has no function that builds scenes, since it was loaded from a file or is a "
+                "backbone; follow it again with vofem.continuation"
+            )
+        return self._source
+
+    def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
+        """Write the branch to one file; `vofem.load` gives it back.
+
+        Parameters
+        ----------
+        path : path
+            Ends in .h5 or .hdf.
+        overwrite : bool
+            Whether a file of that name is replaced.
+
+        Raises
+        ------
+        ArgumentError
+            For another suffix.
+        OutputError
+            If the file exists and is not to be overwritten, or cannot be written.
+        """
+        from vofem.io.storage.branch_file import save
+
+        return save(self, path, overwrite=overwrite)

@@ -7,7 +7,7 @@ converges quadratically and the multipliers are those of the orbit.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from vofem.errors import ConvergenceError, EventStormError, MethodError
 from vofem.initial import Initial, StoredState
-from vofem.integrators.event_driven.flow import Flow, Start, flow, modal_state, modes_of, share_modes
+from vofem.integrators.event_driven.flow import Flow, Start, Unwatched, flow, modal_state, modes_of, share_modes
 from vofem.integrators.event_driven.run import refusal
 from vofem.result import Result
 from vofem.scene import Scene
@@ -25,7 +25,7 @@ from vofem.simulate.plan import Plan, run_plan
 from vofem.studies.steady.counters import Work
 from vofem.studies.steady.loads import LoadPeriod, load_period
 from vofem.studies.steady.orbit import DECIDED, TIMES, PeriodicOrbit
-from vofem.system import State
+from vofem.system import OPEN, State
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -207,9 +207,6 @@ class Shooting:
 
     def linear_response(self) -> Array:
         """Return the unknowns of the periodic motion with all contacts open."""
-        from vofem.integrators.event_driven.flow import Unwatched
-        from vofem.system import OPEN
-
         n = self.space.size
         contacts = self.space.contacts.shape[0]
         never = [Unwatched(j, -np.inf, np.inf) for j in range(contacts)]
@@ -247,12 +244,26 @@ class Shooting:
         except EventStormError as error:
             raise ConvergenceError(str(error)) from error
 
-    def evaluate(self, unknowns: Array, *, derivative: bool = True) -> ShootingEvaluation:
-        """Return the flow over one orbit."""
+    def evaluate(
+        self, unknowns: Array, *, derivative: bool = True, unwatched: Sequence[tuple[int, float, float]] = ()
+    ) -> ShootingEvaluation:
+        """Return the flow over one orbit; contacts are not watched between some phases ``omega t`` of the loads."""
         z, v = self.to_modes(unknowns)
-        one = self.run(Start(0.0, z, v), self.duration, derivative=np.eye(self.size) if derivative else None)
+        one = self.run(
+            Start(0.0, z, v),
+            self.duration,
+            derivative=np.eye(self.size) if derivative else None,
+            unwatched=[window for entry in unwatched for window in self._windows(*entry)],
+        )
         ends = self.to_unknowns(one.displacement, one.velocity)
         return ShootingEvaluation(one, ends - unknowns, self.frame)
+
+    def _windows(self, contact: int, first: float, last: float) -> list[Unwatched]:
+        """Return when a contact is not watched within one orbit from t = 0, for phases of the loads."""
+        start, stop = first / self.loads.omega, last / self.loads.omega
+        shift = np.floor(start / self.duration) * self.duration
+        start, stop = start - shift, stop - shift
+        return [Unwatched(contact, start, stop), Unwatched(contact, start - self.duration, stop - self.duration)]
 
     def orbit(self, unknowns: Array, evaluation: ShootingEvaluation) -> PeriodicOrbit:
         """Return the orbit of a solution."""

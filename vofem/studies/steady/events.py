@@ -1,0 +1,193 @@
+"""Contact events around an orbit: which there are, and which are about to come or to go."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.integrators.event_driven.flow import Flow
+from vofem.studies.steady.charts import EventChart, event_chart, sizes
+from vofem.studies.steady.shooting import Shooting
+from vofem.system import CLOSED, OPEN
+
+Array = NDArray[np.float64]
+Status = NDArray[np.int64]
+
+#: Samples around an orbit among which extremes of gap functions are looked for.
+_SAMPLES = 601
+
+#: Share of a phase without events of a contact in which it need not be watched.
+_MARGIN = 0.4
+
+#: Largest such share of the orbit.
+_MOST_MARGIN = 0.25
+
+
+@dataclass(frozen=True)
+class Phase:
+    """A stretch of an orbit between two events of one contact, the first of which is a switch.
+
+    Attributes
+    ----------
+    contact : int
+    time, stop : float
+        Begin, and end, which may lie beyond the end of the orbit, s.
+    rate : float
+        The larger of the rates of the gap function at both ends over the largest speed of the contact.
+    status : int
+        In the phase.
+    earlier : float
+        Time since the event before `time`, s.
+    """
+
+    contact: int
+    time: float
+    stop: float
+    rate: float
+    status: int
+    earlier: float
+
+
+@dataclass(frozen=True)
+class Extreme:
+    """A local extreme of a gap function.
+
+    Attributes
+    ----------
+    contact : int
+    time : float
+        In s.
+    height : float
+        Of the gap function, m: negative at a maximum while open, positive at a minimum while closed.
+    status : int
+        Of the contact.
+    size : float
+        `height` over the size of the motion.
+    """
+
+    contact: int
+    time: float
+    height: float
+    status: int
+    size: float
+
+
+def switches(chart: Any, flow: Flow) -> list[tuple[float, int, int, int, float]]:
+    """Return time, contact, status before and after, and rate of all switches around an orbit, in order."""
+    found = [(e.time, e.contact, e.before, e.after, e.rate) for e in flow.events]
+    if isinstance(chart, EventChart) and not chart.grazes:
+        j = chart.contact
+        rate = float(flow.space.contacts[j] @ flow.start.velocity)
+        found.insert(0, (flow.start.time, j, int(chart.before[j]), int(chart.after[j]), rate))
+    return found
+
+
+def signature(chart: Any, evaluation: Any) -> tuple[tuple[int, int], ...] | None:
+    """Return how often each contact closes, as pairs (contact, count); None for methods without events."""
+    flow = getattr(evaluation, "flow", None)
+    if flow is None:
+        return None
+    counts: dict[int, int] = {}
+    for _, contact, before, after, _ in switches(chart, flow):
+        if before == OPEN and after != OPEN:
+            counts[contact] = counts.get(contact, 0) + 1
+    # A contact that never switches is open or closed throughout.
+    still = [j for j in range(flow.space.contacts.shape[0]) if j not in counts]
+    status = flow.solution.segments[2][0][0]
+    return tuple(sorted(counts.items())) + tuple((j, -int(status[j])) for j in still if status[j] != OPEN)
+
+
+def phases(problem: Shooting, chart: Any, flow: Flow) -> list[Phase]:
+    """Return the open and closed phases of all contacts around an orbit."""
+    every = switches(chart, flow)
+    _, v = sizes(problem, flow)
+    found = []
+    for j in {entry[1] for entry in every}:
+        mine = [entry for entry in every if entry[1] == j]
+        speed = v * float(np.linalg.norm(problem.space.contacts[j]))
+        for k, (time, _, before, after, rate) in enumerate(mine):
+            if before not in (OPEN, CLOSED) or after not in (OPEN, CLOSED) or len(mine) < 2:
+                continue
+            following = mine[(k + 1) % len(mine)]
+            stop = following[0] + (problem.duration if k + 1 == len(mine) else 0.0)
+            earlier = time - mine[k - 1][0] + (problem.duration if k == 0 else 0.0)
+            found.append(Phase(j, time, stop, max(abs(rate), abs(following[4])) / speed, after, earlier))
+    return found
+
+
+def slowest(problem: Shooting, chart: Any, flow: Flow) -> Phase | None:
+    """Return the phase whose events are slowest, and shorter than its neighbour."""
+    short = [p for p in phases(problem, chart, flow) if p.stop - p.time < p.earlier]
+    return min(short, key=lambda phase: phase.rate, default=None)
+
+
+def chart_at(problem: Shooting, flow: Flow, chart: Any, phase: Phase) -> tuple[EventChart, Array]:
+    """Return the coordinates at the first event of a phase, and their values there."""
+    time, before, after, state = _state_at_event(problem, chart, flow, phase)
+    margin = min(_MARGIN * phase.earlier / problem.duration, _MOST_MARGIN)
+    new = event_chart(problem, phase.contact, before, after, margin)
+    return new, new.coordinates(problem, time, state)
+
+
+def _state_at_event(problem: Shooting, chart: Any, flow: Flow, phase: Phase) -> tuple[float, Status, Status, Array]:
+    """Return time, status on both sides and state, in unknowns, at the begin of a phase."""
+    starts, _, states = flow.solution.segments
+    k = int(np.argmin(np.abs(np.array(starts) - phase.time)))
+    after, z, v = states[k]
+    if k:
+        before = states[k - 1][0]
+    elif isinstance(chart, EventChart):
+        before = chart.before
+    else:
+        before = flow.status
+    return float(starts[k]), before, after, problem.to_unknowns(z, v)
+
+
+def extremes(problem: Shooting, flow: Flow, window: tuple[int, float, float] | None = None) -> list[Extreme]:
+    """Return local extremes of gap functions that may touch zero, the nearest to it first.
+
+    Parameters
+    ----------
+    window : (contact, from, to), optional
+        Only these, times in s; they may lie beyond the end of the orbit.
+    """
+    laws = problem.system.contacts
+    if laws is None:
+        return []
+    duration, begin = problem.duration, flow.start.time
+    low, high = (begin, begin + duration) if window is None else window[1:]
+    times = np.linspace(low, high, _SAMPLES)
+    inside = begin + np.mod(times - begin, duration)
+    z, v = flow.solution.modal(inside)
+    rows = problem.space.contacts
+    s, rate = rows @ z - laws.gap[:, None], rows @ v
+    size_z, _ = sizes(problem, flow)
+    events = [(entry.time, entry.contact) for entry in flow.events]
+    found = []
+    for j in range(len(laws)):
+        if window is not None and window[0] != j:
+            continue
+        size = size_z * float(np.linalg.norm(rows[j]))
+        top = (rate[j, :-1] > 0.0) & (rate[j, 1:] <= 0.0) & (s[j, :-1] <= 0.0) & (s[j, 1:] <= 0.0)
+        bottom = (rate[j, :-1] < 0.0) & (rate[j, 1:] >= 0.0) & (s[j, :-1] >= 0.0) & (s[j, 1:] >= 0.0)
+        for k in np.flatnonzero(top | bottom).tolist():
+            if any(i == j and inside[k] <= t <= inside[k] + times[1] - times[0] for t, i in events):
+                continue
+            share = rate[j, k] / (rate[j, k] - rate[j, k + 1])
+            time = times[k] + share * (times[k + 1] - times[k])
+            height = float(np.interp(time, times[k : k + 2], s[j, k : k + 2]))
+            # What a parabola adds between the samples.
+            height += 0.5 * share * (times[k + 1] - times[k]) * float(rate[j, k]) * (1.0 - share)
+            found.append(Extreme(j, float(time), height, OPEN if top[k] else CLOSED, abs(height) / size))
+    return sorted(found, key=lambda extreme: extreme.size)
+
+
+def margin_of(problem: Shooting, chart: Any, flow: Flow, contact: int, time: float) -> float:
+    """Return the share of the orbit around a time in which a contact need not be watched."""
+    mine = [entry[0] for entry in switches(chart, flow) if entry[1] == contact]
+    duration = problem.duration
+    away = [min((time - t) % duration, (t - time) % duration) for t in mine]
+    return min(_MARGIN * min(away, default=duration) / duration, _MOST_MARGIN)

@@ -1,0 +1,66 @@
+"""The equations of orbits along a parameter."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from vofem.errors import ArgumentError
+from vofem.scene import Scene
+from vofem.studies.steady.counters import Work
+from vofem.studies.steady.methods import chosen, problem_of
+from vofem.studies.steady.problem import OrbitProblem
+
+#: Problems that are kept, by the value of the parameter.
+_KEPT = 4
+
+
+@dataclass
+class Family:
+    """The equations of orbits along a parameter; an `OrbitFamily`.
+
+    Attributes
+    ----------
+    what : str
+        Whose arguments these are, for messages.
+    build : callable
+        Returns the scene at a value.
+    method : str
+        "auto" is replaced at the first value.
+    periods : int
+    harmonics : int, optional
+    work : Work
+    """
+
+    what: str
+    build: Callable[[float], Scene]
+    method: str = "auto"
+    periods: int = 1
+    harmonics: int | None = None
+    work: Work = field(default_factory=Work)
+    _known: dict[float, OrbitProblem] = field(default_factory=dict)
+    _latest: OrbitProblem | None = None
+
+    def at(self, value: float) -> OrbitProblem:
+        """Return the equations at a value of the parameter."""
+        value = float(value)
+        known = self._known.get(value)
+        if known is not None:
+            return known
+        scene = self.build(value)
+        if not isinstance(scene, Scene):
+            raise ArgumentError(f"{self.what}: build({value:g}) returned {scene!r}, expected a vofem.Scene")
+        self.method = chosen(scene, self.method, self.harmonics)
+        problem = problem_of(
+            self.what, scene, self.method, self.periods, harmonics=self.harmonics, earlier=self._latest, work=self.work
+        )
+        while len(self._known) >= _KEPT:
+            del self._known[next(iter(self._known))]
+        self._known[value] = self._latest = problem
+        return problem
+
+    def over(self, periods: int) -> Family:
+        """Return the family of orbits over another number of periods, sharing modes and counted apart."""
+        other = Family(self.what, self.build, self.method, periods, self.harmonics)
+        other._latest = self._latest
+        return other

@@ -1,0 +1,510 @@
+"""Following a branch of orbits by pseudo-arclength, through folds and grazings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.errors import ConvergenceError
+from vofem.studies.steady.branch import BranchCounters
+from vofem.studies.steady.charts import ORIGIN, EventChart, at_phase
+from vofem.studies.steady.crossings import Crossing, crossings
+from vofem.studies.steady.events import chart_at, extremes, phases, signature, slowest, switches
+from vofem.studies.steady.family import Family
+from vofem.studies.steady.grazing import (
+    Touch,
+    before,
+    beyond,
+    grazing,
+    margin_around,
+    touch_of_extreme,
+    touch_of_phase,
+)
+from vofem.studies.steady.point import Interval, Point, corrected, derivative_by_value, tangent_at
+from vofem.studies.steady.shooting import Shooting
+
+Array = NDArray[np.float64]
+
+#: First, largest and least step in scaled coordinates.
+FIRST, LARGEST, LEAST = 0.01, 0.1, 1e-9
+
+#: Cosine of the angle between successive tangents that is refused, and the one aimed at.
+_REFUSED, _AIM = np.cos(np.radians(25.0)), np.radians(8.0)
+
+#: Factors by which a step may change.
+_SHRINK, _GROW = 0.4, 2.0
+
+#: Relative rate of the slowest event below which its coordinates are taken, and above which they are left.
+_ENTER, _LEAVE = 0.1, 0.25
+
+#: How far from a point a grazing may be, in steps, and how near zero an extreme must be to be looked at.
+_REACH, _NEAR = 4.0, 0.3
+
+
+@dataclass
+class Step:
+    """Two neighbours on a branch in the same coordinates.
+
+    Attributes
+    ----------
+    first, last : Point
+    """
+
+    first: Point
+    last: Point
+
+
+@dataclass
+class Mark:
+    """A special point.
+
+    Attributes
+    ----------
+    kind : str
+    point : Point
+    place : float
+        Number of the point before it, and the share of the way to the next.
+    contact : str
+        That grazes; empty for other kinds.
+    """
+
+    kind: str
+    point: Point
+    place: float
+    contact: str = ""
+
+
+@dataclass
+class Track:
+    """A branch as far as it was followed.
+
+    Attributes
+    ----------
+    points : list of Point
+    steps : list of Step or None
+        From each point to the next; None where these have no coordinates in common.
+    marks : list of Mark
+    notes : list of str
+    """
+
+    points: list[Point] = field(default_factory=list)
+    steps: list[Step | None] = field(default_factory=list)
+    marks: list[Mark] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+
+class Follower:
+    """Follows a branch.
+
+    Parameters
+    ----------
+    family : Family
+    interval : Interval
+    counters : BranchCounters
+    largest : float
+        Step.
+    most : int
+        Points.
+    """
+
+    def __init__(
+        self,
+        family: Family,
+        interval: Interval,
+        counters: BranchCounters,
+        *,
+        largest: float = LARGEST,
+        most: int = 5000,
+    ) -> None:
+        self.family, self.interval, self.counters = family, interval, counters
+        self.largest, self.most = largest, most
+        self.track = Track()
+        self._seen = family.work.flows
+        self._over = False
+        self._leaving_another = False
+
+    # -- counting -------------------------------------------------------------------------------------
+
+    def _count(self, kind: str) -> None:
+        """Attribute the flows since the last call."""
+        done = self.family.work.flows
+        setattr(self.counters, kind, getattr(self.counters, kind) + done - self._seen)
+        self._seen = done
+
+    # -- points ---------------------------------------------------------------------------------------
+
+    def point(self, chart: Any, y: Array, towards: Array, evaluation: Any = None) -> Point:
+        """Return a point with its tangent on the side of a direction in scaled coordinates."""
+        problem = self.family.at(y[-1])
+        evaluation = chart.evaluate(problem, y[:-1]) if evaluation is None else evaluation
+        scales = np.append(chart.scales(problem, evaluation), self.interval.size)
+        by_value = derivative_by_value(self.family, self.interval, chart, y, evaluation)
+        tangent = tangent_at(evaluation, by_value, scales, towards)
+        if tangent @ towards < 0.0:
+            tangent = -tangent
+        return Point(chart, y, problem, evaluation, scales, by_value, tangent)
+
+    def begin(self, unknowns: Array, value: float) -> Point:
+        """Return the first point, heading for the far end of the interval."""
+        y = np.append(unknowns, value)
+        towards = np.zeros(y.size)
+        towards[-1] = 1.0 if self.interval.stop > self.interval.start else -1.0
+        return self.point(ORIGIN, y, towards)
+
+    # -- the walk -------------------------------------------------------------------------------------
+
+    def follow(
+        self,
+        first: Point,
+        step: float = FIRST,
+        told: Callable[[float], bool] | None = None,
+        *,
+        leaving: bool = False,
+    ) -> Track:
+        """Follow the branch from a point until it leaves the interval.
+
+        A branch that is `leaving` another one begins at a special point, which is not one of its own.
+        """
+        track = self.track
+        track.points.append(first)
+        self._count("flows")
+        self._leaving_another = leaving
+        now, step = first if leaving else self._recharted(first, None), min(step, self.largest)
+        failures = 0
+        while not self._over:
+            if len(track.points) >= self.most:
+                track.notes.append(f"the branch was followed for {self.most} points; raise max_points to go on")
+                break
+            if told is not None and told(now.value):
+                track.notes.append(f"interrupted at {now.value:.9g}: what was found until then is here")
+                break
+            after = self._advanced(now, step)
+            if after is None:
+                self._count("rejected_flows")
+                failures += 1
+                passed = self._near_grazing(now, step) if failures > 1 else None
+                if passed is not None:
+                    now, step, failures = passed, min(step, FIRST), 0
+                    continue
+                step *= _SHRINK
+                if step < LEAST:
+                    track.notes.append(
+                        f"the branch was lost at {now.value:.12g}: Newton's method does not converge for the smallest "
+                        "step; the motion beyond may chatter or touch two contacts at once"
+                    )
+                    break
+                continue
+            failures = 0
+            now, step = after
+        self.counters.points = len(track.points)
+        return track
+
+    def _advanced(self, now: Point, step: float) -> tuple[Point, float] | None:
+        """Return the next point and step, or None where the step was too long."""
+        chart = now.chart
+        guess = now.y + (step * now.tangent + 0.5 * step**2 * self._bend(now)) * now.scales
+        if isinstance(chart, EventChart) and chart.rate(now.problem, guess[:-1]) <= 0.0:
+            return self._leaving(now, guess, step)
+        try:
+            y, evaluation, by_value = corrected(self.family, chart, guess, now.scales, now.tangent, now.by_value)
+            after = self._accepted(now, y, evaluation, by_value)
+        except ConvergenceError:
+            return None
+        if after is None:
+            return None
+        if isinstance(chart, EventChart) and chart.rate(after.problem, after.y[:-1]) <= 0.0:
+            return None
+        if signature(chart, after.evaluation) != signature(chart, now.evaluation):
+            return self._changed(now, after, step)
+        end = self.interval.beyond(after.value)
+        if end is not None:
+            return self._last(now, after, end)
+        angle = float(np.arccos(np.clip(now.tangent @ after.tangent, -1.0, 1.0)))
+        self._take(Step(now, after))
+        if self._over:
+            return after, step
+        factor = float(np.clip(_AIM / max(angle, 1e-3), 0.5, _GROW))
+        return self._recharted(after, now), min(step * factor, self.largest)
+
+    def _bend(self, now: Point) -> Array:
+        """Return the change of the tangent along the branch, from the step that led to a point; zero without one."""
+        before = self.track.steps[-1] if self.track.steps else None
+        if before is None or type(before.last.chart) is not type(now.chart) or before.last.y is not now.y:
+            return np.zeros_like(now.tangent)
+        length = float(np.linalg.norm((now.y - before.first.y) / now.scales))
+        tangent = before.first.tangent * before.first.scales / now.scales
+        change = now.tangent - tangent / np.linalg.norm(tangent)
+        return np.asarray(change / length) if length > 0.0 else np.zeros_like(change)
+
+    def _accepted(self, now: Point, y: Array, evaluation: Any, by_value: Array) -> Point | None:
+        """Return a corrected point, or None where the branch has turned too far."""
+        problem = self.family.at(y[-1])
+        chart = now.chart
+        scales = np.append(chart.scales(problem, evaluation), self.interval.size)
+        # Cheap first: with the derivative that the correction has left.
+        towards = now.tangent * now.scales / scales
+        towards /= np.linalg.norm(towards)
+        secant = (y - now.y) / now.scales
+        if secant @ now.tangent < _REFUSED * np.linalg.norm(secant):
+            return None
+        by_value = derivative_by_value(self.family, self.interval, chart, y, evaluation)
+        tangent = tangent_at(evaluation, by_value, scales, towards)
+        if tangent @ towards < _REFUSED:
+            return None
+        return Point(chart, y, problem, evaluation, scales, by_value, tangent)
+
+    def _take(self, step: Step | None, point: Point | None = None) -> None:
+        """Add a point to the branch, and the special points on the way to it."""
+        track = self.track
+        after = point if step is None else step.last
+        assert after is not None
+        self._count("flows")
+        base = len(track.points) - 1
+        if step is not None:
+            found = [] if self._leaving_another else crossings(self.family, step, self.interval)
+            self._leaving_another = False
+            for crossing in found:
+                self._mark(crossing, step, base)
+                if self._over:
+                    break
+            self._count("refinement_flows")
+        if not self._over:
+            track.points.append(after)
+            track.steps.append(step)
+
+    def _mark(self, crossing: Crossing, step: Step, base: int) -> None:
+        """Note a crossing; a branch over several periods ends where its orbits repeat earlier."""
+        kind, at = crossing.kind, crossing.point
+        problem = at.problem
+        if kind in ("fold", "branch_point") and problem.periods > 1:
+            shortest = problem.shortest_period(at.unknowns(), at.evaluation)
+            if shortest < problem.periods:
+                kind = "period_doubling" if shortest * 2 == problem.periods else "branch_point"
+                self._over = True
+                self.track.points.append(at)
+                self.track.steps.append(Step(step.first, at) if at.chart is step.first.chart else None)
+                times = "period" if shortest == 1 else "periods"
+                self.track.notes.append(
+                    f"the branch ends at {at.value:.12g} on orbits over {shortest} {times} of the loads"
+                )
+        self.track.marks.append(Mark(kind, at, base + crossing.share))
+
+    def _last(self, now: Point, after: Point, end: float) -> tuple[Point, float] | None:
+        """Take the point at an end of the interval; the branch is over."""
+        share = (end - now.value) / (after.value - now.value)
+        guess = now.y + share * (after.y - now.y)
+        guess[-1] = end
+        normal = np.zeros(guess.size)
+        normal[-1] = 1.0
+        try:
+            y, evaluation, _ = corrected(self.family, now.chart, guess, now.scales, normal, now.by_value)
+            if signature(now.chart, evaluation) != signature(now.chart, now.evaluation):
+                return None
+            last = self.point(now.chart, y, now.tangent, evaluation)
+        except ConvergenceError:
+            return None
+        self._take(Step(now, last))
+        self._over = True
+        return last, 0.0
+
+    # -- coordinates ----------------------------------------------------------------------------------
+
+    def _recharted(self, now: Point, earlier: Point | None) -> Point:
+        """Return a point in the coordinates that suit it: those of its slowest event where that is slow."""
+        if not isinstance(now.problem, Shooting):
+            return now
+        flow, problem = now.evaluation.flow, now.problem
+        chart = now.chart
+        if isinstance(chart, EventChart):
+            mine = [p for p in phases(problem, chart, flow) if p.time == flow.start.time and p.contact == chart.contact]
+            if mine and mine[0].rate < _LEAVE:
+                margin = min(0.4 * mine[0].earlier / problem.duration, 0.25)
+                return replace(now, chart=replace(chart, margin=margin))
+        phase = slowest(problem, chart, flow)
+        slow = phase is not None and phase.rate < _ENTER
+        if not slow:
+            if not isinstance(chart, EventChart):
+                return now if chart is ORIGIN else replace(now, chart=ORIGIN)
+            return self._moved(now, earlier, ORIGIN, now.unknowns())
+        assert phase is not None
+        if isinstance(chart, EventChart) and phase.contact == chart.contact and phase.time == flow.start.time:
+            return now
+        new, y = chart_at(problem, flow, chart, phase)
+        return self._moved(now, earlier, new, y)
+
+    def _moved(self, now: Point, earlier: Point | None, chart: Any, y: Array) -> Point:
+        """Return a point in other coordinates, its tangent on the side away from an earlier point."""
+        problem = now.problem
+        try:
+            evaluation = chart.evaluate(problem, y)
+            if evaluation.error > 1e-8:
+                return now
+            scales = np.append(chart.scales(problem, evaluation), self.interval.size)
+            whole = np.append(y, now.value)
+            towards = np.zeros(whole.size)
+            known = None if earlier is None else self._coordinates(chart, earlier, float(y[0]))
+            if known is not None and earlier is not None:
+                towards = (whole - np.append(known, earlier.value)) / scales
+            if not np.any(towards):
+                towards[-1] = now.tangent[-1]
+            if not np.any(towards):
+                return now
+            moved = self.point(chart, whole, towards / np.linalg.norm(towards), evaluation)
+        except ConvergenceError:
+            return now
+        finally:
+            self._count("flows")
+        return moved
+
+    def _coordinates(self, chart: Any, point: Point, phase: float) -> Array | None:
+        """Return the coordinates of a point in a chart, near a phase; None where it has no such event."""
+        problem, flow = point.problem, point.evaluation.flow
+        if not isinstance(chart, EventChart):
+            return point.unknowns()
+        if isinstance(point.chart, EventChart) and point.chart.contact == chart.contact:
+            return point.y[:-1]
+        turn = 2.0 * np.pi * problem.periods
+        best, found = 0.2 * turn, None
+        for other in phases(problem, point.chart, flow):
+            if other.contact != chart.contact or other.status != chart.after[chart.contact]:
+                continue
+            angle = other.time * problem.loads.omega
+            away = abs((angle - phase + 0.5 * turn) % turn - 0.5 * turn)
+            if away < best:
+                best, found = away, other
+        if found is None:
+            return None
+        _, y = chart_at(problem, flow, point.chart, found)
+        y[0] = phase + (y[0] - phase + 0.5 * turn) % turn - 0.5 * turn
+        return y
+
+    # -- grazings -------------------------------------------------------------------------------------
+
+    def _leaving(self, now: Point, guess: Array, step: float) -> tuple[Point, float] | None:
+        """Pass the grazing at which the event of the coordinates vanishes."""
+        chart = now.chart
+        here, there = chart.rate(now.problem, now.y[:-1]), chart.rate(now.problem, guess[:-1])
+        target = now.y + here / (here - there) * (guess - now.y)
+        problem = self.family.at(target[-1])
+        if here <= 0.0 or there >= here:
+            return None
+        time, state = chart.point(problem, target[:-1])
+        mine = [t for t, contact, *_ in switches(chart, now.evaluation.flow) if contact == chart.contact]
+        margin = margin_around(now.problem, mine[2:], now.evaluation.flow.start.time)
+        touch = Touch(problem, float(target[-1]), chart.contact, time, state, chart.before, margin)  # type: ignore[arg-type]
+        return self._passed_out(now, touch, step)
+
+    def _changed(self, now: Point, after: Point, step: float) -> tuple[Point, float] | None:
+        """Pass a grazing between two points with different events."""
+        counts = [dict(pair for pair in signature(p.chart, p.evaluation) or () if pair[1] > 0) for p in (now, after)]
+        contacts = {j for count in counts for j in count if counts[0].get(j, 0) != counts[1].get(j, 0)}
+        if len(contacts) != 1:
+            return None
+        contact = contacts.pop()
+        appears = counts[1].get(contact, 0) > counts[0].get(contact, 0)
+        owner = after if appears else now
+        own = [p for p in phases(owner.problem, owner.chart, owner.evaluation.flow) if p.contact == contact]
+        own = [p for p in own if p.stop - p.time < p.earlier]
+        if not own:
+            return None
+        touch = touch_of_phase(owner, min(own, key=lambda phase: phase.rate))
+        if appears:
+            return self._passed_in(now, touch, step)
+        return self._passed_out(now, touch, step)
+
+    def _near_grazing(self, now: Point, step: float) -> Point | None:
+        """Return a point beyond a grazing that is near, where the branch does not go on without one."""
+        if not isinstance(now.problem, Shooting):
+            return None
+        near = [e for e in extremes(now.problem, now.evaluation.flow) if e.size < _NEAR]
+        for extreme in near[:2]:
+            touch = touch_of_extreme(now, extreme.contact, extreme.time, extreme.status)
+            found = self._passed_in(now, touch, max(step, FIRST))
+            if found is not None:
+                return found[0]
+        return None
+
+    def _located(self, now: Point, touch: Touch, step: float) -> Point | None:
+        """Return a grazing, where it lies ahead and within reach."""
+        try:
+            at = grazing(self.family, self.interval, touch)
+        except ConvergenceError:
+            return None
+        here, there = now.unknowns(), at_phase(at.problem, at.evaluation.flow, 0.0)
+        n = here.size // 2
+        origin = ORIGIN.scales(now.problem, now.evaluation)
+        away = np.append((there - here) / origin, (at.value - now.value) / self.interval.size)
+        if np.linalg.norm(away) > _REACH * step or n == 0:
+            return None
+        if now.chart is ORIGIN and away @ now.tangent < -1e-3 * np.linalg.norm(away):
+            return None
+        return at
+
+    def _passed_in(self, now: Point, touch: Touch, step: float) -> tuple[Point, float] | None:
+        """Go on with a contact that begins to touch."""
+        at = self._located(now, touch, step)
+        try:
+            if at is None or signature(at.chart, at.evaluation) != signature(now.chart, now.evaluation):
+                return None
+            outside = before(self.family, self.interval, at)
+            first = beyond(self.family, self.interval, at)
+        except ConvergenceError:
+            return None
+        finally:
+            self._count("refinement_flows")
+        end = self.interval.beyond(at.value)
+        if end is not None:
+            return None
+        joined = Step(now, outside) if now.chart is ORIGIN else None
+        self._take(joined, outside)
+        if self._over:
+            return outside, step
+        self._graze(at, outside)
+        self._take(None, first)
+        return first, min(step, FIRST)
+
+    def _passed_out(self, now: Point, touch: Touch, step: float) -> tuple[Point, float] | None:
+        """Go on without a contact that has just stopped to touch."""
+        at = self._located(now, touch, step)
+        try:
+            if at is None or signature(at.chart, at.evaluation) == signature(now.chart, now.evaluation):
+                return None
+            outside = before(self.family, self.interval, at)
+            last = beyond(self.family, self.interval, at)
+        except ConvergenceError:
+            return None
+        finally:
+            self._count("refinement_flows")
+        if self.interval.beyond(at.value) is not None:
+            return None
+        inside = replace(last, tangent=-last.tangent)
+        same = isinstance(now.chart, EventChart) and now.chart.contact == last.chart.contact
+        if same:
+            # The same phase of the loads, counted from the same period.
+            turn = 2.0 * np.pi * now.problem.periods
+            shift = np.round((now.y[0] - inside.y[0]) / turn) * turn
+            moved = inside.y.copy()
+            moved[0] += shift
+            inside = replace(inside, y=moved)
+            if inside.tangent @ now.tangent < 0.0:
+                return None
+        self._take(Step(now, inside) if same else None, inside)
+        if self._over:
+            return inside, step
+        away = replace(outside, tangent=-outside.tangent)
+        self._take(None, away)
+        self._graze(at, away)
+        return replace(away, chart=ORIGIN), min(step, FIRST)
+
+    def _graze(self, at: Point, shown: Point) -> None:
+        laws = at.problem.system.contacts
+        assert laws is not None
+        place = float(len(self.track.points) - 1)
+        self.track.marks.append(Mark("grazing", shown, place, laws.names[at.chart.contact]))
+
+
+__all__ = ["Follower", "Mark", "Step", "Track", "margin_around"]

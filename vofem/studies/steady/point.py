@@ -1,0 +1,180 @@
+"""Points of a branch: an orbit in some coordinates, the direction of the branch there, and how one is corrected."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.errors import ConvergenceError
+from vofem.studies.steady.family import Family
+from vofem.studies.steady.newton import ROUNDING, direction
+from vofem.studies.steady.orbit import PeriodicOrbit
+
+Array = NDArray[np.float64]
+
+#: `Evaluation.error` at which a point counts as solved; Newton's last step makes it smaller still.
+TOLERANCE = 1e-11
+
+#: Steps of Newton's method at a point, and by how much the residual may grow in the first of them.
+_STEPS, _GROWTH = 8, 10.0
+
+#: Step of the parameter by which derivatives are taken, in terms of the interval and of the value.
+_DIFFERENCE, _LEAST = 1e-6, 1e-9
+
+#: Change of the parameter, as a share of a step, from which on it tells the derivative.
+_TELLING = 1e-2
+
+
+@dataclass
+class Point:
+    """An orbit of a branch.
+
+    Coordinates Y are those of the chart and, last, the parameter.
+
+    Attributes
+    ----------
+    chart : Chart
+    y : ndarray, shape (n + 1,)
+    problem : OrbitProblem
+    evaluation : Evaluation
+    scales : ndarray, shape (n + 1,)
+    by_value : ndarray, shape (n,)
+        Derivative of the residual with respect to the parameter.
+    tangent : ndarray, shape (n + 1,)
+        Of the branch, in scaled coordinates, of length 1.
+    """
+
+    chart: Any
+    y: Array
+    problem: Any
+    evaluation: Any
+    scales: Array
+    by_value: Array
+    tangent: Array
+
+    @property
+    def value(self) -> float:
+        """Of the parameter."""
+        return float(self.y[-1])
+
+    def orbit(self) -> PeriodicOrbit:
+        """Return the orbit."""
+        orbit: PeriodicOrbit = self.chart.orbit(self.problem, self.y[:-1], self.evaluation)
+        return orbit
+
+    def unknowns(self) -> Array:
+        """Return the unknowns of the problem."""
+        return np.asarray(self.chart.unknowns(self.problem, self.y[:-1], self.evaluation))
+
+
+@dataclass(frozen=True)
+class Interval:
+    """The interval of the parameter.
+
+    Attributes
+    ----------
+    start, stop : float
+    """
+
+    start: float
+    stop: float
+
+    @property
+    def size(self) -> float:
+        """Its length."""
+        return abs(self.stop - self.start)
+
+    def beyond(self, value: float) -> float | None:
+        """Return the end that a value lies beyond, or None."""
+        low, high = min(self.start, self.stop), max(self.start, self.stop)
+        return low if value < low else high if value > high else None
+
+
+def derivative_by_value(family: Family, interval: Interval, chart: Any, y: Array, evaluation: Any) -> Array:
+    """Return the derivative of the residual with respect to the parameter, by a difference, shape (n,)."""
+    value = float(y[-1])
+    step = max(_DIFFERENCE * interval.size, _LEAST * abs(value))
+    if value > 0.5 * (interval.start + interval.stop):
+        step = -step
+    after = chart.evaluate(family.at(value + step), y[:-1], derivative=False)
+    return np.asarray((after.residual - evaluation.residual) / step)
+
+
+def corrected(
+    family: Family, chart: Any, guess: Array, scales: Array, normal: Array, by_value: Array, steps: int = _STEPS
+) -> tuple[Array, Any, Array]:
+    """Return an orbit near a guess, on the plane through it with a normal.
+
+    Parameters
+    ----------
+    family : Family
+    chart : Chart
+    guess : ndarray, shape (n + 1,)
+    scales : ndarray, shape (n + 1,)
+    normal : ndarray, shape (n + 1,)
+        In scaled coordinates.
+    by_value : ndarray, shape (n,)
+        Derivative of the residual with respect to the parameter, roughly; it is improved on the way.
+
+    Returns
+    -------
+    y : ndarray, shape (n + 1,)
+    evaluation : Evaluation
+    by_value : ndarray, shape (n,)
+
+    Raises
+    ------
+    ConvergenceError
+    """
+    y, by_value = guess.copy(), by_value.copy()
+    before: Any = None
+    moved = np.zeros_like(y)
+    for k in range(steps):
+        now = chart.evaluate(family.at(y[-1]), y[:-1])
+        if not np.isfinite(now.error):
+            raise ConvergenceError("the motion diverges")
+        if before is not None:
+            by_value = _improved(by_value, before, now, moved, scales)
+            if now.error > (_GROWTH if k == 1 else 1.0) * before.error:
+                if now.error <= ROUNDING or before.error <= ROUNDING:
+                    return (y, now, by_value) if now.error <= before.error else (y - moved, before, by_value)
+                raise ConvergenceError("Newton's method does not converge")
+        if now.error <= TOLERANCE:
+            return y, now, by_value
+        matrix = np.empty((y.size, y.size))
+        matrix[:-1, :-1] = now.jacobian * scales[:-1]
+        matrix[:-1, -1] = by_value * scales[-1]
+        matrix[-1] = normal
+        right = np.append(now.residual, normal @ ((y - guess) / scales))
+        moved = -direction(matrix, right) * scales
+        y, before = y + moved, now
+    if before is not None and before.error <= ROUNDING:
+        return y - moved, before, by_value
+    raise ConvergenceError("Newton's method does not converge")
+
+
+def _improved(by_value: Array, before: Any, now: Any, moved: Array, scales: Array) -> Array:
+    """Return the derivative by the parameter that explains the last step, where the parameter moved enough in it."""
+    size = np.linalg.norm(moved / scales)
+    if abs(moved[-1] / scales[-1]) < _TELLING * size or moved[-1] == 0.0:
+        return by_value
+    along = 0.5 * (before.jacobian + now.jacobian) @ moved[:-1]
+    return np.asarray((now.residual - before.residual - along) / moved[-1])
+
+
+def tangent_at(evaluation: Any, by_value: Array, scales: Array, towards: Array) -> Array:
+    """Return the direction of the branch in scaled coordinates, of length 1, on the side of another direction."""
+    n = by_value.size
+    matrix = np.empty((n + 1, n + 1))
+    matrix[:n, :n] = evaluation.jacobian * scales[:n]
+    matrix[:n, n] = by_value * scales[n]
+    norms = np.linalg.norm(matrix[:n], axis=1)
+    matrix[:n] /= np.where(norms > 0.0, norms, 1.0)[:, None]
+    matrix[n] = towards
+    right = np.zeros(n + 1)
+    right[n] = 1.0
+    found = direction(matrix, right)
+    return np.asarray(found / np.linalg.norm(found))

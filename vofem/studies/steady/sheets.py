@@ -1,0 +1,188 @@
+"""A branch from what was followed: its orbits at any value, and the branches that leave it."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.errors import ArgumentError, ConvergenceError
+from vofem.studies.steady.branch import Branch, BranchCounters, Orbits
+from vofem.studies.steady.charts import ORIGIN
+from vofem.studies.steady.family import Family
+from vofem.studies.steady.follow import FIRST, Follower, Step, Track
+from vofem.studies.steady.orbit import PeriodicOrbit
+from vofem.studies.steady.point import Point, corrected, derivative_by_value
+from vofem.studies.steady.shooting import Shooting
+from vofem.studies.steady.special import SpecialPoint
+
+Array = NDArray[np.float64]
+
+#: Relative difference of two solutions that are one orbit, and steps with which a leaving branch is tried.
+_SAME, _TRIED = 1e-8, (1.0, 0.1, 1e-2, 1e-3)
+
+
+def branch_of(track: Track, family: Family, walker: Follower) -> Branch:
+    """Return a branch from what was followed."""
+    source = Sheets(track, family, walker)
+    special = [
+        SpecialPoint(mark.kind, mark.point.value, mark.point.orbit(), mark.contact, mark.place) for mark in track.marks
+    ]
+    source.marked = dict(zip(map(id, special), track.marks, strict=True))
+    source.special = special
+    walker.counters.points = len(track.points)
+    walker.counters.eigensolves = family.work.runs.eigensolves
+    return Branch(
+        np.array([point.value for point in track.points]),
+        Orbits([point.orbit for point in track.points]),
+        special,
+        walker.counters,
+        notes=track.notes,
+        periods=family.periods,
+        source=source,
+    )
+
+
+class Sheets:
+    """Finds further orbits of a branch; see `branch.Source`.
+
+    Parameters
+    ----------
+    track : Track
+    family : Family
+    walker : Follower
+        That has followed the branch.
+    """
+
+    def __init__(self, track: Track, family: Family, walker: Follower) -> None:
+        self.track, self.family, self.walker = track, family, walker
+        self.marked: dict[int, Any] = {}
+        self.special: list[SpecialPoint] = []
+
+    def at(self, value: float) -> list[PeriodicOrbit]:
+        """Return all orbits at a value of the parameter, one a sheet."""
+        found: list[tuple[Array, PeriodicOrbit]] = []
+        points = self._with_turns()
+        for first, last, step in points:
+            if (first.value - value) * (last.value - value) > 0.0:
+                continue
+            solution = self._solved(first, last, step, value)
+            if solution is None:
+                continue
+            unknowns, orbit = solution
+            if not any(_same(unknowns, other) for other, _ in found):
+                found.append((unknowns, orbit))
+        return [orbit for _, orbit in found]
+
+    def _with_turns(self) -> list[tuple[Point, Point, Step | None]]:
+        """Return neighbours on the branch, folds among them, so that the value is monotone from one to the next."""
+        parts: list[tuple[Point, Point, Step | None]] = []
+        for k, step in enumerate(self.track.steps):
+            first, last = self.track.points[k], self.track.points[k + 1]
+            if step is None:
+                parts.append((first, last, None))
+                continue
+            turns = [m.point for m in self.track.marks if m.kind == "fold" and k < m.place < k + 1]
+            chain = [step.first, *turns, step.last]
+            parts += [(a, b, Step(a, b)) for a, b in itertools.pairwise(chain)]
+        return parts
+
+    def _solved(self, first: Point, last: Point, step: Step | None, value: float) -> tuple[Array, PeriodicOrbit] | None:
+        """Return unknowns and orbit at a value between two neighbours, or None where there is none."""
+        span = last.value - first.value
+        share = (value - first.value) / span if span else 0.0
+        chart = ORIGIN if step is None else first.chart
+        if step is None:
+            a, b = np.append(first.unknowns(), first.value), np.append(last.unknowns(), last.value)
+        else:
+            a, b = first.y, last.y
+        # Between a fold and its neighbour orbits change like the square root of the value.
+        if step is not None and abs(last.tangent[-1]) < 1e-6:
+            share = 1.0 - np.sqrt(max(1.0 - share, 0.0))
+        elif step is not None and abs(first.tangent[-1]) < 1e-6:
+            share = np.sqrt(share)
+        guess = a + share * (b - a)
+        guess[-1] = value
+        normal = np.zeros(guess.size)
+        normal[-1] = 1.0
+        scales = (
+            first.scales
+            if step is not None
+            else np.append(chart.scales(first.problem, first.evaluation), self.walker.interval.size)
+        )
+        by_value = np.zeros(guess.size - 1)
+        try:
+            y, evaluation, _ = corrected(self.family, chart, guess, scales, normal, by_value, steps=20)
+        except ConvergenceError:
+            return None
+        point = Point(chart, y, self.family.at(value), evaluation, scales, by_value, normal)
+        return point.unknowns(), point.orbit()
+
+    def switch(self, special: SpecialPoint) -> Branch:
+        """Return the branch that leaves at a special point."""
+        mark = self.marked.get(id(special))
+        if mark is None:
+            same = [s for s in self.special if s.kind == special.kind and s.value == special.value]
+            if not same:
+                raise ArgumentError("switch: the special point is not one of this branch; take it from branch.special")
+            mark = self.marked[id(same[0])]
+        point: Point = mark.point
+        doubles = special.kind == "period_doubling" and point.problem.periods == self.family.periods
+        if special.kind == "period_doubling" and self._ends_at(mark):
+            raise ArgumentError(
+                "switch: the branch ends at this point, on orbits over fewer periods; follow those with "
+                f"vofem.continuation(..., periods={self.family.periods // 2})"
+            )
+        family = self.family.over(2 * self.family.periods) if doubles else self.family.over(self.family.periods)
+        start = self._origin(point, family)
+        directions = self._directions(start, point, doubles)
+        last: ConvergenceError | None = None
+        for factor in _TRIED:
+            counters = BranchCounters()
+            walker = Follower(
+                family, self.walker.interval, counters, largest=self.walker.largest, most=self.walker.most
+            )
+            try:
+                leaving = replace(start, tangent=directions)
+                track = walker.follow(leaving, FIRST * factor, leaving=True)
+            except ConvergenceError as error:
+                last = error
+                continue
+            if len(track.points) > 1:
+                return branch_of(track, family, walker)
+        raise ConvergenceError(
+            f"switch: no orbit was found beside the {special.kind} at {special.value:.12g}"
+            + (f": {last}" if last else "")
+        )
+
+    def _ends_at(self, mark: Any) -> bool:
+        return bool(self.track.points and mark.point is self.track.points[-1])
+
+    def _origin(self, point: Point, family: Family) -> Point:
+        """Return the special orbit as a point of the leaving branch, in the coordinates of t = 0."""
+        unknowns = point.unknowns()
+        problem = family.at(point.value)
+        evaluation = ORIGIN.evaluate(problem, unknowns)
+        scales = np.append(ORIGIN.scales(problem, evaluation), self.walker.interval.size)
+        y = np.append(unknowns, point.value)
+        by_value = derivative_by_value(family, self.walker.interval, ORIGIN, y, evaluation)
+        return Point(ORIGIN, y, problem, evaluation, scales, by_value, np.zeros_like(y))
+
+    def _directions(self, start: Point, point: Point, doubles: bool) -> Array:
+        """Return the direction in which the other branch leaves: that of the multiplier's eigenvector."""
+        single = ORIGIN.evaluate(self.family.at(point.value), start.y[:-1])
+        n = start.y.size - 1
+        if isinstance(start.problem, Shooting):
+            matrix = single.monodromy + np.eye(n) if doubles else single.jacobian  # type: ignore[attr-defined]
+        else:
+            matrix = single.jacobian
+        scaled = matrix * start.scales[:n] / start.scales[:n, None]
+        vector = np.linalg.svd(scaled)[2][-1]
+        return np.append(vector, 0.0)
+
+
+def _same(a: Array, b: Array) -> bool:
+    return bool(np.linalg.norm(a - b) <= _SAME * max(np.linalg.norm(a), np.linalg.norm(b), np.finfo(float).tiny))
