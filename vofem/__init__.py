@@ -72,7 +72,7 @@ if TYPE_CHECKING:
     from vofem.io.saved import load, resume
     from vofem.io.scene_file import dump_scene, load_scene
     from vofem.studies.diagrams import basins, bifurcation_diagram, stability_map
-    from vofem.studies.steady import Branch, PeriodicOrbit, SpecialPoint, periodic
+    from vofem.studies.steady import Branch, PeriodicOrbit, SpecialPoint, frequency_response, periodic, poincare
     from vofem.studies.sweep.sweeping import sweep
 
 __all__ = [
@@ -140,10 +140,12 @@ __all__ = [
     "equilibrium",
     "explain",
     "fractional",
+    "frequency_response",
     "load",
     "load_scene",
     "modes",
     "periodic",
+    "poincare",
     "quasi_static",
     "resume",
     "simulate",
@@ -160,10 +162,12 @@ _LATER = {
     "basins": "vofem.studies.diagrams",
     "bifurcation_diagram": "vofem.studies.diagrams",
     "dump_scene": "vofem.io.scene_file",
+    "frequency_response": "vofem.studies.steady",
     "io": "vofem.io",
     "load": "vofem.io.saved",
     "load_scene": "vofem.io.scene_file",
     "periodic": "vofem.studies.steady",
+    "poincare": "vofem.studies.steady",
     "resume": "vofem.io.saved",
     "stability_map": "vofem.studies.diagrams",
     "sweep": "vofem.studies.sweep.sweeping",

@@ -1,8 +1,20 @@
 """Steady states: periodic orbits, their stability, and branches of them."""
 
 from vofem.studies.steady.branch import Branch, BranchCounters
+from vofem.studies.steady.linear_response import FrequencyResponse, frequency_response
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.special import SpecialPoint
 from vofem.studies.steady.steady_state import periodic
+from vofem.studies.steady.stroboscope import PoincareSection, poincare
 
-__all__ = ["Branch", "BranchCounters", "PeriodicOrbit", "SpecialPoint", "periodic"]
+__all__ = [
+    "Branch",
+    "BranchCounters",
+    "FrequencyResponse",
+    "PeriodicOrbit",
+    "PoincareSection",
+    "SpecialPoint",
+    "frequency_response",
+    "periodic",
+    "poincare",
+]

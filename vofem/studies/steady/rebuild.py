@@ -11,9 +11,9 @@ from vofem.assembly import Model
 from vofem.bodies import Beam, BeamPoint, Mass
 from vofem.bodies.base import Body
 from vofem.effects import BaseMotion, Contact, DistributedLoad, PointLoad, PointMoment
-from vofem.effects.time_functions import TimeFunction
 from vofem.scene import Scene
 from vofem.system import Load
+from vofem.time_functions import TimeFunction
 
 #: What makes a body, but its name; bodies of other classes are compared by identity.
 _BODIES: dict[type, tuple[str, ...]] = {
