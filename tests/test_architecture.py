@@ -16,6 +16,7 @@ LAYERS = [
     "_version",
     "errors",
     "_validate",
+    "kernel_mode",
     "cache",
     "polynomial",
     "fractional",
@@ -108,7 +109,18 @@ def test_imports_against_the_direction_wait_until_they_are_needed(file, name):
 
 
 def test_integrators_know_nothing_of_bodies():
-    allowed = {"_validate", "cache", "errors", "linalg", "laws", "system", "integrators", "fractional", "effects"}
+    allowed = {
+        "_validate",
+        "cache",
+        "kernel_mode",
+        "errors",
+        "linalg",
+        "laws",
+        "system",
+        "integrators",
+        "fractional",
+        "effects",
+    }
     for path, layer in modules():
         if layer != "integrators":
             continue

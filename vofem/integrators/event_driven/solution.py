@@ -24,6 +24,7 @@ from vofem.integrators.event_driven.segment import Segment, Segments
 from vofem.integrators.event_driven.sensitivity import Perturbation, Sensitivity
 from vofem.integrators.event_driven.spectrum import Spectra, Spectrum
 from vofem.integrators.unclosed import never_closed, open_throughout
+from vofem.kernel_mode import as_it_ran, compiled
 from vofem.laws import initial_status
 from vofem.system import CLOSED, OPEN, PINNED, ContactLaws, Counters, Events, State, System
 
@@ -66,6 +67,8 @@ class EventSolution:
         self.notes: list[str] = []
         self.system = system
         self.space = space
+        #: How the run was computed, and so how it is sampled.
+        self.compiled = compiled()
         self._spectra = Spectra(space, system.contacts, counters, system.cache)
         self._starts: list[float] = []
         self._durations: list[float] = []
@@ -416,6 +419,7 @@ class EventSolution:
         functions = [load.function for load in self.system.loads]
         return [function.piece(t) for function in functions if isinstance(function, TimeFunction)]
 
+    @as_it_ran
     def motion(self, index: int) -> Motion:
         """Return the closed form of a segment; the last ones asked for are kept."""
         if index not in self._motions:
@@ -474,6 +478,7 @@ class EventSolution:
 
     # -- sampling ---------------------------------------------------------------------------------
 
+    @as_it_ran
     def modal(self, times: Array) -> tuple[Array, Array]:
         """Return modal displacements and velocities at any times, each of shape (n, n_times)."""
         z, v, _ = self._trajectory(times, gaps=False)
@@ -493,11 +498,13 @@ class EventSolution:
             v[:, mine] = velocity + motion.velocity[:, None]
         return z, v, s
 
+    @as_it_ran
     def sample(self, times: Array) -> ModalSamples:
         """Return the motion at any times; the acceleration is that of the equation of motion."""
         z, v, s = self._trajectory(times)
         return ModalSamples(self.space.shapes, z, v, lambda: self._acceleration(times, z, v, s))
 
+    @as_it_ran
     def _acceleration(self, times: Array, z: Array, v: Array, s: Array) -> Array:
         space = self.space
         a = -space.stiffness[:, None] * z - space.damping[:, None] * v
@@ -530,6 +537,7 @@ class EventSolution:
                 force[np.ix_(held, mine)] = np.clip(self._reactions(index).at(self.motion(index), tau), 0.0, jump)
         return force
 
+    @as_it_ran
     def contacts(self, times: Array) -> ContactSamples:
         """Return status, K_eq and force of the contacts at any times."""
         laws = self.system.contacts
@@ -556,6 +564,7 @@ class EventSolution:
             )
 
     @cached_property
+    @as_it_ran
     def sensitivity(self) -> Sensitivity:
         """Growth of a perturbation along the run, in closed form."""
         laws = self.system.contacts
@@ -579,6 +588,7 @@ class EventSolution:
         start = self.energies(np.zeros(1))
         return float(start.kinetic[0] + start.strain[0] + start.contact[0])
 
+    @as_it_ran
     def energies(self, times: Array) -> Energies:
         """Return energies, dissipation and work at any times, in closed form."""
         from vofem.integrators.event_driven.energy import work_and_dissipation
