@@ -16,6 +16,7 @@ LAYERS = [
     "_version",
     "errors",
     "_validate",
+    "folders",
     "kernel_mode",
     "cache",
     "polynomial",
@@ -35,7 +36,7 @@ LAYERS = [
     "result",
     "progress",
     "statics",
-    "modes",
+    "vibration",
     "simulate",
     "studies",
     "io",
@@ -171,7 +172,7 @@ result = vf.simulate(scene, 3.0)
 assert result.counters.events
 result.energy
 """
-    assert set(loaded_after(code)) == {"scipy", "numba"}
+    assert set(loaded_after(code)) == {"scipy"}
 
 
 def test_a_beam_needs_no_pictures():
@@ -180,4 +181,4 @@ import vofem as vf
 beam = vf.Beam(1.0, 1.0, 1.0, 5, {"left": "clamped"})
 vf.simulate(vf.Scene([beam], [vf.PointLoad(beam.at(1.0), 1.0)]), 1.0)
 """
-    assert set(loaded_after(code)) == {"scipy", "numba", "skfem"}
+    assert set(loaded_after(code)) == {"scipy", "skfem"}

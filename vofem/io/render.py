@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vofem.io.files import replacing, target
-from vofem.io.probe import Probe, cure, prepare_environment, probe
+from vofem.io.probe import Probe, cure, prepare_environment, probe, remembered, try_out
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.statics import Equilibrium
@@ -80,14 +80,16 @@ def render(
 
     goal = target(path, (".png",))
     drawing = sketch(snapshot(result, t, scene), size, magnification)
-    found = probe()
+    found = remembered()
     with replacing(goal) as temporary:
-        if found.works:
+        if found is None:
+            found = try_out(drawing, temporary)
+        elif found.works:
             prepare_environment()
             from vofem.io.pictures import backend_vtk
 
             temporary.write_bytes(backend_vtk.draw(drawing))
-        else:
+        if not found.works:
             from vofem.io.pictures import backend_matplotlib
 
             backend_matplotlib.draw(drawing, temporary)

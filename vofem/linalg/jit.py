@@ -146,6 +146,16 @@ def _readable(load: Callable[[], Any]) -> Callable[[], Any]:
     return load_index
 
 
+def plain_form(kernel: Any) -> Callable[[F], F]:
+    """Let a function take the place of a kernel in plain Python, as one that uses arrays where the kernel has loops."""
+
+    def decorate(function: F) -> F:
+        kernel.plain = function
+        return function
+
+    return decorate
+
+
 def jit(function: F) -> F:
     """Make a function a kernel: compiled on its first call and kept on disk, or run as plain Python.
 

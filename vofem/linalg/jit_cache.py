@@ -10,16 +10,12 @@ missing all the same is compiled again: the index says what to expect, no more.
 from __future__ import annotations
 
 import contextlib
-import hashlib
-import json
 import os
-import platform
-import sys
-import tempfile
-import uuid
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+
+from vofem.folders import read_entries, user_caches, write_entry
 
 #: Rooms of the package that hold kernels.
 _ROOMS = ("linalg", "laws", "integrators")
@@ -27,9 +23,6 @@ _ROOMS = ("linalg", "laws", "integrators")
 _ROOT = Path(__file__).parent.parent
 
 _INDEX = "vofem-compiled.json"
-
-#: Keys that an index holds: those of other versions and processors that share the folder.
-_MOST_KEYS = 8
 
 
 @cache
@@ -52,6 +45,8 @@ def own_name(name: Callable[[int], str]) -> Callable[[int], str]:
 
 @cache
 def _mark() -> str:
+    import uuid
+
     return uuid.uuid4().hex[:8]
 
 
@@ -63,32 +58,39 @@ def cache_folder() -> Path | None:
     beside = Path(__file__).parent / "__pycache__"
     if os.access(beside if beside.is_dir() else beside.parent, os.W_OK):
         return beside
-    home = _user_caches()
+    home = user_caches("numba")
     there = next((folder for folder in (home, *home.parents) if folder.is_dir()), None)
     return home if there is not None and os.access(there, os.W_OK) else None
-
-
-def _user_caches() -> Path:
-    """Return the folder that numba takes for a user's caches."""
-    if sys.platform == "win32":
-        return Path(os.environ.get("LOCALAPPDATA", Path.home() / "AppData" / "Local")) / "numba"
-    if sys.platform == "darwin":
-        return Path.home() / "Library" / "Caches" / "numba"
-    return Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "numba"
 
 
 @cache
 def _key() -> str:
     """Return what compiled code depends on: sources, their place, versions, processor."""
-    from importlib.metadata import PackageNotFoundError, version
+    import hashlib
+    import platform
 
-    try:
-        numba = version("numba")
-    except PackageNotFoundError:
-        numba = "none"
     settings = sorted(f"{name}={value}" for name, value in os.environ.items() if name.startswith("NUMBA_"))
-    parts = [str(_ROOT), *source_stamp(), numba, platform.python_version(), platform.machine(), _processor(), *settings]
+    parts = [
+        str(_ROOT),
+        *source_stamp(),
+        _numba(),
+        platform.python_version(),
+        platform.machine(),
+        _processor(),
+        *settings,
+    ]
     return hashlib.sha256("\n".join(map(str, parts)).encode()).hexdigest()[:32]
+
+
+def _numba() -> str:
+    """Return what tells one version of numba from another, without importing it."""
+    from importlib.util import find_spec
+
+    found = find_spec("numba")
+    if found is None or found.origin is None:
+        return ""
+    version = Path(found.origin).with_name("_version.py")
+    return version.read_text() if version.is_file() else str(os.stat(found.origin))
 
 
 def _processor() -> str:
@@ -101,46 +103,25 @@ def _processor() -> str:
             elif not line.strip():
                 break
         return "".join(told)
+    import platform
+
     return platform.processor()
 
 
 def kinds_on_disk() -> frozenset[str]:
     """Return the kinds of work for which compiled code is on disk."""
     folder = cache_folder()
-    return frozenset() if folder is None else frozenset(_read(folder / _INDEX).get(_key(), ()))
+    return frozenset() if folder is None else frozenset(read_entries(folder / _INDEX).get(_key(), ()))
 
 
 def keep_kind(kind: str) -> None:
-    """Enter into the index that all code for a kind of work is on disk; where it cannot be written, do nothing."""
+    """Enter into the index that all code for a kind of work is on disk."""
     folder = cache_folder()
     if folder is None:
         return
-    file = folder / _INDEX
-    known = _read(file)
-    kinds = known.pop(_key(), [])
-    if kind in kinds:
-        return
-    # What has been used last stands last.
-    known = dict([*known.items()][1 - _MOST_KEYS :]) | {_key(): sorted([*kinds, kind])}
-    with contextlib.suppress(OSError):
-        folder.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=folder, prefix=_INDEX)
-        try:
-            with os.fdopen(handle, "w") as stream:
-                json.dump(known, stream, indent=1)
-            os.replace(name, file)
-        except OSError:
-            os.unlink(name)
-            raise
-
-
-def _read(file: Path) -> dict[str, list[str]]:
-    """Return an index, empty where there is none that can be read."""
-    try:
-        known = json.loads(file.read_text())
-    except (OSError, ValueError):
-        return {}
-    return known if isinstance(known, dict) else {}
+    kinds = kinds_on_disk()
+    if kind not in kinds:
+        write_entry(folder / _INDEX, _key(), sorted({*kinds, kind}))
 
 
 def size_on_disk() -> int:

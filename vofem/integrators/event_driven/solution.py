@@ -45,6 +45,9 @@ _MOST_MOTIONS, _FEW_MODES = 32, 300
 #: Change of the energy of a run that nothing drives or damps, over the largest, that is worth telling.
 _ENERGY = 0.01
 
+#: Numbers of the last samples that are kept in modes.
+_MOST_KEPT = 20_000_000
+
 #: Times at which contacts that never close are looked at.
 _LOOKS = 257
 
@@ -67,6 +70,7 @@ class EventSolution:
         self.notes: list[str] = []
         self.system = system
         self.space = space
+        self._sampled: tuple[Any, tuple[Array, Array, Array]] | None = None
         #: How the run was computed, and so how it is sampled.
         self.compiled = compiled()
         self._spectra = Spectra(space, system.contacts, counters, system.cache)
@@ -485,7 +489,18 @@ class EventSolution:
         return z, v
 
     def _trajectory(self, times: Array, *, gaps: bool = True) -> tuple[Array, Array, Array]:
-        """Return `modal`, and the gap functions of the contacts, shape (n_contacts, n_times), where wanted."""
+        """Return `modal`, and the gap functions of the contacts, shape (n_contacts, n_times), where wanted.
+
+        Those of the last times are kept: motion, contacts and energies are asked for one after the other.
+        """
+        asked = times.tobytes(), gaps
+        if self._sampled is not None and self._sampled[0] == asked:
+            return self._sampled[1]
+        found = self._sampled_at(times, gaps)
+        self._sampled = (asked, found) if 2 * self.space.size * times.size <= _MOST_KEPT else None
+        return found
+
+    def _sampled_at(self, times: Array, gaps: bool) -> tuple[Array, Array, Array]:
         z, v = np.empty((self.space.size, times.size)), np.empty((self.space.size, times.size))
         gaps = gaps and self.system.contacts is not None
         s = np.empty((len(self.space.contacts) if gaps else 0, times.size))
