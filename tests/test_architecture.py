@@ -17,6 +17,7 @@ LAYERS = [
     "errors",
     "_validate",
     "folders",
+    "blas",
     "kernel_mode",
     "cache",
     "polynomial",

@@ -238,7 +238,7 @@ def test_a_decision_holds_within_and_ends():
         with kernels(compiled=True):
             assert decided() is True
         assert decided() is False
-        beam, scene = paper_beam("displacement")
+        _, scene = paper_beam("displacement")
         assert not vf.simulate(scene, 1.0).compiled
     assert decided() is before
 

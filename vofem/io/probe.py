@@ -55,11 +55,9 @@ def try_out(drawing: Any, path: Path | None) -> Probe:
         Where its PNG goes.
     """
     prepare_environment()
-    root = str(Path(__file__).parent.parent.parent)
-    script = f"import sys; sys.path.insert(0, {root!r}); from vofem.io.pictures.trial import draw; draw({str(path)!r})"
     try:
         child = subprocess.run(
-            [sys.executable or "python", "-c", script],
+            [sys.executable or "python", "-c", child_code(f"draw({str(path)!r})")],
             input=pickle.dumps(drawing),
             capture_output=True,
             timeout=_TIMEOUT,
@@ -70,9 +68,20 @@ def try_out(drawing: Any, path: Path | None) -> Probe:
     except OSError as error:
         return Probe(False, f"a trial process could not be started: {error}")
     found = verdict(child.returncode, *(part.decode(errors="replace") for part in (child.stdout, child.stderr)))
+    remember(found)
+    return found
+
+
+def child_code(call: str) -> str:
+    """Return the program of a process that calls a function of `vofem.io.pictures.trial`."""
+    root = str(Path(__file__).parent.parent.parent)
+    return f"import sys; sys.path.insert(0, {root!r}); from vofem.io.pictures.trial import *; {call}"
+
+
+def remember(found: Probe) -> None:
+    """Keep what was found for other processes, and for this one."""
     write_entry(user_caches("vofem") / _KNOWN, _machine(), [found.works, found.detail])
     remembered.cache_clear()
-    return found
 
 
 @functools.cache

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.blas import blas_threads
 from vofem.errors import MethodError
 from vofem.integrators.base import ProbeRows, ProbeSamples, Solution
 from vofem.integrators.effort import kind_of_run
@@ -92,6 +93,7 @@ def run_plan(
             with (
                 Watcher(plan.t_end, progress, save, every, first) as watcher,
                 kernels(compiled=choice.compiled, patience=choice.patience),
+                blas_threads(system.size),
             ):
                 result = _run(scene, planned, None if watcher.idle else watcher, snapshot)
         except Outgrown:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from functools import cached_property
-from typing import Any
+from collections.abc import Callable, Iterator
+from functools import cached_property, wraps
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.blas import blas_threads
 from vofem.effects.time_functions import Piece, TimeFunction
 from vofem.integrators.base import (
     ContactSamples,
@@ -24,11 +25,12 @@ from vofem.integrators.event_driven.segment import Segment, Segments
 from vofem.integrators.event_driven.sensitivity import Perturbation, Sensitivity
 from vofem.integrators.event_driven.spectrum import Spectra, Spectrum
 from vofem.integrators.unclosed import never_closed, open_throughout
-from vofem.kernel_mode import as_it_ran, compiled
+from vofem.kernel_mode import as_it_ran, compiled, kernels
 from vofem.laws import initial_status
 from vofem.system import CLOSED, OPEN, PINNED, ContactLaws, Counters, Events, State, System
 
 Array = NDArray[np.float64]
+F = TypeVar("F", bound=Callable[..., Any])
 
 #: Terms of a contact's coordinate over its size, from which on it is a difference of large numbers.
 _CANCELLING = 8.0
@@ -53,6 +55,17 @@ _LOOKS = 257
 
 #: A contact within this share of its displacement and its gap touches at the start.
 _TOUCHING = 4.0 * float(np.finfo(float).eps)
+
+
+def _evaluation(method: F) -> F:
+    """Let a method of `EventSolution` call kernels as the run did, and use threads as it did."""
+
+    @wraps(method)
+    def call(self: EventSolution, *arguments: Any) -> Any:
+        with kernels(compiled=self.compiled), blas_threads(self.space.size):
+            return method(self, *arguments)
+
+    return call  # type: ignore[return-value]
 
 
 class EventSolution:
@@ -482,7 +495,7 @@ class EventSolution:
 
     # -- sampling ---------------------------------------------------------------------------------
 
-    @as_it_ran
+    @_evaluation
     def modal(self, times: Array) -> tuple[Array, Array]:
         """Return modal displacements and velocities at any times, each of shape (n, n_times)."""
         z, v, _ = self._trajectory(times, gaps=False)
@@ -513,13 +526,13 @@ class EventSolution:
             v[:, mine] = velocity + motion.velocity[:, None]
         return z, v, s
 
-    @as_it_ran
+    @_evaluation
     def sample(self, times: Array) -> ModalSamples:
         """Return the motion at any times; the acceleration is that of the equation of motion."""
         z, v, s = self._trajectory(times)
         return ModalSamples(self.space.shapes, z, v, lambda: self._acceleration(times, z, v, s))
 
-    @as_it_ran
+    @_evaluation
     def _acceleration(self, times: Array, z: Array, v: Array, s: Array) -> Array:
         space = self.space
         a = -space.stiffness[:, None] * z - space.damping[:, None] * v
@@ -552,7 +565,7 @@ class EventSolution:
                 force[np.ix_(held, mine)] = np.clip(self._reactions(index).at(self.motion(index), tau), 0.0, jump)
         return force
 
-    @as_it_ran
+    @_evaluation
     def contacts(self, times: Array) -> ContactSamples:
         """Return status, K_eq and force of the contacts at any times."""
         laws = self.system.contacts
@@ -579,7 +592,7 @@ class EventSolution:
             )
 
     @cached_property
-    @as_it_ran
+    @_evaluation
     def sensitivity(self) -> Sensitivity:
         """Growth of a perturbation along the run, in closed form."""
         laws = self.system.contacts
@@ -603,7 +616,7 @@ class EventSolution:
         start = self.energies(np.zeros(1))
         return float(start.kinetic[0] + start.strain[0] + start.contact[0])
 
-    @as_it_ran
+    @_evaluation
     def energies(self, times: Array) -> Energies:
         """Return energies, dissipation and work at any times, in closed form."""
         from vofem.integrators.event_driven.energy import work_and_dissipation

@@ -1,14 +1,15 @@
-"""Draws a trial picture, and then another one, in a process of its own, which may crash; see `vofem.io.probe`."""
+"""Draws with VTK in a process of its own, which may crash; see `vofem.io.probe` and `vofem.io.pictures.studio`."""
 
 from __future__ import annotations
 
 import pickle
+import signal
 import sys
 from pathlib import Path
 
 
-def draw(path: str) -> None:
-    """Draw a red square, look at its middle, tell what was found, and draw what stands on the standard input.
+def _window() -> str:
+    """Draw a red square, look at its middle; return the name of VTK's window, or "blank".
 
     Some drivers draw without complaint, and nothing.
     """
@@ -19,13 +20,38 @@ def draw(path: str) -> None:
     plotter.view_xy()
     plotter.render()
     pixel = plotter.screenshot(None, return_img=True)[16, 16]
-    good = pixel[0] > 200 and pixel[1] < 60 and pixel[2] < 60
     name = plotter.render_window.GetClassName()
     plotter.close()
+    return str(name) if pixel[0] > 200 and pixel[1] < 60 and pixel[2] < 60 else "blank"
+
+
+def _tell(*words: str) -> None:
+    sys.stdout.write(" ".join(words) + "\n")
+    sys.stdout.flush()
+
+
+def draw(path: str) -> None:
+    """Draw a trial picture and, where that went well, what stands on the standard input."""
+    found = _window()
     drawing = pickle.load(sys.stdin.buffer)
-    if good and drawing is not None:
+    if found != "blank" and drawing is not None:
         from vofem.io.pictures import backend_vtk
 
         Path(path).write_bytes(backend_vtk.draw(drawing))
-    sys.stdout.write(f"vofem-probe {name if good else 'blank'}\n")
-    sys.stdout.flush()
+    _tell("vofem-probe", found)
+
+
+def serve() -> None:
+    """Draw a trial picture, then one for every line of the standard input: the files of a drawing and its picture."""
+    # Ctrl-C is for the process that waits for the pictures.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    found = _window()
+    _tell("vofem-probe", found)
+    if found == "blank":
+        return
+    from vofem.io.pictures import backend_vtk
+
+    for line in sys.stdin:
+        source, goal = (Path(part) for part in line.rstrip("\n").split("\t"))
+        goal.write_bytes(backend_vtk.draw(pickle.loads(source.read_bytes())))
+        _tell("vofem-drawn")
