@@ -43,7 +43,7 @@ def paper():
 
 @pytest.fixture
 def no_vtk(monkeypatch):
-    monkeypatch.setattr(render_module, "probe", lambda: Probe(False, "forced"))
+    monkeypatch.setattr(render_module, "remembered", lambda: Probe(False, "forced"))
 
 
 def two_beams():

@@ -7,73 +7,85 @@ K0 as a gap function changes sign. See the README for a first scene.
 
 from typing import TYPE_CHECKING, Any
 
-from vofem import fractional
+import vofem.simulate as _simulate
 from vofem._version import __version__
-from vofem.bodies import Beam, Mass
-from vofem.effects import (
-    Approximated,
-    BaseMotion,
-    BilinearSpring,
-    Constant,
-    Contact,
-    CrushingStop,
-    Dashpot,
-    DistributedLoad,
-    Foundation,
-    Gravity,
-    HystereticSpring,
-    IwanSpring,
-    Joint,
-    LinearSoftening,
-    ModalDamping,
-    NonlinearSpring,
-    PointLoad,
-    PointMass,
-    PointMoment,
-    Pulse,
-    Ramp,
-    RayleighDamping,
-    Resolved,
-    RotationalSpring,
-    Sine,
-    Spring,
-    Springpot,
-    Tabulated,
-    TimeFunction,
-)
-from vofem.errors import (
-    ArgumentError,
-    ConvergenceError,
-    EventStormError,
-    ExecutorError,
-    InstabilityError,
-    LimitLoadError,
-    LoadError,
-    MeshError,
-    MethodError,
-    MissingCallableError,
-    OutputError,
-    SceneFileError,
-    SingularSystemError,
-    StepSizeError,
-    StorageError,
-    VofemError,
-)
-from vofem.modes import Modes, modes
 from vofem.persistence import Store, use_store
-from vofem.polynomial import Polynomial
-from vofem.result import Result
-from vofem.scene import Scene
-from vofem.simulate import explain, simulate
-from vofem.statics import Equilibrium, QuasiStatic, equilibrium, quasi_static
+
+# The package of that name has taken the place of the function in it, which `__getattr__` finds: once it is imported,
+# it does so no more.
+globals().pop(_simulate.__name__.rpartition(".")[2])
 
 if TYPE_CHECKING:
+    import vofem.fractional as fractional
     import vofem.studies.accuracy as accuracy
+    from vofem.bodies import Beam, Mass
+    from vofem.effects import (
+        Approximated,
+        BaseMotion,
+        BilinearSpring,
+        Constant,
+        Contact,
+        CrushingStop,
+        Dashpot,
+        DistributedLoad,
+        Foundation,
+        Gravity,
+        HystereticSpring,
+        IwanSpring,
+        Joint,
+        LinearSoftening,
+        ModalDamping,
+        NonlinearSpring,
+        PointLoad,
+        PointMass,
+        PointMoment,
+        Pulse,
+        Ramp,
+        RayleighDamping,
+        Resolved,
+        RotationalSpring,
+        Sine,
+        Spring,
+        Springpot,
+        Tabulated,
+        TimeFunction,
+    )
+    from vofem.errors import (
+        ArgumentError,
+        ConvergenceError,
+        EventStormError,
+        ExecutorError,
+        InstabilityError,
+        LimitLoadError,
+        LoadError,
+        MeshError,
+        MethodError,
+        MissingCallableError,
+        OutputError,
+        SceneFileError,
+        SingularSystemError,
+        StepSizeError,
+        StorageError,
+        VofemError,
+    )
     from vofem.io.saved import load, resume
     from vofem.io.scene_file import dump_scene, load_scene
+    from vofem.polynomial import Polynomial
+    from vofem.result import Result
+    from vofem.scene import Scene
+    from vofem.simulate import explain, simulate
+    from vofem.statics import Equilibrium, QuasiStatic, equilibrium, quasi_static
     from vofem.studies.diagrams import basins, bifurcation_diagram, stability_map
-    from vofem.studies.steady import Branch, PeriodicOrbit, SpecialPoint, frequency_response, periodic, poincare
+    from vofem.studies.steady import (
+        Branch,
+        PeriodicOrbit,
+        SpecialPoint,
+        frequency_response,
+        periodic,
+        poincare,
+    )
     from vofem.studies.sweep.sweeping import sweep
+    from vofem.vibration import Modes, modes
 
 __all__ = [
     "Approximated",
@@ -153,25 +165,39 @@ __all__ = [
     "sweep",
 ]
 
-#: What is imported when first asked for.
-_LATER = {
-    "Branch": "vofem.studies.steady",
-    "PeriodicOrbit": "vofem.studies.steady",
-    "SpecialPoint": "vofem.studies.steady",
-    "accuracy": "vofem.studies.accuracy",
-    "basins": "vofem.studies.diagrams",
-    "bifurcation_diagram": "vofem.studies.diagrams",
-    "dump_scene": "vofem.io.scene_file",
-    "frequency_response": "vofem.studies.steady",
-    "io": "vofem.io",
-    "load": "vofem.io.saved",
-    "load_scene": "vofem.io.scene_file",
-    "periodic": "vofem.studies.steady",
-    "poincare": "vofem.studies.steady",
-    "resume": "vofem.io.saved",
-    "stability_map": "vofem.studies.diagrams",
-    "sweep": "vofem.studies.sweep.sweeping",
+#: Names that are imported when first asked for, by module.
+_MODULES = {
+    "vofem.bodies": "Beam Mass",
+    "vofem.effects": (
+        "Approximated BaseMotion BilinearSpring Constant Contact CrushingStop Dashpot "
+        "DistributedLoad Foundation Gravity HystereticSpring IwanSpring Joint LinearSoftening "
+        "ModalDamping NonlinearSpring PointLoad PointMass PointMoment Pulse Ramp RayleighDamping "
+        "Resolved RotationalSpring Sine Spring Springpot Tabulated TimeFunction"
+    ),
+    "vofem.errors": (
+        "ArgumentError ConvergenceError EventStormError ExecutorError InstabilityError LimitLoadError LoadError "
+        "MeshError MethodError MissingCallableError OutputError SceneFileError SingularSystemError "
+        "StepSizeError StorageError VofemError"
+    ),
+    "vofem.fractional": "fractional",
+    "vofem.io": "io",
+    "vofem.io.saved": "load resume",
+    "vofem.io.scene_file": "dump_scene load_scene",
+    "vofem.polynomial": "Polynomial",
+    "vofem.result": "Result",
+    "vofem.scene": "Scene",
+    "vofem.simulate.explanation": "explain",
+    "vofem.simulate.simulation": "simulate",
+    "vofem.statics": "Equilibrium QuasiStatic equilibrium quasi_static",
+    "vofem.studies.accuracy": "accuracy",
+    "vofem.studies.diagrams": "basins bifurcation_diagram stability_map",
+    "vofem.studies.steady": "Branch PeriodicOrbit SpecialPoint frequency_response periodic poincare",
+    "vofem.studies.sweep.sweeping": "sweep",
+    "vofem.vibration": "Modes modes",
 }
+
+#: The module of every name.
+_LATER = {name: module for module, names in _MODULES.items() for name in names.split()}
 
 
 def _store() -> Store:
@@ -189,7 +215,9 @@ def __getattr__(name: str) -> Any:
     from importlib import import_module
 
     module = import_module(_LATER[name])
-    return module if module.__name__.endswith(f".{name}") else getattr(module, name)
+    value = module if module.__name__.endswith(f".{name}") else getattr(module, name)
+    globals()[name] = value
+    return value
 
 
 def __dir__() -> list[str]:

@@ -6,6 +6,8 @@ import threading
 from collections.abc import Callable, Hashable
 from typing import TypeVar
 
+from vofem.kernel_mode import compiled
+
 T = TypeVar("T")
 
 
@@ -24,7 +26,7 @@ class Cache:
         kind : str
             What the value is.
         key : hashable
-            What it depends on beside the object that owns the cache.
+            What it depends on beside the object that owns the cache, and beside whether kernels are compiled.
         make : callable
             Returns the value.
         most : int
@@ -32,6 +34,8 @@ class Cache:
         """
         with self._lock:
             known = self._known.setdefault(kind, {})
+            # Compiled and plain kernels differ by rounding, and no run may mix them.
+            key = compiled(), key
             if key not in known:
                 value = make()
                 while len(known) >= max(most, 1):

@@ -25,8 +25,8 @@ class SaveRun(Protocol):
 class KeepSnapshots(Protocol):
     """Prepares a file for the snapshots of a run that is about to begin."""
 
-    def __call__(self, path: str | os.PathLike[str], scene: Any, plan: Any) -> Callable[[dict[str, Any]], None]:
-        """Return a function that writes one snapshot in place of the one before."""
+    def __call__(self, path: str | os.PathLike[str], scene: Any) -> Callable[[Any], Callable[[dict[str, Any]], None]]:
+        """Return a function of the run's plan, which returns one that writes a snapshot in place of the one before."""
 
 
 @dataclass(frozen=True)

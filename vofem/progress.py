@@ -34,16 +34,19 @@ class Watcher:
         Takes a snapshot.
     every : float
         Seconds of wall time between two snapshots.
+    first : str
+        What is done before the run begins, and takes long; shown until the run tells how far it is.
     """
 
     def __init__(
-        self, t_end: float, progress: Progress, save: Callable[[dict[str, Any]], None] | None, every: float
-    ) -> None:
+        self, t_end: float, progress: Progress, save: Callable[[dict[str, Any]], None] | None, every: float,
+        first: str = "",
+    ) -> None:  # fmt: skip
         if not (progress is None or isinstance(progress, bool) or callable(progress)):
             raise ArgumentError(
                 f"simulate: progress is {progress!r}, expected True, False, or a function of the time reached and t_end"
             )
-        self._t_end, self._save, self._every = t_end, save, every
+        self._t_end, self._save, self._every, self._first = t_end, save, every, first
         self._tell = progress if callable(progress) else None
         self._shown = progress is True or (progress is None and sys.stderr is not None and sys.stderr.isatty())
         self._begun = self._saved = time.monotonic()

@@ -58,6 +58,8 @@ class Result(Motion):
         Time of the loads at which the run began, s; `times` count from there.
     start : State, optional
         What the run began with instead of the scene's own initial state.
+    compiled : bool
+        Whether kernels ran as machine code, or as plain Python; see `vofem.simulate`.
     """
 
     def __init__(
@@ -70,12 +72,14 @@ class Result(Motion):
         model: Model | None = None,
         t_start: float = 0.0,
         start: State | None = None,
+        compiled: bool = True,
     ) -> None:
         super().__init__(scene, solution, model)
         self.method = method
         self.recorded = recorded
         self.t_start = t_start
         self.start = start
+        self.compiled = compiled
 
     def __repr__(self) -> str:
         count = len(self.notes)

@@ -9,7 +9,7 @@ from pathlib import Path
 from vofem.cli.common import FINE, Commands
 from vofem.cli.output import made
 from vofem.errors import ArgumentError
-from vofem.simulate import method_names
+from vofem.integrators.registry import method_names
 
 
 def add_accuracy(commands: Commands) -> None:

@@ -17,7 +17,7 @@ def add_explain(commands: Commands) -> None:
 
 def _explain(arguments: argparse.Namespace) -> int:
     from vofem.io.scene_file import load_scene
-    from vofem.simulate import explain
+    from vofem.simulate.explanation import explain
 
     file = load_scene(arguments.scene)
     print(explain(file.scene))

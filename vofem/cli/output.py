@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 from vofem.errors import OutputError
 
 if TYPE_CHECKING:
+    from vofem.io.pictures.drawing import Drawing
+    from vofem.io.pictures.studio import Studio
     from vofem.io.scenes.settings import OutputSettings
     from vofem.result import Result
 
@@ -21,22 +23,40 @@ def made(folder: Path) -> Path:
     return folder
 
 
-def write(result: Result, output: OutputSettings, folder: Path, *, pictures: bool) -> list[Path]:
-    """Write the histories of a run, and pictures where wanted; return what was written."""
+def write(result: Result, output: OutputSettings, folder: Path, studio: Studio | None) -> list[Path]:
+    """Write the histories of a run, and pictures where there is a studio for them; return what was written."""
     from vofem.io.csv_file import write_csv, write_probes
     from vofem.io.run_pictures import history_points
 
+    pictures = [] if studio is None else begin_pictures(result, output, folder, studio)
     written = [write_csv(result, history_points(result.scene, output), folder / "histories.csv")]
     if result.recorded is not None:
         written.append(write_probes(result, folder / "probes.csv"))
-    return written + draw(result, output, folder) if pictures else written
+    return written if studio is None else written + draw(result, output, folder, studio, pictures)
 
 
-def draw(result: Result, output: OutputSettings, folder: Path) -> list[Path]:
-    """Draw the pictures that a scene file asks for, and say what is on them; return what was written."""
+def begin_pictures(
+    result: Result, output: OutputSettings, folder: Path, studio: Studio
+) -> list[tuple[Path, Drawing, Path]]:
+    """Let a studio begin with the side views; return for each where it will be, what is on it, and where it goes."""
+    from vofem.io.render import sketched
+    from vofem.io.run_pictures import picture_times
+
+    pictures = []
+    times = picture_times(result, output)
+    for k, t in enumerate(times):
+        goal, drawing = sketched(result, t, folder / ("scene.png" if len(times) == 1 else f"scene-{k + 1}.png"))
+        pictures.append((studio.ask(drawing), drawing, goal))
+    return pictures
+
+
+def draw(
+    result: Result, output: OutputSettings, folder: Path, studio: Studio, pictures: list[tuple[Path, Drawing, Path]]
+) -> list[Path]:
+    """Draw the histories that a scene file asks for, collect the side views; say what is on them, return the files."""
     from vofem.io.plot import time_history
-    from vofem.io.render import render
-    from vofem.io.run_pictures import history_points, picture_times
+    from vofem.io.render import collect
+    from vofem.io.run_pictures import history_points
 
     points = history_points(result.scene, output)
     written = []
@@ -46,9 +66,8 @@ def draw(result: Result, output: OutputSettings, folder: Path) -> list[Path]:
         if len(points) > 1:
             print(f"{name}: {point.name}")
     message = ""
-    times = picture_times(result, output)
-    for k, t in enumerate(times):
-        outcome = render(result, t, folder / ("scene.png" if len(times) == 1 else f"scene-{k + 1}.png"))
+    for picture in pictures:
+        outcome = collect(studio, *picture)
         message = outcome.message or message
         written.append(outcome.path)
     if message:

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from vofem.cli.common import FINE, Commands
-from vofem.cli.output import draw, made
+from vofem.cli.output import begin_pictures, draw, made
 from vofem.errors import ArgumentError
 
 
@@ -20,15 +20,17 @@ def add_render(commands: Commands) -> None:
 
 
 def _render(arguments: argparse.Namespace) -> int:
+    from vofem.io.pictures.studio import Studio
     from vofem.io.scenes.settings import OutputSettings
     from vofem.io.storage.run_file import load
 
-    result = load(arguments.run)
-    for t in arguments.times:
-        if not 0.0 <= t <= result.solution.t_end:
-            raise ArgumentError(f"--times holds {t:g}, expected times from 0 to {result.solution.t_end:g} s")
-    output = OutputSettings(pictures=tuple(arguments.times))
-    folder = made(arguments.output or Path("output") / arguments.run.stem)
-    written = draw(result, output, folder)
+    with Studio() as studio:
+        result = load(arguments.run)
+        for t in arguments.times:
+            if not 0.0 <= t <= result.solution.t_end:
+                raise ArgumentError(f"--times holds {t:g}, expected times from 0 to {result.solution.t_end:g} s")
+        output = OutputSettings(pictures=tuple(arguments.times))
+        folder = made(arguments.output or Path("output") / arguments.run.stem)
+        written = draw(result, output, folder, studio, begin_pictures(result, output, folder, studio))
     print("wrote " + "\n      ".join(str(path) for path in written))
     return FINE

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,9 +11,10 @@ import numpy as np
 
 from vofem.cli.common import FINE, Commands, print_method
 from vofem.cli.output import made, write
-from vofem.simulate import method_names
+from vofem.integrators.registry import method_names
 
 if TYPE_CHECKING:
+    from vofem.io.pictures.studio import Studio
     from vofem.io.scene_file import SceneFile
 
 
@@ -34,20 +36,35 @@ def add_run(commands: Commands) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from vofem.io import tables
+    from vofem.blas import blas_threads
     from vofem.io.scene_file import load_scene
-    from vofem.simulate import explain
+    from vofem.simulate.explanation import explain
 
     file = load_scene(arguments.scene)
-    print(explain(file.scene))
-    print_method(file, arguments.method)
-    print(flush=True)
-    # Made first: a run that is long shall not end in a folder that cannot be.
-    folder = made(arguments.output or Path("output") / arguments.scene.stem)
-    if arguments.save is not None:
-        from vofem.io.storage.run_file import check_target
+    with contextlib.ExitStack() as stack:
+        studio = None
+        if not arguments.no_pictures:
+            from vofem.io.pictures.studio import Studio
 
-        check_target(arguments.save, arguments.overwrite)
+            # It gets ready while the run takes place.
+            studio = stack.enter_context(Studio())
+        print(explain(file.scene))
+        print_method(file, arguments.method)
+        print(flush=True)
+        # Made first: a run that is long shall not end in a folder that cannot be.
+        folder = made(arguments.output or Path("output") / arguments.scene.stem)
+        if arguments.save is not None:
+            from vofem.io.storage.run_file import check_target
+
+            check_target(arguments.save, arguments.overwrite)
+        stack.enter_context(blas_threads(file.scene.model.system.size))
+        return _simulated(arguments, file, folder, studio)
+
+
+def _simulated(arguments: argparse.Namespace, file: SceneFile, folder: Path, studio: Studio | None) -> int:
+    """Run, print tables, write what is wanted; return the exit code."""
+    from vofem.io import tables
+
     result = file.simulate(**_changes(arguments, file))
     print(tables.counter_line(result), end="\n\n")
     print(tables.contact_tables(result), end="\n\n")
@@ -55,7 +72,7 @@ def _run(arguments: argparse.Namespace) -> int:
     for note in result.notes:
         print(f"note: {note}")
     saved = [] if arguments.save is None else [result.save(arguments.save, overwrite=arguments.overwrite)]
-    written = saved + write(result, file.output, folder, pictures=not arguments.no_pictures)
+    written = saved + write(result, file.output, folder, studio)
     print("\nwrote " + "\n      ".join(str(path) for path in written))
     return FINE
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from vofem.cli.common import FAULT, FINE, Commands
 from vofem.cli.output import made
 from vofem.errors import ArgumentError
-from vofem.simulate import method_names
+from vofem.integrators.registry import method_names
 
 
 def add_verify(commands: Commands) -> None:

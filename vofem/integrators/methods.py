@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from vofem.integrators.effort import by_critical_steps, by_events, by_steps, nothing
 from vofem.integrators.method import Method, deferred
 from vofem.system import System
 
@@ -27,6 +28,7 @@ EVENT_DRIVEN = Method(
     steps=False,
     exact=True,
     rank=30,
+    effort=by_events,
     reason=_is_exact,
 )
 
@@ -38,6 +40,7 @@ ENERGY_CONSERVING = Method(
     records=True,
     conserves=True,
     rank=10,
+    effort=by_steps,
 )
 
 GENERALIZED_ALPHA = Method(
@@ -46,6 +49,7 @@ GENERALIZED_ALPHA = Method(
     _REFUSED_BY_STEPS,
     {"rho_infinity": 0.8, "alpha_m": None, "alpha_f": None, "gamma": None, "newmark_beta": None},
     records=True,
+    effort=by_steps,
 )
 
 CENTRAL_DIFFERENCE = Method(
@@ -54,6 +58,7 @@ CENTRAL_DIFFERENCE = Method(
     _REFUSED_BY_STEPS,
     records=True,
     conditional=True,
+    effort=by_critical_steps,
 )
 
 FORCE_DRIVEN = Method(
@@ -62,6 +67,7 @@ FORCE_DRIVEN = Method(
     deferred(_FORCE, "refusal"),
     special=True,
     rank=20,
+    effort=nothing,
     reason=_follows_the_force,
 )
 

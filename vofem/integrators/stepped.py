@@ -87,14 +87,11 @@ class SteppedSolution:
         left, x = self._place(times)
         if self.times.size == 1:
             return Samples(self.samples.q[:, left], self.samples.v[:, left], self.samples.a[:, left])
-        n = self.samples.q.shape[0]
-        q, v, a = np.empty((n, times.size)), np.empty((n, times.size)), np.empty((n, times.size))
         # Events at a stored time belong to both of its sides.
         before, after = self.times[left], self.times[np.minimum(left + 1, self.times.size - 1)]
         upto = np.searchsorted(self.events.time, after, side="right")
         kinked = upto > np.searchsorted(self.events.time, before, side="left")
-        _interpolate_all(self.times, self.samples.q, self.samples.v, self.samples.a, left, x, kinked, q, v, a)
-        return Samples(q, v, a)
+        return _interpolated(self.times, self.samples, left, x, kinked)
 
     def contacts(self, times: Array) -> ContactSamples:
         """Return status, K_eq and force at some times, from the gap functions there."""
@@ -164,34 +161,57 @@ def quintic(
     return q, v, a0 + x * (a1 - a0)
 
 
-@jit
-def _interpolate_all(
-    times: Array,
-    q0: Array,
-    v0: Array,
-    a0: Array,
-    left: NDArray[np.int64],
-    x: Array,
-    kinked: NDArray[np.bool_],
-    q: Array,
-    v: Array,
-    a: Array,
-) -> None:
-    for i in range(left.size):
-        k = left[i]
-        h = times[k + 1] - times[k]
-        for r in range(q0.shape[0]):
-            if x[i] == 0.0:
-                q[r, i], v[r, i], a[r, i] = q0[r, k], v0[r, k], a0[r, k]
-            elif x[i] == 1.0:
-                q[r, i], v[r, i], a[r, i] = q0[r, k + 1], v0[r, k + 1], a0[r, k + 1]
-            elif kinked[i]:
-                q[r, i], v[r, i] = restrained(x[i], h, q0[r, k], v0[r, k], q0[r, k + 1], v0[r, k + 1])
-                a[r, i] = a0[r, k] + x[i] * (a0[r, k + 1] - a0[r, k])
-            else:
-                q[r, i], v[r, i], a[r, i] = quintic(
-                    x[i], h, q0[r, k], v0[r, k], a0[r, k], q0[r, k + 1], v0[r, k + 1], a0[r, k + 1]
-                )
+def _between(x: Array, h: Array, begin: tuple[Array, Array, Array], end: tuple[Array, Array, Array]) -> Samples:
+    """Return `quintic` of many degrees of freedom at once, each (n, n_times), at fractions x of steps h, (n_times,)."""
+    (q0, v0, a0), (q1, v1, a1) = begin, end
+    way, turn = q1 - q0, v1 - v0
+    dq = way - h * (v0 + 0.5 * h * a0)
+    dv = h * (turn - h * a0)
+    da = h * h * (a1 - a0)
+    c3 = 10.0 * dq - 4.0 * dv + 0.5 * da
+    c4 = -15.0 * dq + 7.0 * dv - da
+    c5 = 6.0 * dq - 3.0 * dv + 0.5 * da
+    q = q0 + x * (h * v0 + x * (0.5 * h * h * a0 + x * (c3 + x * (c4 + x * c5))))
+    v = v0 + x * (h * a0 + x * (3.0 * c3 + x * (4.0 * c4 + x * 5.0 * c5)) / h)
+    return Samples(q, v, a0 + x * (a1 - a0))
+
+
+def _restrained(x: Array, h: Array, begin: tuple[Array, Array, Array], end: tuple[Array, Array, Array]) -> Samples:
+    """Return `restrained` of many degrees of freedom at once, each (n, n_times)."""
+    (q0, v0, a0), (q1, v1, a1) = begin, end
+    dq = q1 - q0
+    side = np.where(dq >= 0.0, 1.0, -1.0)
+    low = side * np.minimum(np.maximum(side * h * v0, 0.0), 3.0 * np.abs(dq))
+    high = side * np.minimum(np.maximum(side * h * v1, 0.0), 3.0 * np.abs(dq))
+    q = q0 + x * (low + x * (3.0 * dq - 2.0 * low - high + x * (low + high - 2.0 * dq)))
+    return Samples(q, v0 + x * (v1 - v0), a0 + x * (a1 - a0))
+
+
+def _interpolated(
+    times: Array, stored: Samples, left: NDArray[np.int64], x: Array, kinked: NDArray[np.bool_]
+) -> Samples:
+    """Return states at fractions x of stored intervals, from those at both ends, as kernels do it one by one."""
+    h = times[left + 1] - times[left]
+    begin = stored.q[:, left], stored.v[:, left], stored.a[:, left]
+    end = stored.q[:, left + 1], stored.v[:, left + 1], stored.a[:, left + 1]
+    smooth, bounded = _between(x, h, begin, end), _restrained(x, h, begin, end)
+    (q0, v0, a0), (q1, v1, a1) = begin, end
+    bend = (v1 - v0) / h
+    swings = h * h * (np.abs(a0 - bend) + np.abs(a1 - bend)) > _SWING * (
+        h * (np.abs(v0) + np.abs(v1)) + np.abs(q1 - q0)
+    )
+    held = kinked | swings
+    ends = [x == 0.0, x == 1.0]
+    q, v, a = (
+        np.select(ends, both, np.where(held, limited, free))
+        for both, limited, free in zip(
+            zip(begin, end, strict=True),
+            (bounded.q, bounded.v, bounded.a),
+            (smooth.q, smooth.v, smooth.a),
+            strict=True,
+        )
+    )
+    return Samples(q, v, a)
 
 
 def step_count(t_end: float, dt: float) -> int:

@@ -11,7 +11,7 @@ from vofem._version import __version__
 from vofem.io.probe import Probe, cure, probe
 
 #: Distributions that vofem uses.
-REQUIRED = ("numpy", "scipy", "scikit-fem", "numba", "matplotlib", "pyvista", "vtk", "meshio", "h5py")
+REQUIRED = ("numpy", "scipy", "scikit-fem", "numba", "matplotlib", "pyvista", "vtk", "meshio", "h5py", "threadpoolctl")
 
 
 @dataclass(frozen=True)

@@ -1,30 +1,27 @@
 """Whether VTK can draw off-screen on this machine.
 
 Without a working graphics driver VTK ends the process with a segmentation
-fault, which no Python code can catch. So a child process tries first.
+fault, which no Python code can catch. So a child process draws the first picture on a
+machine; what came of it is remembered until VTK or the drivers change.
 """
 
 from __future__ import annotations
 
 import functools
 import os
+import pickle
 import subprocess
 import sys
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from vofem.folders import read_entries, user_caches, write_entry
 
 _TIMEOUT = 60.0
 
-#: Draws a red square and looks at its middle: some drivers draw without complaint, and nothing.
-_SCRIPT = """
-import pyvista
-plotter = pyvista.Plotter(off_screen=True, window_size=(32, 32), theme=pyvista.themes.DocumentTheme())
-plotter.add_mesh(pyvista.Plane(), color="red", lighting=False)
-plotter.view_xy()
-plotter.render()
-pixel = plotter.screenshot(None, return_img=True)[16, 16]
-good = pixel[0] > 200 and pixel[1] < 60 and pixel[2] < 60
-print("vofem-probe", plotter.render_window.GetClassName() if good else "blank", flush=True)
-"""
+#: What was found on this machine stands there.
+_KNOWN = "graphics.json"
 
 
 @dataclass(frozen=True)
@@ -44,22 +41,79 @@ def prepare_environment() -> None:
 @functools.cache
 def probe() -> Probe:
     """Return whether VTK can draw off-screen; tried once a process, which takes about a second."""
+    return try_out(None, None)
+
+
+def try_out(drawing: Any, path: Path | None) -> Probe:
+    """Let a process of its own draw a picture, and return whether that worked; what was found is remembered.
+
+    Parameters
+    ----------
+    drawing : Drawing, optional
+        Drawn after a small trial picture.
+    path : Path, optional
+        Where its PNG goes.
+    """
     prepare_environment()
     try:
         child = subprocess.run(
-            [sys.executable or "python", "-c", _SCRIPT],
-            stdin=subprocess.DEVNULL,
+            [sys.executable or "python", "-c", child_code(f"draw({str(path)!r})")],
+            input=pickle.dumps(drawing),
             capture_output=True,
             timeout=_TIMEOUT,
             check=False,
-            text=True,
-            errors="replace",
         )
     except subprocess.TimeoutExpired:
         return Probe(False, f"a trial picture was not ready after {_TIMEOUT:g} s")
     except OSError as error:
         return Probe(False, f"a trial process could not be started: {error}")
-    return verdict(child.returncode, child.stdout, child.stderr)
+    found = verdict(child.returncode, *(part.decode(errors="replace") for part in (child.stdout, child.stderr)))
+    remember(found)
+    return found
+
+
+def child_code(call: str) -> str:
+    """Return the program of a process that calls a function of `vofem.io.pictures.trial`."""
+    root = str(Path(__file__).parent.parent.parent)
+    return f"import sys; sys.path.insert(0, {root!r}); from vofem.io.pictures.trial import *; {call}"
+
+
+def remember(found: Probe) -> None:
+    """Keep what was found for other processes, and for this one."""
+    write_entry(user_caches("vofem") / _KNOWN, _machine(), [found.works, found.detail])
+    remembered.cache_clear()
+
+
+@functools.cache
+def remembered() -> Probe | None:
+    """Return what was found on this machine, by any process, as long as its drivers are the same; else None."""
+    known = read_entries(user_caches("vofem") / _KNOWN).get(_machine())
+    return Probe(bool(known[0]), str(known[1])) if isinstance(known, list) and len(known) == 2 else None
+
+
+def _machine() -> str:
+    """Return what the drawing depends on, as far as it can be told without drawing: machine, VTK, driver, settings."""
+    import hashlib
+    import platform
+    from importlib.util import find_spec
+
+    vtk = find_spec("vtkmodules")
+    # The list of all libraries of a Linux system is written anew when one of them is installed.
+    files = [*(vtk.submodule_search_locations or [] if vtk is not None else []), "/etc/ld.so.cache"]
+    stamps = [
+        f"{file} {status.st_mtime_ns} {status.st_size}" for file in files if (status := _status(file)) is not None
+    ]
+    prefixes = ("VTK_", "LIBGL_", "MESA_", "GALLIUM_", "EGL_", "__GL", "__EGL", "LD_", "DISPLAY")
+    settings = sorted(f"{name}={value}" for name, value in os.environ.items() if name.startswith(prefixes))
+    parts = [platform.node(), platform.release(), sys.executable, *stamps, *settings]
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:32]
+
+
+def _status(file: str) -> os.stat_result | None:
+    try:
+        return os.stat(file)
+    except OSError:
+        return None
 
 
 def verdict(code: int, output: str, errors: str) -> Probe:

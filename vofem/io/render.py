@@ -5,12 +5,17 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from vofem.files.whole import replacing, target
-from vofem.io.probe import Probe, cure, prepare_environment, probe
+from vofem.io.probe import Probe, cure, prepare_environment, probe, remembered, try_out
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.statics import Equilibrium
+
+if TYPE_CHECKING:
+    from vofem.io.pictures.drawing import Drawing
+    from vofem.io.pictures.studio import Studio
 
 __all__ = ["Probe", "RenderOutcome", "probe", "render"]
 
@@ -75,23 +80,55 @@ def render(
     OutputError
         If the file cannot be written.
     """
-    from vofem.io.pictures.sketch import sketch
-    from vofem.io.pictures.snapshot import snapshot
-
-    goal = target(path, (".png",))
-    drawing = sketch(snapshot(result, t, scene), size, magnification)
-    found = probe()
+    goal, drawing = sketched(result, t, path, scene=scene, size=size, magnification=magnification)
+    found = remembered()
     with replacing(goal) as temporary:
-        if found.works:
+        if found is None:
+            found = try_out(drawing, temporary)
+        elif found.works:
             prepare_environment()
             from vofem.io.pictures import backend_vtk
 
             temporary.write_bytes(backend_vtk.draw(drawing))
-        else:
+        if not found.works:
             from vofem.io.pictures import backend_matplotlib
 
             backend_matplotlib.draw(drawing, temporary)
+    return _outcome(goal, found)
+
+
+def _outcome(goal: Path, found: Probe) -> RenderOutcome:
     if found.works:
         return RenderOutcome(goal, "vtk", "")
     message = f"drawn with matplotlib, because VTK does not work here: {found.detail}. To get VTK, {cure()}"
     return RenderOutcome(goal, "matplotlib", message)
+
+
+def sketched(
+    result: Result | Equilibrium,
+    t: float | None,
+    path: str | os.PathLike[str],
+    *,
+    scene: Scene | None = None,
+    size: tuple[int, int] = (1600, 700),
+    magnification: float | None = None,
+) -> tuple[Path, Drawing]:
+    """Return where a picture goes and what is on it; parameters are those of `render`."""
+    from vofem.io.pictures.sketch import sketch
+    from vofem.io.pictures.snapshot import snapshot
+
+    return target(path, (".png",)), sketch(snapshot(result, t, scene), size, magnification)
+
+
+def collect(studio: Studio, picture: Path, drawing: Drawing, goal: Path) -> RenderOutcome:
+    """Wait for a picture that a studio was asked for, and put it in its place; draw it here where the studio failed."""
+    drawn = studio.wait()
+    with replacing(goal) as temporary:
+        if drawn:
+            temporary.write_bytes(picture.read_bytes())
+        else:
+            from vofem.io.pictures import backend_matplotlib
+
+            backend_matplotlib.draw(drawing, temporary)
+    assert studio.found is not None
+    return _outcome(goal, studio.found)

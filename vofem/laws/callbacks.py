@@ -39,7 +39,7 @@ def _call_address() -> Any:
 
 
 #: ``call(address, what, u0, u1)`` in compiled functions.
-call: Any = Intrinsic(_call_address)
+call: Any = Intrinsic(_call_address, lambda address, what, u0, u1: _PROTOTYPE(int(address))(what, u0, u1))
 
 
 class Callbacks:

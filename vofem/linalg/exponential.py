@@ -62,6 +62,29 @@ def oscillator_change(delta: float, p: float, t: float) -> tuple[float, float]:
     return slow + 0.5 * fast, -fast / (2.0 * kappa)
 
 
+def oscillator_changes(delta: Array, p: Array, t: Array) -> tuple[Array, Array]:
+    """Return `oscillator_change` of many oscillators (n,) at many times (m,), each of shape (n, m)."""
+    square = p - delta * delta
+    c, s = np.empty((p.size, t.size)), np.empty((p.size, t.size))
+    for kind in (square > 0.0, square == 0.0, square < 0.0):
+        if not kind.any():
+            continue
+        d, root = delta[kind, None], np.sqrt(np.abs(square[kind, None]))
+        if square[kind][0] > 0.0:
+            sine, cosine = np.sin(0.5 * root * t), np.cos(0.5 * root * t)
+            turn, decay = -2.0 * sine * sine, np.expm1(-d * t)
+            c[kind] = decay + turn + decay * turn
+            s[kind] = (1.0 + decay) * 2.0 * sine * cosine / root
+        elif square[kind][0] == 0.0:
+            c[kind] = np.expm1(-d * t)
+            s[kind] = (1.0 + c[kind]) * t
+        else:
+            slow = np.expm1(-p[kind, None] / (d + root) * t)
+            fast = (1.0 + slow) * np.expm1(-2.0 * root * t)
+            c[kind], s[kind] = slow + 0.5 * fast, -fast / (2.0 * root)
+    return c, s
+
+
 @jit
 def oscillator_remainder(delta: float, p: float, t: float) -> tuple[float, float]:
     """Return ``c - 1 + delta t, s - t`` of `oscillator`: what is of second order in t, with all digits."""
@@ -80,6 +103,27 @@ def oscillator_remainder(delta: float, p: float, t: float) -> tuple[float, float
         if abs(after) + abs(before) <= 1e-19 * abs(total_s):
             break
     return total_c, total_s
+
+
+def oscillator_remainders(delta: Array, p: Array, t: Array) -> tuple[Array, Array]:
+    """Return `oscillator_remainder` of many oscillators (n,) at many times (m,), each of shape (n, m)."""
+    c, s = oscillator_changes(delta, p, t)
+    c += delta[:, None] * t
+    s -= t
+    short = np.maximum(delta, np.sqrt(p))[:, None] * t <= 0.5
+    d, q, h = (np.broadcast_to(part, c.shape)[short] for part in (delta[:, None], p[:, None], t))
+    before, term = h, -d * h * h
+    total_c, total_s = np.zeros_like(h), term.copy()
+    with np.errstate(invalid="ignore", divide="ignore"):
+        for k in range(2, 40):
+            after = -(2.0 * d * h * k * term + q * h * h * before) / (k * (k + 1))
+            total_c += np.where(h > 0.0, (k + 1) * after / h + d * term, 0.0)
+            total_s += after
+            before, term = term, after
+            if np.all(np.abs(after) + np.abs(before) <= 1e-19 * np.abs(total_s)):
+                break
+    c[short], s[short] = total_c, total_s
+    return c, s
 
 
 @jit

@@ -1,25 +1,19 @@
-"""Compiled functions: numba is imported, and a function compiled, when it is first called."""
+"""Kernels: functions that run as compiled code or as plain Python; numba is imported when one is first compiled."""
 
 from __future__ import annotations
 
 import contextlib
+import types
 from collections.abc import Callable
-from functools import cache, update_wrapper
-from pathlib import Path
+from functools import cache, cached_property, update_wrapper
 from typing import Any, TypeVar, cast
 
+import numpy as np
+
+from vofem.kernel_mode import check_patience, compiled
+from vofem.linalg.jit_cache import own_name, source_stamp
+
 F = TypeVar("F", bound=Callable[..., Any])
-
-#: Rooms of the package that hold compiled functions.
-_ROOMS = ("linalg", "laws", "integrators")
-
-
-@cache
-def _stamp() -> tuple[float, int]:
-    """Return the latest change and the total size of all sources that hold compiled functions."""
-    root = Path(__file__).parent.parent
-    found = [path.stat() for part in _ROOMS for path in (root / part).rglob("*.py")]
-    return max(status.st_mtime for status in found), sum(status.st_size for status in found)
 
 
 class Intrinsic:
@@ -29,21 +23,25 @@ class Intrinsic:
     ----------
     make : callable
         Returns what `numba.extending.intrinsic` has made.
+    plain : callable
+        Does the same in plain Python.
     """
 
-    def __init__(self, make: Callable[[], Any]) -> None:
+    def __init__(self, make: Callable[[], Any], plain: Callable[..., Any]) -> None:
         self.make = cache(make)
+        self.plain = plain
 
     def __call__(self, *arguments: Any) -> Any:
-        """Refuse: plain Python cannot call machine code by its address."""
-        raise TypeError("an intrinsic is called from compiled functions only")
+        """Do it in plain Python."""
+        return self.plain(*arguments)
 
 
 class CompiledFunction:
     """A Python function with its compiled form, which is made when it is first asked for.
 
-    A module that holds compiled functions is imported without numba. Other
+    A module that holds such functions is imported without numba. Other
     compiled functions call this one as if it had been decorated by numba itself.
+    Which form runs is decided by `vofem.kernel_mode`.
 
     Attributes
     ----------
@@ -63,9 +61,39 @@ class CompiledFunction:
             self._dispatcher = _compiled(self.py_func)
         return self._dispatcher
 
+    @cached_property
+    def plain(self) -> Callable[..., Any]:
+        """The function in plain Python, which calls others in plain Python, at no more cost than that of the call."""
+        function = self.py_func
+        known = _plain_globals(function.__module__, function.__globals__)
+        plain = types.FunctionType(
+            function.__code__, known, function.__name__, function.__defaults__, function.__closure__
+        )
+        plain.__kwdefaults__ = function.__kwdefaults__
+        return plain
+
     def __call__(self, *arguments: Any) -> Any:
-        """Call the compiled function."""
-        return (self._dispatcher or self.dispatcher)(*arguments)
+        """Call the compiled function, or the plain one."""
+        if compiled():
+            return (self._dispatcher or self.dispatcher)(*arguments)
+        check_patience()
+        # Compiled code divides by zero and overflows without a word.
+        with np.errstate(all="ignore"):
+            return self.plain(*arguments)
+
+
+_PLAIN_GLOBALS: dict[str, dict[str, Any]] = {}
+
+
+def _plain_globals(module: str, names: dict[str, Any]) -> dict[str, Any]:
+    """Return the names of a module with kernels in plain Python."""
+    known = _PLAIN_GLOBALS.get(module)
+    if known is None:
+        # Entered before it is filled: modules may use each other's kernels.
+        known = _PLAIN_GLOBALS[module] = {}
+        for name, value in names.items():
+            known[name] = value.plain if isinstance(value, CompiledFunction | Intrinsic) else value
+    return known
 
 
 @cache
@@ -91,16 +119,19 @@ def _numba() -> Any:
 def _compiled(function: Callable[..., Any]) -> Any:
     numba = _numba()
     try:
-        compiled = numba.njit(cache=True)(function)
+        made = numba.njit(cache=True)(function)
     except RuntimeError:  # numba: "cannot cache function: no locator available"
         return numba.njit(function)
     # numba looks at a function's own file only, though code that it calls is compiled into it:
     # after a change elsewhere it would go on with the old. Internal names may change with its versions.
     with contextlib.suppress(AttributeError):
-        file = compiled._cache._cache_file
-        file._source_stamp = (*file._source_stamp, *_stamp())
+        file = made._cache._cache_file
+        file._source_stamp = (*file._source_stamp, *source_stamp())
         file._load_index = _readable(file._load_index)
-    return compiled
+        # Two processes that compile one function for different arguments at once would give both files one name, and
+        # the index of one of them would stand beside the code of the other.
+        file._data_name = own_name(file._data_name)
+    return made
 
 
 def _readable(load: Callable[[], Any]) -> Callable[[], Any]:
@@ -115,10 +146,22 @@ def _readable(load: Callable[[], Any]) -> Callable[[], Any]:
     return load_index
 
 
-def jit(function: F) -> F:
-    """Compile a function on its first call and keep the machine code on disk.
+def plain_form(kernel: Any) -> Callable[[F], F]:
+    """Let a function take the place of a kernel in plain Python, as one that uses arrays where the kernel has loops."""
 
-    Where the cache folder cannot be written the function is compiled for this
-    process only. Arithmetic is IEEE: no reordering, no contraction.
+    def decorate(function: F) -> F:
+        kernel.plain = function
+        return function
+
+    return decorate
+
+
+def jit(function: F) -> F:
+    """Make a function a kernel: compiled on its first call and kept on disk, or run as plain Python.
+
+    Where no cache folder can be written the function is compiled for this
+    process only. Arithmetic is IEEE: no reordering, no contraction. In plain
+    Python numbers may be Python's own, which raise where numpy's become infinite:
+    a kernel divides by what may be zero only after it has looked.
     """
     return cast(F, CompiledFunction(function))

@@ -1,10 +1,13 @@
-"""Simulations: methods and their choice, arguments, plans, explanations."""
+"""Simulations: methods and their choice, arguments, plans, explanations. Imported when first asked for."""
 
-from vofem.integrators.registry import method_names
-from vofem.simulate.explanation import Explanation, explain
-from vofem.simulate.methods import Choice, choose, option_names
-from vofem.simulate.plan import Plan, run_plan
-from vofem.simulate.simulation import simulate
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from vofem.integrators.registry import method_names
+    from vofem.simulate.explanation import Explanation, explain
+    from vofem.simulate.methods import Choice, choose, option_names
+    from vofem.simulate.plan import Plan, run_plan
+    from vofem.simulate.simulation import simulate
 
 __all__ = [
     "Choice",
@@ -17,3 +20,21 @@ __all__ = [
     "run_plan",
     "simulate",
 ]
+
+_MODULES = {
+    "vofem.integrators.registry": "method_names",
+    "vofem.simulate.explanation": "Explanation explain",
+    "vofem.simulate.methods": "Choice choose option_names",
+    "vofem.simulate.plan": "Plan run_plan",
+    "vofem.simulate.simulation": "simulate",
+}
+
+_LATER = {name: module for module, names in _MODULES.items() for name in names.split()}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LATER:
+        raise AttributeError(f"module 'vofem.simulate' has no attribute {name!r}")
+    from importlib import import_module
+
+    return getattr(import_module(_LATER[name]), name)

@@ -34,6 +34,7 @@ _ARGUMENTS = (
     "probes",
     "checkpoint",
     "checkpoint_every",
+    "compiled",
 )
 
 
@@ -48,12 +49,17 @@ def checked_plan(
     options: dict[str, Any],
     initial: Any = None,
     t_start: float = 0.0,
+    compiled: bool | None = None,
 ) -> Plan:
     """Return what is to be run, or raise `ArgumentError` for arguments that do not go together.
 
     Parameters are those of `vofem.simulate`.
     """
     t_end = number("simulate: t_end", t_end, positive=True)
+    if not (compiled is None or isinstance(compiled, (bool, np.bool_))):
+        raise ArgumentError(
+            f"simulate: compiled is {compiled!r}, expected True, False or None, which lets vofem decide"
+        )
     wanted = None if times is None else _output_times(times, t_end)
     system = as_scene("simulate", scene).model.system
     t_start = number("simulate: t_start", t_start, minimum=0)
@@ -83,7 +89,7 @@ def checked_plan(
     step = None if dt is None else number("simulate: dt", dt, positive=True)
     rows = None if probes is None else _probe_rows(scene, probes)
     start = None if other is None else scene.initial_state(other)
-    return Plan(chosen, t_end, wanted, step, options, rows, start, t_start, scene.forgotten(other))
+    return Plan(chosen, t_end, wanted, step, options, rows, start, t_start, scene.forgotten(other), compiled)
 
 
 def _check_options(chosen: str, method: str, options: dict[str, Any]) -> None:

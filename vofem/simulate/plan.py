@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.blas import blas_threads
 from vofem.errors import MethodError
 from vofem.integrators.base import ProbeRows, ProbeSamples, Solution
+from vofem.integrators.effort import kind_of_run
+from vofem.integrators.method import Method
 from vofem.integrators.registry import method_named
+from vofem.kernel_mode import Outgrown, decided, kernels
+from vofem.linalg.compile_choice import Choice, choose
 from vofem.progress import Progress, Watcher
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.simulate.start_time import model_at
-from vofem.system import State
+from vofem.system import State, System
 
 Array = NDArray[np.float64]
 
@@ -41,6 +47,8 @@ class Plan:
         Time of the loads at which the run begins, s.
     forgotten : tuple of str
         Names of springpots whose past is not carried on.
+    compiled : bool, optional
+        Whether kernels are compiled; decided when the run begins where not given.
     """
 
     method: str
@@ -52,35 +60,75 @@ class Plan:
     start: State | None = None
     t_start: float = 0.0
     forgotten: tuple[str, ...] = ()
+    compiled: bool | None = None
 
 
 def run_plan(
     scene: Scene,
     plan: Plan,
     progress: Progress,
-    save: Callable[[dict[str, Any]], None] | None,
+    writer: Callable[[Plan], Callable[[dict[str, Any]], None]] | None,
     every: float,
     snapshot: dict[str, Any] | None,
 ) -> Result:
-    """Run a plan from the start or from a snapshot, watched as asked for."""
+    """Run a plan from the start or from a snapshot, watched as asked for.
+
+    Parameters
+    ----------
+    writer : callable, optional
+        Returns, for the plan as it is run, a function that takes snapshots.
+    """
+    system = model_at(scene.model, plan.t_start).system
+    method = method_named(plan.method)
+    reason = method.refusal(system)
+    if reason is not None:
+        raise MethodError(reason)
+    choice = _choice(method, system, plan)
+    while True:
+        planned = replace(plan, compiled=choice.compiled)
+        save = None if writer is None else writer(planned)
+        first = _COMPILING.format(plan.method) if choice.first else ""
+        begun = time.perf_counter()
+        try:
+            with (
+                Watcher(plan.t_end, progress, save, every, first) as watcher,
+                kernels(compiled=choice.compiled, patience=choice.patience),
+                blas_threads(system.size),
+            ):
+                result = _run(scene, planned, None if watcher.idle else watcher, snapshot)
+        except Outgrown:
+            choice = choice.instead()
+            continue
+        choice.done(time.perf_counter() - begun)
+        return result
+
+
+#: What a progress bar says while kernels are compiled.
+_COMPILING = "compiling {}, once on this machine"
+
+
+def _choice(method: Method, system: System, plan: Plan) -> Choice:
+    """Return whether a run takes compiled kernels."""
+    wanted = plan.compiled if plan.compiled is not None else decided()
+    if method.effort is None:
+        return choose(method.name, float("inf"), wanted)
+    tol = plan.options.get("tol")
+    return choose(kind_of_run(method, system, tol), method.effort(system, plan.t_end, plan.dt, tol), wanted)
+
+
+def _run(scene: Scene, plan: Plan, watch: Watcher | None, snapshot: dict[str, Any] | None) -> Result:
+    """Run a plan in a way that has been decided."""
     from vofem.integrators.coarse import unresolved_contacts
 
     method = method_named(plan.method)
     model = model_at(scene.model, plan.t_start)
     start = scene.initial_state() if plan.start is None else plan.start
-    reason = method.refusal(model.system)
-    if reason is not None:
-        raise MethodError(reason)
     arguments = dict(plan.options)
     if method.steps:
         arguments["dt"] = plan.dt
     if method.records:
         arguments["probes"] = plan.probes
-    with Watcher(plan.t_end, progress, save, every) as watcher:
-        solution = method.run(
-            model.system, start, plan.t_end, plan.times,
-            watch=None if watcher.idle else watcher, resume=snapshot, **arguments,
-        )  # fmt: skip
+    solution = method.run(model.system, start, plan.t_end, plan.times, watch=watch, resume=snapshot, **arguments)
     solution.notes.extend(unresolved_contacts(model.system))
     if plan.forgotten and snapshot is None:
         solution.notes.append(
@@ -88,7 +136,10 @@ def run_plan(
             "rest in its place; vofem.resume carries it on"
         )
     recorded = _recorded(plan.probes, solution)
-    return Result(scene, plan.method, solution, recorded, model=model, t_start=plan.t_start, start=plan.start)
+    return Result(
+        scene, plan.method, solution, recorded, model=model, t_start=plan.t_start, start=plan.start,
+        compiled=plan.compiled is not False,
+    )  # fmt: skip
 
 
 def _recorded(probes: ProbeRows | None, solution: Solution) -> ProbeSamples | None:

@@ -32,6 +32,7 @@ def simulate(
     probes: Mapping[str, Any] | Iterable[Any] | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
     checkpoint_every: float = 60.0,
+    compiled: bool | None = None,
     **options: Any,
 ) -> Result:
     """Simulate a scene from t = 0 to t_end.
@@ -84,6 +85,13 @@ def simulate(
         seconds, save none.
     checkpoint_every : float
         Seconds of wall time between two checkpoints.
+    compiled : bool, optional
+        Whether the numerical kernels run as machine code (True) or as plain
+        Python (False). Results agree to rounding. Without it plain Python is
+        taken while the work is small, and machine code where it is there
+        already or pays for being compiled, which takes up to a minute once on
+        a machine; `Result.compiled` tells what was taken. Give it where two
+        processes shall return the same bits.
     **options
         Of event_driven: ``max_events`` (a million); ``pin_fraction``, the
         fraction of the gap below which chatter counts as rest (1e-7); and
@@ -115,7 +123,7 @@ def simulate(
     Ctrl-C ends a run between two steps: what was computed until then is
     returned, and a note says so. A second Ctrl-C interrupts at once.
     """
-    plan = checked_plan(scene, t_end, method, dt, tol, times, probes, options, initial, t_start)
+    plan = checked_plan(scene, t_end, method, dt, tol, times, probes, options, initial, t_start, compiled)
     every = number("simulate: checkpoint_every", checkpoint_every, minimum=0)
-    save = None if checkpoint is None else store().snapshots(checkpoint, scene, plan)
-    return run_plan(scene, plan, progress, save, every, None)
+    writer = None if checkpoint is None else store().snapshots(checkpoint, scene)
+    return run_plan(scene, plan, progress, writer, every, None)

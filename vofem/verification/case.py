@@ -8,11 +8,11 @@ from typing import Any
 
 from vofem.integrators import methods as built_in
 from vofem.integrators.registry import methods
-from vofem.modes import Modes, modes
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.simulate import simulate
 from vofem.statics import Equilibrium, equilibrium
+from vofem.vibration import Modes, modes
 
 #: Verdicts. "told": beyond its tolerance, and a note of the run says so.
 PASSED, TOLD, REFUSED, STOPPED, FAILED = "passed", "told", "refused", "stopped", "FAILED"

@@ -23,10 +23,12 @@ from vofem.linalg.exponential import (
     exponential_response,
     oscillator,
     oscillator_change,
+    oscillator_changes,
     oscillator_remainder,
+    oscillator_remainders,
     ramp_response,
 )
-from vofem.linalg.jit import jit
+from vofem.linalg.jit import jit, plain_form
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -382,3 +384,11 @@ def _free_changes(delta: Array, p: Array, z0: Array, v0: Array, tau: Array, orde
             z[k, i] = c * z0[k] + s * pull
             v[k, i] = c * v0[k] - s * push
     return z, v
+
+
+@plain_form(_free_changes)
+def _free_changes_of_all(delta: Array, p: Array, z0: Array, v0: Array, tau: Array, order: int) -> tuple[Array, Array]:
+    """Do what `_free_changes` does, for all blocks and times at once."""
+    push, pull = p * z0 + delta * v0, v0 + delta * z0
+    c, s = oscillator_remainders(delta, p, tau) if order else oscillator_changes(delta, p, tau)
+    return c * z0[:, None] + s * pull[:, None], c * v0[:, None] - s * push[:, None]

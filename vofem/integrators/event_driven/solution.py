@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from functools import cached_property
-from typing import Any
+from collections.abc import Callable, Iterator
+from functools import cached_property, wraps
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.blas import blas_threads
 from vofem.integrators.base import (
     ContactSamples,
     Energies,
@@ -24,11 +25,13 @@ from vofem.integrators.event_driven.segment import Segment, Segments
 from vofem.integrators.event_driven.sensitivity import Perturbation
 from vofem.integrators.event_driven.spectrum import Spectra, Spectrum
 from vofem.integrators.unclosed import never_closed, open_throughout
+from vofem.kernel_mode import as_it_ran, compiled, kernels
 from vofem.laws import initial_status
 from vofem.system import CLOSED, OPEN, PINNED, ContactLaws, Counters, Events, State, System
 from vofem.time_functions import Piece, TimeFunction
 
 Array = NDArray[np.float64]
+F = TypeVar("F", bound=Callable[..., Any])
 
 #: Terms of a contact's coordinate over its size, from which on it is a difference of large numbers.
 _CANCELLING = 8.0
@@ -45,11 +48,25 @@ _MOST_MOTIONS, _FEW_MODES = 32, 300
 #: Change of the energy of a run that nothing drives or damps, over the largest, that is worth telling.
 _ENERGY = 0.01
 
+#: Numbers of the last samples that are kept in modes.
+_MOST_KEPT = 20_000_000
+
 #: Times at which contacts that never close are looked at.
 _LOOKS = 257
 
 #: A contact within this share of its displacement and its gap touches at the start.
 _TOUCHING = 4.0 * float(np.finfo(float).eps)
+
+
+def _evaluation(method: F) -> F:
+    """Let a method of `EventSolution` call kernels as the run did, and use threads as it did."""
+
+    @wraps(method)
+    def call(self: EventSolution, *arguments: Any) -> Any:
+        with kernels(compiled=self.compiled), blas_threads(self.space.size):
+            return method(self, *arguments)
+
+    return call  # type: ignore[return-value]
 
 
 class EventSolution:
@@ -67,6 +84,9 @@ class EventSolution:
         self.notes: list[str] = []
         self.system = system
         self.space = space
+        self._sampled: tuple[Any, tuple[Array, Array, Array]] | None = None
+        #: How the run was computed, and so how it is sampled.
+        self.compiled = compiled()
         self._spectra = Spectra(space, system.contacts, counters, system.cache)
         self._starts: list[float] = []
         self._durations: list[float] = []
@@ -432,6 +452,7 @@ class EventSolution:
         self._await(index)
         return self._spectra[self._states[index][0]]
 
+    @as_it_ran
     def motion(self, index: int) -> Motion:
         """Return the closed form of a segment; the last ones asked for are kept."""
         if index not in self._motions:
@@ -490,13 +511,25 @@ class EventSolution:
 
     # -- sampling ---------------------------------------------------------------------------------
 
+    @_evaluation
     def modal(self, times: Array) -> tuple[Array, Array]:
         """Return modal displacements and velocities at any times, each of shape (n, n_times)."""
         z, v, _ = self._trajectory(times, gaps=False)
         return z, v
 
     def _trajectory(self, times: Array, *, gaps: bool = True) -> tuple[Array, Array, Array]:
-        """Return `modal`, and the gap functions of the contacts, shape (n_contacts, n_times), where wanted."""
+        """Return `modal`, and the gap functions of the contacts, shape (n_contacts, n_times), where wanted.
+
+        Those of the last times are kept: motion, contacts and energies are asked for one after the other.
+        """
+        asked = times.tobytes(), gaps
+        if self._sampled is not None and self._sampled[0] == asked:
+            return self._sampled[1]
+        found = self._sampled_at(times, gaps)
+        self._sampled = (asked, found) if 2 * self.space.size * times.size <= _MOST_KEPT else None
+        return found
+
+    def _sampled_at(self, times: Array, gaps: bool) -> tuple[Array, Array, Array]:
         z, v = np.empty((self.space.size, times.size)), np.empty((self.space.size, times.size))
         gaps = gaps and self.system.contacts is not None
         s = np.empty((len(self.space.contacts) if gaps else 0, times.size))
@@ -509,11 +542,13 @@ class EventSolution:
             v[:, mine] = velocity + motion.velocity[:, None]
         return z, v, s
 
+    @_evaluation
     def sample(self, times: Array) -> ModalSamples:
         """Return the motion at any times; the acceleration is that of the equation of motion."""
         z, v, s = self._trajectory(times)
         return ModalSamples(self.space.shapes, z, v, lambda: self._acceleration(times, z, v, s))
 
+    @_evaluation
     def _acceleration(self, times: Array, z: Array, v: Array, s: Array) -> Array:
         space = self.space
         a = -space.stiffness[:, None] * z - space.damping[:, None] * v
@@ -546,6 +581,7 @@ class EventSolution:
                 force[np.ix_(held, mine)] = np.clip(self._reactions(index).at(self.motion(index), tau), 0.0, jump)
         return force
 
+    @_evaluation
     def contacts(self, times: Array) -> ContactSamples:
         """Return status, K_eq and force of the contacts at any times."""
         laws = self.system.contacts
@@ -572,6 +608,7 @@ class EventSolution:
             )
 
     @cached_property
+    @_evaluation
     def sensitivity(self) -> Sensitivity:
         """Growth of a perturbation along the run, in closed form."""
         laws = self.system.contacts
@@ -595,6 +632,7 @@ class EventSolution:
         start = self.energies(np.zeros(1))
         return float(start.kinetic[0] + start.strain[0] + start.contact[0])
 
+    @_evaluation
     def energies(self, times: Array) -> Energies:
         """Return energies, dissipation and work at any times, in closed form."""
         from vofem.integrators.event_driven.energy import work_and_dissipation

@@ -21,6 +21,7 @@ from vofem.integrators.stepping.record import Output, Trail, stored
 from vofem.integrators.stepping.step_loads import StepLoads
 from vofem.integrators.stepping.telling import Seen, tell
 from vofem.integrators.watching import Snapshot, Watch, deferred_interrupts
+from vofem.kernel_mode import compiled
 from vofem.laws.callbacks import Callbacks
 from vofem.laws.rows import Rows, all_rows
 from vofem.laws.springpot import History, SpringpotLaws
@@ -37,6 +38,9 @@ _SPOILT = 1e-3
 #: Entries of states that are advanced between two looks at the outcome: some tenths of a second of work.
 _CHUNK_WORK = 1_000_000
 
+#: The same in plain Python.
+_PLAIN_WORK = 10_000
+
 
 #: Factored matrices of a method that are kept with a system: those of all step sizes that `tol` tries, and some more.
 MOST_FACTORED = 48
@@ -47,7 +51,8 @@ _MANY = 16
 
 def chunk(size: int) -> int:
     """Return the number of steps of `size` unknowns to take between two looks at the outcome."""
-    return int(np.clip(_CHUNK_WORK // max(size, 1), 1, MOST_STEPS))
+    work = _CHUNK_WORK if compiled() else _PLAIN_WORK
+    return int(np.clip(work // max(size, 1), 1, MOST_STEPS))
 
 
 class Banded:

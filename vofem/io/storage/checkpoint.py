@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -40,8 +40,8 @@ class _Begun:
     t_start: float
 
 
-def checkpoint_writer(path: str | os.PathLike[str], scene: Scene, plan: Plan) -> Callable[[dict[str, Any]], None]:
-    """Return a function that writes snapshots of a run to a file, each whole or not at all.
+def checkpoint_writer(path: str | os.PathLike[str], scene: Scene) -> Callable[[Plan], Callable[[dict[str, Any]], None]]:
+    """Return a function that writes snapshots of a run to a file, each whole or not at all, given the plan of the run.
 
     Raises
     ------
@@ -56,7 +56,7 @@ def checkpoint_writer(path: str | os.PathLike[str], scene: Scene, plan: Plan) ->
             f"{goal} exists already; go on from it with vofem.resume({str(path)!r}), or remove it to begin anew"
         )
     try_to_write(goal)
-    return _writer(goal, scene, plan, None)
+    return _Writers(goal, scene, None)
 
 
 def _identity(file: Path) -> tuple[int, int, int] | None:
@@ -68,30 +68,42 @@ def _identity(file: Path) -> tuple[int, int, int] | None:
     return status.st_dev, status.st_ino, status.st_mtime_ns
 
 
-def _writer(
-    goal: Path, scene: Scene, plan: Plan, last: tuple[int, int, int] | None
-) -> Callable[[dict[str, Any]], None]:
-    """Return the function of `checkpoint_writer`; `last` is the file that it may replace at first, if any."""
-    start = scene.initial_state() if plan.start is None else plan.start
-    columns = Samples(start.q[:, None], start.v[:, None], np.zeros((start.q.size, 1)))
-    encode = Encoder(_Begun(np.zeros(1), scene.model, columns, plan.t_start))
+@dataclass
+class _Writers:
+    """Makes functions that write snapshots to one file.
 
-    def write(snapshot: dict[str, Any]) -> None:
-        nonlocal last
-        if _identity(goal) not in (last, None):
-            raise OutputError(
-                f"{goal} was written by another run meanwhile and was left as it is; give every run a checkpoint of "
-                "its own"
-            )
-        with writing(goal, overwrite=True) as blocks:
-            own = blocks.file.create_group("vofem_checkpoint")
-            own.attrs["format"] = FORMAT
-            own.attrs["written_by"] = __version__
-            record = {"scene": scene, "model": scene.model, "plan": plan, "snapshot": snapshot}
-            write_tree(own.create_group("run"), record, encode)
-        last = _identity(goal)
+    Attributes
+    ----------
+    last : tuple of int, optional
+        The file that may be replaced, if any; see `_identity`.
+    """
 
-    return write
+    goal: Path
+    scene: Scene
+    last: tuple[int, int, int] | None
+
+    def __call__(self, plan: Plan) -> Callable[[dict[str, Any]], None]:
+        """Return the function for a plan."""
+        scene = self.scene
+        start = scene.initial_state() if plan.start is None else plan.start
+        columns = Samples(start.q[:, None], start.v[:, None], np.zeros((start.q.size, 1)))
+        encode = Encoder(_Begun(np.zeros(1), scene.model, columns, plan.t_start))
+
+        def write(snapshot: dict[str, Any]) -> None:
+            if _identity(self.goal) not in (self.last, None):
+                raise OutputError(
+                    f"{self.goal} was written by another run meanwhile and was left as it is; give every run a "
+                    "checkpoint of its own"
+                )
+            with writing(self.goal, overwrite=True) as blocks:
+                own = blocks.file.create_group("vofem_checkpoint")
+                own.attrs["format"] = FORMAT
+                own.attrs["written_by"] = __version__
+                record = {"scene": scene, "model": scene.model, "plan": plan, "snapshot": snapshot}
+                write_tree(own.create_group("run"), record, encode)
+            self.last = _identity(self.goal)
+
+        return write
 
 
 def resume(
@@ -119,8 +131,10 @@ def resume(
     else:
         _check_same(as_scene("resume", scene), record["model"])
     plan = record["plan"]
-    write = _writer(target(path, _SUFFIXES), scene, plan, found)
-    return run_plan(scene, plan, progress, write, checkpoint_every, record["snapshot"])
+    # Earlier versions knew no other way.
+    plan = replace(plan, compiled=plan.compiled is not False)
+    writers = _Writers(target(path, _SUFFIXES), scene, found)
+    return run_plan(scene, plan, progress, writers, checkpoint_every, record["snapshot"])
 
 
 def _check_same(scene: Scene, model: Model) -> None:

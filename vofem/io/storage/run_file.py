@@ -30,6 +30,7 @@ from vofem.io.storage.records import Encoder, decode
 from vofem.io.storage.solutions import has_segments, restored_solution, solution_record, write_segments
 from vofem.io.storage.tree import read_tree, write_text, write_tree
 from vofem.io.storage.vtkhdf import frame_times, write_fields
+from vofem.kernel_mode import kernels
 from vofem.result import Result
 from vofem.simulate.start_time import model_at
 
@@ -52,6 +53,7 @@ def save(result: Result, path: str | os.PathLike[str], *, overwrite: bool = Fals
         own.attrs["format"] = FORMAT
         own.attrs["written_by"] = __version__
         own.attrs["method"] = result.method
+        own.attrs["compiled"] = result.compiled
         _write_toml(own, result, goal)
         model, solution = result.scene.model, solution_record(result.solution)
         if result.solution.truncation is None:
@@ -116,12 +118,15 @@ def load(path: str | os.PathLike[str]) -> Result:
         model = model_at(scene.model, t_start)
         if "system" in record["solution"]:
             record["solution"]["system"] = model.system
-        solution = restored_solution(
-            record["solution"], own, history.samples, history.energy, history.events, history.times
-        )
+        # Earlier versions knew no other way.
+        compiled = bool(own.attrs.get("compiled", True))
+        with kernels(compiled=compiled):
+            solution = restored_solution(
+                record["solution"], own, history.samples, history.energy, history.events, history.times
+            )
         result = Result(
             scene, str(own.attrs["method"]), solution, history.recorded, model=model, t_start=t_start,
-            start=record.get("start"),
+            start=record.get("start"), compiled=compiled,
         )  # fmt: skip
     # Samples in Ritz vectors are summed in another order than those of the history: they are computed anew.
     if solution.truncation is None:

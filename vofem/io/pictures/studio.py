@@ -1,0 +1,105 @@
+"""A process that draws with VTK while this one does other work.
+
+VTK takes a while to be imported, and without a working graphics driver it ends
+the process with a segmentation fault: here it is that of the studio.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import pickle
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from types import TracebackType
+
+from vofem.io.pictures.drawing import Drawing
+from vofem.io.probe import Probe, child_code, prepare_environment, remember, verdict
+
+
+class Studio:
+    """Draws pictures in a process of its own, which is started at once; a context manager.
+
+    Attributes
+    ----------
+    found : Probe or None
+        Whether VTK works; None until the first picture was waited for.
+    """
+
+    def __init__(self) -> None:
+        prepare_environment()
+        self.found: Probe | None = None
+        self._folder = tempfile.TemporaryDirectory(prefix="vofem-")
+        self._asked = 0
+        self._errors = tempfile.TemporaryFile()  # noqa: SIM115
+        self._child: subprocess.Popen[str] | None = None
+        with contextlib.suppress(OSError):
+            self._child = subprocess.Popen(
+                [sys.executable or "python", "-c", child_code("serve()")],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=self._errors,
+                text=True,
+            )
+
+    def ask(self, drawing: Drawing) -> Path:
+        """Let a picture be drawn; return where it will be. Pictures are waited for in the order of asking."""
+        self._asked += 1
+        source = Path(self._folder.name) / f"{self._asked}.drawing"
+        goal = source.with_suffix(".png")
+        source.write_bytes(pickle.dumps(drawing))
+        # A process that has ended is found out later.
+        if self._child is not None and self._child.stdin is not None:
+            with contextlib.suppress(OSError):
+                self._child.stdin.write(f"{source}\t{goal}\n")
+                self._child.stdin.flush()
+        return goal
+
+    def wait(self) -> bool:
+        """Wait for the next picture; return whether it was drawn."""
+        if self.found is None:
+            self.found = self._greeting()
+        if not self.found.works:
+            return False
+        if self._line() == "vofem-drawn":
+            return True
+        self.found = self._failure("")
+        return False
+
+    def _line(self) -> str:
+        if self._child is None or self._child.stdout is None:
+            return ""
+        for line in self._child.stdout:
+            if line.startswith("vofem-"):
+                return line.strip()
+        return ""
+
+    def _greeting(self) -> Probe:
+        """Return what the trial picture has shown."""
+        line = self._line()
+        found = verdict(0, line, "") if line else self._failure(line)
+        remember(found)
+        return found
+
+    def _failure(self, output: str) -> Probe:
+        if self._child is None:
+            return Probe(False, "a trial process could not be started")
+        code = self._child.wait()
+        self._errors.seek(0)
+        return verdict(code or 1, output, self._errors.read().decode(errors="replace"))
+
+    def __enter__(self) -> Studio:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._child is not None:
+            if kind is not None:
+                self._child.kill()
+            # A process whose pictures are done may crash as it ends.
+            with contextlib.suppress(OSError), self._child:
+                pass
+        self._errors.close()
+        self._folder.cleanup()

@@ -1,0 +1,85 @@
+"""How numerical kernels run where the program stands: as compiled code or as plain Python.
+
+It is decided once, at the start of a run or of another piece of work, and holds
+for all that belongs to it: results of both ways agree to rounding, not to the
+last bit. Work that nobody has decided for is compiled.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable, Iterator
+from contextvars import ContextVar
+from functools import wraps
+from typing import Any, NamedTuple, TypeVar
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+class Outgrown(Exception):  # noqa: N818
+    """Work in plain Python has taken longer than compiling would: it is to begin anew, compiled."""
+
+
+class _Mode(NamedTuple):
+    """How kernels run, and when (by `time.monotonic`) work in plain Python gives up."""
+
+    compiled: bool
+    deadline: float
+
+
+_MODE: ContextVar[_Mode | None] = ContextVar("vofem: how kernels run", default=None)
+
+
+def decided() -> bool | None:
+    """Return whether kernels are compiled where the program stands; None where nobody has decided."""
+    mode = _MODE.get()
+    return None if mode is None else mode.compiled
+
+
+def compiled() -> bool:
+    """Return whether kernels are compiled where the program stands."""
+    mode = _MODE.get()
+    return mode is None or mode.compiled
+
+
+def check_patience() -> None:
+    """Raise where work in plain Python has taken longer than it may.
+
+    Raises
+    ------
+    Outgrown
+    """
+    mode = _MODE.get()
+    if mode is not None and time.monotonic() > mode.deadline:
+        raise Outgrown
+
+
+@contextlib.contextmanager
+def kernels(*, compiled: bool, patience: float = float("inf")) -> Iterator[None]:
+    """Run all kernels that are called within as compiled code, or as plain Python.
+
+    Parameters
+    ----------
+    compiled : bool
+    patience : float
+        Seconds after which work in plain Python ends in `Outgrown`, at the next call of a kernel.
+    """
+    before = _MODE.set(_Mode(compiled, time.monotonic() + patience))
+    try:
+        yield
+    finally:
+        _MODE.reset(before)
+
+
+def as_it_ran(method: F) -> F:
+    """Let a method of an object with an attribute `compiled` call kernels in that way."""
+
+    @wraps(method)
+    def call(self: Any, *arguments: Any, **named: Any) -> Any:
+        if decided() is self.compiled:
+            return method(self, *arguments, **named)
+        with kernels(compiled=self.compiled):
+            return method(self, *arguments, **named)
+
+    return call  # type: ignore[return-value]

@@ -1,0 +1,133 @@
+"""Where compiled kernels are on disk, and for which kinds of work they are there already, without importing numba.
+
+numba keeps machine code beside the sources or, where these cannot be written,
+in the user's folder for caches. Beside it stands an index of this package: the
+kinds of work for which all code has been compiled, under a key that names the
+sources, the versions of Python and numba, and the processor. Code that is
+missing all the same is compiled again: the index says what to expect, no more.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+from vofem.folders import read_entries, user_caches, write_entry
+
+#: Rooms of the package that hold kernels.
+_ROOMS = ("linalg", "laws", "integrators")
+
+_ROOT = Path(__file__).parent.parent
+
+_INDEX = "vofem-compiled.json"
+
+
+@cache
+def source_stamp() -> tuple[float, int]:
+    """Return the latest change and the total size of all sources that hold kernels."""
+    found = [path.stat() for part in _ROOMS for path in (_ROOT / part).rglob("*.py")]
+    return max(status.st_mtime for status in found), sum(status.st_size for status in found)
+
+
+def own_name(name: Callable[[int], str]) -> Callable[[int], str]:
+    """Return a function that names files as `name` does, with a mark that no other process uses."""
+    mark = _mark()
+
+    def marked(number: int) -> str:
+        stem, _, suffix = name(number).rpartition(".")
+        return f"{stem}-{mark}.{suffix}"
+
+    return marked
+
+
+@cache
+def _mark() -> str:
+    import uuid
+
+    return uuid.uuid4().hex[:8]
+
+
+def cache_folder() -> Path | None:
+    """Return the folder below which numba keeps code of this package, or None where it has none."""
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    if given:
+        return Path(given)
+    beside = Path(__file__).parent / "__pycache__"
+    if os.access(beside if beside.is_dir() else beside.parent, os.W_OK):
+        return beside
+    home = user_caches("numba")
+    there = next((folder for folder in (home, *home.parents) if folder.is_dir()), None)
+    return home if there is not None and os.access(there, os.W_OK) else None
+
+
+@cache
+def _key() -> str:
+    """Return what compiled code depends on: sources, their place, versions, processor."""
+    import hashlib
+    import platform
+
+    settings = sorted(f"{name}={value}" for name, value in os.environ.items() if name.startswith("NUMBA_"))
+    parts = [
+        str(_ROOT),
+        *source_stamp(),
+        _numba(),
+        platform.python_version(),
+        platform.machine(),
+        _processor(),
+        *settings,
+    ]
+    return hashlib.sha256("\n".join(map(str, parts)).encode()).hexdigest()[:32]
+
+
+def _numba() -> str:
+    """Return what tells one version of numba from another, without importing it."""
+    from importlib.util import find_spec
+
+    found = find_spec("numba")
+    if found is None or found.origin is None:
+        return ""
+    version = Path(found.origin).with_name("_version.py")
+    return version.read_text() if version.is_file() else str(os.stat(found.origin))
+
+
+def _processor() -> str:
+    """Return what tells one processor from another, as far as the system says it."""
+    with contextlib.suppress(OSError), open("/proc/cpuinfo") as lines:
+        told = []
+        for line in lines:
+            if line.startswith(("model name", "flags", "Features", "CPU part")):
+                told.append(line)
+            elif not line.strip():
+                break
+        return "".join(told)
+    import platform
+
+    return platform.processor()
+
+
+def kinds_on_disk() -> frozenset[str]:
+    """Return the kinds of work for which compiled code is on disk."""
+    folder = cache_folder()
+    return frozenset() if folder is None else frozenset(read_entries(folder / _INDEX).get(_key(), ()))
+
+
+def keep_kind(kind: str) -> None:
+    """Enter into the index that all code for a kind of work is on disk."""
+    folder = cache_folder()
+    if folder is None:
+        return
+    kinds = kinds_on_disk()
+    if kind not in kinds:
+        write_entry(folder / _INDEX, _key(), sorted({*kinds, kind}))
+
+
+def size_on_disk() -> int:
+    """Return the bytes of compiled code of this package on disk."""
+    folder = cache_folder()
+    if folder is None:
+        return 0
+    beside = folder.name == "__pycache__" and folder.is_relative_to(_ROOT)
+    return sum(file.stat().st_size for file in (_ROOT if beside else folder).rglob("*.nbc"))
