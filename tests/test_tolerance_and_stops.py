@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 import vofem as vf
+from vofem.integrators.energy_conserving import adaptive
+from vofem.integrators.energy_conserving.adaptive import AdaptiveSteps
 from vofem.integrators.stepped import quintic, restrained
+from vofem.system import Counters
 
 METHOD = {"method": "energy_conserving"}
 
@@ -119,6 +122,85 @@ def test_a_resolved_switch(resolution):
 
     right = solve_ivp(motion, (0.0, 3.0), [0.0, 1.0], t_eval=times, rtol=1e-10, atol=1e-12, max_step=1e-3).y[0]
     assert np.max(np.abs(result.displacement(mass) - right)) < 1e-4 * np.max(np.abs(right))
+
+
+@pytest.mark.parametrize("stiffness", [1e2, 1e4, 1e8])
+@pytest.mark.parametrize("tol", [1e-2, 1e-4])
+def test_a_mass_between_two_stops_that_could_yield(stiffness, tol):
+    """Within their linear limit such stops do what contacts do."""
+    mass = vf.Mass(1.0, name="mass")
+    stops = [
+        vf.CrushingStop(mass, gap=0.5, stiffness=stiffness, linear_limit=1.0, side=side, name=side)
+        for side in ("above", "below")
+    ]
+    times = np.linspace(0.0, 9.7, 1001)
+    result = vf.simulate(vf.Scene([mass], stops, {mass: (0.0, 1.0)}), 9.7, tol=tol, times=times, **METHOD)
+    right = flight(times, stiffness)
+    assert np.max(np.abs(result.displacement(mass) - right)) < tol * np.max(np.abs(right))
+    assert np.max(np.abs(result.velocity(mass))) < 1.0 + 1e-3
+    assert result.notes == []
+    assert result.counters.steps < 800 / np.sqrt(tol)
+
+
+def tried(law, start, phase, fineness=1.0):
+    """Return what a step finds of the impact of a mass of 1 kg on a law of 1e4 N/m, half a step being `phase` long.
+
+    That is whether it acts, and the change of velocity that is not resolved, in m/s.
+    """
+    mass = vf.Mass(1.0, name="mass")
+    effect = {
+        "crushing": lambda: vf.CrushingStop(mass, gap=0.5, stiffness=1e4, linear_limit=1.0, side="above"),
+        "yielding": lambda: vf.BilinearSpring(mass, stiffness=1e4, linear_limit=0.5, hardening=0.0),
+        "cyclic": lambda: vf.HystereticSpring(
+            mass, stiffness=1e4, linear_limit=0.5, softening=vf.LinearSoftening(10.0), memory="cyclic"
+        ),
+        "contact": lambda: vf.Contact(mass, gap=0.5, stiffness=1e4, side="above", acts_on="penetration"),
+    }[law]()
+    scene = vf.Scene([mass], [effect], {mass: start})
+    kernel = AdaptiveSteps(scene.model.system, scene.initial_state(), Counters(), 1.0)
+    kernel.plan(2.0 * 32 * phase / 100.0, 1e-3)
+    whole, half = kernel._rung(0), kernel._rung(1)
+    assert half.dt == pytest.approx(phase / 100.0)
+    values = kernel._loads(0.0, whole.dt, half)[0]
+    found = adaptive._try(
+        kernel.matrices, whole.structure.factored, whole, half, kernel.rows, kernel.laws, kernel.forcing, values,
+        kernel.state, kernel.trial, kernel.tried, np.ones(1), kernel.space, kernel.past,
+        kernel.springpots(np.zeros(3)), kernel._pace(0), kernel._pace(1), kernel.history, kernel.ahead, fineness,
+    )  # fmt: skip
+    assert found[0] >= 0
+    first, second = kernel.trial[0], kernel.trial[1]
+    rates = np.array([start[1], 2.0 * first[0] - start[1]])
+    changes = np.abs([rates[1] - rates[0], 2.0 * second[0] - 2.0 * rates[1]])
+    return found[3], float(changes.max())
+
+
+@pytest.mark.parametrize("law", ["contact", "crushing"])
+def test_a_step_across_an_impact_is_not_taken_for_resolved(law):
+    """Steps of many radians leave almost no displacement behind, and turn the velocity round."""
+    for phase in (1e3, 10.0, 1.0):
+        kick, change = tried(law, (0.5 - 1e-4, 1.0), phase)
+        assert change > 0.5
+        assert kick == pytest.approx(change)
+    # Short steps within the impact, and any steps in flight, have nothing to resolve.
+    for phase in (0.1, 0.01):
+        assert tried(law, (0.5 - 0.3 * phase / 100.0, 1.0), phase)[0] == 0.0
+    for phase in (10.0, 0.1):
+        assert tried(law, (0.0, 1.0), phase)[0] == 0.0
+
+
+@pytest.mark.parametrize("law", ["yielding", "cyclic"])
+def test_a_step_in_which_a_spring_begins_to_yield_is_resolved(law):
+    """At its limit the spring's tangent falls: a step of a radian is too long for that, one of a hundredth is not."""
+    # An elongation just below the limit; of the second spring the tangent falls to a fifth.
+    assert tried(law, (0.499, 60.0), 1.0)[0] > 1.0
+    assert tried(law, (0.4999, 60.0), 0.01)[0] == 0.0
+    assert tried(law, (0.1, 0.01), 1.0)[0] == 0.0
+
+
+def test_a_finer_run_asks_for_shorter_steps():
+    """The same step is resolved for a coarse run and not for a fine one."""
+    assert tried("crushing", (0.4999, 1.0), 0.2, 0.5)[0] == 0.0
+    assert tried("crushing", (0.4999, 1.0), 0.2, 4.0)[0] > 0.0
 
 
 @pytest.mark.parametrize(("stiffness", "law"), [(1e4, "penetration"), (1e8, "displacement")])

@@ -148,7 +148,8 @@ def _many(
         change, move = np.zeros(m), np.zeros(m)
         still, rounded = True, True
         for a in range(size):
-            change[index[a]] = solution[a]
+            # Where a law has no slope its row says so exactly; elimination leaves it the rounding of the others.
+            change[index[a]] = right[a] if slope[index[a]] == 0.0 else solution[a]
         # Rounding of a steep law can keep the last digits from settling: the demand is lowered as steps go by.
         settled = off <= _EPS * 2.0 ** min(step, 22) * size_of
         for i in range(m):
