@@ -65,12 +65,12 @@ def bifurcation(
         values = np.broadcast_to(diagram.values[:, None], samples.shape)
         axes.plot(values.ravel(), samples.ravel(), ",", color=color, rasterized=True)
         axes.plot([], [], "o", color=color, markersize=4, label=_STARTS[start])
-    named = set()
+    named: set[str] = set()
     for branch in branches:
-        for stable, values, positions in _pieces(branch, diagram, point):
+        for stable, along, positions in _pieces(branch, diagram, point):
             style = "-" if stable else "--"
             name = "stable orbits" if stable else "unstable orbits"
-            axes.plot(values, positions, style, color=INK, linewidth=1.1, label=None if name in named else name)
+            axes.plot(along, positions, style, color=INK, linewidth=1.1, label=None if name in named else name)
             named.add(name)
     axes.set(xlabel=plain(label), ylabel="displacement once a period [m]")
     if ylim is not None:
