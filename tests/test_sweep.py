@@ -16,10 +16,10 @@ import pytest
 import sweep_functions as functions
 
 import vofem as vf
+from vofem.blas import blas_threads
 from vofem.studies.sweep import SweepInterrupted, journal, schedule
 from vofem.studies.sweep import store as store_module
 from vofem.studies.sweep.identity import identity
-from vofem.studies.sweep.limits import one_thread
 
 TESTS = Path(__file__).parent
 GRID = {"omega": [0.4, 0.7, 1.1], "gap": [0.0, 0.2]}
@@ -150,7 +150,7 @@ def test_threads_of_linear_algebra_are_limited_in_the_sweep_and_restored_after_i
     table = vf.sweep(lambda x: {"threads": max(threads())}, {"x": [1, 2]}, executor="serial")
     assert table["threads"].tolist() == [1, 1]
     assert threads() == before
-    with pytest.raises(RuntimeError, match="inside"), one_thread():
+    with pytest.raises(RuntimeError, match="inside"), blas_threads(0):
         raise RuntimeError("inside")
     assert threads() == before
 
@@ -534,3 +534,19 @@ def test_names_that_are_not_there_are_answered_with_the_nearest():
         table["serie"]
     with pytest.raises(vf.ArgumentError, match="no parameter is named 'z'"):
         table.parameter("z")
+
+
+def test_all_workers_run_kernels_in_the_one_way_that_was_asked_for(tmp_path):
+    from vofem.kernel_mode import compiled
+
+    def function(x):
+        return {"compiled": compiled()}
+
+    assert vf.sweep(function, {"x": [1]}, executor="serial")["compiled"].tolist() == [True]
+    with ThreadPoolExecutor(1) as threads:
+        assert vf.sweep(function, {"x": [1]}, executor=threads, compiled=False)["compiled"].tolist() == [False]
+    store = tmp_path / "rows.h5"
+    vf.sweep(functions.square, {"x": [1]}, executor="serial", store=store, compiled=False)
+    table = vf.sweep(functions.square, {"x": [1]}, executor="serial", store=store)
+    assert table.counters["stored"] == 0
+    assert "rows of kernels in plain Python" in table.notes[0]

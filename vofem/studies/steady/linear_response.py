@@ -13,11 +13,11 @@ from vofem._validate import array
 from vofem.errors import ArgumentError, MethodError
 from vofem.laws import ContactLaws, SpringpotLaws
 from vofem.lookup import rows_over
-from vofem.vibration import contact_indices
 from vofem.scene import Scene, as_scene
 from vofem.studies.steady.linear_rest import Attached, LinearRest, springpots_of
 from vofem.system import Counters, System
 from vofem.time_functions import Constant, Scaled, Sine, Sum, as_time_function
+from vofem.vibration import contact_indices
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

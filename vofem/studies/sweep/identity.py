@@ -12,7 +12,7 @@ from vofem._version import __version__
 from vofem.studies.sweep.content import NoContentError, content, digest
 
 
-def identity(function: Callable[..., Any]) -> dict[str, str]:
+def identity(function: Callable[..., Any], compiled: bool = True) -> dict[str, str]:
     """Return what tells whether stored rows are those that a function would compute.
 
     It covers the source of the function and of the functions of the same
@@ -23,11 +23,17 @@ def identity(function: Callable[..., Any]) -> dict[str, str]:
     Returns
     -------
     dict
-        ``name``, ``source`` (64 hexadecimal digits) and ``vofem``.
+        ``name``, ``source`` (64 hexadecimal digits), ``vofem`` (its version) and ``kernels`` (how they
+        run).
     """
     parts: list[str] = []
     _collect(function, parts, set())
-    return {"name": name_of(function).rpartition(".")[2], "source": digest("\n".join(parts)), "vofem": __version__}
+    return {
+        "name": name_of(function).rpartition(".")[2],
+        "source": digest("\n".join(parts)),
+        "vofem": __version__,
+        "kernels": "compiled" if compiled else "plain Python",
+    }
 
 
 def name_of(function: Any) -> str:

@@ -1,4 +1,4 @@
-"""Limits inside a worker: wall time of a point, and threads of the linear algebra libraries."""
+"""The time limit of a point, inside a worker."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import signal
 import threading
 from collections.abc import Iterator
 from types import FrameType
-from typing import Any
 
 
 class TimeUp(BaseException):
@@ -70,33 +69,3 @@ def _raised_in_thread(seconds: float) -> Iterator[None]:
             # An error that was set and not raised yet belongs to this block only.
             raise_in(thread, None)
         timer.cancel()
-
-
-_counting = threading.Lock()
-_users = 0
-_limit: Any = None
-
-
-@contextlib.contextmanager
-def one_thread() -> Iterator[None]:
-    """Let the linear algebra libraries use one thread in the block.
-
-    Results then have the same bits whatever the number of processors, and
-    processes do not compete. Threads may be in the block at the same time:
-    the last one that leaves restores what was there.
-    """
-    global _users, _limit
-    from threadpoolctl import threadpool_limits
-
-    with _counting:
-        if _users == 0:
-            _limit = threadpool_limits(limits=1)
-        _users += 1
-    try:
-        yield
-    finally:
-        with _counting:
-            _users -= 1
-            if _users == 0:
-                _limit.restore_original_limits()
-                _limit = None

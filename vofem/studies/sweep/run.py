@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Protocol
 
+from vofem.blas import blas_threads
 from vofem.studies.sweep.bar import Progress, SweepBar
 from vofem.studies.sweep.engines import Engine
-from vofem.studies.sweep.limits import one_thread
 from vofem.studies.sweep.points import Points
 from vofem.studies.sweep.schedule import Schedule
 from vofem.studies.sweep.sweep import Sweep, SweepInterrupted, sweep_of
@@ -66,7 +66,7 @@ def run_sweep(task: Task, points: Points, engine: Engine, store: RowStore | None
         finished = False
         try:
             # Threads of an executor compute in this process: they all find the limit set.
-            with one_thread():
+            with blas_threads(0):
                 schedule.run()
             finished = True
         except KeyboardInterrupt:

@@ -89,8 +89,11 @@ class SweepFile:
         while (aside := self.path.with_name(f"{self.path.stem}.before-{number}{self.path.suffix}")).exists():
             number += 1
         self.path.rename(aside)
-        changed = [name for name in ("name", "source", "vofem") if identity.get(name) != self._identity[name]]
+        changed = [
+            name for name in ("name", "source", "vofem", "kernels") if identity.get(name) != self._identity[name]
+        ]
         reasons = {"name": "another function", "source": "a changed function", "vofem": "another version of vofem"}
+        reasons["kernels"] = f"kernels in {identity.get('kernels')}"
         why = " and ".join(reasons[name] for name in changed) or "another function"
         self.notes.append(
             f"the store held rows of {why}, which were kept as {aside.name}; all points are computed anew"

@@ -27,6 +27,7 @@ def sweep(
     workers: int | None = None,
     time_limit: float | None = None,
     retry_failed: bool = False,
+    compiled: bool = True,
 ) -> Sweep:
     """Call a function for many points, and return its quantities as arrays over the points.
 
@@ -68,6 +69,10 @@ def sweep(
         help within ten seconds.
     retry_failed : bool
         Whether points that failed in an earlier sweep are computed again.
+    compiled : bool
+        Whether kernels of vofem run as compiled code in all workers, which may have to be compiled once on a machine;
+        False runs them as plain Python, which suits few and short runs. Results agree to rounding, not to the last
+        bit, so rows of a store belong to one of both.
 
     Returns
     -------
@@ -99,12 +104,12 @@ def sweep(
     limit = None if time_limit is None else number("sweep: time_limit", time_limit, positive=True)
     table = as_points(points)
     engine = engine_for(executor, function, workers)
-    task = Task(function, limit)
+    task = Task(function, limit, bool(compiled))
     if store is None:
         return run_sweep(task, table, engine, None, progress)
     from vofem.studies.sweep.store import SweepFile
 
-    file = SweepFile(store, identity(function))
+    file = SweepFile(store, identity(function, bool(compiled)))
     try:
         if retry_failed:
             file.forget_failed()

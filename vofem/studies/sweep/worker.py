@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.studies.sweep.limits import TimeUp, one_thread, time_limit
+from vofem.blas import blas_threads
+from vofem.kernel_mode import kernels
+from vofem.studies.sweep.limits import TimeUp, time_limit
 
 #: Kinds of arrays that a row may hold: booleans, integers, floats, complex numbers, texts.
 _KINDS = "biufcU"
@@ -51,15 +53,19 @@ class Task:
     function : callable
     limit : float, optional
         Largest wall time of one point, in s.
+    compiled : bool
+        Whether kernels run as compiled code: the same in all workers.
     """
 
     function: Callable[..., Any]
     limit: float | None
+    compiled: bool
 
 
 def compute(task: Task, points: Sequence[dict[str, Any]]) -> list[Row]:
     """Return the rows of a batch of points, in order."""
-    with one_thread():
+    # With one thread of linear algebra results have the same bits whatever the number of processors.
+    with blas_threads(0), kernels(compiled=task.compiled):
         return [_row(task, point) for point in points]
 
 
