@@ -400,7 +400,7 @@ def test_a_sweep_that_was_killed_goes_on_to_the_same_table(tmp_path, victim):
     folder.mkdir()
     script = tmp_path / "study.py"
     script.write_text(SCRIPT.format(tests=str(TESTS), folder=str(folder), store=str(store)))
-    process = started(script, folder, 5)
+    process = started(script, folder, 8)
     worker = int(max(folder.iterdir(), key=lambda path: path.stat().st_mtime_ns).name.split("-")[1])
     if victim == "worker":
         os.kill(worker, signal.SIGKILL)
@@ -424,8 +424,8 @@ def test_a_sweep_that_was_killed_goes_on_to_the_same_table(tmp_path, victim):
     if victim == "worker":
         assert table.counters["computed"] == 0
     else:
-        assert 2 <= table.counters["stored"] < 12
-        assert before >= 5
+        assert 1 <= table.counters["stored"] < 12
+        assert before >= 8
 
 
 @pytest.mark.parametrize("cut", [1, 10, 60, 120])
