@@ -69,7 +69,7 @@ if TYPE_CHECKING:
     import vofem.studies.accuracy as accuracy
     from vofem.io.saved import load, resume
     from vofem.io.scene_file import dump_scene, load_scene
-    from vofem.studies.steady import Branch, PeriodicOrbit, SpecialPoint, periodic
+    from vofem.studies.steady import Branch, PeriodicOrbit, SpecialPoint, continuation, periodic
 
 __all__ = [
     "Approximated",
@@ -129,6 +129,7 @@ __all__ = [
     "VofemError",
     "__version__",
     "accuracy",
+    "continuation",
     "dump_scene",
     "equilibrium",
     "explain",
@@ -148,6 +149,7 @@ _LATER = {
     "PeriodicOrbit": "vofem.studies.steady",
     "SpecialPoint": "vofem.studies.steady",
     "accuracy": "vofem.studies.accuracy",
+    "continuation": "vofem.studies.steady",
     "dump_scene": "vofem.io.scene_file",
     "io": "vofem.io",
     "load": "vofem.io.saved",
