@@ -80,6 +80,7 @@ if TYPE_CHECKING:
         Branch,
         PeriodicOrbit,
         SpecialPoint,
+        continuation,
         frequency_response,
         periodic,
         poincare,
@@ -148,6 +149,7 @@ __all__ = [
     "accuracy",
     "basins",
     "bifurcation_diagram",
+    "continuation",
     "dump_scene",
     "equilibrium",
     "explain",
@@ -191,7 +193,9 @@ _MODULES = {
     "vofem.statics": "Equilibrium QuasiStatic equilibrium quasi_static",
     "vofem.studies.accuracy": "accuracy",
     "vofem.studies.diagrams": "basins bifurcation_diagram stability_map",
-    "vofem.studies.steady": "Branch PeriodicOrbit SpecialPoint frequency_response periodic poincare",
+    "vofem.studies.steady": (
+        "Branch PeriodicOrbit SpecialPoint continuation frequency_response periodic poincare"
+    ),
     "vofem.studies.sweep.sweeping": "sweep",
     "vofem.vibration": "Modes modes",
 }
