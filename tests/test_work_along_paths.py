@@ -5,7 +5,6 @@ from __future__ import annotations
 import random
 
 import numpy as np
-import pytest
 
 import vofem as vf
 from vofem.statics.solver import EquilibriumSolver
