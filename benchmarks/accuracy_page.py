@@ -361,8 +361,8 @@ def tolerance_section() -> str:
         [
             "## What tol= costs and keeps against stiff stops",
             "`energy_conserving` with `tol=` bounds displacements, not velocities or contact forces. **Masses** keep "
-            f"it: between two stops errors are at most {max(free):.2g} tol, whatever the stiffness, and steps are short "
-            "within impacts only. **Beams** do not always: an impact excites their fast modes, which hardly move "
+            f"it: between two stops errors are at most {max(free):.2g} tol, whatever the stiffness, and steps are "
+            "short within impacts only. **Beams** do not always: an impact excites their fast modes, which hardly move "
             "anything and whose velocities decide on the next impact. In the runs below on a mass that hits a beam "
             f"of four elements six times, errors are up to {max(beam):.2g} tol; "
             + (
@@ -371,8 +371,8 @@ def tolerance_section() -> str:
                 else "a note tells in every one of them. "
             )
             + "The note compares the run with one of four times the tolerance, and names what both differ by; a "
-            "smaller tol lessens it. To hold the sum of the errors of contact velocities instead would take some 1500 times as "
-            "many steps for the paper's beam at tol = 0.01 (190 000 instead of 126), and is not done. Errors are "
+            "smaller tol lessens it. To hold the sum of the errors of contact velocities instead would take some 1500 "
+            "times as many steps for the paper's beam at tol = 0.01 (190 000 instead of 126), and is not done. Errors are "
             "against event_driven, which is exact and costs less than any of these runs.",
             "\n".join(lines),
         ]
