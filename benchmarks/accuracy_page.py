@@ -372,8 +372,8 @@ def tolerance_section() -> str:
             )
             + "The note compares the run with one of four times the tolerance, and names what both differ by; a "
             "smaller tol lessens it. To hold the sum of the errors of contact velocities instead would take some 1500 "
-            "times as many steps for the paper's beam at tol = 0.01 (190 000 instead of 126), and is not done. Errors are "
-            "against event_driven, which is exact and costs less than any of these runs.",
+            "times as many steps for the paper's beam at tol = 0.01 (190 000 instead of 126), and is not done. Errors "
+            "are against event_driven, which is exact and costs less than any of these runs.",
             "\n".join(lines),
         ]
     )
