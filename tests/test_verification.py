@@ -21,7 +21,7 @@ DOCS = Path(__file__).parent.parent / "docs" / "verification.md"
 RUNS = [(case, method, how) for case in catalogue() for method, how in case.how.items() if not how.slow]
 
 # What a case about numerics has to be there for; 30 is about files and has tests of its own.
-NUMBERS = {*range(1, 30), 31}
+NUMBERS = {*range(1, 30), 31, 32}
 
 
 @pytest.mark.parametrize(("case", "method", "how"), RUNS, ids=[f"{case.label}, {method}" for case, method, _ in RUNS])

@@ -15,6 +15,7 @@ from vofem.scene import Scene, as_scene
 from vofem.statics.held import check_held
 from vofem.statics.path_outcome import ContactPath, QuasiStatic, SpringPath
 from vofem.statics.printed_path import printed_path
+from vofem.statics.work_balance import printed_notes, taken, work_notes
 from vofem.system import CLOSED, PINNED
 
 Array = NDArray[np.float64]
@@ -30,6 +31,8 @@ def quasi_static(scene: Scene, load_factors: ArrayLike) -> QuasiStatic:
     factor to the next all elongations are taken to change monotonically:
     give as many factors as turning points ask for, and more where springs and
     contacts interact. A path takes for ever: dampers and springpots are left out.
+    The work of the loads is compared with what bodies, springs and contacts take;
+    `notes` of the outcome says where both do not agree.
 
     Parameters
     ----------
@@ -79,7 +82,9 @@ def _linear(model: Model, force: Array, factors: Array) -> QuasiStatic:
 
     check_held(model, None)
     q = solver_of(model.system)(force)
-    return QuasiStatic(model, factors, q[:, None] * factors, {}, {}, 0, np.zeros(0))
+    states = q[:, None] * factors
+    notes = work_notes(factors, force @ states, taken(model.system, states, np.zeros((2, 0, factors.size))))
+    return QuasiStatic(model, factors, states, {}, {}, 0, np.zeros(0), notes)
 
 
 def _printed(model: Model, law: PrintedLaw, force: float, factors: Array) -> QuasiStatic:
@@ -90,7 +95,8 @@ def _printed(model: Model, law: PrintedLaw, force: float, factors: Array) -> Qua
     way, pull = np.diff(xi, prepend=0.0), np.concatenate([[0.0], forces])
     work = np.cumsum(0.5 * (pull[1:] + pull[:-1]) * way)
     springs = {law.name: SpringPath(xi, forces, stored, work - stored)}
-    return QuasiStatic(model, factors, xi[None, :], {}, springs, 0, np.zeros(0))
+    notes = printed_notes(law.name, factors, work - stored)
+    return QuasiStatic(model, factors, xi[None, :], {}, springs, 0, np.zeros(0), notes)
 
 
 def _path(model: Model, force: Array, factors: Array) -> QuasiStatic:
@@ -124,7 +130,8 @@ def _path(model: Model, force: Array, factors: Array) -> QuasiStatic:
                 )
             elif group.recorded:
                 springs[name] = SpringPath(u[j], reactions[j], energies[0, j], energies[1, j])
-    return QuasiStatic(model, factors, q, contacts, springs, solver.iterations, solver.laws.state)
+    notes = work_notes(factors, force @ q, taken(system, q, energies))
+    return QuasiStatic(model, factors, q, contacts, springs, solver.iterations, solver.laws.state, notes)
 
 
 def _check_limit(model: Model, solver: Any, pulls: Array, factor: float, force: Array, found: bool) -> None:

@@ -70,6 +70,8 @@ class QuasiStatic:
         Springs with memory.
     iterations : int
         Newton steps in all.
+    notes : list of str
+        Where the balance of work does not close.
     """
 
     def __init__(
@@ -81,6 +83,7 @@ class QuasiStatic:
         springs: dict[str, SpringPath],
         iterations: int,
         past: Array,
+        notes: list[str] | None = None,
     ) -> None:
         self._model = model
         self._q = q
@@ -89,9 +92,11 @@ class QuasiStatic:
         self.contacts = Named(contacts)
         self.springs = Named(springs, "spring with memory")
         self.iterations = iterations
+        self.notes = [] if notes is None else notes
 
     def __repr__(self) -> str:
-        return f"QuasiStatic({self.load_factors.size} load factors, {self.iterations} iterations)"
+        told = f", {len(self.notes)} notes: see .notes" if self.notes else ""
+        return f"QuasiStatic({self.load_factors.size} load factors, {self.iterations} iterations{told})"
 
     def state_of(self, body_name: str) -> tuple[Array, Array]:
         """Return a body's degrees of freedom at the last factor and zero rates, each (size,); starts a scene."""

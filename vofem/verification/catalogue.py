@@ -23,13 +23,14 @@ def catalogue() -> tuple[Case, ...]:
         rebounds,
         springpots,
         statics,
+        tolerances,
         two_masses,
         units,
     )
 
     parts = (
-        accumulation, bars, beams, faults, loads, meshes, oscillators, rebounds, statics, units, two_masses,
-        published_modes, published_runs, springpots,
+        accumulation, bars, beams, faults, loads, meshes, oscillators, rebounds, statics, tolerances, units,
+        two_masses,        published_modes, published_runs, springpots,
     )  # fmt: skip
     cases = [case for part in parts for case in part.cases()]
     return tuple(sorted(cases, key=lambda case: 1000 if case.number is None else case.number))

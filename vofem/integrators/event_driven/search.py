@@ -34,6 +34,10 @@ Complex = NDArray[np.complex128]
 #: Event functions are known to this many units of rounding of their largest terms.
 _ROUNDING = 64.0 * float(np.finfo(float).eps)
 
+#: Rates in complex modes below this share of the terms that they are the sum of are rounding: they have lost some
+#: digits of these to the eigenproblem.
+_FAINT = 16.0 * _ROUNDING
+
 
 #: Motions smaller than this are searched after multiplication by a power of two.
 _TINY = 1e-100
@@ -343,6 +347,17 @@ def _still(j: int, watch: _Watch, flow: _Flow, at: _Point) -> bool:
 
 
 @jit
+def _faint(j: int, watch: _Watch, flow: _Flow, at: _Point) -> bool:
+    """Return whether the rate of a function of complex modes is the rounding of the terms that it is the sum of."""
+    size = abs(watch.slope[j])
+    for h in range(flow.omega.size):
+        size += flow.omega[h] * abs(watch.steady[j, h])
+    for k in range(flow.p.size):
+        size += abs(watch.w[j, k] * at.zdot[k]) + abs(watch.u[j, k] * at.vdot[k])
+    return abs(at.rate[j]) <= _FAINT * size
+
+
+@jit
 def _reach(distance: float, rate: float, curvature: float) -> float:
     """Return how long a function with this rate and curvature bound stays below `distance`."""
     root = np.sqrt(rate * rate + 2.0 * curvature * distance)
@@ -606,7 +621,9 @@ def _march(
     evaluations += 1
     for j in range(m):
         # What only rounding moves at zero, such as bodies at rest that touch, takes no part in the event of another.
-        # Bounds on rounding in complex modes are too wide to tell that from a slow motion.
-        hits[j] = abs(at.phi[j]) <= noise[j] and at.rate[j] > 0.0 and (mixed or not _still(j, watch, flow, at))
+        # Bounds on rounding in complex modes are too wide to tell that from a slow motion: there the terms themselves
+        # have to do.
+        still = _faint(j, watch, flow, at) if mixed else _still(j, watch, flow, at)
+        hits[j] = abs(at.phi[j]) <= noise[j] and at.rate[j] > 0.0 and not still
     hits[winner] = True
     return first, hits, evaluations

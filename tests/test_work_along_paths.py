@@ -1,0 +1,89 @@
+"""The balance of work along paths of equilibria: closed where equilibria are right, told where they are not."""
+
+from __future__ import annotations
+
+import random
+
+import numpy as np
+
+import vofem as vf
+from vofem.statics.solver import EquilibriumSolver
+from vofem.statics.work_balance import work_notes
+
+
+def path(seed):
+    """Return the outcome of a random path of a beam on springs that remember and on contacts."""
+    rng = random.Random(seed)
+    beam = vf.Beam(1.0, 1.0, 1.0, rng.choice([2, 5, 30]), {"left": "clamped"}, name="beam")
+    places = [beam.at(x) for x in (1.0, 0.5, 0.75)]
+    effects = [
+        vf.Contact(
+            rng.choice(places), gap=rng.choice([0.0, 0.02, 0.1]), stiffness=10.0 ** rng.uniform(0.0, 9.0),
+            side=rng.choice(["above", "below"]), acts_on=rng.choice(["penetration", "displacement"]), name=f"c{k}",
+        )
+        for k in range(rng.choice([0, 1, 3]))
+    ]  # fmt: skip
+    at = rng.choice(places)
+    effects.append(
+        rng.choice(
+            [
+                vf.BilinearSpring(at, stiffness=10.0, linear_limit=0.03, hardening=0.1),
+                vf.IwanSpring(at, elongation=[0.01, 0.05, 0.2], force=[0.2, 0.6, 1.0]),
+                vf.HystereticSpring(
+                    at, stiffness=3.0, linear_limit=0.05, softening=vf.LinearSoftening(4.0), memory="cyclic"
+                ),
+                vf.CrushingStop(at, gap=0.02, side="above", stiffness=30.0, linear_limit=0.01),
+            ]
+        )
+    )
+    effects.append(vf.PointLoad(beam.at(1.0), 1.0))
+    return vf.quasi_static(vf.Scene([beam], effects), [rng.uniform(-1.0, 1.0) for _ in range(rng.choice([1, 4, 40]))])
+
+
+def notes_of(seed):
+    """Return the notes of a path, or of the error that ends it: jumps beside steep laws may leave no solution."""
+    try:
+        return path(seed).notes
+    except vf.ConvergenceError as error:
+        return [str(error)]
+
+
+def test_work_is_taken_by_bodies_springs_and_contacts():
+    notes = [notes_of(seed) for seed in range(40)]
+    assert not [note for found in notes for note in found if note.startswith("energy")]
+    assert sum(found == [] for found in notes) >= 38
+
+
+def test_an_equilibrium_that_is_not_one_is_told(monkeypatch):
+    right = EquilibriumSolver.displacement
+    monkeypatch.setattr(EquilibriumSolver, "displacement", lambda *arguments: 1.5 * right(*arguments))
+    told = [seed for seed in range(40) if any(note.startswith("energy") for note in notes_of(seed))]
+    # With factors far apart both bounds leave room for errors.
+    assert len(told) > 10
+    outcome = path(told[0])
+    assert outcome.notes[0].startswith("energy: from load factor")
+    assert "notes" in repr(outcome)
+
+
+def test_bounds_of_the_work_are_sharp():
+    factors = np.array([1.0, 2.0])
+    # A linear spring of 1 N/m, and one that has taken more, or less, than the load can have given.
+    assert work_notes(factors, factors, 0.5 * factors**2) == []
+    assert work_notes(factors, factors, np.array([0.5, 2.5 + 1e-9])) == []
+    assert len(work_notes(factors, factors, np.array([0.5, 2.6]))) == 1
+    assert "0.4 J" in work_notes(factors, factors, np.array([0.5, 0.9]))[0]
+
+
+def test_the_law_as_printed_gives_back_what_it_had_dissipated():
+    """Loaded to 7 N and unloaded to 3 N it stands at 10 m, and falls to 3 m when the load rises again."""
+    mass = vf.Mass(1.0, name="m")
+    how = {"stiffness": 1.0, "linear_limit": 5.0, "name": "s"}
+    notes = {}
+    for memory in ("printed", "cyclic"):
+        spring = vf.HystereticSpring(mass, **how, memory=memory)
+        scene = vf.Scene([mass], [spring, vf.PointLoad(mass, 1.0)])
+        notes[memory] = vf.quasi_static(scene, [0.0, 7.0, 3.0, 3.1]).notes
+        assert vf.quasi_static(scene, [0.0, 7.0, 3.0]).notes == []
+    assert notes["cyclic"] == []
+    assert "from load factor 3 to 3.1" in notes["printed"][0]
+    assert "memory='cyclic'" in notes["printed"][0]

@@ -1,0 +1,73 @@
+"""Whether the work of the loads along a path of equilibria is what bodies, springs and contacts have taken."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.integrators.stepping.energies import contact_energy, strain_energy
+from vofem.system import System
+
+Array = NDArray[np.float64]
+
+#: What is missing, over the largest energy, that is worth telling.
+_WORTH = 1e-6
+
+
+def taken(system: System, q: Array, energies: Array) -> Array:
+    """Return the energy in J that bodies, springs and contacts have taken at each factor, shape (n_factors,).
+
+    Parameters
+    ----------
+    system : System
+    q : ndarray, shape (n, n_factors)
+    energies : ndarray, shape (2, m, n_factors)
+        What laws with internal variables store and have lost, J.
+    """
+    whole = strain_energy(system, q) + contact_energy(system.contacts, q) + energies.sum(axis=(0, 1))
+    return np.asarray(whole)
+
+
+def work_notes(factors: Array, way: Array, energy: Array) -> list[str]:
+    """Return a note where the balance of work does not close along a path from the unloaded state.
+
+    Every law's force rises along rising elongations and falls along falling ones, and so does the load's along
+    its own way, whatever its course within a step. So the work of a step lies between the way times the load at its
+    two ends, exactly: an equilibrium that is not one is outside.
+
+    Parameters
+    ----------
+    factors : ndarray, shape (n_factors,)
+    way : ndarray, shape (n_factors,)
+        Way of the loads: their vector at factor 1 times the displacements, J.
+    energy : ndarray, shape (n_factors,)
+        What has been taken since the path began, J.
+    """
+    load, far, held = (np.concatenate([[0.0], part]) for part in (factors, way, energy))
+    ends = np.diff(far) * np.stack([load[:-1], load[1:]])
+    gained = np.diff(held)
+    off = np.maximum(ends.min(axis=0) - gained, gained - ends.max(axis=0))
+    scale = float(max(np.max(np.abs(held)), np.max(np.abs(load * far))))
+    worst = int(np.argmax(off))
+    if not off[worst] > _WORTH * scale:
+        return []
+    return [
+        f"energy: from load factor {load[worst]:g} to {load[worst + 1]:g} bodies, springs and contacts take "
+        f"{gained[worst]:.4g} J, while the loads' work lies between {ends[:, worst].min():.4g} and "
+        f"{ends[:, worst].max():.4g} J: rounding has spoilt an equilibrium there, or a law's force falls while its "
+        "elongation rises; make stiff parts less stiff, or check the laws"
+    ]
+
+
+def printed_notes(name: str, factors: Array, lost: Array) -> list[str]:
+    """Return a note where the law of Eq. 22 gives back what it had dissipated, J, shape (n_factors,)."""
+    steps = np.diff(lost, prepend=0.0)
+    worst = int(np.argmin(steps))
+    if not steps[worst] < -_WORTH * float(np.max(np.abs(lost))):
+        return []
+    before = factors[worst - 1] if worst else 0.0
+    return [
+        f"energy: from load factor {before:g} to {factors[worst]:g} HystereticSpring {name!r} gives back "
+        f"{-steps[worst]:.4g} J that it had dissipated, as Eqs. 22-25 forget the residual elongation when the load "
+        "rises again; memory='cyclic' remembers it"
+    ]
