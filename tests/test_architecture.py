@@ -114,6 +114,7 @@ def test_integrators_know_nothing_of_bodies():
     allowed = {
         "_validate",
         "cache",
+        "blas",
         "kernel_mode",
         "errors",
         "linalg",
