@@ -15,6 +15,8 @@ from pathlib import Path
 
 # Before numpy: several threads of BLAS spoil timings of small matrices.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# Timings are those of compiled code, however short a run is.
+os.environ.setdefault("VOFEM_COMPILED", "1")
 
 import effects
 import kernels

@@ -15,6 +15,7 @@ import numpy as np
 from cases import many_contacts, paper_beam
 
 import vofem as vf
+from vofem.kernel_mode import kernels as running
 from vofem.system import Counters
 
 ELEMENTS, T_END, TIMES = 25, 20.0, 201
@@ -112,4 +113,5 @@ def table(rows: list[Row]) -> str:
 
 
 if __name__ == "__main__":
-    print(table(measure(lambda text: print(text, file=sys.stderr))))
+    with running(compiled=True):
+        print(table(measure(lambda text: print(text, file=sys.stderr))))

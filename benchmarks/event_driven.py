@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 import vofem as vf
+from vofem.kernel_mode import kernels as running
 
 LAWS = ("displacement", "penetration")
 
@@ -85,4 +86,5 @@ def main(repeats: int = 5) -> None:
 
 
 if __name__ == "__main__":
-    main(*(int(argument) for argument in sys.argv[1:]))
+    with running(compiled=True):
+        main(*(int(argument) for argument in sys.argv[1:]))

@@ -17,6 +17,7 @@ from unittest import mock
 import numpy as np
 from cases import chain, many_contacts
 
+from vofem.kernel_mode import kernels as running
 from vofem.linalg.banded import band_order, to_band
 from vofem.system import State, System
 
@@ -133,4 +134,5 @@ def table(rows: list[Row]) -> str:
 
 
 if __name__ == "__main__":
-    print(table(measure(lambda text: print(text, file=sys.stderr))))
+    with running(compiled=True):
+        print(table(measure(lambda text: print(text, file=sys.stderr))))

@@ -20,6 +20,7 @@ import numpy as np
 from cases import chain, many_contacts
 from numpy.typing import NDArray
 
+from vofem.kernel_mode import kernels as running
 from vofem.linalg.banded import band_order, factor, solve, subtract_product, to_band, widen
 from vofem.linalg.jit import jit
 from vofem.system import State, System
@@ -195,4 +196,5 @@ def table(rows: list[Row]) -> str:
 
 
 if __name__ == "__main__":
-    print(table(measure(lambda text: print(text, file=sys.stderr))))
+    with running(compiled=True):
+        print(table(measure(lambda text: print(text, file=sys.stderr))))

@@ -61,7 +61,7 @@ def work(name: str) -> None:
 
 def start(folder: Path, name: str) -> subprocess.Popen[str]:
     """Return a process that works with the copy in a folder."""
-    environment = os.environ | {"PYTHONPATH": str(folder)}
+    environment = os.environ | {"PYTHONPATH": str(folder), "VOFEM_COMPILED": "1"}
     command = [sys.executable, str(Path(__file__).resolve()), "--work", name]
     return subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=folder, env=environment

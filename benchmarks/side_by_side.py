@@ -66,7 +66,7 @@ class Measured:
 
 def measure(report: Any = None) -> list[Measured]:
     """Run all programs one after another, each in a process of its own."""
-    environment = dict(os.environ, OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1")
+    environment = dict(os.environ, OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", VOFEM_COMPILED="1")
     path = os.pathsep.join([str(HERE), str(HERE.parent), environment.get("PYTHONPATH", "")])
     environment["PYTHONPATH"] = path.strip(os.pathsep)
     found = []

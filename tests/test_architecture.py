@@ -152,6 +152,7 @@ def test_integrators_know_nothing_of_bodies():
     allowed = {
         "_validate",
         "cache",
+        "blas",
         "errors",
         "kernel_mode",
         "linalg",

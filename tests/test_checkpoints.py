@@ -183,10 +183,10 @@ def test_killed_at_any_moment(tmp_path):
         mass = vf.Mass(1.0, stiffness=1.0, name="mass")
         stop = vf.Contact(mass, gap=0.1, stiffness=50.0, side="above", acts_on="penetration", name="stop")
         scene = vf.Scene([mass], [stop], {{mass: (0.0, 1.0)}})
-        vf.simulate(scene, 1.0, dt=1e-1, method="energy_conserving")
+        vf.simulate(scene, 1.0, dt=1e-1, method="energy_conserving", compiled=True)
         print("ready", flush=True)
         vf.simulate(scene, 1000.0, dt=1e-3, times=[0.0, 1000.0], method="energy_conserving",
-                    checkpoint={str(path)!r}, checkpoint_every=0.0)
+                    checkpoint={str(path)!r}, checkpoint_every=0.0, compiled=True)
     """)
     for delay in (0.3, 0.7):
         path.unlink(missing_ok=True)

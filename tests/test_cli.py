@@ -168,7 +168,7 @@ def test_explain_says_which_method_the_file_wants(scene, capsys):
 
 def test_pictures_where_the_file_says(scene, tmp_path, monkeypatch, capsys):
     found = probe.Probe(False, "no driver")
-    monkeypatch.setattr("vofem.io.render.remembered", lambda: found)
+    monkeypatch.setattr("vofem.io.pictures.studio.Studio._greeting", lambda self: found)
     output = "\n[output]\npictures = [0.5, 1.5, 5.5]\n"
     scene.write_text(SHORT + output)
     assert cli.main(["run", str(scene), "--t-end", "2"]) == 0

@@ -193,9 +193,7 @@ _MODULES = {
     "vofem.statics": "Equilibrium QuasiStatic equilibrium quasi_static",
     "vofem.studies.accuracy": "accuracy",
     "vofem.studies.diagrams": "basins bifurcation_diagram stability_map",
-    "vofem.studies.steady": (
-        "Branch PeriodicOrbit SpecialPoint continuation frequency_response periodic poincare"
-    ),
+    "vofem.studies.steady": ("Branch PeriodicOrbit SpecialPoint continuation frequency_response periodic poincare"),
     "vofem.studies.sweep.sweeping": "sweep",
     "vofem.vibration": "Modes modes",
 }

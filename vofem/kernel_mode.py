@@ -2,12 +2,14 @@
 
 It is decided once, at the start of a run or of another piece of work, and holds
 for all that belongs to it: results of both ways agree to rounding, not to the
-last bit. Work that nobody has decided for is compiled.
+last bit. Work that nobody has decided for is compiled. The environment variable
+``VOFEM_COMPILED`` decides for a whole process: 1 for compiled code, 0 for plain Python.
 """
 
 from __future__ import annotations
 
 import contextlib
+import os
 import time
 from collections.abc import Callable, Iterator
 from contextvars import ContextVar
@@ -28,7 +30,10 @@ class _Mode(NamedTuple):
     deadline: float
 
 
-_MODE: ContextVar[_Mode | None] = ContextVar("vofem: how kernels run", default=None)
+#: What the environment asks for.
+_ASKED = {"1": _Mode(True, float("inf")), "0": _Mode(False, float("inf"))}.get(os.environ.get("VOFEM_COMPILED", ""))
+
+_MODE: ContextVar[_Mode | None] = ContextVar("vofem: how kernels run", default=_ASKED)
 
 
 def decided() -> bool | None:

@@ -67,7 +67,10 @@ class Watcher:
             self._saved = time.monotonic()
         if self._tell is not None:
             self._tell(t, self._t_end)
-        if self._shown and now - self._drawn >= _REFRESH:
+        # What was announced before the run is over.
+        over = bool(self._first) and self._bar is not None
+        if self._shown and (over or now - self._drawn >= _REFRESH):
+            self._first = ""
             self._draw(t)
             self._drawn = now
 
@@ -77,6 +80,7 @@ class Watcher:
             from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
             columns = (
+                TextColumn("{task.description}"),
                 TextColumn("t = {task.completed:.4g} of {task.total:.4g} s"),
                 BarColumn(),
                 TextColumn("{task.percentage:3.0f} %"),
@@ -85,9 +89,11 @@ class Watcher:
             self._bar = Progress(*columns, console=Console(file=sys.stderr), transient=True, auto_refresh=False)
             self._bar.start()
             self._task = self._bar.add_task("", total=self._t_end)
-        self._bar.update(self._task, completed=t, refresh=True)
+        self._bar.update(self._task, completed=t, description=self._first, refresh=True)
 
     def __enter__(self) -> Watcher:
+        if self._shown and self._first:
+            self._draw(0.0)
         return self
 
     def __exit__(self, *_: object) -> None:

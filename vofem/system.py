@@ -20,7 +20,7 @@ Group = TypeVar("Group", bound=LawGroup)
 
 
 class LoadFunction(Protocol):
-    """What a load needs of a function of time; `effects.time_functions.TimeFunction` offers it."""
+    """What a load needs of a function of time; `vofem.time_functions.TimeFunction` offers it."""
 
     @property
     def closed_form(self) -> bool:

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from vofem._version import __version__
 from vofem.cli.accuracy import add_accuracy
 from vofem.cli.common import FAULT, FINE, INTERRUPTED
+from vofem.cli.compile import add_compile
 from vofem.cli.doctor import add_doctor
 from vofem.cli.explain import add_explain
 from vofem.cli.render import add_render
@@ -42,6 +43,6 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="vofem", description="Beams and masses that hit, rattle and yield.")
     parser.add_argument("--version", action="version", version=f"vofem {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
-    for add in (add_run, add_render, add_explain, add_verify, add_accuracy, add_sweep, add_doctor):
+    for add in (add_run, add_render, add_explain, add_verify, add_accuracy, add_sweep, add_compile, add_doctor):
         add(commands)
     return parser

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from vofem.errors import ArgumentError
 from vofem.integrators.base import ContactSamples, Energies, ProbeSamples, Samples, SpringSamples
+from vofem.kernel_mode import as_it_ran, compiled
 from vofem.linalg.jit import jit
 from vofem.system import CLOSED, OPEN, Counters, Events, System
 
@@ -41,6 +42,8 @@ class SteppedSolution:
         Springs with memory at the stored times.
     probes : ProbeSamples, optional
         Points that were recorded at every step.
+    compiled : bool
+        How the run was computed, and so how contacts are evaluated later.
     """
 
     system: System
@@ -55,6 +58,7 @@ class SteppedSolution:
     notes: list[str]
     springs: SpringSamples | None = None
     probes: ProbeSamples | None = None
+    compiled: bool = field(default_factory=compiled)
 
     continuous: ClassVar[bool] = False
     modes: ClassVar[None] = None
@@ -93,6 +97,7 @@ class SteppedSolution:
         kinked = upto > np.searchsorted(self.events.time, before, side="left")
         return _interpolated(self.times, self.samples, left, x, kinked)
 
+    @as_it_ran
     def contacts(self, times: Array) -> ContactSamples:
         """Return status, K_eq and force at some times, from the gap functions there."""
         laws = self.system.contacts

@@ -23,10 +23,13 @@ class Diagnosis:
     versions : dict of str to str or None
         None where a package is not installed.
     rendering : Probe
+    compiled : str
+        Where compiled code is kept, and for what it is there.
     """
 
     versions: dict[str, str | None]
     rendering: Probe
+    compiled: str = ""
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -43,7 +46,7 @@ class Diagnosis:
         lines += [f"{name:<12} {version or 'is not installed'}" for name, version in self.versions.items()]
         if self.missing:
             lines += ["", f"Install what is missing: {sys.executable} -m pip install {' '.join(self.missing)}"]
-        lines.append("")
+        lines += ["", *self.compiled.splitlines(), ""] if self.compiled else [""]
         if self.rendering.works:
             lines.append(f"Off-screen rendering works ({self.rendering.detail})")
         else:
@@ -63,4 +66,25 @@ def diagnose() -> Diagnosis:
             versions[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
             versions[name] = None
-    return Diagnosis(versions, probe())
+    return Diagnosis(versions, probe(), compiled_code())
+
+
+def compiled_code() -> str:
+    """Return where compiled code is kept, and for what it is there."""
+    from vofem.linalg.jit_cache import cache_folder, kinds_on_disk, size_on_disk
+    from vofem.simulate.ahead import KINDS
+
+    folder = cache_folder()
+    if folder is None:
+        return (
+            "Compiled code cannot be kept: neither the folder of the package nor that of the user's caches can be "
+            "written.\nLong runs compile anew in every process; set NUMBA_CACHE_DIR to a folder that can be written"
+        )
+    there = kinds_on_disk()
+    lines = [f"Compiled code is kept in {folder} ({size_on_disk() / 1e6:.0f} MB)"]
+    ready, missing = ([kind for kind in KINDS if (kind in there) is wanted] for wanted in (True, False))
+    if ready:
+        lines.append(f"It is there for: {'; '.join(ready)}")
+    if missing:
+        lines.append(f"It is compiled where it pays, some 30 s each, or by `vofem compile`, for: {'; '.join(missing)}")
+    return "\n".join(lines)

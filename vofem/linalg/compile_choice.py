@@ -9,9 +9,16 @@ it for as long as compiling takes is likely to go on.
 from __future__ import annotations
 
 import sys
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import wraps
+from typing import Any, TypeVar
 
+from vofem.kernel_mode import Outgrown, decided, kernels
 from vofem.linalg.jit_cache import keep_kind, kinds_on_disk
+
+F = TypeVar("F", bound=Callable[..., Any])
 
 #: Seconds that numba takes to be imported, and compiled code to be read from disk.
 _IMPORTING, _READING = 0.6, 0.3
@@ -55,6 +62,38 @@ class Choice:
                 keep_kind(self.kind)
         else:
             _spent[self.kind] = _spent.get(self.kind, 0.0) + seconds
+
+
+def by_need(kind: str, effort: Callable[..., float]) -> Callable[[F], F]:
+    """Let a function run kernels as plain Python where its work is small, unless somebody has decided.
+
+    Parameters
+    ----------
+    kind : str
+    effort : callable
+        Returns, for the arguments of the function, the seconds that it takes in plain Python.
+    """
+
+    def decorate(function: F) -> F:
+        @wraps(function)
+        def call(*arguments: Any, **named: Any) -> Any:
+            if decided() is not None:
+                return function(*arguments, **named)
+            choice = choose(kind, effort(*arguments, **named))
+            begun = time.perf_counter()
+            try:
+                with kernels(compiled=choice.compiled, patience=choice.patience):
+                    result = function(*arguments, **named)
+            except Outgrown:
+                choice = choice.instead()
+                with kernels(compiled=True):
+                    result = function(*arguments, **named)
+            choice.done(time.perf_counter() - begun)
+            return result
+
+        return call  # type: ignore[return-value]
+
+    return decorate
 
 
 def choose(kind: str, seconds: float, wanted: bool | None = None) -> Choice:

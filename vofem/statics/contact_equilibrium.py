@@ -6,10 +6,11 @@ import numpy as np
 
 from vofem._validate import number
 from vofem.errors import ArgumentError, ConvergenceError
+from vofem.linalg.compile_choice import by_need
 from vofem.scene import Scene, as_scene
 from vofem.statics.held import check_held
 from vofem.statics.outcome import Equilibrium, StaticContact
-from vofem.statics.solver import EquilibriumSolver, solver_of
+from vofem.statics.solver import EquilibriumSolver, effort, solver_of
 from vofem.system import CLOSED, OPEN, PINNED
 
 
@@ -33,7 +34,12 @@ def equilibrium(scene: Scene, t: float = 0.0) -> Equilibrium:
         load, can still move freely.
     """
     t = number("equilibrium: t", t)
-    model = as_scene("equilibrium", scene).model
+    return _equilibrium(as_scene("equilibrium", scene), t)
+
+
+@by_need("statics", lambda scene, t: effort(scene.model.system))
+def _equilibrium(scene: Scene, t: float) -> Equilibrium:
+    model = scene.model
     system = model.system
     for group in system.laws:
         reason = group.statics_refusal(path=False)

@@ -11,6 +11,7 @@ from vofem._validate import array
 from vofem.assembly import Model
 from vofem.errors import ArgumentError, ConvergenceError, LimitLoadError
 from vofem.laws import PrintedLaw, PrintedLaws
+from vofem.linalg.compile_choice import by_need
 from vofem.scene import Scene, as_scene
 from vofem.statics.held import check_held
 from vofem.statics.path_outcome import ContactPath, QuasiStatic, SpringPath
@@ -77,6 +78,7 @@ def quasi_static(scene: Scene, load_factors: ArrayLike) -> QuasiStatic:
     return _path(model, force, factors)
 
 
+@by_need("statics", lambda model, force, factors: _effort(model, factors))
 def _linear(model: Model, force: Array, factors: Array) -> QuasiStatic:
     from vofem.statics.solver import solver_of
 
@@ -99,6 +101,7 @@ def _printed(model: Model, law: PrintedLaw, force: float, factors: Array) -> Qua
     return QuasiStatic(model, factors, xi[None, :], {}, springs, 0, np.zeros(0), notes)
 
 
+@by_need("statics", lambda model, force, factors: _effort(model, factors))
 def _path(model: Model, force: Array, factors: Array) -> QuasiStatic:
     from vofem.statics.solver import EquilibriumSolver
 
@@ -132,6 +135,12 @@ def _path(model: Model, force: Array, factors: Array) -> QuasiStatic:
                 springs[name] = SpringPath(u[j], reactions[j], energies[0, j], energies[1, j])
     notes = work_notes(factors, force @ q, taken(system, q, energies))
     return QuasiStatic(model, factors, q, contacts, springs, solver.iterations, solver.laws.state, notes)
+
+
+def _effort(model: Model, factors: Array) -> float:
+    from vofem.statics.solver import effort
+
+    return effort(model.system, factors.size)
 
 
 def _check_limit(model: Model, solver: Any, pulls: Array, factor: float, force: Array, found: bool) -> None:

@@ -1,6 +1,6 @@
 """What loads do within steps: their moments, which see every impulse however short, and values at the steps' ends.
 
-A load of moments m0, m1, m2 over a step of size h (see `effects.time_functions.moments`) changes the momentum by
+A load of moments m0, m1, m2 over a step of size h (see `vofem.time_functions.moments`) changes the momentum by
 ``h m0``, and the displacement beyond what the mean does by ``-h^2 M^-1 m1``. Its second moment makes the displacement
 within the step larger in the mean by ``h^2 M^-1 m2/2``, on which the stiffness acts. With all three taken in, a load
 may be as short as it likes: what is left is of higher order in omega h of the structure, not of the load.

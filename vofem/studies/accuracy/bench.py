@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from vofem.errors import ArgumentError, VofemError
 from vofem.integrators.methods import EVENT_DRIVEN
+from vofem.kernel_mode import compiled
 from vofem.result import Result
 from vofem.scene import Scene, as_scene
 from vofem.simulate import simulate
@@ -239,7 +240,16 @@ class Bench:
 
 
 def _simulate(scene: Scene, t_end: float, setting: Setting, times: Array) -> Result:
-    return simulate(scene, t_end, method=setting.method, dt=setting.dt, tol=setting.tol, times=times, progress=False)
+    return simulate(
+        scene,
+        t_end,
+        method=setting.method,
+        dt=setting.dt,
+        tol=setting.tol,
+        times=times,
+        progress=False,
+        compiled=compiled(),
+    )
 
 
 def _with_orders(runs: list[Run]) -> Iterable[Run]:
@@ -268,7 +278,7 @@ def default_point(scene: Scene, t_end: float) -> Any:
         return scene.contacts[0].a
     from vofem.bodies.beam import Beam
 
-    result = simulate(scene, t_end, times=np.linspace(0.0, t_end, 101), progress=False)
+    result = simulate(scene, t_end, times=np.linspace(0.0, t_end, 101), progress=False, compiled=compiled())
     points: list[tuple[float, Any]] = []
     for body in scene.bodies:
         if not isinstance(body, Beam):

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.integrators.methods import ENERGY_CONSERVING, EVENT_DRIVEN
+from vofem.kernel_mode import compiled
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.simulate import simulate
@@ -96,7 +97,15 @@ def _event_driven(scene: Scene, question: Question) -> Result:
     options: dict[str, Any] = {}
     if scene.model.system.size > _MANY_UNKNOWNS:
         options["truncation"] = _TRUNCATION
-    return simulate(scene, question.t_end, method=EVENT_DRIVEN.name, times=question.times, progress=False, **options)
+    return simulate(
+        scene,
+        question.t_end,
+        method=EVENT_DRIVEN.name,
+        times=question.times,
+        progress=False,
+        compiled=compiled(),
+        **options,
+    )
 
 
 def rounding(scene: Scene, question: Question, observed: Observed, horizon: float, run: Any) -> float:
@@ -145,5 +154,13 @@ def _by_steps(scene: Scene, question: Question) -> Exact:
 
 def _stepped(scene: Scene, question: Question, steps: int) -> Observed:
     dt = question.t_end / steps
-    result = simulate(scene, question.t_end, method=ENERGY_CONSERVING.name, dt=dt, times=question.times, progress=False)
+    result = simulate(
+        scene,
+        question.t_end,
+        method=ENERGY_CONSERVING.name,
+        dt=dt,
+        times=question.times,
+        progress=False,
+        compiled=compiled(),
+    )
     return observe(result, question.point)

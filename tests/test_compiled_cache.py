@@ -1,0 +1,160 @@
+"""Compiled code on disk: what is known of it, who shares it, where it cannot be kept."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from vofem.cli import FAULT, main
+from vofem.folders import read_entries, user_caches, write_entry
+from vofem.io import doctor
+from vofem.linalg import jit_cache
+from vofem.progress import Watcher
+
+ROOT = Path(__file__).parent.parent
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A folder for compiled code of its own."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    jit_cache._key.cache_clear()
+    yield tmp_path
+    jit_cache._key.cache_clear()
+
+
+def test_kinds_are_kept_and_belong_to_sources_versions_and_processor(folder, monkeypatch):
+    assert jit_cache.kinds_on_disk() == frozenset()
+    jit_cache.keep_kind("events")
+    jit_cache.keep_kind("steps")
+    jit_cache.keep_kind("events")
+    assert jit_cache.kinds_on_disk() == {"events", "steps"}
+    for name, other in (("source_stamp", (0.0, 1)), ("_processor", "another"), ("_numba", "0.1")):
+        with monkeypatch.context() as patch:
+            patch.setattr(jit_cache, name, lambda other=other: other)
+            jit_cache._key.cache_clear()
+            assert jit_cache.kinds_on_disk() == frozenset()
+            jit_cache.keep_kind("other")
+        jit_cache._key.cache_clear()
+        assert jit_cache.kinds_on_disk() == {"events", "steps"}
+    assert len(json.loads((folder / "vofem-compiled.json").read_text())) == 4
+
+
+def test_an_index_that_cannot_be_read_is_empty(folder):
+    for content in ("{", "[]", "\x00"):
+        (folder / "vofem-compiled.json").write_text(content)
+        assert jit_cache.kinds_on_disk() == frozenset()
+    jit_cache.keep_kind("events")
+    assert jit_cache.kinds_on_disk() == {"events"}
+
+
+def test_the_oldest_entries_of_a_small_file_go(tmp_path):
+    file = tmp_path / "new" / "entries.json"
+    for k in range(12):
+        write_entry(file, str(k), k, most=4)
+    write_entry(file, "9", 99, most=4)
+    assert read_entries(file) == {"8": 8, "10": 10, "11": 11, "9": 99}
+    assert [path.name for path in file.parent.iterdir()] == ["entries.json"]
+    # A file in place of the folder: nothing happens.
+    write_entry(file / "entries.json", "a", 1)
+
+
+def test_a_package_that_cannot_be_written_uses_the_users_folder(tmp_path, monkeypatch):
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    beside = Path(jit_cache.__file__).parent
+    assert jit_cache.cache_folder() == beside / "__pycache__"
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "caches"))
+    monkeypatch.setattr(os, "access", lambda path, mode: not Path(path).is_relative_to(beside))
+    assert jit_cache.cache_folder() == user_caches("numba")
+    monkeypatch.setattr(os, "access", lambda path, mode: False)
+    assert jit_cache.cache_folder() is None
+    assert jit_cache.kinds_on_disk() == frozenset()
+    jit_cache.keep_kind("events")
+    assert "cannot be kept" in doctor.compiled_code()
+    assert main(["compile"]) == FAULT
+
+
+def test_doctor_tells_what_is_there(folder):
+    assert "It is there for" not in doctor.compiled_code()
+    jit_cache.keep_kind("event_driven")
+    told = doctor.compiled_code()
+    assert str(folder) in told
+    assert "It is there for: event_driven\n" in told
+    assert "`vofem compile`, for: event_driven, damped; energy_conserving" in told
+
+
+KERNEL = """
+import sys, time
+from vofem.linalg.jit import jit
+
+@jit
+def double(x):
+    total = x
+    for _ in range(3):
+        total = total + x
+    return 0.5 * total
+
+argument = {"int": 3, "float": 2.5, "complex": 1j}[sys.argv[1]]
+# All processes begin at once.
+time.sleep(max(float(sys.argv[2]) - time.time(), 0.0))
+assert double(argument) == 2.0 * argument, double(argument)
+print(sum(double.dispatcher.stats.cache_hits.values()))
+"""
+
+
+def test_processes_that_compile_at_once_do_no_harm(tmp_path):
+    """Each compiles for other arguments; none takes the code of another for its own."""
+    script = tmp_path / "kernel.py"
+    script.write_text(KERNEL)
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(ROOT)}
+
+    def begin(kind, at):
+        return subprocess.Popen(
+            [sys.executable, str(script), kind, str(at)], env=environment, stdout=subprocess.PIPE, text=True
+        )
+
+    for at in (time.time() + 2.0, 0.0):
+        children = [begin(kind, at) for kind in ("int", "float", "complex")]
+        assert [child.wait() for child in children] == [0, 0, 0]
+        hits = [int(child.stdout.read()) for child in children]
+    # One at a time, what was lost in the race is compiled once more, and then it is there.
+    for _ in range(2):
+        hits = []
+        for kind in ("int", "float", "complex"):
+            child = begin(kind, 0.0)
+            assert child.wait() == 0
+            hits.append(int(child.stdout.read()))
+    assert hits == [1, 1, 1]
+
+
+def test_the_bar_says_that_it_compiles(monkeypatch):
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    screen = Terminal()
+    monkeypatch.setattr(sys, "stderr", screen)
+    with Watcher(10.0, None, None, 60.0, "compiling event_driven, once on this machine") as watcher:
+        assert "once on this machine" in screen.getvalue()
+        screen.truncate(0)
+        watcher(5.0, dict)
+        assert "once on this machine" not in screen.getvalue()
+        assert "50 %" in screen.getvalue()
+
+
+def test_a_small_run_of_the_command_line_needs_no_numba(tmp_path):
+    code = (
+        "import sys\nfrom vofem.cli import main\n"
+        f"assert main(['run', 'examples/cantilever.toml', '--no-pictures', '--output', {str(tmp_path)!r}]) == 0\n"
+        "assert not {'numba', 'matplotlib', 'pyvista', 'h5py', 'rich', 'meshio'} & set(sys.modules)"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=False)
+    assert run.returncode == 0, run.stderr
+    assert (tmp_path / "histories.csv").exists()

@@ -1,0 +1,148 @@
+"""Compiles all kernels ahead, by short runs of small scenes that call for them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+
+import numpy as np
+
+from vofem.bodies import Beam, Mass
+from vofem.effects import (
+    BilinearSpring,
+    Contact,
+    CrushingStop,
+    Dashpot,
+    HystereticSpring,
+    LinearSoftening,
+    NonlinearSpring,
+    PointLoad,
+    Ramp,
+    RayleighDamping,
+    Resolved,
+    Sine,
+    Springpot,
+)
+from vofem.kernel_mode import kernels
+from vofem.linalg.jit_cache import cache_folder, keep_kind, kinds_on_disk
+from vofem.scene import Scene
+from vofem.simulate.simulation import simulate
+from vofem.statics import equilibrium, quasi_static
+
+
+def _exact(*more: object) -> Scene:
+    """Return a scene for event_driven: contacts that push, pin and meet at once."""
+    beam = Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"})
+    mass, other = Mass(1.0, stiffness=3.0), Mass(0.5)
+    tip = beam.at(1.0)
+    effects = [
+        Contact(tip, gap=0.03, stiffness=1.0, side="below", acts_on="displacement"),
+        Contact(beam.at(0.4), mass, gap=0.01, stiffness=50.0, acts_on="penetration"),
+        Contact(mass, other, gap=0.02, stiffness=20.0, acts_on="penetration"),
+        PointLoad(tip, Sine(0.1, 1.0)),
+        PointLoad(other, Ramp(0.0, 2.0, 0.1)),
+    ]
+    return Scene([beam, mass, other], [*effects, *more], initial={mass: (0.0, 0.1), other: (0.0, -0.2)})
+
+
+def _damped() -> Scene:
+    """Return a scene for event_driven with damping that couples the modes, equal decays and contact dampers."""
+    one, two, three = (Mass(1.0, stiffness=k, damping=2.0) for k in (1.0, 1.0, 4.0))
+    stop = Contact(one, gap=0.01, stiffness=5.0, damping=0.5, acts_on="penetration")
+    effects = [
+        stop,
+        Dashpot(one, two, damping=0.5),
+        Dashpot(two, three, damping=1.0),
+        PointLoad(one, Sine(1.0, 2.0)),
+    ]
+    return Scene([one, two, three], effects, initial={one: (0.0, 1.0)})
+
+
+def _stepped() -> Scene:
+    """Return a scene for methods that step in time, with every law."""
+    beam = Beam(1.0, 1.0, 1.0, 3, {"left": "clamped"})
+    mass = Mass(0.3, stiffness=2.0, damping=0.05)
+    tip, middle = beam.at(1.0), beam.at(0.5)
+    effects = [
+        Contact(tip, mass, gap=0.02, stiffness=5.0, damping=0.1, acts_on="penetration"),
+        Contact(tip, gap=0.03, stiffness=4.0, side="above", acts_on="displacement"),
+        Contact(middle, gap=0.01, stiffness=9.0, side="above", acts_on="penetration", switch=Resolved(1e-3)),
+        NonlinearSpring(tip, force=lambda u: 2.0 * u**3, potential=lambda u: 0.5 * u**4),
+        BilinearSpring(middle, stiffness=3.0, linear_limit=0.005, hardening=0.5),
+        HystereticSpring(tip, stiffness=1.0, linear_limit=0.01, softening=LinearSoftening(5.0), memory="cyclic"),
+        CrushingStop(mass, gap=0.05, stiffness=3.0, linear_limit=0.05, side="above"),
+        Springpot(mass, coefficient=0.2, order=0.4),
+        RayleighDamping(0.05, 1e-3),
+        PointLoad(tip, Sine(0.4, 2.0)),
+    ]
+    return Scene([beam, mass], effects, initial={mass: (0.0, 0.5)})
+
+
+def _chain() -> Scene:
+    """Return masses with as many contacts as unknowns, whose steps are solved on the unknowns themselves."""
+    masses = [Mass(1.0, stiffness=1.0) for _ in range(24)]
+    effects = [Contact(a, b, gap=0.01, stiffness=10.0, acts_on="penetration") for a, b in pairwise(masses)]
+    return Scene(masses, effects, initial={masses[0]: (0.0, 1.0)})
+
+
+def _events() -> None:
+    simulate(_exact(), 8.0, times=np.linspace(0.0, 8.0, 81)).energy.balance_error  # noqa: B018
+    # A mass on a plane under its weight: resonance and rigid motion.
+    free = Mass(1.0)
+    simulate(Scene([free], [Contact(free, gap=0.1, stiffness=9.0, acts_on="penetration"), PointLoad(free, 1.0)]), 4.0)
+
+
+def _damped_events() -> None:
+    simulate(_damped(), 8.0, times=np.linspace(0.0, 8.0, 81)).energy.balance_error  # noqa: B018
+    simulate(_exact(RayleighDamping(0.1, 1e-3)), 4.0).energy.balance_error  # noqa: B018
+
+
+def _steps(method: str, dt: float, tol: float | None = None) -> Callable[[], None]:
+    def run() -> None:
+        for scene in (_stepped(), _chain()):
+            step = {"tol": tol} if tol is not None else {"dt": dt}
+            simulate(scene, 20.0 * dt, method=method, **step)  # type: ignore[arg-type]
+
+    return run
+
+
+def _statics() -> None:
+    beam = Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"})
+    tip = beam.at(1.0)
+    spring = HystereticSpring(tip, stiffness=1.0, linear_limit=0.01, softening=LinearSoftening(5.0), memory="cyclic")
+    stop = Contact(beam.at(0.5), gap=0.03, stiffness=1.0, side="below", acts_on="displacement")
+    quasi_static(Scene([beam], [stop, spring, PointLoad(tip, -0.3)]), [1.0, -1.0, 0.5])
+    many = Beam(1.0, 1.0, 1.0, 250, {"left": "clamped"})
+    equilibrium(Scene([many], [PointLoad(many.at(1.0), 1.0)]))
+
+
+#: What is compiled, in the order of use.
+_WORK: tuple[tuple[str, Callable[[], None]], ...] = (
+    ("event_driven", _events),
+    ("event_driven, damped", _damped_events),
+    ("energy_conserving", _steps("energy_conserving", 0.02)),
+    ("energy_conserving, tol", _steps("energy_conserving", 0.01, 1e-2)),
+    ("generalized_alpha", _steps("generalized_alpha", 0.02)),
+    ("central_difference", _steps("central_difference", 1e-3)),
+    ("statics", _statics),
+)
+
+#: Kinds of work that have kernels, by the names that the index on disk knows.
+KINDS = tuple(kind for kind, _ in _WORK)
+
+
+def compile_ahead() -> Iterator[tuple[str, float]]:
+    """Compile the kernels of all methods, or find them on disk; yield kind and seconds as each is done.
+
+    The machine code goes where `vofem.linalg.jit_cache.cache_folder` says.
+    """
+    for kind, work in _WORK:
+        begun = time.perf_counter()
+        with kernels(compiled=True):
+            work()
+        keep_kind(kind)
+        yield kind, time.perf_counter() - begun
+
+
+__all__ = ["KINDS", "cache_folder", "compile_ahead", "kinds_on_disk"]
