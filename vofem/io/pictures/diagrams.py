@@ -18,6 +18,12 @@ from vofem.studies.steady import Branch
 #: How the samples of each start are named in a legend.
 _STARTS = {"rest": "from the initial state", "up": "along rising values", "down": "along falling values"}
 
+#: Marks of special points; the others are squares.
+_MARKS = {"grazing": "v", "fold": "o", "period_doubling": "D"}
+
+#: Size of the points of a diagram of one value, in points; of many values it is divided among them.
+_INK = 240.0
+
 #: Most attractors that have a colour of their own.
 _MOST = len(COLORS)
 
@@ -60,10 +66,13 @@ def bifurcation(
     """
     goal = goal_of(path)
     figure, ((axes,),) = panels((9.0, 5.2))
+    size = float(np.clip(_INK / diagram.values.size, 0.8, 3.5))
     for color, start in zip((COLORS[1], COLORS[0], COLORS[2]), diagram.looks, strict=False):
         samples = diagram.displacement(point, start)
         values = np.broadcast_to(diagram.values[:, None], samples.shape)
-        axes.plot(values.ravel(), samples.ravel(), ",", color=color, rasterized=True)
+        axes.plot(
+            values.ravel(), samples.ravel(), "o", color=color, markersize=size, markeredgewidth=0, rasterized=True
+        )
         axes.plot([], [], "o", color=color, markersize=4, label=_STARTS[start])
     named: set[str] = set()
     for branch in branches:
@@ -71,6 +80,13 @@ def bifurcation(
             style = "-" if stable else "--"
             name = "stable orbits" if stable else "unstable orbits"
             axes.plot(along, positions, style, color=INK, linewidth=1.1, label=None if name in named else name)
+            named.add(name)
+        for special in branch.special:
+            position = _positions(special.orbit, branch.periods, diagram, point)
+            values = np.full(position.shape, special.value)
+            name = special.kind.replace("_", " ")
+            once = None if name in named else name
+            axes.plot(values, position, _MARKS.get(special.kind, "s"), color=INK, mfc="white", markersize=6, label=once)
             named.add(name)
     axes.set(xlabel=plain(label), ylabel="displacement once a period [m]")
     if ylim is not None:
@@ -82,21 +98,31 @@ def bifurcation(
 def _pieces(branch: Branch, diagram: BifurcationDiagram, point: Any) -> list[tuple[bool, list[float], NDArray]]:
     """Return the parts of a branch of one stability: values, and displacements at the beginning of each period.
 
-    Neighbouring parts share an orbit, so that no gap shows between them.
+    Neighbouring parts meet at the special point between them.
     """
-    name = diagram.points[0] if point is None else point
     pieces: list[tuple[bool, list[float], list[NDArray]]] = []
-    for value, orbit in zip(branch.values, branch.orbits, strict=True):
-        place = _place(orbit.scene, name)
-        times = orbit.period / branch.periods * np.arange(branch.periods)
-        position = orbit.result.displacement(place, times)
+    for k, (value, orbit) in enumerate(zip(branch.values, branch.orbits, strict=True)):
+        position = _positions(orbit, branch.periods, diagram, point)
         stable = bool(orbit.stable)
-        if pieces:
-            pieces[-1][1].append(float(value))
-            pieces[-1][2].append(position)
+        if pieces and pieces[-1][0] != stable:
+            joint = next((special for special in branch.special if k - 1 <= special.place <= k), None)
+            if joint is not None:
+                between = _positions(joint.orbit, branch.periods, diagram, point)
+                pieces[-1][1].append(joint.value)
+                pieces[-1][2].append(between)
+                pieces.append((stable, [joint.value], [between]))
         if not pieces or pieces[-1][0] != stable:
-            pieces.append((stable, [float(value)], [position]))
+            pieces.append((stable, [], []))
+        pieces[-1][1].append(float(value))
+        pieces[-1][2].append(position)
     return [(stable, values, np.array(positions)) for stable, values, positions in pieces]
+
+
+def _positions(orbit: Any, periods: int, diagram: BifurcationDiagram, point: Any) -> NDArray:
+    """Return the displacements of an orbit at the beginning of each period of the loads."""
+    place = _place(orbit.scene, diagram.points[0] if point is None else point)
+    displacement: NDArray = orbit.result.displacement(place, orbit.period / periods * np.arange(periods))
+    return displacement
 
 
 def _place(scene: Any, name: Any) -> Any:
