@@ -39,7 +39,7 @@ class PowerLossError(Exception):
 def small_steps(monkeypatch, size):
     """Look at the outcome every few steps."""
     monkeypatch.setattr("vofem.integrators.stepping.march._CHUNK_WORK", size)
-    monkeypatch.setattr("vofem.integrators.energy_conserving.adaptive._CHUNK", 170)
+    monkeypatch.setattr("vofem.integrators.stepping.doubling._CHUNK", 170)
 
 
 def same(one, two, beam):

@@ -161,11 +161,28 @@ def check_hysteresis(example, paths, printed):
     assert "printed  3.0450 m at 3.0450 N" in printed
 
 
+def check_impact_oscillator(example, outcome, printed):
+    """The period doubling, and motions along falling values on the branch where that is stable."""
+    branch, diagram = outcome
+    (doubling,) = [special for special in branch.special if special.kind == "period_doubling"]
+    # By an independent program, to 1e-11.
+    assert doubling.value == pytest.approx(0.915840977165114, abs=1e-10)
+    stable = diagram.values > doubling.value + 0.01
+    (mass,) = branch.orbits[0].scene.bodies
+    for value, samples in zip(diagram.values[stable], diagram.displacement(start="down")[stable], strict=True):
+        (orbit,) = branch.at(value)
+        assert orbit.stable
+        assert samples[-1] == pytest.approx(orbit.result.displacement(mass, [0.0])[0], abs=1e-5)
+    assert np.count_nonzero(stable) >= 3
+    assert "period_doubling at w = 0.91584097716" in printed
+
+
 CHECKS = {
     "beam_shapes": check_beam_shapes,
     "cantilever_on_stop": check_cantilever,
     "chain_of_masses": check_chain_of_masses,
     "hysteresis": check_hysteresis,
+    "impact_oscillator": check_impact_oscillator,
     "laws_on_constants": check_laws_on_constants,
     "one_sided_foundation": check_one_sided_foundation,
     "several_stops": check_several_stops,

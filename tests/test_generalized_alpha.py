@@ -103,3 +103,71 @@ def test_bad_parameters(options, message):
     mass = vf.Mass(1.0, stiffness=1.0)
     with pytest.raises(vf.ArgumentError, match=message):
         vf.simulate(vf.Scene([mass]), 1.0, dt=0.1, **METHOD, **options)
+
+
+def driven(kind):
+    """A mass that is loaded slowly, by a pulse, with a springpot, or against a soft stop; and its exact motion."""
+    mass = vf.Mass(1.0, stiffness=4.0, damping=0.05, name="mass")
+    load = vf.Pulse(100.0, 0.003, 1.234) if kind == "pulse" else vf.Sine(1.0, 1.7)
+    effects = [vf.PointLoad(mass, load)]
+    if kind == "stop":
+        effects.append(vf.Contact(mass, side="above", gap=0.3, stiffness=100.0, acts_on="penetration"))
+    if kind == "springpot":
+        effects.append(vf.Springpot(mass, coefficient=0.5, order=0.5))
+    scene, times = vf.Scene([mass], effects, initial={mass: (0.1, 0.0)}), np.linspace(0.0, 5.0, 501)
+    exact = {"method": "energy_conserving", "dt": 5e-5} if kind == "springpot" else {"method": "event_driven"}
+    return mass, scene, times, vf.simulate(scene, 5.0, times=times, **exact).displacement(mass)
+
+
+@pytest.mark.parametrize("kind", ["smooth", "pulse", "stop", "springpot"])
+def test_steps_that_follow_a_tolerance(kind):
+    mass, scene, times, right = driven(kind)
+    errors, steps = [], []
+    # What was made before an impact grows by it as any perturbation does.
+    growth = vf.simulate(scene, 5.0, method="event_driven").sensitivity.growth if kind == "stop" else [0.0]
+    for tol in (1e-3, 1e-5):
+        result = vf.simulate(scene, 5.0, times=times, tol=tol, **METHOD)
+        errors.append(np.max(np.abs(result.displacement(mass) - right)) / np.max(np.abs(right)))
+        steps.append(result.counters.steps)
+        assert errors[-1] < 2.0 * tol * 10.0 ** max(growth)
+        # A coarser run may differ by more than the tolerance after impacts, which is told.
+        assert kind == "stop" or not any(note.startswith("tol:") for note in result.notes)
+    # Errors follow the tolerance, and the steps of a method of order 2 its root.
+    assert 20.0 < errors[0] / errors[1] < 500.0
+    assert 5.0 < steps[1] / steps[0] < 20.0
+    assert steps[0] < 1000
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5, 1.0])
+def test_the_acceleration_is_moved_where_the_step_changes(rho):
+    mass, scene, times, right = driven("smooth")
+    result = vf.simulate(scene, 5.0, times=times, tol=1e-4, rho_infinity=rho, **METHOD)
+    assert np.max(np.abs(result.displacement(mass) - right)) < 2e-4 * np.max(np.abs(right))
+    exact = vf.simulate(scene, 5.0, times=times, method="event_driven").acceleration(mass)
+    assert np.max(np.abs(result.acceleration(mass)[1:] - exact[1:])) < 5e-3 * np.max(np.abs(exact))
+
+
+def test_a_run_under_a_tolerance_goes_on_bit_for_bit(tmp_path):
+    mass, scene, times, _ = driven("springpot")
+    arguments = {"times": times, "tol": 1e-4, **METHOD}
+    whole = vf.simulate(scene, 5.0, **arguments)
+    calls = 0
+
+    def stop(reached, t_end):
+        nonlocal calls
+        calls += 1
+        if calls == 2:
+            raise KeyboardInterrupt
+
+    path = tmp_path / "run.checkpoint"
+    with pytest.raises(KeyboardInterrupt):
+        vf.simulate(scene, 5.0, progress=stop, checkpoint=path, checkpoint_every=0.0, **arguments)
+    resumed = vf.resume(path)
+    assert calls == 2
+    assert np.array_equal(resumed.displacement(mass), whole.displacement(mass))
+
+
+def test_a_step_and_a_tolerance_are_refused():
+    _, scene, _, _ = driven("smooth")
+    with pytest.raises(vf.ArgumentError, match="dt and tol were both given"):
+        vf.simulate(scene, 1.0, dt=0.1, tol=1e-3, **METHOD)

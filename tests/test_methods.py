@@ -183,8 +183,10 @@ def test_options_have_the_defaults_that_they_tell(method):
 
 def test_tol_is_refused_where_it_means_nothing():
     scene, mass = oscillator()
-    for method in ("event_driven", "generalized_alpha", "central_difference"):
-        with pytest.raises(vf.ArgumentError, match=rf"tol was given, but {method} has no .*'energy_conserving'"):
+    for method in ("event_driven", "central_difference"):
+        with pytest.raises(
+            vf.ArgumentError, match=rf"tol was given, but {method} has no .*'energy_conserving' or 'generalized_alpha'"
+        ):
             vf.simulate(scene, 1.0, method=method, tol=1e-6)
     # Who leaves the choice to "auto" asks for accuracy, and gets it.
     result = vf.simulate(scene, 1.0, tol=1e-6)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import subprocess
 import sys
 
@@ -109,3 +110,27 @@ def test_faults_in_a_table_of_a_misspelt_name(tmp_path):
     assert "contacts: unknown key; did you mean 'contact'?" in text
     assert "contacts[0].gap" in text or "contacts[1].gap" in text
     assert "stifness: unknown key; did you mean 'stiffness'?" in text
+
+
+#: What runs return, and the base of all functions of time: users do not construct these.
+OUTCOMES = (vf.Equilibrium, vf.Modes, vf.QuasiStatic, vf.Result, vf.TimeFunction)
+
+CONSTRUCTED = [
+    kind
+    for kind in (getattr(vf, name) for name in vf.__all__)
+    if isinstance(kind, type) and not issubclass(kind, Exception) and kind not in OUTCOMES
+]
+
+
+@pytest.mark.parametrize("kind", CONSTRUCTED, ids=lambda kind: kind.__name__)
+def test_every_class_names_what_it_takes(kind):
+    with pytest.raises(vf.ArgumentError, match=rf"{kind.__name__}: there is no argument 'misspelt'"):
+        kind(misspelt=1.0)
+
+
+@pytest.mark.parametrize("kind", CONSTRUCTED, ids=lambda kind: kind.__name__)
+def test_points_and_loads_have_types(kind):
+    """A type checker finds ``Contact("tip")``: only what is checked as a whole, such as an order, is of any type."""
+    found = inspect.signature(kind.__init__).parameters
+    for name in {"a", "b", "point", "other", "f", "acceleration", "EI", "rhoA", "body"} & found.keys():
+        assert "Any" not in str(found[name].annotation).replace("Callable[[Any], Any]", ""), name

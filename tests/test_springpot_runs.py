@@ -109,7 +109,7 @@ class PowerLossError(Exception):
 @pytest.mark.parametrize("kind", ["energy_conserving", "tolerance", "generalized_alpha", "central_difference"])
 def test_resumed_runs_are_bitwise_the_same(kind, order, tmp_path, monkeypatch):
     monkeypatch.setattr("vofem.integrators.stepping.march._CHUNK_WORK", 200)
-    monkeypatch.setattr("vofem.integrators.energy_conserving.adaptive._CHUNK", 50)
+    monkeypatch.setattr("vofem.integrators.stepping.doubling._CHUNK", 50)
     monkeypatch.setattr("vofem.integrators.stepping.history._MOST_STEPS", 150)
     options = {"method": "energy_conserving", "tol": 1e-4} if kind == "tolerance" else {"method": kind, "dt": 0.02}
     mass, scene = oscillator(order, STARTS["struck"])

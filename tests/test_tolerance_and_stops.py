@@ -49,6 +49,20 @@ def test_a_mass_between_two_stops(stiffness, tol):
     assert result.counters.steps < 800 / np.sqrt(tol)
 
 
+@pytest.mark.parametrize("stiffness", [1e2, 1e4, 1e8, 1e12])
+@pytest.mark.parametrize("tol", [1e-2, 1e-4])
+def test_generalized_alpha_between_two_stops_is_right_or_told(stiffness, tol):
+    mass, scene = between_stops(stiffness)
+    times = np.linspace(0.0, 9.7, 1001)
+    result = vf.simulate(scene, 9.7, tol=tol, times=times, method="generalized_alpha")
+    right = flight(times, stiffness)
+    off = np.max(np.abs(result.displacement(mass) - right)) / np.max(np.abs(right))
+    assert off < 5.0 * tol or any(note.startswith("tol: displacements may") for note in result.notes)
+    assert tol > 1e-3 or (off < 5.0 * tol and result.notes == [])
+    assert np.max(np.abs(result.velocity(mass))) < 1.0 + 1e-3
+    assert result.counters.steps < 200 / np.sqrt(tol)
+
+
 @pytest.mark.parametrize("stiffness", [1e4, 1e8])
 def test_the_jump_law_between_two_stops(stiffness):
     mass, scene = between_stops(stiffness, "displacement")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem._validate import array
+from vofem._validate import array, public
 from vofem.errors import ArgumentError
 
 
@@ -41,3 +41,6 @@ class Polynomial:
         for coefficient in self.coefficients[-2::-1]:
             result = result * x + coefficient
         return result
+
+
+public(Polynomial)

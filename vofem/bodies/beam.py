@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,6 +25,9 @@ from vofem.errors import ArgumentError
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
     from skfem import Basis
+
+#: What a coefficient of a beam may be: a number, one for each element or named part, or a callable of x.
+Along = float | ArrayLike | Callable[[Any], Any] | Mapping[str, float]
 
 __all__ = ["SUPPORTS", "Beam", "BeamPoint"]
 
@@ -75,8 +78,8 @@ class Beam:
     def __init__(
         self,
         length: float,
-        EI: Any,
-        rhoA: Any,
+        EI: Along,
+        rhoA: Along,
         elements: int | ArrayLike | LineMesh,
         supports: Mapping[Any, str] | None = None,
         tension: float = 0.0,
@@ -96,8 +99,8 @@ class Beam:
     def from_mesh(
         cls,
         path: str | os.PathLike[str],
-        EI: Any,
-        rhoA: Any,
+        EI: Along,
+        rhoA: Along,
         supports: Mapping[Any, str] | None = None,
         tension: float = 0.0,
         name: str | None = None,

@@ -21,7 +21,7 @@ def add_accuracy(commands: Commands) -> None:
     accuracy.add_argument("--tolerance", type=float, default=1e-6, help="of the largest displacement, for the advice")
     accuracy.add_argument("--methods", nargs="+", metavar="METHOD", help=", ".join(method_names()))
     accuracy.add_argument("--dt", type=float, nargs="+", metavar="DT", help="steps in s")
-    accuracy.add_argument("--tol", type=float, nargs="+", default=[], metavar="TOL", help="of energy_conserving")
+    accuracy.add_argument("--tol", type=float, nargs="+", default=[], metavar="TOL", help="of methods that follow it")
     accuracy.add_argument("--elements", type=int, nargs="+", metavar="N", help="of all beams together")
     accuracy.add_argument("--point", metavar="BODY@X", help="whose displacement is compared (the first contact's)")
     accuracy.add_argument("--repeats", type=int, default=3, help="runs of which the shortest time counts (3)")

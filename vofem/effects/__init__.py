@@ -50,7 +50,7 @@ __all__ = [
 
 public(
     Approximated, BaseMotion, BilinearSpring, Constant, Contact, CrushingStop, Dashpot, DistributedLoad,
-    Foundation, Gravity, HystereticSpring, IwanSpring, LinearSoftening, ModalDamping, NonlinearSpring,
+    Foundation, Gravity, HystereticSpring, IwanSpring, Joint, LinearSoftening, ModalDamping, NonlinearSpring,
     PointLoad, PointMass, PointMoment, Pulse, Ramp, RayleighDamping, Resolved, RotationalSpring, Sine, Spring,
     Springpot, Tabulated,
 )  # fmt: skip

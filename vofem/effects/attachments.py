@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from vofem._validate import number
 from vofem.assembly import SystemBuilder
 from vofem.bodies.base import Point, as_point
@@ -22,7 +20,7 @@ class Spring(TwoPoints):
         Whether it acts on displacements (m, N) or on rotations of beams (rad, N m).
     """
 
-    def __init__(self, a: Any, b: Any = None, *, stiffness: float, of: str = "displacement") -> None:
+    def __init__(self, a: Point, b: Point | None = None, *, stiffness: float, of: str = "displacement") -> None:
         self._attach("Spring", a, b, of)
         self.stiffness = number("Spring: stiffness", stiffness, minimum=0)
 
@@ -47,7 +45,7 @@ class Dashpot(TwoPoints):
         Whether it acts on displacements (m, N) or on rotations of beams (rad, N m).
     """
 
-    def __init__(self, a: Any, b: Any = None, *, damping: float, of: str = "displacement") -> None:
+    def __init__(self, a: Point, b: Point | None = None, *, damping: float, of: str = "displacement") -> None:
         self._attach("Dashpot", a, b, of)
         self.damping = number("Dashpot: damping", damping, minimum=0)
 
@@ -74,7 +72,7 @@ class RotationalSpring:
         In N m/rad, not negative.
     """
 
-    def __init__(self, point: Any, other: Any = None, *, stiffness: float) -> None:
+    def __init__(self, point: Point, other: Point | None = None, *, stiffness: float) -> None:
         self.point = as_point("RotationalSpring: point", point)
         self.other: Point | None = None if other is None else as_point("RotationalSpring: other", other)
         self.stiffness = number("RotationalSpring: stiffness", stiffness, minimum=0)
@@ -107,7 +105,7 @@ class PointMass:
         Rotary inertia in kg m^2, for a point of a beam.
     """
 
-    def __init__(self, point: Any, *, mass: float, inertia: float = 0.0) -> None:
+    def __init__(self, point: Point, *, mass: float, inertia: float = 0.0) -> None:
         self.point = as_point("PointMass: point", point)
         self.mass = number("PointMass: mass", mass, minimum=0)
         self.inertia = number("PointMass: inertia", inertia, minimum=0)

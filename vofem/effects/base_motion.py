@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from vofem.assembly import SystemBuilder
 from vofem.bodies.base import Body, Point
 from vofem.errors import ArgumentError
-from vofem.time_functions import as_time_function
+from vofem.time_functions import Load, as_time_function
 
 
 class BaseMotion:
@@ -25,7 +23,7 @@ class BaseMotion:
         Of the base, in m/s^2, positive upward.
     """
 
-    def __init__(self, body: Any, acceleration: Any) -> None:
+    def __init__(self, body: Body, acceleration: Load) -> None:
         if not isinstance(body, Body):
             raise ArgumentError(f"BaseMotion: body is {body!r}, expected a Beam or a Mass")
         self.body = body

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from vofem._validate import choice, number
 from vofem.assembly import ContactEntry, SystemBuilder
-from vofem.bodies.base import automatic_name
+from vofem.bodies.base import Point, automatic_name
 from vofem.effects.side import distinct, side_of
 from vofem.effects.two_points import TwoPoints
 from vofem.errors import ArgumentError
@@ -76,8 +76,8 @@ class Contact(TwoPoints):
 
     def __init__(
         self,
-        a: Any,
-        b: Any = None,
+        a: Point,
+        b: Point | None = None,
         *,
         gap: float,
         stiffness: float,

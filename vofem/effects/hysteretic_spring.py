@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from vofem._validate import choice, number, one_of
 from vofem.assembly import SystemBuilder
-from vofem.bodies.base import automatic_name
+from vofem.bodies.base import Point, automatic_name
 from vofem.effects.side import distinct, side_of
 from vofem.effects.softening import Backbone, Softening
 from vofem.effects.two_points import TwoPoints
@@ -57,8 +55,8 @@ class HystereticSpring(TwoPoints):
 
     def __init__(
         self,
-        a: Any,
-        b: Any = None,
+        a: Point,
+        b: Point | None = None,
         *,
         stiffness: float,
         linear_limit: float,
@@ -155,8 +153,8 @@ class CrushingStop(TwoPoints):
 
     def __init__(
         self,
-        a: Any,
-        b: Any = None,
+        a: Point,
+        b: Point | None = None,
         *,
         gap: float,
         stiffness: float,

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import array, number
 from vofem.assembly import SystemBuilder
-from vofem.bodies.base import automatic_name
+from vofem.bodies.base import Point, automatic_name
 from vofem.effects.two_points import TwoPoints, Units
 from vofem.errors import ArgumentError
 from vofem.laws import JENKINS, HystereticLaw
@@ -50,8 +48,8 @@ class IwanSpring(TwoPoints):
 
     def __init__(
         self,
-        a: Any,
-        b: Any = None,
+        a: Point,
+        b: Point | None = None,
         *,
         elongation: ArrayLike,
         force: ArrayLike,
@@ -106,8 +104,8 @@ class BilinearSpring(IwanSpring):
 
     def __init__(
         self,
-        a: Any,
-        b: Any = None,
+        a: Point,
+        b: Point | None = None,
         *,
         stiffness: float,
         linear_limit: float,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from vofem._validate import choice
 from vofem.assembly import SystemBuilder
 from vofem.bodies.base import Point, as_point, automatic_name
@@ -35,7 +33,7 @@ class Joint:
         the points already.
     """
 
-    def __init__(self, a: Any, b: Any, *, kind: str, name: str | None = None) -> None:
+    def __init__(self, a: Point, b: Point, *, kind: str, name: str | None = None) -> None:
         self.name = automatic_name(name, "Joint")
         label = f"Joint {self.name!r}"
         self.a: Point = as_point(f"{label}: a", a)

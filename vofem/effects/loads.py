@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from vofem.bodies.base import Point, as_point
 from vofem.bodies.beam import Beam
 from vofem.bodies.coefficient import evaluate_along
 from vofem.errors import ArgumentError
-from vofem.time_functions import Constant, TimeFunction, as_time_function
+from vofem.time_functions import Constant, Load, TimeFunction, as_time_function
 
 
 class PointLoad:
@@ -26,7 +27,7 @@ class PointLoad:
         In N.
     """
 
-    def __init__(self, point: Any, f: Any) -> None:
+    def __init__(self, point: Point, f: Load) -> None:
         self.point = as_point("PointLoad: point", point)
         self.f = as_time_function(f)
 
@@ -53,7 +54,7 @@ class PointMoment:
         In N m.
     """
 
-    def __init__(self, point: Any, f: Any) -> None:
+    def __init__(self, point: Point, f: Load) -> None:
         self.point = as_point("PointMoment: point", point)
         self.point.slope_row()
         self.f = as_time_function(f)
@@ -83,7 +84,7 @@ class DistributedLoad:
         Without unit.
     """
 
-    def __init__(self, beam: Beam, p: Any, f: Any = 1.0) -> None:
+    def __init__(self, beam: Beam, p: float | Callable[[Any], Any], f: Load = 1.0) -> None:
         if not isinstance(beam, Beam):
             raise ArgumentError(f"DistributedLoad: beam is {beam!r}, expected a Beam")
         self.beam = beam

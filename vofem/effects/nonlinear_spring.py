@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
 from vofem.assembly import SystemBuilder
-from vofem.bodies.base import automatic_name
+from vofem.bodies.base import Point, automatic_name
 from vofem.effects.two_points import TwoPoints
 from vofem.errors import ArgumentError
 from vofem.laws import SmoothLaw
@@ -42,8 +41,8 @@ class NonlinearSpring(TwoPoints):
 
     def __init__(
         self,
-        a: Any,
-        b: Any = None,
+        a: Point,
+        b: Point | None = None,
         *,
         potential: Callable[[float], float],
         force: Callable[[float], float],

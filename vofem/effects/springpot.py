@@ -8,7 +8,7 @@ import numpy as np
 
 from vofem._validate import number
 from vofem.assembly import SystemBuilder
-from vofem.bodies.base import automatic_name
+from vofem.bodies.base import Point, automatic_name
 from vofem.effects.two_points import TwoPoints
 from vofem.errors import ArgumentError
 from vofem.fractional.laws import ConstantOrder, OrderLaw
@@ -53,8 +53,8 @@ class Springpot(TwoPoints):
 
     def __init__(
         self,
-        a: Any,
-        b: Any = None,
+        a: Point,
+        b: Point | None = None,
         *,
         coefficient: float,
         order: float | OrderLaw,

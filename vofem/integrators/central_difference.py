@@ -28,31 +28,25 @@ from numpy.typing import NDArray
 from vofem.errors import StepSizeError
 from vofem.integrators.base import ProbeRows, Samples
 from vofem.integrators.critical_step import critical_step
-from vofem.integrators.damping_matrix import damping_matrix
 from vofem.integrators.methods import CENTRAL_DIFFERENCE
 from vofem.integrators.registry import advice
 from vofem.integrators.stepped import SteppedSolution, step_count, storage_times
-from vofem.integrators.stepping.checks import check_times, look
-from vofem.integrators.stepping.checks import watch as watch_of
+from vofem.integrators.stepping.checks import look
 from vofem.integrators.stepping.energies import kinetic_energy
-from vofem.integrators.stepping.march import MOST_FACTORED, Banded, chunk, march, note_chatter, stored_energy, tally
-from vofem.integrators.stepping.probes import tap
+from vofem.integrators.stepping.march import MOST_FACTORED, march, note_chatter, stored_energy
 from vofem.integrators.stepping.recall import remember, tell_histories
-from vofem.integrators.stepping.record import Output, Trail, leave, log_event, output, rounding, store, switched, trail
+from vofem.integrators.stepping.record import Output, Trail, leave, log_event, rounding, store, switched
+from vofem.integrators.stepping.setting import EqualSteps, Matrices
 from vofem.integrators.stepping.step_loads import followed, note_loads
 from vofem.integrators.watching import Snapshot, Watch
-from vofem.laws import SpringpotLaws, initial_status
-from vofem.laws.callbacks import callbacks_of
-from vofem.laws.evaluate import commit, force_at, loaded
+from vofem.laws import SpringpotLaws
+from vofem.laws.evaluate import commit, force_at
 from vofem.laws.kinds import AFFINE
 from vofem.laws.resolved import contact_stiffness
-from vofem.laws.rows import Rows, all_rows, compressed, dot, subtract_row
+from vofem.laws.rows import Rows, all_rows, dot, subtract_row
 from vofem.laws.springpot import (
     FORCE,
     MEAN,
-    NO_HISTORY,
-    NO_PACE,
-    NO_SPRINGPOTS,
     WORK,
     History,
     Pace,
@@ -60,13 +54,13 @@ from vofem.laws.springpot import (
     affine,
     carry_on,
 )
-from vofem.laws.table import Laws, build_laws, with_state
-from vofem.linalg.banded import factor, solve, subtract_product, to_band, widen
+from vofem.laws.table import Laws, with_state
+from vofem.linalg.banded import factor, solve, subtract_product, widen
 from vofem.linalg.jit import jit
 from vofem.system import CLOSED, Counters, State, System
 
 if TYPE_CHECKING:
-    from vofem.integrators.stepping.history import Springpotted
+    pass
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -81,18 +75,20 @@ _MOST_STEPS = 1e9
 _BLOW_UP = 1e3
 
 
-class _Matrices(NamedTuple):
-    """Bands of M, K and C (no rows where undamped), and the factored ``M + dt C/2``.
+class _Size(NamedTuple):
+    """What belongs to the step size: matrices, load vectors, and what a step does to the past of springpots.
 
-    `shape` and `compliance` are ``A^-1 B'`` and ``B A^-1 B'`` of contact dampers and springpots.
+    `factored` is ``M + dt C/2``, `shape` and `compliance` are ``A^-1 B'`` and ``B A^-1 B'`` of contact dampers and
+    springpots.
     """
 
-    mass: Array
-    stiffness: Array
-    damping: Array
+    dt: float
+    matrices: Matrices
     factored: Array
     shape: Array
     compliance: Array
+    loads: Array
+    pace: Pace
 
 
 class _State(NamedTuple):
@@ -166,14 +162,12 @@ def run(
     stored = storage_times(times, t_end, dt, steps, system.size, notes)
     note_chatter(system, notes)
     note_loads(system, dt, t_end, notes)
-    kernel = _CentralDifference(system, start, t_end, dt, steps, counters)
+    kernel = _CentralDifference(system, start, counters, t_end)
+    kernel.plan(dt, steps)
     initial, acceleration = kernel.state.status.copy(), kernel.start_acceleration
     first = stored_energy(system, start.q, start.v) - 0.125 * dt**2 * float(acceleration @ (system.mass @ acceleration))
-    points = tap(probes, kernel.bands.order)
-    looks = check_times(t_end, dt, system.size), watch_of(system.contacts)
-    out = output(stored, system.size, points, system.histories, kernel.laws.state.size, looks)
     return march(
-        kernel, CENTRAL_DIFFERENCE, start, initial, t_end, dt, out, notes,
+        kernel, CENTRAL_DIFFERENCE, start, initial, t_end, dt, kernel.output(stored, probes, t_end), notes,
         first_energy=first, blow_up=_BLOW_UP, watch=watch, resume=resume,
         probes=probes,
     )  # fmt: skip
@@ -184,76 +178,44 @@ def _without_limit() -> str:
     return f"{advice(exact=True)}, which has no step, or {advice(conserves=True)}, which is stable at any"
 
 
-class _CentralDifference:
-    """One run: matrices in band storage, laws in compressed rows."""
+class _CentralDifference(EqualSteps):
+    """A run of equal steps. The velocity of a state is known, and the state stored, when the step after it is done."""
 
-    place: tuple[str, ...] = ("done",)
-
-    def __init__(self, system: System, start: State, t_end: float, dt: float, steps: int, counters: Counters) -> None:
-        self.dt, self.steps, self.done = dt, steps, 0
-        self.damping = damping = damping_matrix(system, counters)
-        self.bands = Banded(system, counters, system.mass, system.stiffness, damping)
-        order, n = self.bands.order, system.size
-        mass, stiffness = to_band(system.mass, order), to_band(system.stiffness, order)
-        c = np.empty((0, n)) if damping is None else to_band(damping, order)
-        parts = system.cache.get(
-            "central-difference matrix", dt, lambda: self._factor(mass, c, counters), MOST_FACTORED
-        )
-        self.callbacks = callbacks_of(system.laws)
-        self.laws = build_laws(system.laws, self.callbacks)
-        self.rows = compressed(all_rows(system.laws), order)
-        self.matrices = _Matrices(mass, stiffness, c, *parts)
-        self.loads = np.concatenate([self.bands.loads, self.bands.answers(self.matrices.factored, stiffness)])
-        self.bands.over.until = t_end
-        status = np.empty(0, dtype=np.int64)
-        if system.contacts is not None:
-            status = initial_status(system.contacts, start.q, start.v)
-        every = all_rows(system.laws)
-        u = np.zeros(0) if every is None else np.asarray(every @ start.q)
-        self.laws = loaded(self.laws, u, start.memory)
-        self.history, self.pace = NO_HISTORY, NO_PACE
-        self.springpotted: Springpotted | None = None
-        if system.group(SpringpotLaws) is not None:
-            self._keep_history(start, counters)
-        self.start_acceleration = self._start_acceleration(start, status)
+    def plan(self, dt: float, steps: int) -> None:
+        """Set the step size in s and the number of steps, and begin."""
+        super().plan(dt, steps)
+        system, start, order = self.bands.system, self.start, self.bands.order
+        if self.springpotted is not None:
+            self._begin_history()
+        parts = system.cache.get("central-difference matrix", dt, self._factor, MOST_FACTORED)
+        loads = np.concatenate([self.bands.loads, self.bands.answers(parts[0], self.matrices.stiffness)])
+        self.size = _Size(dt, self.matrices, *parts, loads, self.step_pace)
+        self.start_acceleration = self._start_acceleration(start, self.status)
         # Second-order start: half a step back with the acceleration of the initial conditions.
         half = start.v[order] - 0.5 * dt * self.start_acceleration[order]
-        self.state = _State(start.q[order].copy(), half, status, self.laws.state)
-        self.trail = trail(n, self.laws.state)
-        leave(self.trail, self.state.q, start.v[order], self.trail.a)
+        self.state = _State(start.q[order].copy(), half, self.status, self.laws.state)
+        self.begin_trail(np.zeros(system.size))
 
-    def _factor(self, mass: Array, c: Array, counters: Counters) -> tuple[Array, Array, Array]:
-        """Return the factored ``M + dt C/2``, and `shape` and `compliance` of `_Matrices`."""
-        a = mass
+    def _factor(self) -> tuple[Array, Array, Array]:
+        """Return the factored ``M + dt C/2``, and `shape` and `compliance` of `_Size`."""
+        a, _, c = self.matrices
         if c.size:
-            width = max(mass.shape[0], c.shape[0]) - 1
-            a = widen(mass, width) + 0.5 * self.dt * widen(c, width)
-        counters.factorizations += 1
+            width = max(a.shape[0], c.shape[0]) - 1
+            a = widen(a, width) + 0.5 * self.dt * widen(c, width)
+        self.bands.counters.factorizations += 1
         factored = factor(a, "the mass matrix")
         return factored, *_implicit(self.bands.system, factored, self.bands.order)
 
-    def _keep_history(self, start: State, counters: Counters) -> None:
-        """Let springpots keep their past; the force that they begin with is the mean of the first step."""
-        from vofem.integrators.stepping.history import Springpotted
+    def _begin_history(self) -> None:
+        """Let the force that springpots begin with be the mean of the first step.
 
+        With the force at t = 0, which grows like a power below 1, the sum over half steps would lose its order.
+        """
         springpots = self.bands.system.group(SpringpotLaws)
         assert springpots is not None
-        self.springpotted = Springpotted(self.bands.system, self.dt, (self.steps + 1) * self.dt, counters)
-        self.history, self.pace = self.springpotted.begin(start), self.springpotted.pace(self.dt)
-        # With the force at t = 0, which grows like a power below 1, the sum over half steps would lose its order.
-        first = self.springpotted.at(np.array([0.5 * self.dt]))
-        for i, rate in enumerate(springpots.rows @ start.v):
-            self.history.told[i, MEAN] = affine(first, self.pace, self.history, i, 0)[0] * rate
-        self.place = (*self.place, "history")
-
-    @property
-    def finished(self) -> bool:
-        """Whether the last step is done."""
-        return self.done > self.steps
-
-    def reached(self) -> float:
-        """Return the time of the state on the trail, s."""
-        return max(self.done - 1, 0) * self.dt
+        first = self.springpots(np.array([0.5 * self.dt]))
+        for i, rate in enumerate(springpots.rows @ self.start.v):
+            self.history.told[i, MEAN] = affine(first, self.step_pace, self.history, i, 0)[0] * rate
 
     def kinetic(self, samples: Samples) -> Array:
         """Return ``v_{n-1/2}' M v_{n+1/2} / 2`` at the stored times, J."""
@@ -262,32 +224,21 @@ class _CentralDifference:
 
     def advance(self, out: Output, cursor: int) -> tuple[int, Array]:
         """Take some steps."""
-        first = self.done
-        count, springpots = min(chunk(self.state.q.size), self.steps + 1 - first), NO_SPRINGPOTS
-        if self.springpotted is not None:
-            count = self.springpotted.most_steps(count)
-            springpots = self.springpotted.at((np.arange(first, first + count, dtype=float) + 0.5) * self.dt)
-        values = self.load_values(first, count)
+        first, count, springpots = self.next_chunk()
         cursor, events = _advance(
-            self.matrices, self.rows, with_state(self.laws, self.state.memory), self.loads, values, self.dt,
-            first, count, self.state, self.trail, out, cursor, springpots, self.pace, self.history,
+            self.size, self.rows, with_state(self.laws, self.state.memory), self.nodal_loads(first, count, self.dt),
+            first, count, self.state, self.trail, out, cursor, springpots, self.history,
         )  # fmt: skip
-        if self.callbacks is not None:
-            self.callbacks.complain(self.dt)
+        self.complain(self.dt)
         self.done += count
         # Forces are evaluated at both ends of the run.
-        tally(self.bands, self.laws, self.callbacks, min(self.done, self.steps), self.done)
+        self.count(min(self.done, self.steps), self.done)
         return cursor, events
-
-    def load_values(self, first: int, count: int) -> Array:
-        """Return the values of `loads` at some ends of steps, shape (2 n_loads, count)."""
-        mean, second = self.bands.over.nodal(first, count, self.dt)
-        return np.concatenate([mean, -0.5 * self.dt**2 * second])
 
     def _start_acceleration(self, start: State, status: IntArray) -> Array:
         """Return the acceleration that the equation of motion gives at t = 0, shape (n,)."""
         system, laws = self.bands.system, self.bands.system.contacts
-        force = (self.load_values(0, 1)[:, 0] @ self.loads)[self.bands.back] - system.stiffness @ start.q
+        force = (self.nodal_loads(0, 1, self.dt)[:, 0] @ self.size.loads)[self.bands.back] - system.stiffness @ start.q
         if self.damping is not None:
             force -= self.damping @ start.v
         first = 0
@@ -332,14 +283,15 @@ def _implicit(system: System, factored: Array, order: IntArray) -> tuple[Array, 
 
 @jit
 def _advance(
-    matrices: _Matrices, rows: Rows, laws: Laws, loads: Array, values: Array, dt: float, first: int, count: int,
-    state: _State, before: Trail, out: Output, cursor: int, springpots: Springpots, pace: Pace, history: History,
+    size: _Size, rows: Rows, laws: Laws, values: Array, first: int, count: int, state: _State, before: Trail,
+    out: Output, cursor: int, springpots: Springpots, history: History,
 ) -> tuple[int, Array]:  # fmt: skip
     """Advance `count` steps from step `first`; return the output cursor and events (time, contact, status)."""
+    dt, matrices, loads, pace = size.dt, size.matrices, size.loads, size.pace
     n, m, contacts = state.q.size, rows.start.size - 1, state.status.size
     q, half, seen = state.q, state.half, out.watch
     damped = matrices.damping.shape[0] > 0
-    dampers = matrices.shape.shape[1] > 0
+    dampers = size.shape.shape[1] > 0
     pots, told = history.y.shape[0], history.told
     slope, rest, pull = np.zeros(pots), np.zeros(pots), np.zeros(pots)
     a, v, load, loss = np.empty(n), np.empty(n), np.zeros(n), np.zeros(n)
@@ -390,9 +342,9 @@ def _advance(
                 subtract_row(rows, j, reaction, a)
         if damped:
             subtract_product(matrices.damping, half, a)
-        solve(matrices.factored, a)
+        solve(size.factored, a)
         if any_damper or (pots > 0 and step > 0):
-            _implicit_forces(matrices, rows, c_eq, 0.5 * dt, a)
+            _implicit_forces(size, rows, c_eq, 0.5 * dt, a)
         for i in range(n):
             v[i] = half[i] + 0.5 * dt * a[i]
         lossy = damped or any_damper
@@ -441,17 +393,17 @@ def _advance(
 
 
 @jit
-def _implicit_forces(matrices: _Matrices, rows: Rows, c_eq: Array, half_step: float, a: Array) -> None:
+def _implicit_forces(size: _Size, rows: Rows, c_eq: Array, half_step: float, a: Array) -> None:
     """Correct the acceleration for laws that act, by `c_eq`, on the mean of both half-step velocities."""
     m = c_eq.size
     system, right = np.eye(m), np.zeros(m)
     for j in range(m):
         right[j] = dot(rows, j, a)
         for i in range(m):
-            system[j, i] += matrices.compliance[j, i] * c_eq[i] * half_step
+            system[j, i] += size.compliance[j, i] * c_eq[i] * half_step
     mean = np.linalg.solve(system, right)
     for j in range(m):
         if c_eq[j] > 0.0:
             force = c_eq[j] * half_step * mean[j]
             for i in range(a.size):
-                a[i] -= matrices.shape[i, j] * force
+                a[i] -= size.shape[i, j] * force

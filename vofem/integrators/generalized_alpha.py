@@ -27,61 +27,45 @@ the generalized-alpha method, J. Appl. Mech. 60 (1993) 371-375, https://doi.org/
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem._validate import number
 from vofem.errors import ArgumentError, ConvergenceError
-from vofem.integrators.base import ProbeRows, Samples
-from vofem.integrators.damping_matrix import damping_matrix
+from vofem.integrators.base import ProbeRows
 from vofem.integrators.methods import GENERALIZED_ALPHA
-from vofem.integrators.stepped import SteppedSolution, step_count, storage_times
-from vofem.integrators.stepping.balance import Structure, balance, structure
-from vofem.integrators.stepping.checks import check_times, look
-from vofem.integrators.stepping.checks import watch as watch_of
-from vofem.integrators.stepping.contact_solve import law
-from vofem.integrators.stepping.energies import kinetic_energy
-from vofem.integrators.stepping.march import MOST_FACTORED, Banded, chunk, march, note_chatter, stored_energy, tally
-from vofem.integrators.stepping.probes import tap
+from vofem.integrators.stepped import SteppedSolution
+from vofem.integrators.stepping.balance import Structure, balance, law, structure
+from vofem.integrators.stepping.checks import look
+from vofem.integrators.stepping.doubling import Attempt, StepDoubling, impact
+from vofem.integrators.stepping.implicit import Asked, Doubled, implicit_run
+from vofem.integrators.stepping.ladder import RUNGS
+from vofem.integrators.stepping.march import MOST_FACTORED
 from vofem.integrators.stepping.recall import remember, tell_histories
-from vofem.integrators.stepping.record import Output, Trail, leave, log_event, output, rounding, store, switched, trail
-from vofem.integrators.stepping.step_loads import followed, note_loads
+from vofem.integrators.stepping.record import Output, Trail, leave, log_event, rounding, store, switched
+from vofem.integrators.stepping.setting import EqualSteps, Matrices, Setting
 from vofem.integrators.watching import Snapshot, Watch
-from vofem.laws import SpringpotLaws, initial_status
-from vofem.laws.callbacks import callbacks_of
-from vofem.laws.evaluate import closed_share, commit_all, loaded
-from vofem.laws.rows import Rows, all_rows, compressed, dot, subtract_row
-from vofem.laws.springpot import (
-    FORCE,
-    MEAN,
-    NO_HISTORY,
-    NO_PACE,
-    NO_SPRINGPOTS,
-    WORK,
-    History,
-    Pace,
-    Springpots,
-    carry_on,
-    impose,
-)
-from vofem.laws.table import Laws, build_laws, with_state
-from vofem.linalg.banded import factor, solve, subtract_product, to_band, widen
+from vofem.laws import SpringpotLaws
+from vofem.laws.evaluate import closed_share, commit_all
+from vofem.laws.rows import Rows, dot, subtract_row
+from vofem.laws.springpot import FORCE, MEAN, WORK, History, Pace, Springpots, carry_on, impose
+from vofem.laws.table import Laws, with_state
+from vofem.linalg.banded import factor, solve, subtract_product, widen
 from vofem.linalg.jit import jit
 from vofem.system import Counters, State, System
 
 if TYPE_CHECKING:
-    from vofem.integrators.stepping.history import Springpotted
+    from scipy.sparse import csr_matrix
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 #: Energy out of nowhere, over the energies at work, that ends a run.
 _BLOW_UP = 1.0
-
-#: Default number of steps in a run.
-_STEPS = 1000
 
 
 class Parameters(NamedTuple):
@@ -127,13 +111,15 @@ def parameters(
     return Parameters(am, af, g, b)
 
 
-class _Matrices(NamedTuple):
-    """Bands of M, K and C (no rows where undamped), and the structure of a step."""
+class _Size(NamedTuple):
+    """What belongs to a step size: the matrices of a step, its load vectors and what it does to springpots' past."""
 
-    mass: Array
-    stiffness: Array
-    damping: Array
+    dt: float
+    parameters: Parameters
+    matrices: Matrices
     structure: Structure
+    loads: Array
+    pace: Pace
 
 
 class _State(NamedTuple):
@@ -157,6 +143,7 @@ def run(
     watch: Watch | None = None,
     resume: Snapshot | None = None,
     probes: ProbeRows | None = None,
+    tol: float | None = None,
     **options: float,
 ) -> SteppedSolution:
     """Simulate from the start state at t = 0 to t_end.
@@ -177,6 +164,10 @@ def run(
         A snapshot of the same run, from which to go on.
     probes : ProbeRows, optional
         Points to be recorded at every step.
+    tol : float, optional
+        Chooses the steps: the errors of all steps together, estimated, stay
+        below this fraction of the largest displacement. Impacts are resolved.
+        Velocities and contact forces are not bounded by it.
     **options
         As `parameters` takes them.
 
@@ -188,167 +179,243 @@ def run(
         If a nonlinear spring that softens leaves a step without a solution.
     """
     chosen = parameters(**options)
-    counters, notes = Counters(), []
-    if dt is None:
-        dt, why = followed(system, t_end / _STEPS, t_end)
-        notes.append(f"step: dt = {dt:.6g} s was chosen{why or ', a thousandth of the run'}")
-    steps = step_count(t_end, dt)
-    stored = storage_times(times, t_end, dt, steps, system.size, notes)
-    note_chatter(system, notes)
-    note_loads(system, dt, t_end, notes)
-    kernel = _GeneralizedAlpha(system, start, t_end, dt, steps, chosen, counters)
-    points = tap(probes, kernel.bands.order)
-    looks = check_times(t_end, dt, system.size), watch_of(system.contacts)
-    out = output(stored, system.size, points, system.histories, kernel.laws.state.size, looks)
-    return march(
-        kernel, GENERALIZED_ALPHA, start, kernel.state.status.copy(), t_end, dt, out, notes,
-        first_energy=stored_energy(system, start.q, start.v), blow_up=_BLOW_UP, watch=watch, resume=resume,
-        probes=probes,
-    )  # fmt: skip
+
+    def equal(counters: Counters, dt: float, steps: int) -> _FixedSteps:
+        kernel = _FixedSteps(system, start, counters, t_end, chosen)
+        kernel.plan(dt, steps)
+        return kernel
+
+    made = Doubled(equal, lambda counters: _AdaptiveSteps(system, start, counters, t_end, chosen))
+    asked = Asked(system, start, t_end, times, dt, tol, watch, resume, probes)
+    return implicit_run(GENERALIZED_ALPHA, made, asked, _BLOW_UP)
 
 
-class _GeneralizedAlpha:
-    """One run at a fixed step."""
+class _Alpha(Setting):
+    """The state of a run, how it begins, and the matrices of its step sizes."""
 
-    place: tuple[str, ...] = ("done",)
-
-    def __init__(
-        self, system: System, start: State, t_end: float, dt: float, steps: int, chosen: Parameters,
-        counters: Counters,
-    ) -> None:  # fmt: skip
-        self.dt, self.steps, self.done, self.parameters = dt, steps, 0, chosen
-        am = chosen.alpha_m
-        damping = damping_matrix(system, counters)
-        self.bands = Banded(system, counters, system.mass, system.stiffness, damping)
-        order, n = self.bands.order, system.size
-        self.callbacks = callbacks_of(system.laws)
-        self.laws = build_laws(system.laws, self.callbacks)
-        self.rows = compressed(all_rows(system.laws), order)
-        mass, stiffness = to_band(system.mass, order), to_band(system.stiffness, order)
-        c = np.empty((0, n)) if damping is None else to_band(damping, order)
-        answer = system.cache.get(
-            "generalized-alpha matrix", (dt, chosen), lambda: self._factor(mass, stiffness, c, counters), MOST_FACTORED
-        )
-        self.matrices = _Matrices(mass, stiffness, c, answer)
-        status = np.empty(0, dtype=np.int64)
-        m = self.laws.table.size
-        u, rate = np.zeros(m), np.zeros(m)
-        rows = all_rows(system.laws)
-        if rows is not None:
-            u, rate = np.asarray(rows @ start.q), np.asarray(rows @ start.v)
-        self.laws = loaded(self.laws, u, start.memory)
-        if system.contacts is not None:
-            status = initial_status(system.contacts, start.q, start.v)
-        self.history, self.pace = NO_HISTORY, NO_PACE
-        self.springpotted: Springpotted | None = None
-        reaction = np.array([law(self.laws, j, u[j], u[j], False, 0.0, 0.0)[0] for j in range(m)])
-        dampers = _start_dampers(self.laws, u, rate)
-        springpots = system.group(SpringpotLaws)
-        if springpots is not None:
-            self._keep_history(start, counters)
-            first = system.first_of(springpots)
-            dampers[first : first + len(springpots)] = self.history.told[:, FORCE]
-        # The matrix of a step tends to (1 - am) M as dt does to 0.
-        second = (1.0 - am) * self.bands.answers(answer.factored, stiffness)
-        self.loads = np.concatenate([self.bands.loads, second])
-        self.bands.over.until = t_end
-        self.at_start, beyond = self.bands.over.start(dt)
-        # An impulse at t = 0 is a velocity: the steps would tell it late.
-        answers = (1.0 - am) * self.bands.answers(answer.factored, np.ones((1, n)))
-        self.kick = 0.5 * dt * (beyond @ answers)
-        force = (self.at_start @ self.bands.loads)[self.bands.back] - system.stiffness @ start.q
-        if damping is not None:
-            force -= damping @ start.v
-        if rows is not None:
-            force -= rows.T @ (reaction + dampers)
-        acceleration = force[order]
-        solve(factor(mass, "the mass matrix"), acceleration)
-        past = self.laws.state
+    def __init__(self, system: System, start: State, counters: Counters, t_end: float, chosen: Parameters) -> None:
+        super().__init__(system, start, counters, t_end)
+        self.parameters = chosen
+        order, u = self.bands.order, self.u
+        rate = np.zeros(0) if self.every_row is None else np.asarray(self.every_row @ start.v)
+        reaction = np.array([law(self.laws, j, x, x, False, 0.0, 0.0)[0] for j, x in enumerate(u.tolist())])
         self.state = _State(
-            start.q[order].copy(), start.v[order].copy(), acceleration, reaction, dampers, status, past
+            start.q[order].copy(), start.v[order].copy(), np.zeros(system.size), reaction,
+            _start_dampers(self.laws, u, rate), self.status, self.laws.state,
         )  # fmt: skip
-        self.trail = trail(n, past)
-        leave(self.trail, self.state.q, self.state.v, self.state.a)
+        self.sizes: dict[float, _Size] = {}
 
-    def _factor(self, mass: Array, stiffness: Array, c: Array, counters: Counters) -> Structure:
+    def size_of(self, dt: float) -> _Size:
+        """Return what belongs to a step size in s."""
+        if dt not in self.sizes:
+            made = self.bands.system.cache.get(
+                "generalized-alpha matrix", (dt, self.parameters), lambda: self._factor(dt), MOST_FACTORED
+            )
+            # The matrix of a step tends to (1 - am) M as dt does to 0.
+            second = (1.0 - self.parameters.alpha_m) * self.bands.answers(made.factored, self.matrices.stiffness)
+            loads = np.concatenate([self.bands.loads, second])
+            self.sizes[dt] = _Size(dt, self.parameters, self.matrices, made, loads, self.pace(dt))
+        return self.sizes[dt]
+
+    def _factor(self, dt: float) -> Structure:
         """Return the structure of a step."""
-        (am, af, gamma, beta), dt = self.parameters, self.dt
-        width = max(mass.shape[0], stiffness.shape[0], c.shape[0]) - 1
+        (am, af, gamma, beta), (mass, stiffness, c) = self.parameters, self.matrices
+        width = max(part.shape[0] for part in self.matrices) - 1
         a = (1.0 - am) * widen(mass, width) + (1.0 - af) * beta * dt**2 * widen(stiffness, width)
         if c.size:
             a += (1.0 - af) * gamma * dt * widen(c, width)
-        counters.factorizations += 1
+        self.bands.counters.factorizations += 1
         # Coordinates at the end answer to reactions there, or to dampers' forces over the step, weighted 1 - af.
         return structure(a, "the matrix of a step", self.rows, self.laws, beta * dt**2, 1.0 - af)
 
-    def _keep_history(self, start: State, counters: Counters) -> None:
-        """Let springpots keep their past."""
-        from vofem.integrators.stepping.history import Springpotted
+    def begin(self, dt: float) -> None:
+        """Find the acceleration at t = 0, and what loads that are short against a step of a size do there."""
+        system, start, order = self.bands.system, self.start, self.bands.order
+        springpots = system.group(SpringpotLaws)
+        if springpots is not None:
+            first = system.first_of(springpots)
+            self.state.damper[first : first + len(springpots)] = self.history.told[:, FORCE]
+        self.at_start, beyond = self.bands.over.start(dt)
+        # An impulse at t = 0 is a velocity: the steps would tell it late.
+        unit = np.ones((1, system.size))
+        answers = (1.0 - self.parameters.alpha_m) * self.bands.answers(self.size_of(dt).structure.factored, unit)
+        self.kick = 0.5 * dt * (beyond @ answers)
+        force = (self.at_start @ self.bands.loads)[self.bands.back] - system.stiffness @ start.q
+        if self.damping is not None:
+            force -= self.damping @ start.v
+        if self.every_row is not None:
+            force -= self.every_row.T @ (self.state.reaction + self.state.damper)
+        self.state.a[:] = force[order]
+        solve(factor(self.matrices.mass, "the mass matrix"), self.state.a)
+        self.begin_trail(self.state.a)
 
-        self.springpotted = Springpotted(self.bands.system, self.dt, self.steps * self.dt, counters)
-        self.history, self.pace = self.springpotted.begin(start), self.springpotted.pace(self.dt)
-        self.place = (*self.place, "history")
-
-    def _kick(self) -> None:
-        """Give the structure the impulse of loads at t = 0; its work is what the kinetic energy gains."""
+    def store_start(self, out: Output, dt: float) -> int:
+        """Store the state at t = 0; return the output cursor. Then give the structure the impulse of loads there."""
+        state = self.state
+        look(out.watch, self.rows, dt, state.q, state.v)
+        cursor = store(out, 0, 0.0, dt, True, self.trail, state.q, state.v, state.a, state.a)
+        if state.memory.size:
+            remember(self.laws, state.memory, self.rows, out, 0, cursor)
+        tell_histories(self.history, out, 0, cursor, 0.0, dt)
         if np.any(self.kick):
             gain = np.zeros(self.kick.size)
             subtract_product(self.matrices.mass, self.kick, gain)
-            self.trail.work[:] -= float(gain @ (self.state.v + 0.5 * self.kick))
-            self.state.v[:] += self.kick
+            # The work of the impulse is what the kinetic energy gains.
+            self.trail.work[:] -= float(gain @ (state.v + 0.5 * self.kick))
+            state.v[:] += self.kick
+        return int(cursor)
 
-    def load_values(self, first: int, count: int) -> Array:
-        """Return the values of `loads` at some ends of steps, shape (2 n_loads, count)."""
-        mean, second = self.bands.over.nodal(first, count, self.dt)
-        return np.concatenate([mean, -0.5 * self.dt**2 * second])
+    def steps_of(
+        self, dt: float, first: int, count: int, springpots: Springpots, out: Output, cursor: int
+    ) -> tuple[int, Array, int, int]:
+        """Take steps of a size; return output cursor, events, contact solves, and the step that failed or -1."""
+        values = self.nodal_loads(first, count + 1, dt)
+        if first == 0:
+            values[: self.at_start.size, 0] = self.at_start
+        found: tuple[int, Array, int, int] = _advance(
+            self.size_of(dt), self.rows, with_state(self.laws, self.state.memory), values, first, count, self.state,
+            self.trail, out, cursor, springpots, self.history,
+        )  # fmt: skip
+        return found
 
-    @property
-    def finished(self) -> bool:
-        """Whether the last step is done."""
-        return self.done >= self.steps
 
-    def reached(self) -> float:
-        """Return the time of the state on the trail, s."""
-        return self.done * self.dt
+class _FixedSteps(EqualSteps, _Alpha):
+    """A run of equal steps."""
 
-    def kinetic(self, samples: Samples) -> Array:
-        """Return the kinetic energy at the stored times, J."""
-        return kinetic_energy(self.bands.system, samples.v)
+    lag = 0
+
+    def plan(self, dt: float, steps: int) -> None:
+        """Set the step size in s and the number of steps."""
+        super().plan(dt, steps)
+        self.begin(dt)
 
     def advance(self, out: Output, cursor: int) -> tuple[int, Array]:
         """Take some steps."""
-        first = self.done
-        count, springpots = min(chunk(self.state.q.size), self.steps - first), NO_SPRINGPOTS
-        if self.springpotted is not None:
-            count = self.springpotted.most_steps(count)
-            springpots = self.springpotted.at((np.arange(first, first + count, dtype=float) + 0.5) * self.dt)
+        first, count, springpots = self.next_chunk()
         if first == 0:
-            look(out.watch, self.rows, self.dt, self.state.q, self.state.v)
-            cursor = store(
-                out, 0, 0.0, self.dt, True, self.trail, self.state.q, self.state.v, self.state.a, self.state.a
-            )
-            if self.state.memory.size:
-                remember(self.laws, self.state.memory, self.rows, out, 0, cursor)
-            tell_histories(self.history, out, 0, cursor, 0.0, self.dt)
-        values = self.load_values(first, count + 1)
-        if first == 0:
-            values[: self.at_start.size, 0] = self.at_start
-            self._kick()
-        cursor, events, solves, failed = _advance(
-            self.matrices, self.parameters, self.rows, with_state(self.laws, self.state.memory), self.loads,
-            values, self.dt, first, count, self.state, self.trail, out, cursor, springpots, self.pace, self.history,
-        )  # fmt: skip
-        if self.callbacks is not None:
-            self.callbacks.complain(self.dt)
+            cursor = self.store_start(out, self.dt)
+        cursor, events, solves, failed = self.steps_of(self.dt, first, count, springpots, out, cursor)
+        self.complain(self.dt)
         if failed >= 0:
             raise ConvergenceError(
                 f"{GENERALIZED_ALPHA.name} found no solution of the step from t = {failed * self.dt:g} s at dt = "
                 f"{self.dt:g} s; a nonlinear spring that softens may leave none, or the state has blown up: reduce dt"
             )
         self.done += count
-        tally(self.bands, self.laws, self.callbacks, self.done, self.done)
-        self.bands.counters.contact_solves += solves
+        self.count(self.done, self.done, solves)
         return cursor, events
+
+
+class _AdaptiveSteps(StepDoubling, _Alpha):
+    """A run of steps chosen by their error.
+
+    The acceleration of the method is that at ``(alpha_f - alpha_m) dt`` before the end of a step, so it is moved where
+    the size of steps changes (M. Arnold, O. Brüls, Multibody Syst. Dyn. 18 (2007) 185-202,
+    https://doi.org/10.1007/s11044-007-9084-0).
+    """
+
+    place = (*StepDoubling.place, "last", "gain")
+    lag = 0
+    method = GENERALIZED_ALPHA
+
+    def plan(self, t_end: float, tolerance: float, fineness: float = 1.0) -> None:
+        """Set the end in s, the tolerance, and how finely impacts are resolved, over what is done by default."""
+        super().plan(t_end, tolerance, fineness)
+        #: Size of the last step in s, 0 before the first one, and what the acceleration gained in it.
+        self.last, self.gain = 0.0, np.zeros(self.state.q.size)
+        self.unseen = self.output(np.zeros(0), None)
+        self.begin(self.length(self.rung + 1))
+
+    @property
+    def displacement(self) -> Array:
+        """Displacements where the run stands."""
+        return self.state.q
+
+    def _parts(self, out: Output) -> tuple[NDArray[Any], ...]:
+        """Return all arrays that a step changes, but those of states that are stored."""
+        return *self.state, *self.trail, *self.history, out.watch, out.tap.filled, out.past
+
+    def _one_step(self, dt: float, number: int, out: Output, cursor: int) -> tuple[int, Array, int]:
+        """Take the step of a number and a size; return output cursor, events, and contact solves or -1."""
+        am, af, before = self.parameters.alpha_m, self.parameters.alpha_f, self.state.a.copy()
+        if self.last > 0.0:
+            self.state.a[:] += (af - am) * (1.0 - dt / self.last) * self.gain
+            before[:] = self.state.a
+        springpots = self.springpots(np.array([(number + 0.5) * dt]))
+        cursor, events, solves, failed = self.steps_of(dt, number, 1, springpots, out, cursor)
+        self.last, self.gain = dt, self.state.a - before
+        return cursor, events, solves if failed < 0 else -1
+
+    def attempt(self, out: Output, cursor: int) -> Attempt:
+        """Take the next step whole, and again in halves, which stay."""
+        half = self.length(self.rung + 1)
+        number = self.now // 2 ** (RUNGS - self.rung)
+        if self.now == 0:
+            self.begin(half)
+        self.before = [part.copy() for part in self._parts(out)], self.last, self.gain
+        if self.now == 0:
+            cursor = self.store_start(out, half)
+        begun = [part.copy() for part in self._parts(out)]
+        solves, (q, v) = self._one_step(2.0 * half, number, self.unseen, 0)[2], self.state[:2]
+        whole = q.copy(), v.copy()
+        _put(self._parts(out), begun)
+        self.last, self.gain = self.before[1:]
+        path, found = [(q.copy(), v.copy(), self.state.reaction.copy())], []
+        for k in range(2):
+            cursor, events, more = self._one_step(half, 2 * number + k, out, cursor)
+            found.append(events)
+            if more < 0 or solves < 0:
+                return Attempt(-1)
+            solves += more
+            path.append((q.copy(), v.copy(), self.state.reaction.copy()))
+        self.halves = cursor, np.concatenate(found)
+        acts, kick = self._impact(half, path)
+        error = (whole[0] - q) / 3.0
+        rough = float(np.max(self.weight * np.abs(error), initial=0.0))
+        if acts:
+            # Where a stop is stiff, steps of any size end at it: their displacements agree, their velocities do not.
+            rough = max(rough, float(np.max(self.weight * np.abs(whole[1] - v))) * 2.0 * half / 3.0)
+        return Attempt(solves, rough, float(np.max(self.weight * np.abs(self._smooth(error)), initial=0.0)), kick)
+
+    def _smooth(self, error: Array) -> Array:
+        """Return ``((1 - am) A^-1 M)^2`` of an error, A of steps eight times as long: what the step resolves well."""
+        factored = self.size_of(self.length(max(self.rung - 3, 0))).structure.factored
+        for _ in range(2):
+            moved = np.zeros(error.size)
+            subtract_product(self.matrices.mass, error, moved)
+            solve(factored, moved)
+            error = -(1.0 - self.parameters.alpha_m) * moved
+        return error
+
+    def _impact(self, dt: float, path: list[tuple[Array, Array, Array]]) -> tuple[bool, float]:
+        """Return what `stepping.doubling.impact` finds along two halves of a step."""
+        if self.every_row is None:
+            return False, 0.0
+        u, rates = (np.array([self._along @ part[k] for part in path]) for k in (0, 1))
+        reactions = np.array([part[2] for part in path[1:]])
+        found: tuple[bool, float] = impact(self.laws, self.status.size, dt, u, rates, reactions, self.fineness)
+        return found
+
+    @cached_property
+    def _along(self) -> csr_matrix:
+        """Rows of the laws in band order."""
+        assert self.every_row is not None
+        return self.every_row[:, self.bands.order]
+
+    def take(self, out: Output, cursor: int) -> tuple[int, Array]:
+        """Keep the halves."""
+        return self.halves
+
+    def withdraw(self, out: Output) -> None:
+        """Return to where the step began."""
+        parts, self.last, self.gain = self.before
+        _put(self._parts(out), parts)
+
+
+def _put(target: Sequence[NDArray[Any]], saved: Sequence[NDArray[Any]]) -> None:
+    """Copy arrays into others."""
+    for mine, other in zip(target, saved, strict=True):
+        mine[...] = other
 
 
 def _start_dampers(laws: Laws, u: Array, rate: Array) -> Array:
@@ -362,12 +429,12 @@ def _start_dampers(laws: Laws, u: Array, rate: Array) -> Array:
 
 @jit
 def _advance(
-    matrices: _Matrices, parameters: Parameters, rows: Rows, laws: Laws, loads: Array, values: Array, dt: float,
-    first: int, count: int, state: _State, before: Trail, out: Output, cursor: int, springpots: Springpots,
-    pace: Pace, history: History,
+    size: _Size, rows: Rows, laws: Laws, values: Array, first: int, count: int, state: _State, before: Trail,
+    out: Output, cursor: int, springpots: Springpots, history: History,
 ) -> tuple[int, Array, int, int]:  # fmt: skip
     """Take `count` steps; return the cursor, events, number of contact solves, and the step that failed or -1."""
     n, m, contacts = state.q.size, rows.start.size - 1, state.status.size
+    dt, parameters, matrices, structure, loads, pace = size
     am, af, gamma, beta = parameters
     q, v, a, seen = state.q, state.v, state.a, out.watch
     damped = matrices.damping.shape[0] > 0
@@ -408,7 +475,7 @@ def _advance(
             impose(springpots, pace, history, step - first, laws, u0, ahead - 1.0, 1.0 - af)
         if m == 0:
             a1[:] = right
-            solve(matrices.structure.factored, a1)
+            solve(structure.factored, a1)
         else:
             for j in range(m):
                 base[j] = dot(rows, j, q1)
@@ -416,7 +483,7 @@ def _advance(
                 # What the last step's damper takes from the extrapolation.
                 drag[j] = (ahead - 1.0) * state.damper[j] / (1.0 - af)
             found = balance(
-                laws, matrices.structure, rows, right, none, base, u0, False, weight, drag, guess, u1, a1
+                laws, structure, rows, right, none, base, u0, False, weight, drag, guess, u1, a1
             )  # fmt: skip
             if found < 0:
                 return cursor, events[:happened], solves, step

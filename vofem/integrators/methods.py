@@ -48,6 +48,7 @@ GENERALIZED_ALPHA = Method(
     deferred("vofem.integrators.generalized_alpha", "run"),
     _REFUSED_BY_STEPS,
     {"rho_infinity": 0.8, "alpha_m": None, "alpha_f": None, "gamma": None, "newmark_beta": None},
+    adaptive=True,
     records=True,
     effort=by_steps,
 )

@@ -63,7 +63,7 @@ def simulate(
     dt : float, optional
         Step size in s of a stepping method; chosen where not given.
     tol : float, optional
-        Of energy_conserving: chooses the steps. The errors of displacements
+        Of energy_conserving and generalized_alpha: chooses the steps. The errors of displacements
         that all steps make together, estimated, stay below this fraction of
         the largest displacement; impacts may magnify what was made before
         them. Steps resolve every impact, however stiff the stop, but

@@ -7,7 +7,7 @@ pieces: only the stepping methods take it.
 """
 
 from vofem.time_functions.approximated import Approximated
-from vofem.time_functions.base import Arbitrary, Constant, Scaled, Sum, TimeFunction, as_time_function
+from vofem.time_functions.base import Arbitrary, Constant, Load, Scaled, Sum, TimeFunction, as_time_function
 from vofem.time_functions.moments import carried
 from vofem.time_functions.named import Pulse, Ramp, Sine
 from vofem.time_functions.piece import Piece
@@ -18,6 +18,7 @@ __all__ = [
     "Approximated",
     "Arbitrary",
     "Constant",
+    "Load",
     "Piece",
     "Pulse",
     "Ramp",

@@ -310,3 +310,7 @@ def as_time_function(value: Any) -> TimeFunction:
             f"a load's time function is {value!r}, expected a number, a callable of t, Sine, Ramp, Tabulated, ..."
         )
     return Constant(number("a load's time function", value))
+
+
+#: What `as_time_function` takes.
+Load = TimeFunction | float | Callable[[float], Any]

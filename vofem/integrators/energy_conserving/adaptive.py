@@ -12,12 +12,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.errors import ConvergenceError
-from vofem.integrators.energy_conserving.setting import Setting
+from vofem.integrators.energy_conserving.setting import Midpoint
 from vofem.integrators.energy_conserving.step import (
     Factored,
     Forcing,
-    Matrices,
     Scratch,
     State,
     accept,
@@ -26,10 +24,11 @@ from vofem.integrators.energy_conserving.step import (
     step,
 )
 from vofem.integrators.methods import ENERGY_CONSERVING
-from vofem.integrators.stepping.ladder import Ladder
+from vofem.integrators.stepping.doubling import Attempt, StepDoubling, impact
 from vofem.integrators.stepping.record import Output, Trail
+from vofem.integrators.stepping.setting import Matrices
 from vofem.integrators.stepping.step_loads import PARTS, joined, swing
-from vofem.laws.evaluate import commit_all, force_and_tangent, tangent_jumps
+from vofem.laws.evaluate import commit_all
 from vofem.laws.rows import Rows, dot
 from vofem.laws.springpot import History, Pace, Springpots, carry_on, impose
 from vofem.laws.table import Laws, with_state
@@ -38,119 +37,56 @@ from vofem.linalg.jit import jit
 
 Array = NDArray[np.float64]
 
-#: Steps between two looks at the outcome.
-_CHUNK = 256
 
-#: Change of velocity in one half of a step, over that of the impact, up to which a step resolves a contact.
-_RESOLVED = 0.25
-
-#: Tangent of a law over that of the rest of its step, up to which a step resolves a jump of it: the same measure.
-_SOFT = 0.5 * _RESOLVED**2
-
-#: Way that an unresolved change of velocity would make until the end, over the tolerance, up to which it is let pass.
-_HARMLESS = 0.1
-
-
-class AdaptiveSteps(Ladder, Setting):
+class AdaptiveSteps(StepDoubling, Midpoint):
     """A run of steps chosen by their error."""
 
-    place: tuple[str, ...] = (
-        *Ladder.place, "tolerance", "steps", "coarsest", "beyond", "farthest", "coarser", "fineness",
-    )  # fmt: skip
+    method = ENERGY_CONSERVING
 
     def plan(self, t_end: float, tolerance: float, fineness: float = 1.0) -> None:
         """Set the end in s, the tolerance, and how finely impacts are resolved, over what is done by default."""
-        self.climb(t_end, tolerance)
-        self.weight = self.bands.system.scale[self.bands.order]
-        self.period = self.bands.over.period(t_end)
-        self.steps, self.coarsest, self.beyond, self.fineness = 0, 0.0, False, fineness
-        self.farthest = 0.0
-        # What a run of a coarser tolerance found at the times of `check_times`, in band order.
-        self.coarser = np.empty((0, 0))
-        self.ladder: dict[int, Factored] = {}
+        super().plan(t_end, tolerance, fineness)
+        self.sizes: dict[int, tuple[Factored, Pace]] = {}
         n, m = self.state.q.size, self.state.u.size
         self.trial, self.tried = np.zeros((6, n)), np.zeros((3, m))
         self.past = self.state.memory.copy()
-        self.keep_history(self.tick, t_end + 2.0 * self.largest)
-        self.paces: dict[int, Pace] = {}
         self.ahead = History(self.history.y.copy(), self.history.told.copy())
 
-    def measure(self, displacement: Array) -> None:
-        """Set the size that errors are related to from a rough run, shape (n, n_times)."""
-        # A scene that starts from rest has no size of its own before it has moved.
-        self.size = self.largest_of(displacement)
-
-    def largest_of(self, displacement: Array) -> float:
-        """Return the largest of displacements in band order, shape (n, n_times), in m; rotations by their arms."""
-        return float(np.max(np.abs(self.weight[:, None] * displacement), initial=0.0))
-
     @property
-    def finished(self) -> bool:
-        """Whether all states are stored."""
-        return self.beyond
+    def displacement(self) -> Array:
+        """Displacements where the run stands."""
+        return self.state.q
 
-    def reached(self) -> float:
-        """Return the time of the state on the trail, s."""
-        return min(self.time, self.t_end)
+    def _size(self, rung: int) -> tuple[Factored, Pace]:
+        """Return the matrices of a size of steps, and what such a step does to the past of springpots."""
+        if rung not in self.sizes:
+            dt = self.length(rung)
+            self.sizes[rung] = self.factor(dt), self.pace(dt)
+        return self.sizes[rung]
 
-    def _rung(self, rung: int) -> Factored:
-        if rung not in self.ladder:
-            self.ladder[rung] = self.factor(self.length(rung))
-        return self.ladder[rung]
+    def attempt(self, out: Output, cursor: int) -> Attempt:
+        """Take the next step whole and in halves."""
+        (whole, pace), (half, half_pace) = self._size(self.rung), self._size(self.rung + 1)
+        t, dt = self.time, whole.dt
+        springpots = self.springpots(t + dt * np.array([0.5, 0.25, 0.75]))
+        values, between = self._loads(t, dt, half)
+        self.loads_of_step = values, springpots
+        found = _try(
+            self.matrices, self._size(max(self.rung - 3, 0))[0].structure.factored, whole, half, self.rows,
+            with_state(self.laws, self.state.memory), self.forcing, values, self.state, self.trial, self.tried,
+            self.weight, self.space, self.past, springpots, pace, half_pace, self.history, self.ahead, self.fineness,
+        )  # fmt: skip
+        return Attempt(*found, between)
 
-    def _pace(self, rung: int) -> Pace:
-        if rung not in self.paces:
-            self.paces[rung] = self.pace(self.length(rung))
-        return self.paces[rung]
-
-    def advance(self, out: Output, cursor: int) -> tuple[int, Array]:
-        """Take some steps; the last one goes beyond the end, to complete the state there."""
-        found = []
-        for _ in range(_CHUNK):
-            if self.beyond:
-                break
-            cursor, events = self._one(out, cursor)
-            found.append(events)
-        return cursor, np.concatenate(found)
-
-    def _one(self, out: Output, cursor: int) -> tuple[int, Array]:
-        while True:
-            whole, half = self._rung(self.rung), self._rung(self.rung + 1)
-            t, dt = self.time, whole.dt
-            springpots = self.springpots(t + dt * np.array([0.5, 0.25, 0.75]))
-            values, between = self._loads(t, dt, half)
-            paces = self._pace(self.rung), self._pace(self.rung + 1)
-            state = self.state
-            laws = with_state(self.laws, state.memory)
-            solves, rough, smooth, kick = _try(
-                self.matrices, self._rung(max(self.rung - 3, 0)).structure.factored, whole, half, self.rows, laws,
-                self.forcing, values, state, self.trial, self.tried, self.weight, self.space, self.past,
-                springpots, *paces, self.history, self.ahead, self.fineness,
-            )  # fmt: skip
-            self.complain(dt)
-            if solves < 0 and self.at_the_bottom:
-                raise ConvergenceError(
-                    f"{ENERGY_CONSERVING.name} found no solution of the step from t = {t:g} s, however small; "
-                    "a nonlinear spring that softens may leave none"
-                )
-            ratio = max(self.ratio(rough, smooth), between) if solves >= 0 else np.inf
-            # An impact that the step does not resolve may change velocities for the whole rest of the run.
-            if kick * self.t_end > _HARMLESS * self.whole:
-                ratio = max(ratio, 2.0)
-            if not self.accepts(ratio):
-                self.bands.counters.rejected += 1
-                continue
-            cursor, events = _take(
-                self.matrices, half, self.rows, laws, self.forcing, values, t, state, self.trial,
-                self.tried, self.trail, out, cursor, self.space, springpots, paces[1], self.history,
-            )  # fmt: skip
-            self.beyond = self.now >= self.end
-            self.farthest = max(self.farthest, float(np.max(self.weight * np.abs(state.q))))
-            self.step_on(ratio)
-            self.coarsest = max(self.coarsest, half.dt)
-            self.steps += 0 if self.beyond else 2
-            self.count(self.steps, solves)
-            return cursor, events
+    def take(self, out: Output, cursor: int) -> tuple[int, Array]:
+        """Keep both halves."""
+        half, pace = self._size(self.rung + 1)
+        values, springpots = self.loads_of_step
+        found: tuple[int, Array] = _take(
+            self.matrices, half, self.rows, with_state(self.laws, self.state.memory), self.forcing, values, self.time,
+            self.state, self.trial, self.tried, self.trail, out, cursor, self.space, springpots, pace, self.history,
+        )  # fmt: skip
+        return found
 
     def _loads(self, t: float, dt: float, half: Factored) -> tuple[Array, float]:
         """Return the loads over the step and its halves, and their own part of the error over the tolerance.
@@ -233,7 +169,11 @@ def _try(
     if m > 0:
         for i in range(n):
             end[i] = second[i] + (second[i] - v[i])
-        acts, kick = _impact(rows, laws, state, half.dt, u, v, second, end, tried, fineness)
+        path, rates = np.empty((3, m)), np.empty((3, m))
+        for j in range(m):
+            path[0, j], path[1, j], path[2, j] = state.u[j], u[j], u[j] + half.dt * dot(rows, j, second)
+            rates[0, j], rates[1, j], rates[2, j] = dot(rows, j, state.v), dot(rows, j, v), dot(rows, j, end)
+        acts, kick = impact(laws, state.status.size, half.dt, path, rates, tried, fineness)
     if acts:
         # Where a stop is stiff, steps of any size end at it: their displacements agree and their velocities do not.
         for i in range(n):
@@ -252,47 +192,6 @@ def _try(
     for i in range(n):
         smooth = max(smooth, weight[i] * abs(q[i]))
     return a + b + c, rough, smooth, kick
-
-
-@jit
-def _impact(
-    rows: Rows, laws: Laws, state: State, dt: float, u: Array, v: Array, second: Array, end: Array, tried: Array,
-    fineness: float,
-) -> tuple[bool, float]:  # fmt: skip
-    """Return whether a law's tangent jumps in two halves of a step, and the largest change of rate not resolved, m/s.
-
-    With a stiffness k on a mass m at penetration s the velocity of the impact
-    is ``sqrt(r^2 + k s^2/m)``, r the rate: as ``k s/m`` is the change of rate
-    per time, it needs no mass to be known. A contact that is held closed by
-    what lies on it has a large one too, and its trembling passes for resolved.
-    Any other law is asked for its tangents k at the ends of the halves; ``k dt^2/2m`` follows from
-    the change of rate ``R dt/m`` that comes with its reaction R.
-    """
-    acts, kick = False, 0.0
-    for j in range(state.u.size):
-        last = u[j] + dt * dot(rows, j, second)
-        r0, r1, r2 = dot(rows, j, state.v), dot(rows, j, v), dot(rows, j, end)
-        change = max(abs(r1 - r0), abs(r2 - r1))
-        if j >= state.status.size:
-            if tangent_jumps(laws, j):
-                k0 = force_and_tangent(laws, j, state.u[j])[1]
-                k1 = force_and_tangent(laws, j, u[j])[1]
-                k2 = force_and_tangent(laws, j, last)[1]
-                stiff = max(abs(k0), abs(k1), abs(k2))
-                if max(abs(k1 - k0), abs(k2 - k1)) > 0.5 * stiff:
-                    acts = True
-                    reaction = max(abs(tried[0, j]), abs(tried[1, j]))
-                    if 0.5 * stiff * change * dt > _SOFT / fineness**2 * reaction:
-                        kick = max(kick, change)
-            continue
-        deepest = max(state.u[j], u[j], last) - laws.table[j]["gap"]
-        if deepest <= 0.0:
-            continue
-        acts = True
-        speed = max(r0 * r0, r1 * r1, r2 * r2) + deepest * change / dt
-        if change * change > (_RESOLVED / fineness) ** 2 * speed:
-            kick = max(kick, change)
-    return acts, kick
 
 
 @jit

@@ -6,11 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import ConvergenceError
-from vofem.integrators.energy_conserving.setting import Setting
+from vofem.integrators.energy_conserving.setting import Midpoint
 from vofem.integrators.energy_conserving.step import (
     Factored,
     Forcing,
-    Matrices,
     Scratch,
     State,
     accept,
@@ -19,8 +18,8 @@ from vofem.integrators.energy_conserving.step import (
     step,
 )
 from vofem.integrators.methods import ENERGY_CONSERVING
-from vofem.integrators.stepping.march import chunk
 from vofem.integrators.stepping.record import Output, Trail
+from vofem.integrators.stepping.setting import EqualSteps, Matrices
 from vofem.laws.rows import Rows
 from vofem.laws.springpot import History, Pace, Springpots, impose
 from vofem.laws.table import Laws, with_state
@@ -29,39 +28,21 @@ from vofem.linalg.jit import jit
 Array = NDArray[np.float64]
 
 
-class FixedSteps(Setting):
+class FixedSteps(EqualSteps, Midpoint):
     """A run of equal steps. A state is complete, and stored, when the step after it is done."""
-
-    place: tuple[str, ...] = ("done",)
-    dt: float
-    steps: int
 
     def plan(self, dt: float, steps: int) -> None:
         """Set the step size in s and the number of steps."""
-        self.dt, self.steps, self.done = dt, steps, 0
+        super().plan(dt, steps)
         self.factored = self.factor(dt)
-        self.keep_history(dt, (steps + 1) * dt)
-        self.step_pace = self.pace(dt)
-
-    @property
-    def finished(self) -> bool:
-        """Whether all states are stored."""
-        return self.done > self.steps
-
-    def reached(self) -> float:
-        """Return the time of the state on the trail, s."""
-        return max(self.done - 1, 0) * self.dt
 
     def advance(self, out: Output, cursor: int) -> tuple[int, Array]:
         """Take some steps."""
-        first = self.done
-        count = min(self.most_steps(chunk(self.state.q.size)), self.steps + 1 - first)
-        middles = (np.arange(first, first + count, dtype=float) + 0.5) * self.dt
+        first, count, springpots = self.next_chunk()
         values = self.load_values(self.bands.over.steps(first, count, self.dt))
         cursor, events, solves, failed = _advance(
             self.matrices, self.factored, self.rows, with_state(self.laws, self.state.memory), self.forcing, values,
-            first, count, self.state, self.trail, out, cursor, self.space, self.springpots(middles), self.step_pace,
-            self.history,
+            first, count, self.state, self.trail, out, cursor, self.space, springpots, self.step_pace, self.history,
         )  # fmt: skip
         self.complain(self.dt)
         if failed >= 0:
@@ -70,7 +51,8 @@ class FixedSteps(Setting):
                 f"{self.dt:g} s; a nonlinear spring that softens may leave none: reduce dt"
             )
         self.done += count
-        self.count(min(self.done, self.steps), solves)
+        done = min(self.done, self.steps)
+        self.count(done, done, solves)
         return cursor, events
 
 

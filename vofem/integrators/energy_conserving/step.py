@@ -11,6 +11,7 @@ from vofem.integrators.stepping.balance import Structure, balance
 from vofem.integrators.stepping.checks import look
 from vofem.integrators.stepping.recall import remember, tell_histories
 from vofem.integrators.stepping.record import Output, Trail, leave, log_event, rounding, store, switched
+from vofem.integrators.stepping.setting import Matrices
 from vofem.laws.evaluate import closed_share, commit_all
 from vofem.laws.rows import Rows, dot, subtract_row
 from vofem.laws.springpot import (
@@ -35,14 +36,6 @@ _UNEVEN = 4.0
 
 #: A correction of p above this fraction of it is corrected again.
 _SMALL = 2.0**-6
-
-
-class Matrices(NamedTuple):
-    """Bands of M, K and C (no rows where undamped)."""
-
-    mass: Array
-    stiffness: Array
-    damping: Array
 
 
 class Factored(NamedTuple):

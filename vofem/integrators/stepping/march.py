@@ -131,6 +131,9 @@ class Kernel(Protocol):
     def finished(self) -> bool:
         """Whether the run is done."""
 
+    def output(self, times: Array, probes: ProbeRows | None, t_end: float | None = None) -> Output:
+        """Return an empty record of the run at some times; see `setting.Setting`."""
+
     def advance(self, out: Output, cursor: int) -> tuple[int, Array]:
         """Take some steps; return the output cursor and the events (time, contact, status), one a row."""
 
@@ -350,18 +353,16 @@ def _check(kernel: Kernel, method: Method, first: float, dt: float, blow_up: flo
     excess = now - first - work + dissipated
     if not excess <= blow_up * scale + 1e-300:
         loss = static_loss(kernel.bands.system)
+        smaller = f"reduce dt = {dt:g} s" if kernel.dt is not None else "reduce tol"
         if loss > _SPOILT:
             cure = (
                 f"rounding spoils {min(loss, 1.0):.1g} of static responses on this mesh: use fewer elements or a mesh "
                 f"less graded, or choose {advice(exact=True)}"
             )
         elif method.conserves:
-            cure = f"reduce dt = {dt:g} s, or choose {advice(exact=True)} where it applies"
+            cure = f"{smaller}, or choose {advice(exact=True)} where it applies"
         else:
-            cure = (
-                f"reduce dt = {dt:g} s, or choose {advice(exact=True)}, or {advice(conserves=True)} where that does "
-                "not apply"
-            )
+            cure = f"{smaller}, or choose {advice(exact=True)}, or {advice(conserves=True)} where that does not apply"
         raise InstabilityError(
             f"{method.name} blew up before t = {kernel.reached():g} s: energy {now:.3g} J, from {first:.3g} J at the "
             f"start and {work:.3g} J of work; {cure}"

@@ -138,7 +138,7 @@ def _energy(method: Method, missing: float, t: float, dt: float | None) -> list[
     how = "lost by the steps" if missing < 0.0 else "made out of nothing"
     cure = f"{_smaller(dt)}, or choose {advice(exact=True)} where it applies"
     if not method.conserves:
-        cure = f"reduce dt, or choose {advice(conserves=True)}, which keeps it at any step"
+        cure = f"{_smaller(dt)}, or choose {advice(conserves=True)}, which keeps it at any step"
     return [f"energy: by t = {t:.4g} s {abs(missing):.2g} of the largest energy was {how}; {cure}"]
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from vofem.bodies import Mass
 from vofem.effects import Contact, PointLoad
 from vofem.scene import Scene
+from vofem.time_functions import Load
 from vofem.verification.case import DYNAMIC, EVENT_DRIVEN, REFUSED, STOPPED, Case, How, Quantity, Run
 
 
@@ -19,7 +20,7 @@ def cases() -> Iterator[Case]:
     yield _state()
 
 
-def _oscillator(velocity: float, load: object) -> Scene:
+def _oscillator(velocity: float, load: Load) -> Scene:
     mass = Mass(1.0, stiffness=1.0, name="ball")
     stop = Contact(mass, gap=0.1, stiffness=10.0, side="above", acts_on="penetration")
     return Scene([mass], [stop, PointLoad(mass, load)], initial={mass: (0.0, velocity)})

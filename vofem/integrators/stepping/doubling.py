@@ -1,0 +1,214 @@
+"""Steps that follow a tolerance, for any implicit method: every step is taken whole and in halves, which are compared.
+
+What the estimate sees is whatever the step sees, a switch included. Where a
+contact acts, velocities have to agree too, and a step has to resolve the
+impact: against a stop so stiff that every step ends at it, displacements say
+nothing.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.errors import ConvergenceError
+from vofem.integrators.method import Method
+from vofem.integrators.stepping.ladder import RUNGS, Ladder
+from vofem.integrators.stepping.record import Output
+from vofem.integrators.stepping.setting import Setting
+from vofem.laws.evaluate import force_and_tangent, tangent_jumps
+from vofem.laws.table import Laws
+from vofem.linalg.jit import jit
+
+Array = NDArray[np.float64]
+
+#: Steps between two looks at the outcome.
+_CHUNK = 256
+
+#: Change of velocity in one half of a step, over that of the impact, up to which a step resolves a contact.
+_RESOLVED = 0.25
+
+#: Tangent of a law over that of the rest of its step, up to which a step resolves a jump of it: the same measure.
+_SOFT = 0.5 * _RESOLVED**2
+
+#: Way that an unresolved change of velocity would make until the end, over the tolerance, up to which it is let pass.
+_HARMLESS = 0.1
+
+
+class Attempt(NamedTuple):
+    """What was found of a step that was taken whole and in halves.
+
+    Attributes
+    ----------
+    solves : int
+        Contact solves; negative where a step has no solution.
+    rough, smooth : float
+        Error of displacements in m, and that of motion which the step resolves well.
+    kick : float
+        Largest change of a law's velocity that the step does not resolve, m/s.
+    between : float
+        Error of the motion between the ends of the step over the tolerance.
+    """
+
+    solves: int
+    rough: float = 0.0
+    smooth: float = 0.0
+    kick: float = 0.0
+    between: float = 0.0
+
+
+class StepDoubling(Ladder, Setting):
+    """A run of steps chosen by their error; a method adds `attempt`, `take` and `withdraw`.
+
+    Attributes
+    ----------
+    lag : int
+        As in `EqualSteps`.
+    method : Method
+        For messages.
+    """
+
+    place: tuple[str, ...] = (
+        *Ladder.place, "tolerance", "steps", "coarsest", "beyond", "farthest", "coarser", "fineness",
+    )  # fmt: skip
+    lag = 1
+    method: Method
+
+    def plan(self, t_end: float, tolerance: float, fineness: float = 1.0) -> None:
+        """Set the end in s, the tolerance, and how finely impacts are resolved, over what is done by default."""
+        self.climb(t_end, tolerance)
+        self.weight = self.bands.system.scale[self.bands.order]
+        self.period = self.bands.over.period(t_end)
+        self.steps, self.coarsest, self.beyond, self.fineness = 0, 0.0, False, fineness
+        self.farthest = 0.0
+        # What a run of a coarser tolerance found at the times of `check_times`, in band order.
+        self.coarser = np.empty((0, 0))
+        self.keep_history(self.tick, t_end + 2.0 * self.largest)
+
+    def measure(self, displacement: Array) -> None:
+        """Set the size that errors are related to from a rough run, shape (n, n_times)."""
+        # A scene that starts from rest has no size of its own before it has moved.
+        self.size = self.largest_of(displacement)
+
+    def largest_of(self, displacement: Array) -> float:
+        """Return the largest of displacements in band order, shape (n, n_times), in m; rotations by their arms."""
+        return float(np.max(np.abs(self.weight[:, None] * displacement), initial=0.0))
+
+    @property
+    def finished(self) -> bool:
+        """Whether all states are stored."""
+        return self.beyond
+
+    def reached(self) -> float:
+        """Return the time of the state on the trail, s."""
+        return min(self.time, self.t_end)
+
+    @abstractmethod
+    def attempt(self, out: Output, cursor: int) -> Attempt:
+        """Take the next step whole and in halves."""
+
+    @abstractmethod
+    def take(self, out: Output, cursor: int) -> tuple[int, Array]:
+        """Keep the halves; return the output cursor and the events."""
+
+    def withdraw(self, out: Output) -> None:
+        """Undo an attempt."""
+
+    @property
+    @abstractmethod
+    def displacement(self) -> Array:
+        """Displacements where the run stands, in band order."""
+
+    def advance(self, out: Output, cursor: int) -> tuple[int, Array]:
+        """Take some steps; where a state is completed by the step after it, the last one goes beyond the end."""
+        found = []
+        for _ in range(_CHUNK):
+            if self.beyond:
+                break
+            cursor, events = self._one(out, cursor)
+            found.append(events)
+        return cursor, np.concatenate(found)
+
+    def _one(self, out: Output, cursor: int) -> tuple[int, Array]:
+        while True:
+            t, dt = self.time, self.length(self.rung)
+            tried = self.attempt(out, cursor)
+            self.complain(dt)
+            if tried.solves < 0 and self.at_the_bottom:
+                raise ConvergenceError(
+                    f"{self.method.name} found no solution of the step from t = {t:g} s, however small; "
+                    "a nonlinear spring that softens may leave none"
+                )
+            ratio = max(self.ratio(tried.rough, tried.smooth), tried.between) if tried.solves >= 0 else np.inf
+            # An impact that the step does not resolve may change velocities for the whole rest of the run.
+            if tried.kick * self.t_end > _HARMLESS * self.whole:
+                ratio = max(ratio, 2.0)
+            if self.accepts(ratio):
+                break
+            self.bands.counters.rejected += 1
+            self.withdraw(out)
+        cursor, events = self.take(out, cursor)
+        after = self.now + 2 ** (RUNGS - self.rung)
+        self.beyond = (self.now if self.lag else after) >= self.end
+        self.farthest = max(self.farthest, float(np.max(self.weight * np.abs(self.displacement))))
+        self.step_on(ratio)
+        self.coarsest = max(self.coarsest, 0.5 * dt)
+        self.steps += 0 if self.beyond and self.lag else 2
+        self.count(self.steps, self.steps, tried.solves)
+        return cursor, events
+
+
+@jit
+def impact(
+    laws: Laws, contacts: int, dt: float, u: Array, rates: Array, reactions: Array, fineness: float
+) -> tuple[bool, float]:
+    """Return whether a law's tangent jumps in two halves of a step, and the largest change of rate not resolved, m/s.
+
+    With a stiffness k on a mass m at penetration s the velocity of the impact
+    is ``sqrt(r^2 + k s^2/m)``, r the rate: as ``k s/m`` is the change of rate
+    per time, it needs no mass to be known. A contact that is held closed by
+    what lies on it has a large one too, and its trembling passes for resolved.
+    Any other law is asked for its tangents k at the ends of the halves; ``k dt^2/2m`` follows from
+    the change of rate ``R dt/m`` that comes with its reaction R.
+
+    Parameters
+    ----------
+    laws : Laws
+    contacts : int
+        How many of them are contacts, which come first.
+    dt : float
+        Size of a half in s.
+    u, rates : ndarray, shape (3, n_laws)
+        Coordinates of the laws and their rates at the beginning and at the ends of both halves.
+    reactions : ndarray, shape (k, n_laws)
+        Of both halves in the first two rows, N.
+    fineness : float
+        How finely impacts are resolved, over what is done by default.
+    """
+    acts, kick = False, 0.0
+    for j in range(u.shape[1]):
+        r0, r1, r2 = rates[0, j], rates[1, j], rates[2, j]
+        change = max(abs(r1 - r0), abs(r2 - r1))
+        if j >= contacts:
+            if tangent_jumps(laws, j):
+                k0 = force_and_tangent(laws, j, u[0, j])[1]
+                k1 = force_and_tangent(laws, j, u[1, j])[1]
+                k2 = force_and_tangent(laws, j, u[2, j])[1]
+                stiff = max(abs(k0), abs(k1), abs(k2))
+                if max(abs(k1 - k0), abs(k2 - k1)) > 0.5 * stiff:
+                    acts = True
+                    reaction = max(abs(reactions[0, j]), abs(reactions[1, j]))
+                    if 0.5 * stiff * change * dt > _SOFT / fineness**2 * reaction:
+                        kick = max(kick, change)
+            continue
+        deepest = max(u[0, j], u[1, j], u[2, j]) - laws.table[j]["gap"]
+        if deepest <= 0.0:
+            continue
+        acts = True
+        speed = max(r0 * r0, r1 * r1, r2 * r2) + deepest * change / dt
+        if change * change > (_RESOLVED / fineness) ** 2 * speed:
+            kick = max(kick, change)
+    return acts, kick
