@@ -69,7 +69,7 @@ if TYPE_CHECKING:
     import vofem.studies.accuracy as accuracy
     from vofem.io.saved import load, resume
     from vofem.io.scene_file import dump_scene, load_scene
-    from vofem.studies.steady import Branch, PeriodicOrbit, SpecialPoint, continuation, periodic
+    from vofem.studies.steady import Branch, PeriodicOrbit, SpecialPoint, backbone, continuation, periodic
 
 __all__ = [
     "Approximated",
@@ -129,6 +129,7 @@ __all__ = [
     "VofemError",
     "__version__",
     "accuracy",
+    "backbone",
     "continuation",
     "dump_scene",
     "equilibrium",
@@ -149,6 +150,7 @@ _LATER = {
     "PeriodicOrbit": "vofem.studies.steady",
     "SpecialPoint": "vofem.studies.steady",
     "accuracy": "vofem.studies.accuracy",
+    "backbone": "vofem.studies.steady",
     "continuation": "vofem.studies.steady",
     "dump_scene": "vofem.io.scene_file",
     "io": "vofem.io",

@@ -1,9 +1,10 @@
 """Steady states: periodic orbits, their stability, and branches of them."""
 
+from vofem.studies.steady.backbones import backbone
 from vofem.studies.steady.branch import Branch, BranchCounters
 from vofem.studies.steady.branches import continuation
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.special import SpecialPoint
 from vofem.studies.steady.steady_state import periodic
 
-__all__ = ["Branch", "BranchCounters", "PeriodicOrbit", "SpecialPoint", "continuation", "periodic"]
+__all__ = ["Branch", "BranchCounters", "PeriodicOrbit", "SpecialPoint", "backbone", "continuation", "periodic"]
