@@ -80,6 +80,7 @@ if TYPE_CHECKING:
         Branch,
         PeriodicOrbit,
         SpecialPoint,
+        backbone,
         continuation,
         frequency_response,
         periodic,
@@ -147,6 +148,7 @@ __all__ = [
     "VofemError",
     "__version__",
     "accuracy",
+    "backbone",
     "basins",
     "bifurcation_diagram",
     "continuation",
@@ -193,7 +195,10 @@ _MODULES = {
     "vofem.statics": "Equilibrium QuasiStatic equilibrium quasi_static",
     "vofem.studies.accuracy": "accuracy",
     "vofem.studies.diagrams": "basins bifurcation_diagram stability_map",
-    "vofem.studies.steady": ("Branch PeriodicOrbit SpecialPoint continuation frequency_response periodic poincare"),
+    "vofem.studies.steady": (
+        "Branch PeriodicOrbit SpecialPoint backbone continuation frequency_response periodic "
+        "poincare"
+    ),
     "vofem.studies.sweep.sweeping": "sweep",
     "vofem.vibration": "Modes modes",
 }
