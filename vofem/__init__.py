@@ -69,7 +69,15 @@ if TYPE_CHECKING:
     import vofem.studies.accuracy as accuracy
     from vofem.io.saved import load, resume
     from vofem.io.scene_file import dump_scene, load_scene
-    from vofem.studies.steady import Branch, PeriodicOrbit, SpecialPoint, frequency_response, periodic, poincare
+    from vofem.studies.steady import (
+        Branch,
+        PeriodicOrbit,
+        SpecialPoint,
+        continuation,
+        frequency_response,
+        periodic,
+        poincare,
+    )
 
 __all__ = [
     "Approximated",
@@ -129,6 +137,7 @@ __all__ = [
     "VofemError",
     "__version__",
     "accuracy",
+    "continuation",
     "dump_scene",
     "equilibrium",
     "explain",
@@ -150,6 +159,7 @@ _LATER = {
     "PeriodicOrbit": "vofem.studies.steady",
     "SpecialPoint": "vofem.studies.steady",
     "accuracy": "vofem.studies.accuracy",
+    "continuation": "vofem.studies.steady",
     "dump_scene": "vofem.io.scene_file",
     "frequency_response": "vofem.studies.steady",
     "io": "vofem.io",

@@ -1,6 +1,7 @@
 """Steady states: periodic orbits, their stability, and branches of them."""
 
 from vofem.studies.steady.branch import Branch, BranchCounters
+from vofem.studies.steady.branches import continuation
 from vofem.studies.steady.linear_response import FrequencyResponse, frequency_response
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.special import SpecialPoint
@@ -14,6 +15,7 @@ __all__ = [
     "PeriodicOrbit",
     "PoincareSection",
     "SpecialPoint",
+    "continuation",
     "frequency_response",
     "periodic",
     "poincare",

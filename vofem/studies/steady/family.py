@@ -10,6 +10,7 @@ from vofem.scene import Scene
 from vofem.studies.steady.counters import Work
 from vofem.studies.steady.methods import chosen, problem_of
 from vofem.studies.steady.problem import OrbitProblem
+from vofem.studies.steady.rebuild import recompiled
 
 #: Problems that are kept, by the value of the parameter.
 _KEPT = 4
@@ -50,6 +51,8 @@ class Family:
         scene = self.build(value)
         if not isinstance(scene, Scene):
             raise ArgumentError(f"{self.what}: build({value:g}) returned {scene!r}, expected a vofem.Scene")
+        if self._latest is not None:
+            scene = recompiled(scene, self._latest.scene)
         self.method = chosen(scene, self.method, self.harmonics)
         problem = problem_of(
             self.what, scene, self.method, self.periods, harmonics=self.harmonics, earlier=self._latest, work=self.work

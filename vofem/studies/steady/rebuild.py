@@ -1,0 +1,130 @@
+"""Scenes that differ from an earlier one in functions of time alone need not be assembled again."""
+
+from __future__ import annotations
+
+from dataclasses import fields, is_dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from vofem.assembly import Model
+from vofem.bodies import Beam, BeamPoint, Mass
+from vofem.bodies.base import Body
+from vofem.effects import BaseMotion, Contact, DistributedLoad, PointLoad, PointMoment
+from vofem.effects.time_functions import TimeFunction
+from vofem.scene import Scene
+from vofem.system import Load
+
+#: What makes a body, but its name; bodies of other classes are compared by identity.
+_BODIES: dict[type, tuple[str, ...]] = {
+    Beam: ("length", "elements", "EI", "rhoA", "supports", "tension", "mesh_file"),
+    Mass: ("mass", "stiffness", "damping"),
+}
+
+#: Which attribute of a load is its function of time.
+_FUNCTIONS: dict[type, str] = {
+    PointLoad: "f",
+    PointMoment: "f",
+    DistributedLoad: "f",
+    BaseMotion: "acceleration",
+}
+
+
+def recompiled(scene: Scene, earlier: Scene) -> Scene:
+    """Return a scene with the model of an earlier one where they differ in loads' functions of time alone.
+
+    Parameters
+    ----------
+    scene : Scene
+        Not compiled yet.
+    earlier : Scene
+        Compiled.
+
+    Returns
+    -------
+    Scene
+        The same one where anything else differs.
+    """
+    if len(scene.bodies) != len(earlier.bodies) or len(scene.effects) != len(earlier.effects):
+        return scene
+    partners = dict(zip(scene.bodies, earlier.bodies, strict=True))
+    if not all(_same_body(new, old) for new, old in partners.items()):
+        return scene
+    for new, old in zip(scene.effects, earlier.effects, strict=True):
+        if not _same_effect(new, old, partners):
+            return scene
+    model = _with_functions(earlier.model, scene, earlier, partners)
+    return scene if model is None else scene.compiled_as(model)
+
+
+def _same_body(new: Body, old: Body) -> bool:
+    if new is old:
+        return True
+    names = _BODIES.get(type(new))
+    if names is None or type(old) is not type(new):
+        return False
+    return all(_same(getattr(new, name), getattr(old, name), {}) for name in names)
+
+
+def _same_effect(new: Any, old: Any, partners: dict[Body, Body]) -> bool:
+    if new is old:
+        return True
+    if type(new) is not type(old):
+        return False
+    free = {_FUNCTIONS.get(type(new))} | ({"name"} if type(new) is Contact else set())
+    mine, other = vars(new), vars(old)
+    kept = [name for name in mine if name not in free]
+    return all(name in other and _same(mine[name], other[name], partners) for name in kept)
+
+
+def _same(new: Any, old: Any, partners: dict[Body, Body]) -> bool:
+    """Return whether two values are the same; where that is not known, False."""
+    if new is old:
+        return True
+    if type(new) in _BODIES:
+        return partners.get(new) is old
+    if type(new) is not type(old):
+        return False
+    if isinstance(new, BeamPoint):
+        return partners.get(new.body) is old.body and bool(new.x == old.x)
+    if new is None or isinstance(new, (bool, int, float, complex, str, np.generic)):
+        return bool(new == old)
+    if isinstance(new, np.ndarray):
+        return np.array_equal(new, old)
+    if isinstance(new, (tuple, list)):
+        return len(new) == len(old) and all(_same(a, b, partners) for a, b in zip(new, old, strict=True))
+    if isinstance(new, dict):
+        return new.keys() == old.keys() and all(_same(new[key], old[key], partners) for key in new)
+    if is_dataclass(new):
+        return all(_same(getattr(new, f.name), getattr(old, f.name), partners) for f in fields(new))
+    return False
+
+
+def _with_functions(model: Model, scene: Scene, earlier: Scene, partners: dict[Body, Body]) -> Model | None:
+    """Return a model with the functions of a scene's loads and its contacts' names; None where it is not clear."""
+    functions: dict[int, tuple[TimeFunction, str]] = {}
+    names: dict[str, str] = {}
+    for new, old in zip(scene.effects, earlier.effects, strict=True):
+        attribute = _FUNCTIONS.get(type(new))
+        if attribute is not None:
+            function = getattr(old, attribute)
+            if id(function) in functions and functions[id(function)][0] is not getattr(new, attribute):
+                return None
+            functions[id(function)] = getattr(new, attribute), new.describe()
+        if type(new) is Contact:
+            names[getattr(old, "name", "")] = new.name
+    system = model.system
+    loads = []
+    for load in system.loads:
+        function, name = functions.get(id(load.function), (load.function, load.name))
+        loads.append(Load(load.vector, function, name))
+    laws = tuple(
+        replace(group, names=tuple(names.get(name, name) for name in group.names))
+        if group is system.contacts
+        else group
+        for group in system.laws
+    )
+    changed = replace(system, loads=tuple(loads), laws=laws)
+    changed.share(system)
+    back = {old: new for new, old in partners.items()}
+    return replace(model, system=changed, offsets={back[body]: start for body, start in model.offsets.items()})
