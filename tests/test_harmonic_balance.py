@@ -59,6 +59,25 @@ def test_duffing_oscillator_on_all_its_sheets(row):
     assert orbit.truncation.largest < 1e-14
 
 
+def test_folds_of_the_duffing_oscillator():
+    data = P7["duffing"]
+    mass = vf.Mass(1.0, stiffness=data["k"], damping=data["c"], name="m")
+    beta = data["beta"]
+    cubic = vf.NonlinearSpring(mass, potential=lambda u: beta * u**4 / 4, force=lambda u: beta * u**3)
+    load = data["F"]
+    branch = vf.continuation(
+        lambda omega: vf.Scene([mass], [cubic, vf.PointLoad(mass, vf.Sine(load, omega))]), 0.5, 2.0, harmonics=15
+    )
+    assert [point.kind for point in branch.special] == ["fold", "fold"]
+    np.testing.assert_allclose([point.value for point in branch.special], data["folds"], rtol=1e-11)
+    for omega in (1.3, 1.4, 1.5):
+        known = sorted(row[3] for row in data["rows"] if row[0] == omega)
+        found = sorted(abs(orbit.harmonics(mass, 1)[1]) for orbit in branch.at(omega))
+        np.testing.assert_allclose(found, known, rtol=1e-10)
+    # Only the frequency changes along the branch.
+    assert branch.counters.eigensolves == 1
+
+
 def jenkins(omega, harmonics):
     data = P7["jenkins_exact"]
     scene, mass = oscillator(

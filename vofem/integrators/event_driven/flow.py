@@ -292,12 +292,7 @@ def share_modes(system: System, earlier: System) -> bool:
 
     Where the matrices alone are the same, the modes are shared. Returns whether modes are shared.
     """
-<<<<<<< HEAD
-    if system is earlier:
-=======
-    same = ("mass", "stiffness", "damping", "strain")
     if system is earlier or system.cache is earlier.cache:
->>>>>>> 74fba485c11316dcae00da9ad0c71e3667f04067
         return True
     if not same_matrices(system, earlier):
         return False
