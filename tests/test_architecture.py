@@ -44,6 +44,7 @@ LAYERS = [
 
 # Imports against the direction: inside a function, so that what they bring is loaded when it is called.
 DOORS = {
+    ("studies/steady/branch.py", "vofem.io.storage.branch_file"): "Branch.save",
     ("result.py", "vofem.io.storage.run_file"): "Result.save",
     ("simulate/simulation.py", "vofem.io.storage.checkpoint"): "simulate(checkpoint=...)",
 }

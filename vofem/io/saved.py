@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from vofem.progress import Progress
@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     from vofem.scene import Scene
 
 
-def load(path: str | os.PathLike[str]) -> Result:
-    """Return the Result that `Result.save` has written, whole.
+def load(path: str | os.PathLike[str]) -> Any:
+    """Return the Result that `Result.save` has written, or the Branch that `Branch.save` has written, whole.
 
     Every quantity at `times` is the same to the last bit, and of an
     event-driven run those at other times too, on a machine with the same
@@ -26,20 +26,20 @@ def load(path: str | os.PathLike[str]) -> Result:
     Parameters
     ----------
     path : path
-        Of a file that `Result.save` has written.
+        Of a file that `Result.save` or `Branch.save` has written.
 
     Returns
     -------
-    Result
+    Result or Branch
 
     Raises
     ------
     StorageError
         If the file is missing, of another kind, damaged, or of a newer vofem.
     """
-    from vofem.io.storage import run_file
+    from vofem.io.storage import branch_file, run_file
 
-    return run_file.load(path)
+    return branch_file.load(path) if branch_file.holds_branch(path) else run_file.load(path)
 
 
 def resume(

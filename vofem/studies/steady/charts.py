@@ -279,6 +279,7 @@ class EventChart:
             residual=evaluation.error,
             result=problem.result_of(unknowns),
             unknowns=unknowns,
+            start=problem.state(unknowns),
             decided=lambda: DECIDED,
         )
 

@@ -14,6 +14,7 @@ from vofem.errors import ArgumentError
 from vofem.initial import StoredState
 from vofem.result import Result
 from vofem.scene import Scene
+from vofem.system import State
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -33,6 +34,13 @@ _PANELS = 64
 
 #: Halvings of the time between samples that find an extreme.
 _HALVINGS = 60
+
+
+class Unknown:
+    """Stands for what is to be computed."""
+
+
+UNKNOWN = Unknown()
 
 
 @dataclass(frozen=True)
@@ -62,7 +70,7 @@ class PeriodicOrbit:
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene, or callable that returns it
     method : str
         "shooting" or "harmonic_balance".
     omega : float
@@ -85,10 +93,14 @@ class PeriodicOrbit:
         Whether no load sets the period: then one multiplier is 1 whatever the stability.
     decided : callable, optional
         Returns the distance from the unit circle below which stability is not decided; called where it matters.
+    start : State, optional
+        Over the free degrees of freedom at t = 0 of the loads.
+    stable : bool or None, optional
+        Where it is known already.
 
     Attributes
     ----------
-    scene, method, omega, periods, residual, truncation, notes, unknowns
+    method, omega, periods, residual, truncation, notes, unknowns, start
         As above.
     multipliers : ndarray of complex, optional
         By decreasing modulus.
@@ -96,7 +108,7 @@ class PeriodicOrbit:
 
     def __init__(
         self,
-        scene: Scene,
+        scene: Scene | Callable[[], Scene],
         method: str,
         omega: float,
         periods: int,
@@ -109,8 +121,10 @@ class PeriodicOrbit:
         unknowns: Array | None = None,
         autonomous: bool = False,
         decided: Callable[[], float] | None = None,
+        start: State | None = None,
+        stable: bool | Unknown | None = UNKNOWN,
     ) -> None:
-        self.scene, self.method = scene, method
+        self._scene, self.method = scene, method
         self.omega, self.periods = float(omega), int(periods)
         self.multipliers: Complex | None = None if multipliers is None else by_modulus(multipliers)
         self.residual = float(residual)
@@ -119,11 +133,18 @@ class PeriodicOrbit:
         self.unknowns = unknowns
         self.autonomous = autonomous
         self._make, self._decided = result, decided
+        self.start = start
+        self._stable = stable
 
     def __repr__(self) -> str:
         stable = {True: "stable", False: "unstable", None: "stability not decided"}[self.stable]
         times = f" over {self.periods} periods of the loads" if self.periods > 1 else ""
         return f"PeriodicOrbit({self.method}, omega = {self.omega:.9g} rad/s{times}, {stable})"
+
+    @property
+    def scene(self) -> Scene:
+        """The scene; of an orbit from a file it is read when first asked for."""
+        return self._scene if isinstance(self._scene, Scene) else self._scene()
 
     @property
     def period(self) -> float:
@@ -137,6 +158,8 @@ class PeriodicOrbit:
         None where this is not decided: where multipliers are not known, or the largest one lies on the unit circle
         within rounding, as those of conservative scenes and of special points do.
         """
+        if not isinstance(self._stable, Unknown):
+            return self._stable
         if self.multipliers is None:
             return None
         size = np.abs(self.multipliers)

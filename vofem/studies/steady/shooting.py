@@ -276,6 +276,7 @@ class Shooting:
             residual=evaluation.error,
             result=self.result_of(unknowns),
             unknowns=np.array(unknowns),
+            start=self.state(unknowns),
             decided=lambda: evaluation.uncertainty,
         )
 

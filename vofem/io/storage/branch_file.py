@@ -1,0 +1,173 @@
+"""A branch of steady states in one file: orbits by their states and multipliers, scenes as texts of scene files."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from vofem._version import __version__
+from vofem.errors import MissingCallableError, SceneFileError, StorageError
+from vofem.io.files import target
+from vofem.io.scenes.place import Book
+from vofem.io.scenes.reader import read_tables
+from vofem.io.scenes.writer import scene_to_toml
+from vofem.io.storage.hdf5 import reading, writing
+from vofem.io.storage.tree import read_tree, write_tree
+from vofem.scene import Scene
+from vofem.studies.steady import Branch, BranchCounters, PeriodicOrbit, SpecialPoint
+from vofem.studies.steady.branch import Orbits
+from vofem.studies.steady.methods import problem_of
+from vofem.studies.steady.shooting import orbit_result
+from vofem.system import State
+
+SUFFIXES = (".h5", ".hdf")
+
+#: Counts up when files of a new kind could not be read by this version.
+FORMAT = 1
+
+
+def save(branch: Branch, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
+    """Write a branch to one file; see `vofem.Branch.save`."""
+    goal = target(path, SUFFIXES)
+    special = branch.special
+    every = [*branch.orbits, *(point.orbit for point in special)]
+    record = {
+        "values": branch.values,
+        "special": [(s.kind, float(s.value), s.contact, float(s.place)) for s in special],
+        "counters": asdict(branch.counters),
+        "notes": list(branch.notes),
+        "periods": int(branch.periods),
+        "orbits": _orbits(every, goal.parent),
+    }
+    with writing(goal, overwrite=overwrite) as blocks:
+        own = blocks.file.create_group("vofem_branch", track_order=True)
+        own.attrs["format"] = FORMAT
+        own.attrs["written_by"] = __version__
+        write_tree(own, record)
+    return goal
+
+
+def _orbits(orbits: Sequence[PeriodicOrbit], folder: Path) -> dict[str, Any]:
+    """Return what is kept of orbits; those of one branch have the same numbers of unknowns and multipliers."""
+    texts, problems = [], []
+    for orbit in orbits:
+        try:
+            texts.append(scene_to_toml(orbit.scene, folder=folder))
+            problems.append("")
+        except SceneFileError as error:
+            texts.append("")
+            problems.append(str(error))
+    known = [orbit.multipliers is not None for orbit in orbits]
+    starts = [orbit.start is not None for orbit in orbits]
+    return {
+        "scenes": texts,
+        "problems": problems,
+        "method": [orbit.method for orbit in orbits],
+        "omega": np.array([orbit.omega for orbit in orbits]),
+        "periods": np.array([orbit.periods for orbit in orbits]),
+        "residual": np.array([orbit.residual for orbit in orbits]),
+        "autonomous": np.array([orbit.autonomous for orbit in orbits]),
+        "stable": [orbit.stable for orbit in orbits],
+        "notes": [list(orbit.notes) for orbit in orbits],
+        "multipliers": np.array([orbit.multipliers for orbit in orbits]) if all(known) and known else None,
+        "unknowns": [orbit.unknowns for orbit in orbits],
+        "q": np.array([orbit.start.q for orbit in orbits if orbit.start]) if all(starts) and starts else None,
+        "v": np.array([orbit.start.v for orbit in orbits if orbit.start]) if all(starts) and starts else None,
+    }
+
+
+def holds_branch(path: str | os.PathLike[str]) -> bool:
+    """Return whether a file holds a branch; what else may be wrong with it shows when it is read."""
+    try:
+        with h5py.File(path, "r") as file:
+            return "vofem_branch" in file
+    except (OSError, TypeError, ValueError):
+        return False
+
+
+def load(path: str | os.PathLike[str]) -> Branch:
+    """Return the branch that `Branch.save` has written; see `vofem.load`."""
+    with reading(path, "a file that Branch.save has written") as file:
+        return _read(file)
+
+
+def _read(file: h5py.File) -> Branch:
+    own = file["vofem_branch"]
+    if int(own.attrs["format"]) > FORMAT:
+        raise StorageError(
+            f"{file.filename} was written by vofem {own.attrs['written_by']} in format {own.attrs['format']}; this is "
+            f"vofem {__version__}, which reads formats up to {FORMAT}. Update vofem"
+        )
+    record = read_tree(own)
+    folder = Path(file.filename).parent
+    count = len(record["values"])
+    kept = record["orbits"]
+    makers = [_maker(kept, k, folder) for k in range(len(kept["method"]))]
+    special = [
+        SpecialPoint(kind, value, makers[count + k](), contact, place)
+        for k, (kind, value, contact, place) in enumerate(record["special"])
+    ]
+    return Branch(
+        record["values"],
+        Orbits(makers[:count]),
+        special,
+        BranchCounters(**record["counters"]),
+        notes=record["notes"],
+        periods=record["periods"],
+    )
+
+
+def _maker(kept: dict[str, Any], k: int, folder: Path) -> Callable[[], PeriodicOrbit]:
+    def make() -> PeriodicOrbit:
+        periods, method = int(kept["periods"][k]), kept["method"][k]
+        omega, unknowns = float(kept["omega"][k]), kept["unknowns"][k]
+        start = None if kept["q"] is None else State(kept["q"][k], kept["v"][k])
+
+        @cache
+        def scene() -> Scene:
+            return _scene(kept["scenes"][k], kept["problems"][k], folder)
+
+        def result() -> Any:
+            if start is not None:
+                return orbit_result(scene(), start, 2.0 * np.pi * periods / omega)
+            problem = problem_of("load", scene(), method, periods, earlier=None)
+            return problem.orbit(unknowns, problem.evaluate(unknowns)).result
+
+        return PeriodicOrbit(
+            scene,
+            method,
+            omega,
+            periods,
+            multipliers=None if kept["multipliers"] is None else kept["multipliers"][k],
+            residual=float(kept["residual"][k]),
+            result=result,
+            notes=tuple(kept["notes"][k]),
+            unknowns=unknowns,
+            autonomous=bool(kept["autonomous"][k]),
+            start=start,
+            stable=kept["stable"][k],
+        )
+
+    return make
+
+
+def _scene(text: str, problem: str, folder: Path) -> Scene:
+    """Return the scene of an orbit from its text."""
+    if not text:
+        raise MissingCallableError(
+            f"the scene of this orbit could not be written to the file, so its motion is not known: {problem}; follow "
+            "the branch again with vofem.continuation"
+        )
+    book = Book(folder)
+    scene, _, _ = read_tables(tomllib.loads(text), text, book)
+    if book.problems or scene is None:
+        raise SceneFileError("the scene of an orbit", book.problems)
+    return scene
