@@ -315,3 +315,17 @@ def test_loads_without_closed_form_need_their_period():
     np.testing.assert_allclose(
         given.result.displacement(given.scene.bodies[0]), known.result.displacement(known.scene.bodies[0]), atol=1e-12
     )
+
+
+def test_branches_are_saved_with_their_harmonics(tmp_path):
+    mass = vf.Mass(1.0, stiffness=1.0, damping=0.1, name="m")
+    spring = vf.BilinearSpring(mass, stiffness=0.5, linear_limit=0.5, name="s")
+    branch = vf.continuation(
+        lambda omega: vf.Scene([mass], [spring, vf.PointLoad(mass, vf.Sine(0.3, omega))]), 0.8, 0.9, harmonics=7
+    )
+    loaded = vf.load(branch.save(tmp_path / "branch.h5"))
+    np.testing.assert_array_equal(loaded.values, branch.values)
+    for one, other in zip(loaded.orbits, branch.orbits, strict=True):
+        np.testing.assert_allclose(
+            one.result.displacement(one.scene.bodies[0]), other.result.displacement(mass), rtol=0, atol=1e-13
+        )

@@ -193,7 +193,7 @@ def phase_portrait(orbit: PeriodicOrbit | Sequence[PeriodicOrbit], point: Any, p
         If the file cannot be written.
     """
     goal = goal_of(path)
-    orbits = [orbit] if isinstance(orbit, PeriodicOrbit) else list(orbit)
+    orbits = list(orbit) if isinstance(orbit, (list, tuple)) else [orbit]
     place = as_point("phase_portrait: point", point)
     if not orbits or not all(isinstance(one, PeriodicOrbit) for one in orbits):
         raise ArgumentError(

@@ -431,6 +431,12 @@ class _Weaker:
         return self._problem.evaluate(unknowns, derivative=derivative, strength=self._strength)
 
 
+def harmonics_in(scene: Scene, size: int) -> int | None:
+    """Return how many harmonics so many unknowns of a scene stand for; None where it has no laws."""
+    laws = sum(len(group) for group in nonlinear_groups(scene.model.system))
+    return (size // laws - 1) // 2 if laws else None
+
+
 def refuse(what: str, system: System) -> None:
     """Raise `MethodError` for laws that harmonic balance does not know."""
     known = (*nonlinear_groups(system), system.group(SpringpotLaws))
