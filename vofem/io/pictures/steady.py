@@ -209,7 +209,7 @@ def phase_portrait(orbit: PeriodicOrbit | Sequence[PeriodicOrbit], point: Any, p
     for k, (one, (u, v)) in enumerate(zip(orbits, drawn, strict=True)):
         color = INK if k == 0 else COLORS[(k - 1) % len(COLORS)]
         style, width, name = _LINES[one.stable]
-        label = name if len(orbits) == 1 else f"{one.omega:.6g} rad/s, {name}"
+        label = name if len(orbits) == 1 else f"orbit {k + 1}: {one.omega:.6g} rad/s, {name}"
         axes.plot(u / scale[0], v / scale[0], style, color=color, linewidth=width, label=label)
         times, closing = _events(one)
         start = np.zeros(1)
