@@ -85,12 +85,12 @@ def test_sections_and_backbones(branch, tmp_path, figures):
     plot.poincare_section(section, masses[0], tmp_path / "section.png")
     assert figures[0].axes[0].lines[0].get_xdata().size == len(section)
 
-    class Backbone:
-        omega = np.array([1.0, 2.0])
-        energy = np.array([1e-3, 1.0])
-
-    plot.backbone_curve(Backbone(), tmp_path / "backbone.png")
-    np.testing.assert_allclose(figures[1].axes[0].lines[0].get_xdata(), Backbone.omega / (2.0 * np.pi))
+    mass = vf.Mass(1.0, stiffness=10.0)
+    stop = vf.Contact(mass, gap=0.01, stiffness=50.0, side="above", acts_on="penetration")
+    mode = vf.backbone(vf.Scene([mass], [stop]), 1, np.geomspace(1e-3, 1e-1, 5))
+    plot.backbone_curve(mode, tmp_path / "backbone.png")
+    np.testing.assert_allclose(figures[1].axes[0].lines[0].get_xdata(), mode.omega / (2.0 * np.pi))
+    np.testing.assert_allclose(figures[1].axes[0].lines[0].get_ydata(), np.geomspace(1e-3, 1e-1, 5))
 
 
 def test_pictures_refuse_what_they_cannot_show(branch, tmp_path):

@@ -193,7 +193,7 @@ def phase_portrait(orbit: PeriodicOrbit | Sequence[PeriodicOrbit], point: Any, p
         If the file cannot be written.
     """
     goal = goal_of(path)
-    orbits = list(orbit) if isinstance(orbit, (list, tuple)) else [orbit]
+    orbits: list[PeriodicOrbit] = list(orbit) if isinstance(orbit, (list, tuple)) else [orbit]  # type: ignore[list-item]
     place = as_point("phase_portrait: point", point)
     if not orbits or not all(isinstance(one, PeriodicOrbit) for one in orbits):
         raise ArgumentError(
@@ -293,16 +293,15 @@ def backbone_curve(branch: Branch | Sequence[Branch], path: str | os.PathLike[st
         If the file cannot be written.
     """
     goal = goal_of(path)
-    branches: list[Any] = list(branch) if isinstance(branch, (list, tuple)) else [branch]
-    if not branches or not all(hasattr(one, "omega") and hasattr(one, "energy") for one in branches):
-        raise ArgumentError("backbone_curve: expected what vf.backbone returns, with omega and energy")
+    branches = [branch] if isinstance(branch, Branch) else list(branch)
+    if not branches or not all(isinstance(one, Branch) for one in branches):
+        raise ArgumentError("backbone_curve: expected one or more branches, as vf.backbone returns")
     figure, grid = panels((7.6, 5.2))
     axes = grid[0, 0]
     for k, one in enumerate(branches):
         color = INK if k == 0 else COLORS[(k - 1) % len(COLORS)]
-        frequency, energy = np.asarray(one.omega) / (2.0 * np.pi), np.asarray(one.energy)
         label = None if len(branches) == 1 else f"backbone {k + 1}"
-        axes.plot(frequency, energy, color=color, linewidth=1.6, label=label)
+        axes.plot(one.omega / (2.0 * np.pi), one.energy, color=color, linewidth=1.6, label=label)
     axes.set(xlabel="frequency [Hz]", ylabel="energy [J]", yscale="log")
     legend(axes)
     return save(figure, goal)

@@ -1,5 +1,6 @@
 """Steady states: periodic orbits, their stability, and branches of them."""
 
+from vofem.studies.steady.backbones import backbone
 from vofem.studies.steady.branch import Branch, BranchCounters
 from vofem.studies.steady.branches import continuation
 from vofem.studies.steady.linear_response import FrequencyResponse, frequency_response
@@ -15,6 +16,7 @@ __all__ = [
     "PeriodicOrbit",
     "PoincareSection",
     "SpecialPoint",
+    "backbone",
     "continuation",
     "frequency_response",
     "periodic",

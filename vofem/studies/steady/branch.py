@@ -147,6 +147,40 @@ class Branch:
         """Return the amplitude of every orbit at a point, m, shape (n_points,); see `PeriodicOrbit.amplitude`."""
         return np.array([orbit.amplitude(point) for orbit in self.orbits])
 
+    @property
+    def omega(self) -> Array:
+        """Angular frequency of the loads, or of free oscillations, rad/s, shape (n_points,)."""
+        return np.array([orbit.omega for orbit in self.orbits])
+
+    @property
+    def energy(self) -> Array:
+        """Energy of the free oscillations of a backbone, J, shape (n_points,).
+
+        Raises
+        ------
+        ArgumentError
+            For a branch of forced orbits, whose energy changes along each of them.
+        """
+        self._free("energy")
+        return self.values
+
+    def q0(self, point: Any) -> Array:
+        """Return the displacement of a point at rest, on the side farthest from the stops, m, shape (n_points,).
+
+        Raises
+        ------
+        ArgumentError
+            For a branch of forced orbits.
+        """
+        self._free("q0")
+        return np.array([orbit.start_of(point) for orbit in self.orbits])
+
+    def _free(self, what: str) -> None:
+        if not all(orbit.autonomous for orbit in self.orbits):
+            raise ArgumentError(
+                f"{what} is told of free oscillations, those of vofem.backbone; these orbits are forced"
+            )
+
     def at(self, value: float) -> list[PeriodicOrbit]:
         """Return all orbits of the branch at exactly this value, one a sheet, in the order of the branch.
 

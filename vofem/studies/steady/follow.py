@@ -360,6 +360,23 @@ class Follower:
             self._count("flows")
         return moved
 
+    def _joined(self, now: Point, after: Point) -> Step | None:
+        """Return the step to a point in the coordinates of that point; None where the other one has none of these."""
+        chart = ORIGIN if not isinstance(after.chart, EventChart) else after.chart
+        if now.chart is chart:
+            return Step(now, after)
+        y = self._coordinates(chart, now, float(after.y[0]))
+        if y is None:
+            return None
+        towards = (after.y - np.append(y, now.value)) / after.scales
+        if not np.any(towards):
+            return None
+        try:
+            moved = self.point(chart, np.append(y, now.value), towards / np.linalg.norm(towards))
+        except ConvergenceError:
+            return None
+        return Step(moved, after) if moved.evaluation.error <= 1e-8 else None
+
     def _coordinates(self, chart: Any, point: Point, phase: float) -> Array | None:
         """Return the coordinates of a point in a chart, near a phase; None where it has no such event."""
         problem, flow = point.problem, point.evaluation.flow
@@ -459,8 +476,7 @@ class Follower:
         end = self.interval.beyond(at.value)
         if end is not None:
             return None
-        joined = Step(now, outside) if now.chart is ORIGIN else None
-        self._take(joined, outside)
+        self._take(self._joined(now, outside), outside)
         if self._over:
             return outside, step
         self._graze(at, outside)
@@ -492,7 +508,7 @@ class Follower:
             inside = replace(inside, y=moved)
             if inside.tangent @ now.tangent < 0.0:
                 return None
-        self._take(Step(now, inside) if same else None, inside)
+        self._take(Step(now, inside) if same else self._joined(now, inside), inside)
         if self._over:
             return inside, step
         away = replace(outside, tangent=-outside.tangent)

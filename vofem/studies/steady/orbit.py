@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from vofem.errors import ArgumentError
 from vofem.initial import StoredState
+from vofem.lookup import rows_over
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.system import State
@@ -190,6 +191,13 @@ class PeriodicOrbit:
         of = result.model.of_body
         states = {body.name: (of(body, q), of(body, v)) for body in result.scene.bodies}
         return replace(result.as_start(), states=states, source="PeriodicOrbit")
+
+    def start_of(self, point: Any) -> float:
+        """Return the displacement of a point at t = 0 of the loads, m."""
+        if self.start is None:
+            return float(self.result.displacement(point, [0.0])[0])
+        bodies, model = self.scene.bodies, self.scene.model
+        return float((rows_over(model, bodies, [point]) @ self.start.q)[0])
 
     # -- what is measured of it -----------------------------------------------------------------------
 

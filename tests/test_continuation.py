@@ -1,0 +1,265 @@
+"""Branches of steady states against independent special points, closed forms and integrations.
+
+``python tests/test_continuation.py`` follows the bilinear oscillator through all 42 special points between 3 and
+0.19 rad/s and prints how far each is from the reference data; the tests here take a part of it.
+"""
+
+from __future__ import annotations
+
+import json
+from decimal import Decimal
+
+import numpy as np
+import pytest
+from orbit_scenes import bilinear, impact_oscillator, nlvib_03, state_at_cosine
+from scenes import DATA
+from scipy.integrate import solve_ivp
+
+import vofem as vf
+
+KINDS = {"pd": "period_doubling", "graze": "grazing", "fold": "fold", "ns": "neimark_sacker"}
+
+
+def known_points(low, high):
+    points = json.loads((DATA / "orbits" / "P1.json").read_text())["special"]
+    return [(KINDS[p["kind"]], p["omega"], p["y0"]) for p in points if low < p["omega"] < high]
+
+
+def compared(branch, low, high):
+    """Return kind, frequency and errors of frequency and state of every known point; all must be on the branch."""
+    known = known_points(low, high)
+    assert len(branch.special) == len(known)
+    rows = []
+    for kind, omega, y0 in known:
+        mine = min((s for s in branch.special if s.kind == kind), key=lambda s: abs(s.value - omega))
+        rows.append((kind, omega, abs(mine.value - omega), np.abs(mine.orbit.unknowns - y0).max()))
+    return rows
+
+
+@pytest.fixture(scope="module")
+def bilinear_branch():
+    return vf.continuation(bilinear, 3.0, 0.385)
+
+
+def test_special_points_of_the_bilinear_oscillator(bilinear_branch):
+    """Flips, grazings and folds, some of these 1e-5 from a grazing, to 1e-10 in frequency and 1e-9 in the state."""
+    for kind, omega, error, state in compared(bilinear_branch, 0.385, 3.0):
+        assert error < 1e-10, (kind, omega)
+        assert state < 1e-9, (kind, omega)
+
+
+def test_certified_flips(bilinear_branch):
+    """40-digit arithmetic from another formulation."""
+    certificates = json.loads((DATA / "orbits" / "P1_certificates.json").read_text())["P1"]["special"]
+    flips = [Decimal(c["omega"]) for c in certificates if c["kind"] == "pd" and 0.385 < float(c["omega"]) < 3.0]
+    assert len(flips) >= 3
+    for flip in flips:
+        assert min(abs(float(Decimal(s.value) - flip)) for s in bilinear_branch.special) < 1e-11
+
+
+def test_work_for_the_bilinear_oscillator(bilinear_branch):
+    """At most six flows a point, and no eigenvalue problem but the first."""
+    counters = bilinear_branch.counters
+    assert counters.points == len(bilinear_branch)
+    assert counters.flows <= 6 * counters.points
+    assert counters.eigensolves == 1
+    assert len(bilinear_branch) < 600
+
+
+def test_the_branch_that_leaves_at_a_flip(bilinear_branch):
+    flip = bilinear_branch.special[0]
+    assert flip.value == pytest.approx(2.338157973248634, abs=1e-11)
+    assert flip.orbit.stable is None
+    leaving = bilinear_branch.switch(flip)
+    assert leaving.periods == 2
+    assert leaving.orbits[5].periods == 2
+    flips = [s.value for s in leaving.special if s.kind == "period_doubling"]
+    assert min(abs(value - 2.570983419519) for value in flips) < 1e-10
+    (orbit,) = leaving.at(2.45)
+    assert orbit.stable is True
+    # A long transient ends there.
+    scene = bilinear(2.45)
+    run = vf.simulate(scene, 300 * orbit.period)
+    assert np.ptp(run.displacement(scene.bodies[0], run.times[-1] - np.linspace(0, orbit.period, 400))) / 2 == (
+        pytest.approx(orbit.amplitude(scene.bodies[0]), rel=1e-4)
+    )
+
+
+def test_sheets_are_solved_again(bilinear_branch):
+    """Three sheets between two folds; none outside of the branch."""
+    sheets = bilinear_branch.at(0.51)
+    assert len(sheets) == 3
+    for orbit in sheets:
+        assert orbit.omega == 0.51
+        assert orbit.residual < 1e-10
+    assert bilinear_branch.at(3.5) == []
+    assert len(bilinear_branch.at(1.5)) == 1
+
+
+def test_the_parameter_may_be_a_stiffness():
+    """Modes change with the parameter: unknowns keep their meaning."""
+
+    def build(stiffness):
+        a, b = vf.Mass(1.0, stiffness=stiffness, damping=0.1, name="a"), vf.Mass(1.0, stiffness=1.0, name="b")
+        stop = vf.Contact(a, gap=0.3, stiffness=5.0, side="above", acts_on="penetration", name="stop")
+        load = vf.PointLoad(b, vf.Sine(0.5, 0.9))
+        return vf.Scene([a, b], [vf.Spring(a, b, stiffness=1.0), vf.Dashpot(a, b, damping=0.1), stop, load])
+
+    branch = vf.continuation(build, 1.0, 2.0)
+    assert branch.values[-1] == 2.0
+    scene = build(2.0)
+    known = vf.periodic(scene)
+    found = branch.orbits[-1]
+    for name in ("a", "b"):
+        for mine, theirs in zip(found.state_of(name), known.state_of(name), strict=True):
+            assert mine == pytest.approx(theirs, abs=1e-10)
+
+
+def test_two_masses_on_a_stop():
+    """NLvib's example 03: the linear response grazes, and everything beyond."""
+    branch = vf.continuation(nlvib_03, 0.8, 0.5)
+    of = {kind: [s for s in branch.special if s.kind == kind] for kind in KINDS.values()}
+    grazings = sorted(s.value for s in of["grazing"])
+    assert grazings == pytest.approx([0.5818996390393119, 0.6534401404162605], abs=1e-12)
+    fold = min(of["fold"], key=lambda s: abs(s.value - 0.755627352609))
+    assert fold.value == pytest.approx(0.755627352609, abs=1e-11)
+    assert state_at_cosine(fold.orbit) == pytest.approx(
+        [-0.676029456452, -0.817604707124, 1.050878187814, 0.190765997506], abs=1e-9
+    )
+    flip = min(of["period_doubling"], key=lambda s: abs(s.value - 0.755586159356))
+    assert flip.value == pytest.approx(0.755586159356, abs=1e-11)
+    assert state_at_cosine(flip.orbit) == pytest.approx(
+        [-0.602889368436, -0.810675818536, 1.039703264833, 0.274093674871], abs=1e-9
+    )
+    assert len(of["period_doubling"]) == 2
+    assert of["neimark_sacker"]
+    for point in of["neimark_sacker"]:
+        size = np.abs(point.orbit.multipliers)
+        assert np.min(np.abs(size - 1.0)) < 1e-10
+        assert point.orbit.multipliers[np.argmin(np.abs(size - 1.0))].imag != 0.0
+    (orbit,) = [o for o in branch.at(0.635) if len(o.result.contacts["stop"].closings)]
+    assert state_at_cosine(orbit)[0] == pytest.approx(0.9613616024620069, abs=1e-11)
+    assert branch.counters.eigensolves <= 2
+
+
+def test_the_impact_oscillator_of_ing():
+    """Grazing in closed form; the flip at which the impacting orbit becomes stable."""
+    branch = vf.continuation(impact_oscillator, 0.75, 1.1)
+    grazing, *flips = branch.special
+    assert grazing.kind == "grazing"
+    assert grazing.value == pytest.approx(0.8019281065932354, abs=1e-12)
+    assert flips[-1].kind == "period_doubling"
+    assert flips[-1].value == pytest.approx(0.915840977165114, abs=1e-11)
+    assert state_at_cosine(flips[-1].orbit) == pytest.approx([1.3903338627988389, 0.19430976298846372], abs=1e-9)
+    assert flips[-1].orbit.multipliers[1] == pytest.approx(-0.87178602, abs=1e-7)
+    assert branch.orbits[-1].stable is True
+    assert branch.at(0.85)[0].stable is False
+
+
+def jumping(omega):
+    return bilinear(omega, amplitude=0.15, gap=1.0, acts_on="displacement")
+
+
+def returned(orbit, start):
+    """Return the state a period later by an integration with events of its own."""
+    omega, t = orbit.omega, 0.0
+    y, end = np.array(start), orbit.period
+
+    def rates(t, y, closed):
+        return [y[1], 0.15 * np.sin(omega * t) - 0.1 * y[1] - y[0] - (8.0 * y[0] if closed else 0.0)]
+
+    closed = bool(y[0] > 1.0)
+    while t < end:
+
+        def gap(t, y, closed):
+            return y[0] - 1.0
+
+        gap.terminal, gap.direction = True, -1.0 if closed else 1.0
+        run = solve_ivp(rates, (t, end), y, "DOP853", rtol=1e-12, atol=1e-14, events=gap, args=(closed,))
+        t, y = run.t[-1], run.y[:, -1]
+        closed = not closed
+    return y
+
+
+def test_the_displacement_law_on_a_branch():
+    """Force jumps: both grazings, where the leading multiplier has no bound, a fold and a flip, all confirmed."""
+    branch = vf.continuation(jumping, 0.8, 1.5)
+    kinds = [s.kind for s in branch.special]
+    assert kinds.count("grazing") == 2
+    assert "fold" in kinds
+    assert "period_doubling" in kinds
+    for point in branch.special:
+        start = point.orbit.unknowns
+        if point.kind == "grazing":
+            # The linear response reaches the stop: in closed form.
+            w = point.value
+            assert 0.15 / abs(1.0 - w**2 + 0.1j * w) == pytest.approx(1.0, abs=1e-11)
+            continue
+        assert returned(point.orbit, start) == pytest.approx(start, abs=1e-9)
+        # Differences of the return along the eigenvector of the critical multiplier.
+        critical = 1.0 if point.kind == "fold" else -1.0
+        assert min(abs(point.orbit.multipliers - critical)) < 1e-8
+        columns = []
+        for k in range(2):
+            moved = np.zeros(2)
+            moved[k] = 1e-5
+            columns.append((returned(point.orbit, start + moved) - returned(point.orbit, start - moved)) / 2e-5)
+        assert np.min(np.abs(np.linalg.eigvals(np.array(columns).T) - critical)) < 1e-4
+    # Just beyond a grazing the leading multiplier is large, the larger the nearer.
+    largest = max(np.abs(orbit.multipliers[0]) for orbit in branch.orbits)
+    assert largest > 1e3
+
+
+def test_a_branch_is_saved_and_loaded(tmp_path):
+    branch = vf.continuation(bilinear, 2.4, 2.2)
+    path = branch.save(tmp_path / "branch.h5")
+    loaded = vf.load(path)
+    assert np.array_equal(loaded.values, branch.values)
+    assert list(loaded.stable) == list(branch.stable)
+    assert [(s.kind, s.value) for s in loaded.special] == [(s.kind, s.value) for s in branch.special]
+    mass = bilinear(1.0).bodies[0]
+    assert np.array_equal(loaded.amplitude(mass), branch.amplitude(mass))
+    assert np.array_equal(loaded.orbits[3].multipliers, branch.orbits[3].multipliers)
+    assert loaded.counters == branch.counters
+    with pytest.raises(vf.ArgumentError, match="loaded"):
+        loaded.at(2.3)
+    with pytest.raises(vf.OutputError):
+        branch.save(path)
+
+
+def test_progress_and_interruption():
+    seen = []
+
+    def tell(value, stop):
+        seen.append((value, stop))
+        if len(seen) == 5:
+            import _thread
+
+            _thread.interrupt_main()
+
+    branch = vf.continuation(bilinear, 2.3, 1.0, progress=tell)
+    assert seen[0] == (2.3, 1.0)
+    assert 4 <= len(branch) <= 8
+    assert any("interrupted" in note for note in branch.notes)
+
+
+def test_bad_arguments():
+    with pytest.raises(vf.ArgumentError, match="build"):
+        vf.continuation(bilinear(1.0), 1.0, 2.0)
+    with pytest.raises(vf.ArgumentError, match="returned"):
+        vf.continuation(lambda value: value, 1.0, 2.0)
+    with pytest.raises(vf.ArgumentError, match="interval"):
+        vf.continuation(bilinear, 1.0, 1.0)
+    with pytest.raises(vf.ArgumentError, match="periods"):
+        vf.continuation(bilinear, 1.0, 2.0, periods=1.5)
+    branch = vf.continuation(bilinear, 1.5, 1.6, max_points=3)
+    assert any("max_points" in note for note in branch.notes)
+    with pytest.raises(vf.ArgumentError, match="special"):
+        branch.switch("fold")
+
+
+if __name__ == "__main__":
+    whole = vf.continuation(bilinear, 3.0, 0.19)
+    print(whole, whole.counters)
+    for row in compared(whole, 0.19, 3.0):
+        print("{:16s} {:.16f}  frequency {:.1e}  state {:.1e}".format(*row))

@@ -1,0 +1,354 @@
+"""Nonlinear normal modes of conservative scenes: `backbone`.
+
+A free oscillation of a conservative scene that comes to rest twice is the same
+forwards and backwards in time. It is found over half a period, from rest to
+rest: unknowns are the displacement at rest and half the period, equations that
+all velocities vanish again and that the energy is the one wanted.
+
+G. Kerschen, M. Peeters, J. C. Golinval, A. F. Vakakis, Mech. Syst. Signal Process. 23 (2009) 170,
+doi:10.1016/j.ymssp.2008.04.002.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vofem._validate import array
+from vofem.errors import ArgumentError, ConvergenceError, MethodError
+from vofem.integrators.event_driven.flow import Start, flow, modes_of
+from vofem.integrators.event_driven.modal_space import ModalSpace
+from vofem.laws import CLOSED, OPEN, ContactLaws
+from vofem.scene import Scene, as_scene
+from vofem.studies.steady.branch import Branch, BranchCounters, Orbits
+from vofem.studies.steady.counters import Work
+from vofem.studies.steady.newton import direction
+from vofem.studies.steady.orbit import PeriodicOrbit
+from vofem.studies.steady.shooting import orbit_result, shooting_refusal
+from vofem.studies.steady.steady_state import whole
+from vofem.system import State, System
+
+Array = NDArray[np.float64]
+
+#: Steps of Newton's method, the residual that is small enough, and what counts as rounding where it stops shrinking.
+_STEPS, _TOLERANCE, _ROUNDING = 12, 1e-14, 1e-11
+
+#: First, largest and least step of the logarithm of the energy.
+_FIRST, _LARGEST, _LEAST = 0.02, 0.3, 1e-6
+
+#: First share of the contacts' stiffness where these touch at rest, and the factor by which it grows.
+_SOFT, _HARDER = 1e-3, 2.0
+
+
+@dataclass(frozen=True)
+class _Rest:
+    """Half a free oscillation.
+
+    Attributes
+    ----------
+    z : ndarray, shape (n,)
+        Modal displacement at rest.
+    half : float
+        Half the period, s.
+    """
+
+    z: Array
+    half: float
+
+    @property
+    def y(self) -> Array:
+        return np.append(self.z, self.half)
+
+
+@dataclass(frozen=True)
+class _Level:
+    """What says how far an oscillation goes: its energy, or the displacement of one degree of freedom at rest.
+
+    Attributes
+    ----------
+    dof : int
+        -1 for the energy.
+    """
+
+    dof: int
+
+    def of(self, system: System, space: ModalSpace, z: Array) -> tuple[float, Array]:
+        """Return the level of a modal displacement at rest and its derivative, shape (n,)."""
+        if self.dof >= 0:
+            row = space.shapes[self.dof]
+            value = float(row @ z)
+            return abs(value), row * np.sign(value)
+        energy, slope = 0.5 * float(space.stiffness @ z**2), space.stiffness * z
+        laws = system.contacts
+        if laws is not None:
+            s = space.contacts @ z - laws.gap
+            status = np.where(s > 0.0, CLOSED, OPEN)
+            energy += float(laws.closed_potential(s, status))
+            slope = slope + laws.force(s, np.zeros_like(s), status) @ space.contacts
+        return energy, slope
+
+
+def backbone(
+    scene: Scene, mode: int, energies: ArrayLike | None = None, *, amplitudes: ArrayLike | None = None
+) -> Branch:
+    """Return a nonlinear normal mode of a conservative scene: free oscillations at some energies or amplitudes.
+
+    Parameters
+    ----------
+    scene : Scene
+        Without loads and dampers; its initial state does not matter.
+    mode : int
+        1 for the lowest vibration mode with all contacts open, from which the backbone begins.
+    energies : array_like, shape (k,), optional
+        In J, positive.
+    amplitudes : array_like, shape (k,), optional
+        Instead of energies: the largest displacement of a degree of freedom at rest, m.
+
+    Returns
+    -------
+    Branch
+        With one orbit for each, in their order. `Branch.omega` in rad/s, `Branch.energy` in J, and `Branch.q0(point)`,
+        the displacement in m at rest, on the side that is farthest from the stops. Orbits begin at rest there.
+
+    Raises
+    ------
+    ArgumentError
+        For levels that are not positive, or a mode that there is not.
+    MethodError
+        If the scene is not conservative.
+    ConvergenceError
+        If the backbone cannot be followed to a level; the message says how far it came.
+    """
+    as_scene("backbone", scene)
+    if (energies is None) == (amplitudes is None):
+        raise ArgumentError("backbone: give either energies or amplitudes, and not both")
+    levels = np.atleast_1d(array("backbone: energies or amplitudes", energies if amplitudes is None else amplitudes))
+    if levels.ndim != 1 or not levels.size or np.any(levels <= 0.0):
+        raise ArgumentError(f"backbone: energies or amplitudes are {levels!r}, expected positive numbers")
+    system = scene.model.system
+    _check(scene, system)
+    work = Work()
+    space = modes_of(system, work.runs)
+    number = _mode_number(space, whole("backbone: mode", mode))
+    search = _Search(system, space, work)
+    found: dict[float, _Rest] = {}
+    now, kind = search.linear(number, float(levels.min()), amplitudes is not None)
+    for level in np.unique(levels).tolist():
+        now = search.path(now, kind, level)
+        found[level] = now
+    counters = BranchCounters(points=levels.size, flows=work.flows, eigensolves=work.runs.eigensolves)
+    orbits = [search.orbit(scene, found[level]) for level in levels.tolist()]
+    counters.flows = work.flows
+    values = [search.energy(found[level].z) for level in levels.tolist()]
+    return Branch(np.array(values), Orbits([lambda o=o: o for o in orbits]), [], counters)  # type: ignore[misc]
+
+
+def _check(scene: Scene, system: System) -> None:
+    """Raise where a scene is not conservative."""
+    reason = shooting_refusal(scene)
+    if reason is not None:
+        raise MethodError(f"backbone: {reason.split('. Use ')[0].split('; use')[0]}")
+    what = ""
+    if system.loads:
+        what = system.loads[0].name
+    elif system.damped:
+        what = "damping"
+    elif system.contacts is not None and np.any(system.contacts.damping > 0.0):
+        what = f"the damper of {system.contacts.labels[int(np.argmax(system.contacts.damping > 0.0))]}"
+    if what:
+        raise MethodError(
+            f"backbone: the scene has {what}, and nonlinear normal modes are free oscillations of conservative scenes; "
+            "leave it out, or follow forced orbits with vofem.continuation"
+        )
+
+
+def _mode_number(space: ModalSpace, mode: int) -> int:
+    vibrations = np.flatnonzero(space.stiffness > 0.0)
+    if mode > vibrations.size:
+        raise ArgumentError(
+            f"backbone: mode is {mode}, and the scene has {vibrations.size} vibration modes; 1 is the lowest"
+        )
+    return int(vibrations[mode - 1])
+
+
+class _Search:
+    """Finds free oscillations of a system."""
+
+    def __init__(self, system: System, space: ModalSpace, work: Work) -> None:
+        self.system, self.space, self.work = system, space, work
+
+    def energy(self, z: Array) -> float:
+        """Return the energy of a displacement at rest, J."""
+        return _Level(-1).of(self.system, self.space, z)[0]
+
+    def linear(self, number: int, level: float, by_amplitude: bool) -> tuple[_Rest, _Level]:
+        """Return a linear oscillation of a mode that touches no contact, or one with these closing where they touch."""
+        space, laws = self.space, self.system.contacts
+        shape = np.zeros(space.size)
+        shape[number] = 1.0
+        frequency = float(np.sqrt(space.stiffness[number]))
+        if laws is not None:
+            # On the side that is farther from the stops that the mode reaches first.
+            along = space.contacts[:, number]
+            reached = np.where(along != 0.0, laws.gap / np.where(along == 0.0, 1.0, np.abs(along)), np.inf)
+            first = int(np.argmin(reached))
+            shape *= -1.0 if along[first] > 0.0 else 1.0
+        dof = -1
+        if by_amplitude:
+            sizes = np.where(self.system.rotational, 0.0, np.abs(space.shapes[:, number]))
+            dof = int(np.argmax(sizes))
+        kind = _Level(dof)
+        unit, _ = kind.of(replace_contacts(self.system, None), space, shape)
+        size = level / unit if by_amplitude else float(np.sqrt(level / unit))
+        start = _Rest(size * shape, np.pi / frequency)
+        if laws is None:
+            return start, kind
+        # The mode swings to both sides.
+        farthest = np.min(np.where(space.contacts[:, number] != 0.0, laws.gap, np.inf))
+        reach = float(np.min(reached))
+        if size * (1.0 + 1e-9) < reach:
+            return start, kind
+        if farthest > 0.0:
+            return _Rest(0.999 * reach * shape, start.half), kind
+        return self._hardened(start, kind, level), kind
+
+    def _hardened(self, start: _Rest, kind: _Level, level: float) -> _Rest:
+        """Return an oscillation of contacts that touch at rest: from soft ones to those of the system."""
+        share, now = _SOFT, start
+        factor = _HARDER
+        while True:
+            laws = self.system.contacts
+            assert laws is not None
+            softer = _Search(replace_contacts(self.system, laws.scaled(share)), self.space, self.work)
+            try:
+                found = softer.solved(now, kind, level)
+            except ConvergenceError:
+                if factor < 1.0 + 1e-4 or now is start:
+                    raise
+                share /= factor
+                factor = 1.0 + 0.3 * (factor - 1.0)
+                share = min(share * factor, 1.0)
+                continue
+            now = found
+            if share == 1.0:
+                return now
+            share = min(share * factor, 1.0)
+
+    def path(self, now: _Rest, kind: _Level, level: float) -> _Rest:
+        """Return the oscillation at a level, followed from another one."""
+        here, goal = np.log(kind.of(self.system, self.space, now.z)[0]), np.log(level)
+        before: tuple[float, Array] | None = None
+        step = _FIRST
+        if goal <= here + 1e-15:
+            return self.solved(now, kind, level)
+        while True:
+            ahead = min(here + step, goal)
+            guess = now.y
+            if before is not None:
+                guess = guess + (guess - before[1]) * (ahead - here) / (here - before[0])
+            else:
+                # In proportion to the square root of the energy, or to the amplitude.
+                guess[:-1] *= np.exp((ahead - here) * (0.5 if kind.dof < 0 else 1.0))
+            try:
+                found = self.solved(_Rest(guess[:-1], float(guess[-1])), kind, float(np.exp(ahead)))
+                if abs(found.half / now.half - 1.0) > 0.1 or _far(found.z, now.z):
+                    raise ConvergenceError("the oscillation changes too much in one step")
+            except ConvergenceError as error:
+                step *= 0.3
+                if step < _LEAST:
+                    raise ConvergenceError(
+                        f"backbone: followed up to a level of {np.exp(here):.9g}, and not to {level:.9g}: {error}. "
+                        "Where the backbone turns in energy, as at an internal resonance, it cannot be given at every "
+                        "energy"
+                    ) from error
+                continue
+            before, now, here = (here, now.y), found, ahead
+            if ahead == goal:
+                return now
+            step = min(1.6 * step, _LARGEST)
+
+    def solved(self, guess: _Rest, kind: _Level, level: float) -> _Rest:
+        """Return the oscillation at a level near a guess."""
+        y, n = guess.y, self.space.size
+        best, kept = np.inf, y
+        for _ in range(_STEPS):
+            if not np.all(np.isfinite(y)) or y[-1] <= 0.0:
+                break
+            begin = np.zeros((2 * n, n))
+            begin[:n] = np.eye(n)
+            one = flow(
+                self.system, Start(0.0, y[:n], np.zeros(n)), float(y[-1]), derivative=begin, counters=self.work.runs
+            )
+            self.work.flows += 1
+            value, slope = kind.of(self.system, self.space, y[:n])
+            _, speed = one.sizes
+            residual = np.append(one.velocity / speed, value / level - 1.0)
+            error = float(np.max(np.abs(residual)))
+            if error < best:
+                best, kept = error, y
+            elif best <= _ROUNDING:
+                break
+            if error <= _TOLERANCE:
+                break
+            assert one.monodromy is not None
+            matrix = np.zeros((n + 1, n + 1))
+            matrix[:n, :n] = one.monodromy[n:] / speed
+            matrix[:n, n] = one.rate(at_start=False)[n:] / speed
+            matrix[n, :n] = slope / level
+            y = y - direction(matrix, residual)
+        if best > _ROUNDING:
+            raise ConvergenceError(f"Newton's method left a residual of {best:.2e}")
+        return _Rest(kept[:n], float(kept[-1]))
+
+    def orbit(self, scene: Scene, rest: _Rest) -> PeriodicOrbit:
+        """Return the orbit of an oscillation, from rest at the side that is farther from the stops."""
+        n, space = self.space.size, self.space
+        z = rest.z
+        one = flow(self.system, Start(0.0, z, np.zeros(n)), rest.half, counters=self.work.runs)
+        if self.system.contacts is not None:
+            gap = self.system.contacts.gap
+            if np.max(space.contacts @ one.displacement - gap) < np.max(space.contacts @ z - gap):
+                z = one.displacement
+        period = 2.0 * rest.half
+        full = flow(self.system, Start(0.0, z, np.zeros(n)), period, derivative=np.eye(2 * n), counters=self.work.runs)
+        self.work.flows += 2
+        assert full.monodromy is not None
+        size_z, size_v = full.sizes
+        residual = max(np.linalg.norm(full.displacement - z) / size_z, np.linalg.norm(full.velocity) / size_v)
+        state = State(space.shapes @ z, np.zeros(space.shapes.shape[0]))
+        return PeriodicOrbit(
+            scene,
+            "shooting",
+            np.pi / rest.half,
+            1,
+            multipliers=np.linalg.eigvals(full.monodromy).astype(complex),
+            residual=float(residual),
+            result=lambda: orbit_result(scene, state, period),
+            unknowns=np.concatenate([z, np.zeros(n)]),
+            start=state,
+            autonomous=True,
+            decided=lambda: _UNDECIDED,
+        )
+
+
+#: A family of orbits has a double multiplier 1, known to the square root of rounding only.
+_UNDECIDED = 1e-6
+
+
+def _far(a: Array, b: Array) -> bool:
+    """Return whether two displacements differ in direction by more than a step may."""
+    cosine = float(a @ b) / float(np.linalg.norm(a) * np.linalg.norm(b))
+    return cosine < 0.9
+
+
+def replace_contacts(system: System, contacts: ContactLaws | None) -> System:
+    """Return a system with other contacts, or without any; it shares nothing that was computed."""
+    laws: list[Any] = [group for group in system.laws if group is not system.contacts]
+    changed = replace(system, laws=tuple(laws if contacts is None else [contacts, *laws]))
+    if contacts is not None:
+        known = system.cache.get("modal space", None, lambda: None)
+        changed.cache.get("modal space", None, lambda: known)
+    return changed
