@@ -196,8 +196,7 @@ _MODULES = {
     "vofem.studies.accuracy": "accuracy",
     "vofem.studies.diagrams": "basins bifurcation_diagram stability_map",
     "vofem.studies.steady": (
-        "Branch PeriodicOrbit SpecialPoint backbone continuation frequency_response periodic "
-        "poincare"
+        "Branch PeriodicOrbit SpecialPoint backbone continuation frequency_response periodic poincare"
     ),
     "vofem.studies.sweep.sweeping": "sweep",
     "vofem.vibration": "Modes modes",
@@ -208,9 +207,9 @@ _LATER = {name: module for module, names in _MODULES.items() for name in names.s
 
 
 def _store() -> Store:
-    from vofem.io.storage import checkpoint, run_file
+    from vofem.io.storage import branch_file, checkpoint, run_file
 
-    return Store(run_file.save, checkpoint.checkpoint_writer)
+    return Store(run_file.save, checkpoint.checkpoint_writer, branch_file.save)
 
 
 use_store(_store)

@@ -1,6 +1,6 @@
-"""Where runs are kept: what results and simulations ask of a store, and which one they find.
+"""Where runs and branches are kept: what results and simulations ask of a store, and which one they find.
 
-Results and simulations know no file format. `vofem/__init__.py`, which stands
+Results, simulations and studies know no file format. `vofem/__init__.py`, which stands
 above all rooms, names the store; it is opened when something is to be kept.
 """
 
@@ -22,6 +22,13 @@ class SaveRun(Protocol):
         """Return the path of the file."""
 
 
+class SaveBranch(Protocol):
+    """Writes a branch of orbits to one file; see `vofem.Branch.save`."""
+
+    def __call__(self, branch: Any, path: str | os.PathLike[str], *, overwrite: bool) -> Path:
+        """Return the path of the file."""
+
+
 class KeepSnapshots(Protocol):
     """Prepares a file for the snapshots of a run that is about to begin."""
 
@@ -37,10 +44,12 @@ class Store:
     ----------
     save : SaveRun
     snapshots : KeepSnapshots
+    save_branch : SaveBranch
     """
 
     save: SaveRun
     snapshots: KeepSnapshots
+    save_branch: SaveBranch
 
 
 _openers: list[Callable[[], Store]] = []

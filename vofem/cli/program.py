@@ -14,6 +14,7 @@ from vofem.cli.compile import add_compile
 from vofem.cli.doctor import add_doctor
 from vofem.cli.explain import add_explain
 from vofem.cli.render import add_render
+from vofem.cli.respond import add_respond
 from vofem.cli.run import add_run
 from vofem.cli.sweep import add_sweep
 from vofem.cli.verify import add_verify
@@ -43,6 +44,8 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="vofem", description="Beams and masses that hit, rattle and yield.")
     parser.add_argument("--version", action="version", version=f"vofem {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
-    for add in (add_run, add_render, add_explain, add_verify, add_accuracy, add_sweep, add_compile, add_doctor):
+    for add in (
+        add_run, add_render, add_explain, add_respond, add_sweep, add_verify, add_accuracy, add_compile, add_doctor,
+    ):  # fmt: skip
         add(commands)
     return parser

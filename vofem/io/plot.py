@@ -1,4 +1,4 @@
-"""Pictures with matplotlib: histories in time, shapes of beams, maps of the motion, the side view of a scene."""
+"""Pictures with matplotlib: histories in time, shapes, maps of the motion, side views, steady states."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from vofem.io.pictures.diagrams import basin_map, bifurcation
 from vofem.io.pictures.histories import time_history
 from vofem.io.pictures.profiles import shapes
 from vofem.io.pictures.space_time import space_time
+from vofem.io.pictures.steady import backbone_curve, multipliers, phase_portrait, poincare_section, response_curve
 from vofem.io.pictures.sweeps import sweep_curves
 from vofem.io.pictures.work_precision import work_precision
 from vofem.result import Result
@@ -18,9 +19,14 @@ from vofem.scene import Scene
 from vofem.statics import Equilibrium
 
 __all__ = [
+    "backbone_curve",
     "basin_map",
     "bifurcation",
     "draw_scene",
+    "multipliers",
+    "phase_portrait",
+    "poincare_section",
+    "response_curve",
     "shapes",
     "space_time",
     "sweep_curves",

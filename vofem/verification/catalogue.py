@@ -23,6 +23,7 @@ def catalogue() -> tuple[Case, ...]:
         rebounds,
         springpots,
         statics,
+        steady,
         tolerances,
         two_masses,
         units,
@@ -30,7 +31,7 @@ def catalogue() -> tuple[Case, ...]:
 
     parts = (
         accumulation, bars, beams, faults, loads, meshes, oscillators, rebounds, statics, tolerances, units,
-        two_masses,        published_modes, published_runs, springpots,
+        two_masses, published_modes, published_runs, springpots, steady,
     )  # fmt: skip
     cases = [case for part in parts for case in part.cases()]
     return tuple(sorted(cases, key=lambda case: 1000 if case.number is None else case.number))

@@ -1,13 +1,21 @@
-"""Other values for keys of a scene file, named by dotted paths such as ``contact.stop.gap``."""
+"""Keys of a scene file by their paths, as parameters of studies: what stands there, and other values for them.
+
+A path names a table, then in an array of tables one of them, then the keys:
+``run.dt``, ``contact.stop.gap``, ``point_load[0].f.sine.omega``. One of an
+array is named by its ``name`` or by its position, counted from 0.
+"""
 
 from __future__ import annotations
 
 import copy
+import re
 from collections.abc import Mapping
 from typing import Any
 
 from vofem._validate import nearest
 from vofem.errors import ArgumentError
+
+_BRACKETS = re.compile(r"\[(\d+)\]")
 
 
 def changed(content: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
@@ -18,9 +26,7 @@ def changed(content: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str,
     content : dict
         As TOML reads it. It stays as it is.
     changes : dict
-        New values by path. A path names a table, then in an array of tables
-        the ``name`` of one of them or its position (counted from 0), then the
-        keys: ``run.dt``, ``contact.stop.gap``, ``point_load.0.f.sine.omega``.
+        New values by path.
 
     Raises
     ------
@@ -30,10 +36,7 @@ def changed(content: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str,
     result = copy.deepcopy(dict(content))
     for path, value in changes.items():
         *parents, last = _parts(path)
-        table: Any = result
-        for depth, part in enumerate(parents):
-            table = _inside(table, part, path, ".".join(parents[:depth]))
-        where = ".".join(parents)
+        table, where = _at(result, parents, path)
         if isinstance(table, list):
             table[_position(table, last, path, where)] = value
         elif isinstance(table, dict):
@@ -43,26 +46,48 @@ def changed(content: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str,
     return result
 
 
+def number_at(content: Mapping[str, Any], path: str) -> float:
+    """Return the number that stands at a path.
+
+    Raises
+    ------
+    ArgumentError
+        If the path leads nowhere, or to something else.
+    """
+    value, _ = _at(content, _parts(path), path)
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise ArgumentError(f"{path!r} is {value!r}, expected a number in the file there")
+    return float(value)
+
+
 def _parts(path: str) -> list[str]:
-    parts = path.split(".")
-    if len(parts) < 2 or not all(parts):
+    parts = _BRACKETS.sub(r".\1", path).split(".")
+    if len(parts) < 2 or not all(parts) or any(set(part) & set("[]") for part in parts):
         raise ArgumentError(
-            f"{path!r} is no path, expected table and key with a dot between, such as 'contact.stop.gap'"
+            f"{path!r} is no path of a key, expected table and key with a dot between, such as 'contact.stop.gap' or "
+            "'point_load[0].f.sine.omega'"
         )
     return parts
 
 
-def _inside(table: Any, part: str, path: str, where: str) -> Any:
-    """Return what a part of a path stands for in a table or an array."""
-    if isinstance(table, list):
-        return table[_position(table, part, path, where)]
-    if not isinstance(table, dict):
-        raise ArgumentError(f"{path!r}: {where} is {table!r}, expected a table")
-    if part not in table:
-        there = f"in {where}" if where else "in the file"
-        known = tuple(table)
-        raise ArgumentError(f"{path!r}: there is no {part!r} {there}; there are {list(known)}{nearest(part, known)}")
-    return table[part]
+def _at(content: Mapping[str, Any], parts: list[str], path: str) -> tuple[Any, str]:
+    """Return what stands where the parts of a path lead, and that place as text."""
+    here: Any = content
+    for depth, part in enumerate(parts):
+        where = ".".join(parts[:depth])
+        if isinstance(here, list):
+            here = here[_position(here, part, path, where)]
+            continue
+        if not isinstance(here, dict):
+            raise ArgumentError(f"{path!r}: {where} is {here!r}, expected a table")
+        if part not in here:
+            there = f"in {where}" if where else "in the file"
+            known = tuple(here)
+            raise ArgumentError(
+                f"{path!r}: there is no {part!r} {there}; there are {list(known)}{nearest(part, known)}"
+            )
+        here = here[part]
+    return here, ".".join(parts)
 
 
 def _position(array: list[Any], part: str, path: str, where: str) -> int:

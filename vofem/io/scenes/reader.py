@@ -7,16 +7,17 @@ from difflib import get_close_matches
 from typing import Any
 
 from vofem.bodies import Body
-from vofem.errors import VofemError
+from vofem.errors import ArgumentError, VofemError
+from vofem.io.scenes.changes import number_at
 from vofem.io.scenes.entry import Entry
 from vofem.io.scenes.kinds import NUMBER, Kind
 from vofem.io.scenes.parts import BodyByName
 from vofem.io.scenes.place import Book, Invalid, Place
 from vofem.io.scenes.schema import BODIES, EFFECTS, FIELD
-from vofem.io.scenes.settings import OUTPUT, OutputSettings, RunSettings, run_entry
+from vofem.io.scenes.settings import OUTPUT, RESPOND, OutputSettings, RespondSettings, RunSettings, run_entry
 from vofem.scene import Scene
 
-_SINGLE = ("run", "output", "initial")
+_SINGLE = ("run", "output", "respond", "initial")
 
 #: Tables of studies, which a single run does not need; their own readers look into them.
 _STUDIES = ("sweep",)
@@ -37,6 +38,22 @@ INITIAL = ("displacement", "velocity")
 _HEADER = re.compile(r"^[ \t]*\[{1,2}[ \t]*([A-Za-z0-9_-]+)[ \t]*\]", re.MULTILINE)
 
 Item = tuple[Entry, Any, Place]
+
+
+def read_respond(content: dict[str, Any], book: Book) -> RespondSettings | None:
+    """Return what ``[respond]`` of a parsed file says, whose bodies are known; problems are added to `book`."""
+    table, place = content.get("respond"), Place(book).key("respond")
+    if not isinstance(table, dict):
+        return None
+    found = RESPOND.read(table, place)
+    if isinstance(found, Invalid):
+        return None
+    for path in found.parameter:
+        try:
+            number_at(content, path)
+        except ArgumentError as error:
+            place.key("parameter").report(str(error))
+    return found if isinstance(found, RespondSettings) else None
 
 
 def read_tables(

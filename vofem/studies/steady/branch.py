@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from vofem._validate import number
 from vofem.errors import ArgumentError
+from vofem.persistence import store
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.special import SpecialPoint
 
@@ -245,6 +246,4 @@ class Branch:
         OutputError
             If the file exists and is not to be overwritten, or cannot be written.
         """
-        from vofem.io.storage.branch_file import save
-
-        return save(self, path, overwrite=overwrite)
+        return store().save_branch(self, path, overwrite=overwrite)

@@ -154,7 +154,7 @@ class HarmonicBalance:
             raise ArgumentError(f"{what}: harmonics is {harmonics!r}, expected a whole number, 1 or more")
         self.loads: LoadPeriod = load_period(what, system, period)
         self.work = Work() if work is None else work
-        self.harmonics = int(harmonics)
+        self.harmonics: int = int(harmonics)
         self.reach = (1 + _BEYOND) * self.harmonics
         self.omega = self.loads.omega / periods
         self.laws = LawPaths(self.groups)
@@ -176,7 +176,7 @@ class HarmonicBalance:
         law_rows = np.zeros((0, system.size)) if rows is None else np.asarray(rows.toarray())
         vectors = np.array([load.vector for load in system.loads]).reshape(-1, system.size)
         inputs = np.concatenate([law_rows, vectors])
-        highest = self.reach * self.omega
+        highest: float = self.reach * self.omega
         attached = springpots_of(self._what, system)
         rest = None if earlier is None else earlier.rest
         if earlier is not None and system.size <= FULL:
@@ -194,7 +194,9 @@ class HarmonicBalance:
             highest *= _MARGIN
         else:
             highest = earlier.highest
-        self.rest, self.inputs, self.highest = rest, inputs, highest
+        self.rest: LinearRest = rest
+        self.inputs: Array = inputs
+        self.highest: float = highest
         count = self.laws.size
         modal = inputs @ rest.vectors
         self.law_modes, self.load_modes = modal[:count], modal[count:]
@@ -242,8 +244,9 @@ class HarmonicBalance:
         x, level, step = start, 0.0, 1.0
         while level < 1.0 and step >= _SMALLEST:
             target = min(1.0, level + step)
+            weaker: Any = _Weaker(self, target)
             try:
-                x = solved(_Weaker(self, target), x, _TRIES).unknowns
+                x = solved(weaker, x, _TRIES).unknowns
                 level, step = target, 2.0 * step
             except ConvergenceError:
                 step *= 0.5
@@ -299,7 +302,7 @@ class HarmonicBalance:
         if rows is None:
             return np.zeros(0)
         count = 8 * (self.harmonics + 1)
-        angles = np.arange(count) * (2.0 * np.pi / count)
+        angles = np.asarray(np.arange(count) * (2.0 * np.pi / count), dtype=float)
         times = max(start, 0.0) + np.mod(angles * repeats, 2.0 * np.pi) / (2.0 * np.pi) * duration
         order = np.argsort(times, kind="stable")
         u = np.empty((self.laws.size, count))
@@ -426,6 +429,12 @@ class _Weaker:
     def evaluate(self, unknowns: Array, *, derivative: bool = True) -> HarmonicEvaluation:
         """Return the equations."""
         return self._problem.evaluate(unknowns, derivative=derivative, strength=self._strength)
+
+
+def harmonics_in(scene: Scene, size: int) -> int | None:
+    """Return how many harmonics so many unknowns of a scene stand for; None where it has no laws."""
+    laws = sum(len(group) for group in nonlinear_groups(scene.model.system))
+    return (size // laws - 1) // 2 if laws else None
 
 
 def refuse(what: str, system: System) -> None:

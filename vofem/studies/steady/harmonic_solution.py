@@ -77,7 +77,7 @@ class HarmonicSamples(ModalSamples):
         """Return ``rows @ q`` (kind "q", or v, a) for rows (k, n)."""
         return np.asarray((rows @ self._shapes) @ self._in_modes(kind))
 
-    def take(self, dofs: NDArray[np.int64]) -> HarmonicSamples:
+    def take(self, dofs: NDArray[np.int64]) -> HarmonicSamples:  # type: ignore[override]
         """Return the samples of some degrees of freedom."""
         return HarmonicSamples(self._shapes[dofs], self._z, self._v, self._acceleration)
 

@@ -154,7 +154,7 @@ def _smooth(law: Any, series: Array, total: _Integral) -> None:
     """Sum over equal angles, which for smooth forces converges faster than any power."""
     harmonics = series.size // 2
     count = 1 << int(np.ceil(np.log2(_SAMPLES * (max(harmonics, total.wanted) + 1))))
-    angles = np.arange(count) * (_TURN / count)
+    angles = np.asarray(np.arange(count) * (_TURN / count), dtype=float)
     functions = basis(angles, harmonics)
     u = (functions @ series).tolist()
     force = np.array([law.reaction(x) for x in u])

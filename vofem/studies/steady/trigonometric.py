@@ -70,11 +70,12 @@ def roots(series: Array, low: Array, high: Array, level: float = 0.0) -> Array:
         low, high = np.where(below, x, low), np.where(below, high, x)
         with np.errstate(divide="ignore", invalid="ignore"):
             newton = x - value / change
-        inside = (newton > low) & (newton < high)
+        # A root that is met exactly is an end of its bracket.
+        inside = (newton >= low) & (newton <= high)
         after = np.where(inside, newton, 0.5 * (low + high))
         done = np.abs(after - x) <= _CLOSE
         x = after
-        if np.all(done | (value == 0.0)):
+        if np.all(done):
             break
     return x
 
