@@ -104,6 +104,7 @@ class EventSolution:
         self.notes: list[str] = []
         self.system = system
         self.space = space
+        self.was_cut = False
         self._sampled: tuple[Any, tuple[Array, Array, Array]] | None = None
         #: How the run was computed, and so how it is sampled.
         self.compiled = compiled()
@@ -202,6 +203,7 @@ class EventSolution:
         self.notes.append(f"interrupted at t = {t:g} s of {self.t_end:g} s: what was computed until then is here")
         self.t_end = t
         self.times = self.times[self.times <= t]
+        self.was_cut = True
 
     # -- recording --------------------------------------------------------------------------------
 
@@ -389,7 +391,9 @@ class EventSolution:
         return total
 
     def conclude(self) -> None:
-        """Write the notes."""
+        """Write the notes; of a run that was cut short none that take long to find out."""
+        if self.was_cut:
+            return
         events, laws = self.events, self.system.contacts
         self._note_energy()
         if laws is not None and np.any(open_throughout(laws, events)):
