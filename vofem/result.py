@@ -99,6 +99,11 @@ class Result(Motion):
         """What a user should know about the run."""
         return self.solution.notes
 
+    @property
+    def interrupted(self) -> bool:
+        """Whether the run was ended by Ctrl-C before its end."""
+        return any(note.startswith("interrupted at ") for note in self.notes)
+
     # -- contacts, springs, probes ----------------------------------------------------------------
 
     @cached_property

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vofem.cli.common import FINE, Commands, print_method
+from vofem.cli.common import FINE, INTERRUPTED, Commands, print_method
 from vofem.cli.output import made, write
 from vofem.integrators.registry import method_names
 
@@ -66,15 +66,20 @@ def _simulated(arguments: argparse.Namespace, file: SceneFile, folder: Path, stu
     from vofem.io import tables
 
     result = file.simulate(**_changes(arguments, file))
+    if result.interrupted:
+        # Energies and pictures may take as long as the run; who has pressed Ctrl-C wants the prompt.
+        print("interrupted: energies and pictures are left out", flush=True)
+        studio = None
     print(tables.counter_line(result), end="\n\n")
-    print(tables.contact_tables(result), end="\n\n")
-    print(tables.energy_table(result))
+    print(tables.contact_tables(result), end="\n\n", flush=True)
+    if not result.interrupted:
+        print(tables.energy_table(result))
     for note in result.notes:
         print(f"note: {note}")
     saved = [] if arguments.save is None else [result.save(arguments.save, overwrite=arguments.overwrite)]
     written = saved + write(result, file.output, folder, studio)
     print("\nwrote " + "\n      ".join(str(path) for path in written))
-    return FINE
+    return INTERRUPTED if result.interrupted else FINE
 
 
 def _changes(arguments: argparse.Namespace, file: SceneFile) -> dict[str, Any]:

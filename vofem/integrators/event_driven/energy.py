@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +38,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 
 def work_and_dissipation(
     space: ModalSpace,
+    loads: Array,
     laws: ContactLaws | None,
     segments: Iterable[Segment],
     damped: bool,
@@ -48,6 +50,8 @@ def work_and_dissipation(
 
     Parameters
     ----------
+    loads : ndarray, shape (n_loads, n)
+        Modal load vectors of the pieces of the segments.
     segments : iterable of Segment
         From t = 0 on, without a gap.
     damped : bool
@@ -67,7 +71,7 @@ def work_and_dissipation(
         tau = np.append(segment.tau, segment.duration)
         velocities = _Velocities(space, laws, segment)
         if segment.pieces:
-            gained = velocities.work(space.loads, segment.pieces, tau)
+            gained = velocities.work(loads, segment.pieces, tau)
             work[segment.wanted] = done + gained[:-1]
             done += gained[-1]
         if damped:
@@ -112,7 +116,7 @@ class _Velocities:
         self.z[:, -1], self.v[:, -1] = motion.poly_z[:, 0], motion.poly_v[:, 0]
         self.z[self.odd], self.v[self.odd] = 0.0, 0.0
 
-    def _velocity_rows(self, rows: Array) -> tuple[Array, Array]:
+    def _velocity_rows(self, rows: Any) -> tuple[Any, Any]:
         """Return (W, U) with ``rows @ modal velocity = W z + U v``."""
         spectrum = self.motion.spectrum
         local = rows if spectrum.real.modes is None else rows @ spectrum.real.modes
@@ -122,33 +126,51 @@ class _Velocities:
         return both[:, : spectrum.p.size], both[:, spectrum.p.size :]
 
     def work(self, rows: Array, pieces: list[Piece], tau: Array) -> Array:
-        """Return the work of all loads from the segment's start to tau."""
-        w, u = self._velocity_rows(rows)
+        """Return the work of all loads from the segment's start to tau.
+
+        Loads are added up first: constants, slopes, and harmonics of one frequency are one load each.
+        """
         total = np.zeros(tau.size)
-        for j, piece in enumerate(pieces):
-            coefficients = w[j][:, None] * self.z + u[j][:, None] * self.v
-            used = coefficients != 0
-            c, mu = coefficients[used], self.mu[used]
-            if np.any(self.odd):
-                total += self._drift_work(w[j], u[j], piece, tau)
-            if piece.constant:
-                total += piece.constant * (_integral(mu, tau) @ c).real
-            if piece.slope:
-                total += piece.slope * (_ramp_integral(mu, tau) @ c).real
+        constant = sum((piece.constant * row for piece, row in zip(pieces, rows, strict=True) if piece.constant), 0.0)
+        slope = sum((piece.slope * row for piece, row in zip(pieces, rows, strict=True) if piece.slope), 0.0)
+        if np.any(constant):
+            c, mu, drift = self._power(np.asarray(constant))
+            total += (_integral(mu, tau) @ c).real + drift.real * tau**2 / 2.0
+        if np.any(slope):
+            c, mu, drift = self._power(np.asarray(slope))
+            total += (_ramp_integral(mu, tau) @ c).real + drift.real * tau**3 / 3.0
+        waves: dict[float, Complex] = {}
+        for piece, row in zip(pieces, rows, strict=True):
             for omega, amplitude in piece.harmonics:
-                total += (amplitude * (_integral(1j * omega + mu, tau) @ c)).real
+                waves[omega] = waves.get(omega, 0.0) + amplitude * row
+        for omega, wave in waves.items():
+            c, mu, drift = self._power(wave)
+            total += (_integral(1j * omega + mu, tau) @ c).real
+            if drift != 0.0:
+                total += (drift * _ramp_integral(np.array([1j * omega]), tau)[:, 0]).real
         if np.any(self.odd):
+            w, u = self._velocity_rows(rows)
             total += self._odd_work(w, u, pieces, tau)
         return total
 
-    def _drift_work(self, w: Array, u: Array, piece: Piece, tau: Array) -> Array:
-        """Return the work on velocities that grow linearly: over all blocks they cancel, over some they do not."""
-        even = ~self.odd
-        drift = float(w[even] @ self.motion.poly_z[even, 1] + u[even] @ self.motion.poly_v[even, 1])
-        total = piece.constant * tau**2 / 2.0 + piece.slope * tau**3 / 3.0
-        for omega, amplitude in piece.harmonics:
-            total = total + (amplitude * _ramp_integral(np.array([1j * omega]), tau)[:, 0]).real
-        return drift * total
+    def _power(self, row: Array | Complex) -> tuple[Complex, Complex, complex]:
+        """Return ``row @ modal velocity`` of the even blocks as a sum: coefficients, exponents, what grows with tau.
+
+        Exponents that blocks share, which are those of the loads, stand in it once. What grows linearly cancels over
+        all blocks; over some it does not.
+        """
+        w, u = self._velocity_rows(row[None])
+        w, u = w[0], u[0]
+        coefficients = w[:, None] * self.z + u[:, None] * self.v
+        own, shared = coefficients[:, :2].ravel(), coefficients[:, 2:].sum(axis=0)
+        c = np.concatenate([own, shared])
+        mu = np.concatenate([self.mu[:, :2].ravel(), self.mu[0, 2:] if self.mu.size else np.zeros(shared.size)])
+        drift = 0j
+        if np.any(self.odd):
+            even = ~self.odd
+            drift = complex(w[even] @ self.motion.poly_z[even, 1] + u[even] @ self.motion.poly_v[even, 1])
+        used = c != 0
+        return c[used], mu[used], drift
 
     def _odd_work(self, w: Array, u: Array, pieces: list[Piece], tau: Array) -> Array:
         motion = _only(self.motion, self.odd)

@@ -41,9 +41,12 @@ Status = NDArray[np.int64]
 _MANY_EVENTS = 30
 
 
-#: Segments whose closed forms are kept, so that sampling a run with few events starts from them; only one, the
-#: last, in systems of more modes than these, since each keeps the eigensystem of its status in memory.
-_MOST_MOTIONS, _FEW_MODES = 32, 300
+#: Segments whose closed forms are kept, so that sampling a run starts from them: as many as hold so many numbers, but
+#: few where each may keep another eigensystem in memory, and only the last one in systems of more modes than these.
+_MOST_NUMBERS, _MOST_MOTIONS, _FEW_MODES = 12_000_000, 32, 300
+
+#: Numbers that a closed form holds for each mode.
+_EACH = 20
 
 #: Change of the energy of a run that nothing drives or damps, over the largest, that is worth telling.
 _ENERGY = 0.01
@@ -56,6 +59,24 @@ _LOOKS = 257
 
 #: A contact within this share of its displacement and its gap touches at the start.
 _TOUCHING = 4.0 * float(np.finfo(float).eps)
+
+
+def _gathered(system: System, space: ModalSpace) -> tuple[list[Any], Array]:
+    """Return the functions of time of the loads, equal ones once, and for each the sum of its modal load vectors."""
+    places: dict[Any, int] = {}
+    functions: list[Any] = []
+    owner = []
+    for load in system.loads:
+        function = load.function
+        key = function if getattr(type(function), "__hash__", None) is not None else id(function)
+        if key not in places:
+            places[key] = len(functions)
+            functions.append(function)
+        owner.append(places[key])
+    vectors = np.zeros((len(functions), space.size))
+    for place, vector in zip(owner, space.loads, strict=True):
+        vectors[place] += vector
+    return functions, vectors
 
 
 def _evaluation(method: F) -> F:
@@ -84,6 +105,7 @@ class EventSolution:
         self.notes: list[str] = []
         self.system = system
         self.space = space
+        self.was_cut = False
         self._sampled: tuple[Any, tuple[Array, Array, Array]] | None = None
         #: How the run was computed, and so how it is sampled.
         self.compiled = compiled()
@@ -100,6 +122,7 @@ class EventSolution:
         self._pushed = system.contacts is not None and bool(np.any(system.contacts.offset))
         # Counters tell of the run; what sampling costs later is not counted.
         self._motions: dict[int, Motion] = {}
+        self._load_functions, self._loads = _gathered(system, space)
         # Statuses in the order of the run, each with its first segment, whose eigensystems are still to be computed.
         self._awaited: list[tuple[int, Status]] = []
 
@@ -181,6 +204,7 @@ class EventSolution:
         self.notes.append(f"interrupted at t = {t:g} s of {self.t_end:g} s: what was computed until then is here")
         self.t_end = t
         self.times = self.times[self.times <= t]
+        self.was_cut = True
 
     # -- recording --------------------------------------------------------------------------------
 
@@ -373,12 +397,14 @@ class EventSolution:
     def load(self, t: float) -> Array:
         """Return the modal load at time t, shape (n,)."""
         total = np.zeros(self.space.size)
-        for vector, load in zip(self.space.loads, self.system.loads, strict=True):
-            total += vector * float(load.function(t))
+        for vector, function in zip(self._loads, self._load_functions, strict=True):
+            total += vector * float(function(t))
         return total
 
     def conclude(self) -> None:
-        """Write the notes."""
+        """Write the notes; of a run that was cut short none that take long to find out."""
+        if self.was_cut:
+            return
         events, laws = self.events, self.system.contacts
         self._note_energy()
         if laws is not None and np.any(open_throughout(laws, events)):
@@ -443,9 +469,8 @@ class EventSolution:
         return np.array(self._starts)
 
     def load_pieces(self, t: float) -> list[Piece]:
-        """Return the closed form of every load near time t."""
-        functions = [load.function for load in self.system.loads]
-        return [function.piece(t) for function in functions if isinstance(function, TimeFunction)]
+        """Return the closed form near time t of every load; loads with one function of time are one."""
+        return [function.piece(t) for function in self._load_functions if isinstance(function, TimeFunction)]
 
     def spectrum(self, index: int) -> Spectrum:
         """Return the eigensystem of a segment."""
@@ -460,10 +485,18 @@ class EventSolution:
             status, displacement, velocity = self._states[index]
             spectrum = self._spectra[status]
             forcing = self._forcing(self._starts[index], status, spectrum)
-            if len(self._motions) >= (_MOST_MOTIONS if self.space.size <= _FEW_MODES else 1):
+            if len(self._motions) >= self._most_motions():
                 del self._motions[next(iter(self._motions))]
             self._motions[index] = start_motion(spectrum, displacement, velocity, forcing, self.t_end)
         return self._motions[index]
+
+    def _most_motions(self) -> int:
+        """Return how many closed forms of segments are kept."""
+        size = self.space.size
+        if size > _FEW_MODES:
+            return 1
+        # Eigensystems that `Spectra` keeps cost nothing more.
+        return max(_MOST_NUMBERS // (_EACH * max(size, 1)), 1) if self._spectra.all_kept else _MOST_MOTIONS
 
     def _await(self, index: int) -> None:
         """Compute the eigensystems of a restored run up to a segment, in the order of the run.
@@ -478,7 +511,7 @@ class EventSolution:
         space = self.space
         constant, slope = np.zeros(space.size), np.zeros(space.size)
         harmonics: dict[float, NDArray[np.complex128]] = {}
-        for vector, piece in zip(space.loads, self.load_pieces(t), strict=True):
+        for vector, piece in zip(self._loads, self.load_pieces(t), strict=True):
             if piece.constant:
                 constant += piece.constant * vector
             if piece.slope:
@@ -554,8 +587,8 @@ class EventSolution:
         a = -space.stiffness[:, None] * z - space.damping[:, None] * v
         if space.coupling is not None:
             a -= space.coupling @ v
-        for vector, load in zip(space.loads, self.system.loads, strict=True):
-            a += np.outer(vector, load.function(times))
+        for vector, function in zip(self._loads, self._load_functions, strict=True):
+            a += np.outer(vector, function(times))
         if self.system.contacts is not None:
             a -= space.contacts.T @ self._contact_force(times, v, s)
         return a
@@ -647,7 +680,9 @@ class EventSolution:
             damped = damped or bool(np.any(system.contacts.damping > 0))
             pinning = self._lost_in_pinning()
         if (damped or system.loads or pinning is not None) and times.size:
-            work_and_dissipation(space, system.contacts, self._segments(times), damped, pinning, work, dissipated)
+            work_and_dissipation(
+                space, self._loads, system.contacts, self._segments(times), damped, pinning, work, dissipated
+            )
         kinetic = 0.5 * np.sum(v**2, axis=0)
         strain = 0.5 * np.sum(space.stiffness[:, None] * z**2, axis=0)
         return Energies(kinetic, strain, contact, dissipated, work)

@@ -279,6 +279,11 @@ class Spectra:
         matrices = 1 if undamped else 4
         self.capacity = max(8, _MOST_MEMORY // (8 * matrices * max(space.size, 1) ** 2))
 
+    @property
+    def all_kept(self) -> bool:
+        """Whether the eigensystems of all statuses so far are kept."""
+        return len(self._visited) <= self.capacity
+
     def __getitem__(self, status: Status) -> Spectrum:
         """Return the eigensystem of a status, shape (n_contacts,)."""
         key = status.tobytes()

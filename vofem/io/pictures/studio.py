@@ -96,7 +96,8 @@ class Studio:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if self._child is not None:
-            if kind is not None:
+            # Where no picture was asked for, it need not even get ready.
+            if kind is not None or not self._asked:
                 self._child.kill()
             # A process whose pictures are done may crash as it ends.
             with contextlib.suppress(OSError), self._child:
