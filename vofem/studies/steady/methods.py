@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import Any
 
 from vofem.errors import ArgumentError
@@ -52,11 +51,10 @@ def problem_of(
         Where work is counted.
     """
     if method == "harmonic_balance":
-        module: Any = import_module("vofem.studies.steady.harmonic_balance")
-        problem: OrbitProblem = module.HarmonicBalance(
-            what, scene, periods, period=period, harmonics=harmonics, earlier=earlier, work=work
-        )
-        return problem
+        # Most users need shooting alone.
+        from vofem.studies.steady.harmonic_balance import HarmonicBalance
+
+        return HarmonicBalance(what, scene, periods, period=period, harmonics=harmonics, earlier=earlier, work=work)
     if harmonics is not None:
         raise ArgumentError(f"{what}: harmonics was given, but shooting has none; leave it out")
     return Shooting(what, scene, periods, period=period, earlier=earlier, work=work)
