@@ -46,6 +46,17 @@ def test_python_of_a_page_runs(page, files, tmp_path, monkeypatch, capsys):
     assert names["result"].energy.balance_error < 1e-12
 
 
+def test_python_of_the_page_on_sweeps_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    names = {"__name__": "sweeps"}
+    for block in python_of(ROOT / "docs" / "sweeps.md"):
+        exec(compile(block, "sweeps.md", "exec"), names)
+    assert names["table"]["tip"].shape == (3, 2)
+    assert names["table"].failed == ()
+    assert names["diagram"].failed == ()
+    assert sum(one.share for one in names["found"].attractors) == pytest.approx(1.0)
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_links_lead_somewhere(page):
     for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
