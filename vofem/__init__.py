@@ -69,7 +69,7 @@ if TYPE_CHECKING:
     import vofem.studies.accuracy as accuracy
     from vofem.io.saved import load, resume
     from vofem.io.scene_file import dump_scene, load_scene
-    from vofem.studies.steady import Branch, PeriodicOrbit, SpecialPoint, backbone, continuation, periodic
+    from vofem.studies.steady import Branch, PeriodicOrbit, SpecialPoint, backbone, continuation, lyapunov, periodic
 
 __all__ = [
     "Approximated",
@@ -137,6 +137,7 @@ __all__ = [
     "fractional",
     "load",
     "load_scene",
+    "lyapunov",
     "modes",
     "periodic",
     "quasi_static",
@@ -156,6 +157,7 @@ _LATER = {
     "io": "vofem.io",
     "load": "vofem.io.saved",
     "load_scene": "vofem.io.scene_file",
+    "lyapunov": "vofem.studies.steady",
     "periodic": "vofem.studies.steady",
     "resume": "vofem.io.saved",
 }
