@@ -23,6 +23,17 @@ def python_of(page):
             ["run.pvd", "run.vtkhdf", "scene.toml", "side.png", "tip.csv", "tip.png"],
         ),
         (ROOT / "docs" / "pictures.md", ["history.png", "map.png", "shapes.png", "side.png"]),
+        (
+            ROOT / "docs" / "steady-states.md",
+            [
+                "cantilever.png",
+                "multipliers.png",
+                "orbits.png",
+                "section.png",
+                "snapshot.png",
+                "two-masses.png",
+            ],
+        ),
     ],
     ids=lambda value: value.name if isinstance(value, Path) else "",
 )

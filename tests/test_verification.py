@@ -37,7 +37,7 @@ def test_every_hard_case_is_there_and_every_dynamic_method_has_its_word():
     assert len(names) == len(set(names))
     for case in catalogue():
         assert case.source
-        dynamic = set(case.how) - {"equilibrium", "modes"}
+        dynamic = set(case.how) - {"equilibrium", "modes", "shooting", "harmonic_balance"}
         # Cases of statics, of modes and of the order of steps are about these alone.
         assert dynamic in (set(), set(DYNAMIC)) or "order of steps" in case.name, case.name
 

@@ -69,7 +69,17 @@ if TYPE_CHECKING:
     import vofem.studies.accuracy as accuracy
     from vofem.io.saved import load, resume
     from vofem.io.scene_file import dump_scene, load_scene
-    from vofem.studies.steady import Branch, PeriodicOrbit, SpecialPoint, backbone, continuation, lyapunov, periodic
+    from vofem.studies.steady import (
+        Branch,
+        PeriodicOrbit,
+        SpecialPoint,
+        backbone,
+        continuation,
+        frequency_response,
+        lyapunov,
+        periodic,
+        poincare,
+    )
 
 __all__ = [
     "Approximated",
@@ -135,11 +145,13 @@ __all__ = [
     "equilibrium",
     "explain",
     "fractional",
+    "frequency_response",
     "load",
     "load_scene",
     "lyapunov",
     "modes",
     "periodic",
+    "poincare",
     "quasi_static",
     "resume",
     "simulate",
@@ -154,11 +166,13 @@ _LATER = {
     "backbone": "vofem.studies.steady",
     "continuation": "vofem.studies.steady",
     "dump_scene": "vofem.io.scene_file",
+    "frequency_response": "vofem.studies.steady",
     "io": "vofem.io",
     "load": "vofem.io.saved",
     "load_scene": "vofem.io.scene_file",
     "lyapunov": "vofem.studies.steady",
     "periodic": "vofem.studies.steady",
+    "poincare": "vofem.studies.steady",
     "resume": "vofem.io.saved",
 }
 

@@ -111,7 +111,7 @@ def modes(scene: Scene, count: int = 6, closed: Sequence[Any] = ()) -> Modes:
         reason = group.modes_refusal()
         if reason is not None:
             raise ArgumentError(f"modes: {reason}")
-    chosen = _indices(system, closed)
+    chosen = contact_indices("modes", system, closed)
     if chosen:
         from scipy.sparse import diags, vstack
 
@@ -131,14 +131,15 @@ def modes(scene: Scene, count: int = 6, closed: Sequence[Any] = ()) -> Modes:
     return Modes(scene.model, np.sqrt(squares[:count]), shapes[:, :count])
 
 
-def _indices(system: System, closed: Sequence[Any]) -> list[int]:
+def contact_indices(what: str, system: System, closed: Sequence[Any]) -> list[int]:
+    """Return the numbers of named contacts; `what` is for the message."""
     names = [] if system.contacts is None else list(system.contacts.names)
     wanted = [closed] if isinstance(closed, str) else list(closed)
     indices = []
     for item in wanted:
         name = getattr(item, "name", item)
         if name not in names:
-            raise ArgumentError(f"modes: no contact is named {name!r}; there are {names}{nearest(name, tuple(names))}")
+            raise ArgumentError(f"{what}: no contact is named {name!r}; there are {names}{nearest(name, tuple(names))}")
         indices.append(names.index(name))
     return indices
 

@@ -13,6 +13,7 @@ from vofem.cli.common import FAULT, FINE, INTERRUPTED
 from vofem.cli.doctor import add_doctor
 from vofem.cli.explain import add_explain
 from vofem.cli.render import add_render
+from vofem.cli.respond import add_respond
 from vofem.cli.run import add_run
 from vofem.cli.verify import add_verify
 from vofem.errors import VofemError
@@ -41,6 +42,6 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="vofem", description="Beams and masses that hit, rattle and yield.")
     parser.add_argument("--version", action="version", version=f"vofem {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
-    for add in (add_run, add_render, add_explain, add_verify, add_accuracy, add_doctor):
+    for add in (add_run, add_render, add_explain, add_respond, add_verify, add_accuracy, add_doctor):
         add(commands)
     return parser

@@ -8,8 +8,6 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from vofem.bodies.base import as_point
 from vofem.effects.two_points import units_of
 from vofem.errors import ArgumentError
@@ -50,7 +48,7 @@ def write_csv(result: Result, points: Mapping[str, Any] | Iterable[Any], path: s
         units = units_of(result.scene.effects, name)
         columns[f"{name} force [{units.force}]"] = history.force
         columns[f"{name} stiffness [{units.stiffness}]"] = history.stiffness
-    return _write(columns, goal)
+    return write_columns(columns, goal)
 
 
 def write_probes(result: Result, path: str | os.PathLike[str]) -> Path:
@@ -81,13 +79,14 @@ def write_probes(result: Result, path: str | os.PathLike[str]) -> Path:
         columns[f"{name} displacement [m]"] = history.displacement
         columns[f"{name} velocity [m/s]"] = history.velocity
         columns[f"{name} acceleration [m/s^2]"] = history.acceleration
-    return _write(columns, goal)
+    return write_columns(columns, goal)
 
 
-def _write(columns: dict[str, Any], goal: Path) -> Path:
-    rows = np.stack(list(columns.values()), axis=1)
+def write_columns(columns: dict[str, Any], goal: Path) -> Path:
+    """Write columns of equal length, arrays of numbers or lists of text, under their names."""
+    rows = zip(*(column if isinstance(column, list) else column.tolist() for column in columns.values()), strict=True)
     with replacing(goal) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
-        writer.writerows([repr(value) for value in row] for row in rows.tolist())
+        writer.writerows([value if isinstance(value, str) else repr(value) for value in row] for row in rows)
     return goal

@@ -1,4 +1,4 @@
-"""Pictures with matplotlib: histories in time, shapes of beams, maps of the motion, the side view of a scene."""
+"""Pictures with matplotlib: histories in time, shapes, maps of the motion, side views, steady states."""
 
 from __future__ import annotations
 
@@ -10,12 +10,24 @@ from vofem.io.pictures.axes import goal_of
 from vofem.io.pictures.histories import time_history
 from vofem.io.pictures.profiles import shapes
 from vofem.io.pictures.space_time import space_time
+from vofem.io.pictures.steady import backbone_curve, multipliers, phase_portrait, poincare_section, response_curve
 from vofem.io.pictures.work_precision import work_precision
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.statics import Equilibrium
 
-__all__ = ["draw_scene", "shapes", "space_time", "time_history", "work_precision"]
+__all__ = [
+    "backbone_curve",
+    "draw_scene",
+    "multipliers",
+    "phase_portrait",
+    "poincare_section",
+    "response_curve",
+    "shapes",
+    "space_time",
+    "time_history",
+    "work_precision",
+]
 
 
 def draw_scene(

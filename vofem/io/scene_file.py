@@ -5,17 +5,18 @@ from __future__ import annotations
 import os
 import re
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from vofem._validate import nearest
 from vofem.errors import ArgumentError, OutputError, SceneFileError
 from vofem.io.files import impossible, replacing
+from vofem.io.scenes.parameter import with_number
 from vofem.io.scenes.parts import PointByName
 from vofem.io.scenes.place import Book, Place
-from vofem.io.scenes.reader import read_tables
-from vofem.io.scenes.settings import OutputSettings, RunSettings, UniformTimes
+from vofem.io.scenes.reader import read_respond, read_tables
+from vofem.io.scenes.settings import OutputSettings, RespondSettings, RunSettings, UniformTimes
 from vofem.io.scenes.writer import scene_to_toml
 from vofem.result import Result
 from vofem.scene import Scene
@@ -44,12 +45,39 @@ class SceneFile:
         None where the file has no ``[run]``.
     output : OutputSettings
     path : Path
+    respond : RespondSettings, optional
+        None where the file has no ``[respond]``.
+    content : dict
+        The parsed file.
     """
 
     scene: Scene
     run: RunSettings | None
     output: OutputSettings
     path: Path
+    respond: RespondSettings | None = None
+    content: dict[str, Any] = field(default_factory=dict, repr=False)
+
+    def at(self, value: float) -> Scene:
+        """Return the scene with the parameter that ``[respond]`` names at a value.
+
+        Raises
+        ------
+        ArgumentError
+            If the file has no ``[respond]``.
+        SceneFileError
+            If the scene cannot be at this value.
+        """
+        if self.respond is None:
+            raise ArgumentError(
+                f"{self.path} does not name a parameter; add a table [respond] with "
+                'parameter = "point_load[0].f.sine.omega", or another path of a number'
+            )
+        book = Book(self.path.parent)
+        scene, _, _ = read_tables(with_number(self.content, self.respond.parameter, float(value)), "", book)
+        if book.problems or scene is None:
+            raise SceneFileError(f"{self.path} at {value:g}", book.problems)
+        return scene
 
     def simulate(self, **changes: Any) -> Result:
         """Run the scene as the file says, other arguments of `vofem.simulate` given here aside."""
@@ -87,9 +115,10 @@ def load_scene(path: str | os.PathLike[str]) -> SceneFile:
         raise _syntax_error(file, text, str(error)) from None
     book = Book(file.parent)
     scene, run, output = read_tables(content, text, book)
+    respond = read_respond(content, book)
     if book.problems or scene is None:
         raise SceneFileError(str(file), book.problems)
-    return SceneFile(scene, run, output, file)
+    return SceneFile(scene, run, output, file, respond, content)
 
 
 def dump_scene(

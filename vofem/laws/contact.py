@@ -29,6 +29,9 @@ Status = NDArray[np.int64]
 #: Width, as a fraction of the gap, over which compiled loops spread the jump of the displacement law.
 _RAMP = 1e-12
 
+#: Where the rise of a resolved switch is cut for quadrature, in units of 1/s0; beyond the last it is 1 to rounding.
+_RISE = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 40.0)
+
 
 @dataclass(frozen=True)
 class ContactLaws(LawGroup):
@@ -282,3 +285,11 @@ def ideal_mean_slope(law: Any, u0: float, u1: float, mean: float) -> float:
         return 0.0
     force, tangent = contact_force(law, u1)
     return (force - mean) / (u1 - u0) if u1 != u0 else 0.5 * tangent
+
+
+def contact_kinks(law: Any) -> list[float]:
+    """Return the coordinates at which force or tangent jumps, and of a resolved switch those between which it rises."""
+    gap = float(law["gap"])
+    if law["kind"] != RESOLVED:
+        return [gap]
+    return [gap, *(gap + x / float(law["resolution"]) for x in _RISE)]

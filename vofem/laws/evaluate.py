@@ -16,11 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.laws.callbacks import FORCE, MEAN, STORED, TANGENT, call
-from vofem.laws.contact import contact_force, contact_mean, damper_path, ideal_mean_slope
+from vofem.laws.contact import contact_force, contact_kinks, contact_mean, damper_path, ideal_mean_slope
 from vofem.laws.hysteretic import (
     LOST,
+    commit_slopes,
+    force_slopes,
     hysteretic_commit,
     hysteretic_force,
+    hysteretic_kinks,
     hysteretic_loss,
     hysteretic_mean,
     hysteretic_stored,
@@ -44,6 +47,13 @@ def force_and_tangent(laws: Laws, j: int, u: float) -> tuple[float, float]:
     if kind == CALLED:
         return call(law["address"], FORCE, u, u), call(law["address"], TANGENT, u, u)
     return hysteretic_force(laws, j, u)
+
+
+@jit
+def forces_along(laws: Laws, j: int, u: Array, force: Array, tangent: Array) -> None:
+    """Enter forces and tangents at some coordinates, each on a monotone path from where the internal variables hold."""
+    for i in range(u.size):
+        force[i], tangent[i] = force_and_tangent(laws, j, u[i])
 
 
 @jit
@@ -133,6 +143,33 @@ def loaded(laws: Laws, u: Array, past: Array | None) -> Laws:
         commit_all(laws, u)
         laws.state[laws.table["start"][laws.table["kind"] >= HYPERBOLIC]] = 0.0
     return laws
+
+
+def kinks(laws: Laws, j: int) -> list[float]:
+    """Return the coordinates at which force or tangent jumps on paths from where the internal variables hold."""
+    law = laws.table[j]
+    if law["kind"] <= RESOLVED:
+        return contact_kinks(law)
+    return hysteretic_kinks(laws, j) if law["kind"] >= HYPERBOLIC else []
+
+
+def force_jump(laws: Laws, j: int) -> float:
+    """Return by how much the force of law j jumps at its first kink where its coordinate rises, N, dampers left out."""
+    law = laws.table[j]
+    return float(law["stiffness"] * law["gap"]) if law["kind"] == JUMP else 0.0
+
+
+def past_slopes(laws: Laws, j: int, u: float) -> tuple[Array, Array, Array]:
+    """Return how force and internal variables at u depend on the internal variables at the start of the path, and on u.
+
+    Returns
+    -------
+    force : ndarray, shape (k,)
+        Derivative of the force by the k internal variables, energy first.
+    past, end : ndarray, shape (k, k) and (k,)
+        Derivatives of the internal variables after `commit` by those before, and by u.
+    """
+    return (force_slopes(laws, j, u), *commit_slopes(laws, j, u))
 
 
 def may_jump(laws: Laws) -> bool:

@@ -330,3 +330,73 @@ def hysteretic_commit(laws: Laws, j: int, u: float) -> None:
         force = backbone(laws, j, laws.state[s + _DOWN_AT])[0]
         laws.state[s + _DOWN] = force
         laws.state[s + _RESIDUAL] = u + force / k
+
+
+# -- how a path depends on its past, for iterations over whole orbits ---------------------------------------
+
+
+def hysteretic_kinks(laws: Laws, j: int) -> list[float]:
+    """Return the coordinates at which the tangent of law j jumps on a path from its present internal variables."""
+    law = laws.table[j]
+    if law["kind"] == JENKINS:
+        place, reach = _sliders(laws, j)
+        return np.sort(np.concatenate([place - reach, place + reach]) + law["gap"]).tolist()
+    low, high = _edges(laws, j)
+    return [float(low + law["gap"]), float(high + law["gap"])]
+
+
+def _sliders(laws: Laws, j: int) -> tuple[Array, Array]:
+    """Return places of the sliders of a Jenkins law, and the elongations of their springs at which they slip."""
+    law = laws.table[j]
+    start, count, first = law["start"], law["end"] - law["start"] - 1, law["first"] + 1
+    spring, slip = laws.parameters[first : first + count], laws.parameters[first + count : first + 2 * count]
+    return laws.state[start + 1 : start + 1 + count], slip / spring
+
+
+def force_slopes(laws: Laws, j: int, u: float) -> Array:
+    """Return the derivative of the force at u by the internal variables at the start of the path, shape (k,)."""
+    law = laws.table[j]
+    slopes = np.zeros(law["end"] - law["start"])
+    if law["kind"] == JENKINS:
+        place, reach = _sliders(laws, j)
+        first = law["first"] + 1
+        slopes[1:] = np.where(np.abs(u - law["gap"] - place) < reach, -laws.parameters[first : first + place.size], 0.0)
+        return slopes
+    low, high = _edges(laws, j)
+    k, tangent = law["stiffness"], hysteretic_force(laws, j, u)[1]
+    if u - law["gap"] > high:
+        slopes[[_UP_AT, _RESIDUAL, _UP]] = tangent, -tangent, -tangent / k
+    elif u - law["gap"] >= low:
+        slopes[_RESIDUAL] = -k
+    elif not law["one_sided"]:
+        slopes[[_DOWN_AT, _RESIDUAL, _DOWN]] = -tangent, -tangent, tangent / k
+    return slopes
+
+
+def commit_slopes(laws: Laws, j: int, u: float) -> tuple[Array, Array]:
+    """Return the derivatives of the internal variables after `commit` by those before, (k, k), and by u, (k,).
+
+    The energy lost, on which no force depends, is left out.
+    """
+    law = laws.table[j]
+    size = law["end"] - law["start"]
+    past, end = np.eye(size), np.zeros(size)
+    if law["kind"] == JENKINS:
+        place, reach = _sliders(laws, j)
+        slips = np.append(False, np.abs(u - law["gap"] - place) > reach)
+        past[slips] = 0.0
+        end[slips] = 1.0
+        return past, end
+    low, high = _edges(laws, j)
+    k = law["stiffness"]
+    tension = u - law["gap"] > high
+    if not tension and (law["one_sided"] or u - law["gap"] >= low):
+        return past, end
+    # Along the backbone: its elongation grows by the way beyond the edge, force and residual elongation follow.
+    at, force, sign = (_UP_AT, _UP, 1.0) if tension else (_DOWN_AT, _DOWN, -1.0)
+    tangent = hysteretic_force(laws, j, u)[1]
+    past[at, _RESIDUAL], past[at, force], end[at] = -sign, -1.0 / k, sign
+    past[force], end[force] = tangent * past[at], tangent * end[at]
+    past[_RESIDUAL] = -sign * past[force] / k
+    end[_RESIDUAL] = 1.0 - sign * end[force] / k
+    return past, end

@@ -13,6 +13,7 @@ from vofem.result import Result
 from vofem.scene import Scene
 from vofem.simulate import simulate
 from vofem.statics import Equilibrium, equilibrium
+from vofem.studies.steady import Branch, PeriodicOrbit, continuation, periodic
 
 #: Verdicts. "told": beyond its tolerance, and a note of the run says so.
 PASSED, TOLD, REFUSED, STOPPED, FAILED = "passed", "told", "refused", "stopped", "FAILED"
@@ -26,12 +27,15 @@ CONSERVING = built_in.ENERGY_CONSERVING.name
 ALPHA = built_in.GENERALIZED_ALPHA.name
 CENTRAL = built_in.CENTRAL_DIFFERENCE.name
 
-#: What is verified beside methods.
-_OTHERS = ("equilibrium", "modes")
+#: What is verified beside methods that simulate; the last two find steady states.
+_OTHERS = ("equilibrium", "modes", "shooting", "harmonic_balance")
+
+#: Methods that find steady states.
+SHOOTING, HARMONIC_BALANCE = _OTHERS[2:]
 
 
 def subjects() -> tuple[str, ...]:
-    """Return all that can be verified: the methods of `simulate`, and `equilibrium` and `modes`."""
+    """Return all that can be verified: methods of `simulate`, `equilibrium`, `modes`, methods of steady states."""
     return (*(method.name for method in methods() if not method.special), *_OTHERS)
 
 
@@ -109,6 +113,18 @@ class Run:
     def modes(self, scene: Scene, count: int, closed: tuple[str, ...] = ()) -> Modes:
         """Return vibration modes."""
         return modes(scene, count, closed=closed)
+
+    def periodic(self, scene: Scene, **more: Any) -> PeriodicOrbit:
+        """Return a steady state by the method, with its options."""
+        orbit = periodic(scene, method=self.method, **{**self.options, **more})
+        self.notes += orbit.notes
+        return orbit
+
+    def continuation(self, build: Callable[[float], Scene], start: float, stop: float, **more: Any) -> Branch:
+        """Return a branch of steady states by the method, with its options."""
+        branch = continuation(build, start, stop, method=self.method, **{**self.options, **more})
+        self.notes += branch.notes
+        return branch
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,13 +23,14 @@ def catalogue() -> tuple[Case, ...]:
         rebounds,
         springpots,
         statics,
+        steady,
         two_masses,
         units,
     )
 
     parts = (
         accumulation, bars, beams, faults, loads, meshes, oscillators, rebounds, statics, units, two_masses,
-        published_modes, published_runs, springpots,
+        published_modes, published_runs, springpots, steady,
     )  # fmt: skip
     cases = [case for part in parts for case in part.cases()]
     return tuple(sorted(cases, key=lambda case: 1000 if case.number is None else case.number))

@@ -279,17 +279,22 @@ def _watched(
 # -- systems that differ in their loads alone ---------------------------------------------------------
 
 
+def same_matrices(system: System, earlier: System) -> bool:
+    """Return whether mass, stiffness and damping of two systems are the same numbers."""
+    same = ("mass", "stiffness", "damping", "strain", "rigid", "scale")
+    if not all(_equal(getattr(system, name), getattr(earlier, name)) for name in same):
+        return False
+    return system.rayleigh == earlier.rayleigh and _equal(system.modal_damping, earlier.modal_damping)
+
+
 def share_modes(system: System, earlier: System) -> bool:
     """Let a system use what is known of an earlier one, where matrices, contacts and load vectors are the same numbers.
 
     Where the matrices alone are the same, the modes are shared. Returns whether modes are shared.
     """
-    same = ("mass", "stiffness", "damping", "strain")
     if system is earlier or system.cache is earlier.cache:
         return True
-    if not all(_equal(getattr(system, name), getattr(earlier, name)) for name in (*same, "rigid", "scale")):
-        return False
-    if system.rayleigh != earlier.rayleigh or not _equal(system.modal_damping, earlier.modal_damping):
+    if not same_matrices(system, earlier):
         return False
     rows = (None if system.contacts is None else system.contacts.rows for system in (system, earlier))
     alike = _equal(*rows) and len(system.loads) == len(earlier.loads)

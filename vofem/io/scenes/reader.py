@@ -10,13 +10,14 @@ from vofem.bodies import Body
 from vofem.errors import VofemError
 from vofem.io.scenes.entry import Entry
 from vofem.io.scenes.kinds import NUMBER, Kind
+from vofem.io.scenes.parameter import number_at
 from vofem.io.scenes.parts import BodyByName
 from vofem.io.scenes.place import Book, Invalid, Place
 from vofem.io.scenes.schema import BODIES, EFFECTS, FIELD
-from vofem.io.scenes.settings import OUTPUT, OutputSettings, RunSettings, run_entry
+from vofem.io.scenes.settings import OUTPUT, RESPOND, OutputSettings, RespondSettings, RunSettings, run_entry
 from vofem.scene import Scene
 
-_SINGLE = ("run", "output", "initial")
+_SINGLE = ("run", "output", "respond", "initial")
 
 
 def _known() -> dict[str, Entry]:
@@ -34,6 +35,21 @@ INITIAL = ("displacement", "velocity")
 _HEADER = re.compile(r"^[ \t]*\[{1,2}[ \t]*([A-Za-z0-9_-]+)[ \t]*\]", re.MULTILINE)
 
 Item = tuple[Entry, Any, Place]
+
+
+def read_respond(content: dict[str, Any], book: Book) -> RespondSettings | None:
+    """Return what ``[respond]`` of a parsed file says, whose bodies are known; problems are added to `book`."""
+    table, place = content.get("respond"), Place(book).key("respond")
+    if not isinstance(table, dict):
+        return None
+    found = RESPOND.read(table, place)
+    if isinstance(found, Invalid):
+        return None
+    for path in found.parameter:
+        value = number_at(content, path)
+        if isinstance(value, str):
+            place.key("parameter").report(value)
+    return found if isinstance(found, RespondSettings) else None
 
 
 def read_tables(

@@ -88,6 +88,47 @@ class OutputSettings:
     pictures: tuple[float, ...] = ()
 
 
+@dataclass(frozen=True)
+class RespondSettings:
+    """What `vofem respond` follows.
+
+    Attributes
+    ----------
+    parameter : tuple of str
+        Paths of keys whose numbers are the parameter, such as ``point_load[0].f.sine.omega``; entries of arrays are
+        counted from 0.
+    point : point, optional
+        Whose amplitude is drawn; chosen where not given.
+    periods : int
+        Periods of the loads that an orbit takes.
+    method : str
+        Of `vofem.continuation`.
+    harmonics : int, optional
+        Of harmonic balance.
+    """
+
+    parameter: tuple[str, ...]
+    point: Any = None
+    periods: int = 1
+    method: str = "auto"
+    harmonics: int | None = None
+
+
+class Path:
+    """The path of a key that holds a number."""
+
+    expected = "the path of a key, such as 'point_load[0].f.sine.omega'"
+    stand_ins = ()
+
+    def read(self, value: Any, place: Place) -> Any:
+        """Return the path; what stands there is checked with the whole file."""
+        return value if isinstance(value, str) and value else place.expected(self.expected, value)
+
+    def write(self, value: Any, book: Book) -> Any:
+        """Return the path."""
+        return value
+
+
 class Times:
     """Times as { start, stop, count } or an array."""
 
@@ -195,3 +236,16 @@ def run_entry() -> Entry:
 
 
 OUTPUT = Entry("output", OutputSettings, {"history": OneOrMore(PointByName()), "pictures": OneOrMore(NOT_NEGATIVE)})
+
+#: How ``[respond]`` stands in a scene file.
+RESPOND = Entry(
+    "respond",
+    RespondSettings,
+    {
+        "parameter": OneOrMore(Path()),
+        "point": PointByName(),
+        "periods": Count(),
+        "method": Choice(("auto", "shooting", "harmonic_balance")),
+        "harmonics": Count(),
+    },
+)

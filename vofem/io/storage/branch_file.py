@@ -24,6 +24,7 @@ from vofem.io.storage.tree import read_tree, write_tree
 from vofem.scene import Scene
 from vofem.studies.steady import Branch, BranchCounters, PeriodicOrbit, SpecialPoint
 from vofem.studies.steady.branch import Orbits
+from vofem.studies.steady.harmonic_balance import harmonics_in
 from vofem.studies.steady.methods import problem_of
 from vofem.studies.steady.shooting import orbit_result
 from vofem.system import State
@@ -138,7 +139,9 @@ def _maker(kept: dict[str, Any], k: int, folder: Path) -> Callable[[], PeriodicO
         def result() -> Any:
             if start is not None:
                 return orbit_result(scene(), start, 2.0 * np.pi * periods / omega)
-            problem = problem_of("load", scene(), method, periods, earlier=None)
+            harmonics = harmonics_in(scene(), unknowns.size) if method == "harmonic_balance" else None
+            period = 2.0 * np.pi / omega
+            problem = problem_of("load", scene(), method, periods, period=period, harmonics=harmonics)
             return problem.orbit(unknowns, problem.evaluate(unknowns)).result
 
         return PeriodicOrbit(

@@ -1,0 +1,331 @@
+"""Periodic orbits by harmonic balance: exact and independent orbits, transients, and what is refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import vofem as vf
+from vofem.studies.steady.harmonic_balance import HarmonicBalance
+
+P7 = json.loads((Path(__file__).parent / "data" / "orbits" / "P7.json").read_text())
+
+
+def oscillator(load, *effects, damping=0.02, stiffness=1.0):
+    """Return a scene of one mass of 1 kg; effects are functions of the mass."""
+    mass = vf.Mass(1.0, stiffness=stiffness, damping=damping, name="m")
+    return vf.Scene([mass], [vf.PointLoad(mass, load), *(make(mass) for make in effects)]), mass
+
+
+# -- known orbits -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("row", P7["springpot"]["rows"], ids=lambda row: f"omega={row[0]}")
+def test_springpot_oscillator(row):
+    omega, size, angle = map(float, row)
+    scene, mass = oscillator(vf.Sine(1.0, omega), lambda m: vf.Springpot(m, coefficient=0.3, order=0.5))
+    orbit = vf.periodic(scene, method="harmonic_balance", harmonics=3)
+    # u = Im(H exp(i omega t)) is Re(-i H exp(i omega t)).
+    assert abs(orbit.harmonics(mass, 1)[1] / (-1j * size * np.exp(1j * angle)) - 1.0) < 1e-12
+    assert orbit.result.energy.balance_error < 1e-12
+    assert vf.periodic(scene).method == "harmonic_balance"
+
+
+def duffing(omega):
+    beta = P7["duffing"]["beta"]
+    return oscillator(
+        vf.Sine(P7["duffing"]["F"], omega),
+        lambda m: vf.NonlinearSpring(m, potential=lambda u: beta * u**4 / 4, force=lambda u: beta * u**3),
+        damping=P7["duffing"]["c"],
+    )
+
+
+@pytest.mark.parametrize("row", P7["duffing"]["rows"], ids=lambda row: f"{row[0]}-{row[3]:.3f}")
+def test_duffing_oscillator_on_all_its_sheets(row):
+    omega, u, v, first, largest = row[:5]
+    scene, mass = duffing(omega)
+    # One period of a run that starts on the orbit, also where it is unstable.
+    orbit = vf.periodic(scene, guess=vf.simulate(scene, 2.0001 * np.pi / omega, initial={mass: (u, v)}, dt=0.005))
+    assert orbit.residual < 1e-12
+    assert abs(orbit.result.displacement(mass)[0] - u) < 1e-11
+    assert abs(orbit.result.velocity(mass)[0] - v) < 1e-11
+    assert abs(abs(orbit.harmonics(mass, 1)[1]) - first) < 1e-11
+    assert abs(orbit.extremes(mass)[1] - largest) < 1e-7
+    assert orbit.truncation.largest < 1e-14
+
+
+def test_folds_of_the_duffing_oscillator():
+    data = P7["duffing"]
+    mass = vf.Mass(1.0, stiffness=data["k"], damping=data["c"], name="m")
+    beta = data["beta"]
+    cubic = vf.NonlinearSpring(mass, potential=lambda u: beta * u**4 / 4, force=lambda u: beta * u**3)
+    load = data["F"]
+    branch = vf.continuation(
+        lambda omega: vf.Scene([mass], [cubic, vf.PointLoad(mass, vf.Sine(load, omega))]), 0.5, 2.0, harmonics=15
+    )
+    assert [point.kind for point in branch.special] == ["fold", "fold"]
+    np.testing.assert_allclose([point.value for point in branch.special], data["folds"], rtol=1e-11)
+    for omega in (1.3, 1.4, 1.5):
+        known = sorted(row[3] for row in data["rows"] if row[0] == omega)
+        found = sorted(abs(orbit.harmonics(mass, 1)[1]) for orbit in branch.at(omega))
+        np.testing.assert_allclose(found, known, rtol=1e-10)
+    # Only the frequency changes along the branch.
+    assert branch.counters.eigensolves == 1
+
+
+def jenkins(omega, harmonics):
+    data = P7["jenkins_exact"]
+    scene, mass = oscillator(
+        vf.Sine(data["F"], omega),
+        lambda m: vf.BilinearSpring(m, stiffness=data["kt"], linear_limit=data["fy"] / data["kt"]),
+        damping=data["c"],
+    )
+    return vf.periodic(scene, harmonics=harmonics), mass
+
+
+def test_jenkins_oscillator_converges_to_exact_orbits():
+    """Forces with kinks have harmonics like k^-2, displacements like k^-4, whose tail falls like H^-3 or faster."""
+    rows = [tuple(map(float, row[:2])) for row in P7["jenkins_exact"]["rows"][::8]]
+    counts = np.array([8, 16, 32, 64])
+    errors = []
+    for harmonics in counts.tolist():
+        found = [jenkins(omega, harmonics) for omega, _ in rows]
+        off = [abs(orbit.amplitude(m) / peak - 1.0) for (orbit, m), (_, peak) in zip(found, rows, strict=True)]
+        errors.append(max(off))
+        assert max(off) <= max(orbit.truncation.largest for orbit, _ in found)
+    assert errors[-1] < 3e-8
+    slope = np.polyfit(np.log(counts), np.log(errors), 1)[0]
+    assert -5.0 < slope < -3.0
+
+
+@pytest.mark.parametrize("row", P7["jenkins_describing_function"]["rows"][1:4], ids=lambda row: f"amplitude={row[0]}")
+def test_one_harmonic_is_the_describing_function(row):
+    amplitude, *roots = map(float, row)
+    for omega in roots:
+        orbit, mass = jenkins(omega, 1)
+        # The upper sheet is the one that harmonic balance finds from the linear response.
+        if abs(abs(orbit.harmonics(mass, 3)[1]) / amplitude - 1.0) > 0.3:
+            continue
+        first = orbit.unknowns[1:]
+        assert abs(np.hypot(*first) - amplitude) < 1e-9
+        return
+    pytest.fail("neither root of the describing function was found")
+
+
+# -- agreement with shooting ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("law", "order", "last"), [("penetration", (2.7, 4.0), 1e-6), ("displacement", (1.7, 2.6), 1e-5)]
+)
+def test_contacts_agree_with_shooting_as_harmonics_grow(law, order, last):
+    """The displacement's harmonics fall like k^-4 where the force has kinks and like k^-3 where it jumps."""
+    scene, mass = oscillator(
+        vf.Sine(1.0, 1.3),
+        lambda m: vf.Contact(m, gap=0.1, stiffness=8.0, side="above", acts_on=law, name="stop"),
+        damping=0.1,
+    )
+    exact = vf.periodic(scene, method="shooting")
+    counts = np.array([10, 20, 40, 80])
+    errors = []
+    for harmonics in counts.tolist():
+        orbit = vf.periodic(scene, method="harmonic_balance", harmonics=harmonics, guess=exact)
+        errors.append(np.abs(orbit.result.displacement(mass) - exact.result.displacement(mass)).max())
+    assert errors[-1] < last
+    assert order[0] < -np.polyfit(np.log(counts), np.log(errors), 1)[0] < order[1]
+    assert orbit.multipliers is None
+    assert orbit.stable is None
+    found, known = (one.result.contacts["stop"].closings for one in (orbit, exact))
+    np.testing.assert_allclose(found, known, atol=1e-4)
+
+
+def test_a_body_that_only_stops_hold():
+    mass = vf.Mass(1.0, damping=0.3, name="m")
+    stops = [
+        vf.Contact(mass, gap=0.5, stiffness=30.0, damping=0.2, side=side, acts_on="penetration", name=side)
+        for side in ("above", "below")
+    ]
+    scene = vf.Scene([mass], [*stops, vf.PointLoad(mass, vf.Sine(1.0, 1.0))])
+    orbit = vf.periodic(scene, method="harmonic_balance", harmonics=60)
+    exact = vf.periodic(scene, method="shooting", guess=orbit)
+    assert np.abs(orbit.result.displacement(mass) - exact.result.displacement(mass)).max() < 1e-4
+    closings = [result.contacts["above"].closings for result in (orbit.result, exact.result)]
+    np.testing.assert_allclose(*closings, atol=1e-3)
+
+
+def test_subharmonic_orbits():
+    """Beyond the doubling at 2.338157973 the oscillator without a gap repeats after two periods."""
+    scene, mass = oscillator(
+        vf.Sine(1.0, 2.45),
+        lambda m: vf.Contact(m, gap=0.0, stiffness=8.0, side="above", acts_on="penetration"),
+        damping=0.1,
+    )
+    exact = vf.periodic(scene, periods=2)
+    orbit = vf.periodic(scene, periods=2, guess=exact, method="harmonic_balance", harmonics=60)
+    assert orbit.period == pytest.approx(4.0 * np.pi / 2.45, rel=1e-15)
+    assert np.abs(orbit.result.displacement(mass) - exact.result.displacement(mass)).max() < 1e-4
+    once = vf.periodic(scene, method="harmonic_balance", harmonics=20, guess=None)
+    with pytest.raises(vf.ConvergenceError, match="repeats after 1"):
+        vf.periodic(scene, periods=2, guess=once, method="harmonic_balance", harmonics=40)
+
+
+# -- agreement with transients ----------------------------------------------------------------------
+
+LAWS = {
+    "penetration": lambda m: vf.Contact(m, gap=0.3, stiffness=5.0, damping=0.2, side="above", acts_on="penetration"),
+    "displacement": lambda m: vf.Contact(m, gap=0.3, stiffness=5.0, side="below", acts_on="displacement"),
+    "resolved": lambda m: vf.Contact(
+        m, gap=0.3, stiffness=5.0, damping=0.1, side="above", acts_on="penetration", switch=vf.Resolved(20.0)
+    ),
+    "resolved, displacement": lambda m: vf.Contact(
+        m, gap=0.3, stiffness=5.0, side="above", acts_on="displacement", switch=vf.Resolved(20.0)
+    ),
+    "bilinear": lambda m: vf.BilinearSpring(m, stiffness=1.0, linear_limit=0.2, hardening=0.1),
+    "Iwan": lambda m: vf.IwanSpring(m, elongation=[0.1, 0.3, 0.7], force=[0.2, 0.4, 0.5]),
+    "springpot": lambda m: vf.Springpot(m, coefficient=0.4, order=0.6),
+    "smooth": lambda m: vf.NonlinearSpring(m, potential=lambda u: u**4, force=lambda u: 4 * u**3),
+}
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_orbits_are_where_transients_settle(law):
+    """The transient steps in time with errors of second order in dt, here some 1e-5; it starts far from the orbit."""
+    # The load makes all sliders slip: those that do not keep what they remember of the transient.
+    scene, mass = oscillator(vf.Sine(1.5 if law == "Iwan" else 0.5, 0.8), LAWS[law], damping=0.25)
+    orbit = vf.periodic(scene, method="harmonic_balance", harmonics=40)
+    period, steps = orbit.period, 1500
+    run = vf.simulate(scene, 14.0 * period, method="energy_conserving", dt=period / steps)
+    times = orbit.result.times[::20]
+    off = run.displacement(mass, 13.0 * period + times) - orbit.result.displacement(mass, times)
+    # A springpot's past fades like a power of time.
+    assert np.abs(off).max() < (3e-3 if law == "springpot" else 2e-4) * orbit.amplitude(mass)
+    # Velocities converge one order more slowly than displacements, and under forces that jump like 1/H only.
+    assert orbit.result.energy.balance_error < (2e-2 if law.endswith("displacement") else 3e-3)
+
+
+def test_chain_with_all_laws():
+    """NLvib's example 07: friction, cubic springs, a one-sided spring; M. Krack, J. Gross, Harmonic Balance, 2019."""
+    masses = [vf.Mass(1.0, stiffness=s, damping=0.02 * s, name=f"m{k}") for k, s in enumerate((1.0, 0.0, 1.0))]
+    one, two, three = masses
+    cubic = {"potential": lambda u: u**4 / 4, "force": lambda u: u**3}
+    effects = [
+        *(part for a, b in ((one, two), (two, three)) for part in (
+            vf.Spring(a, b, stiffness=1.0), vf.Dashpot(a, b, damping=0.02))),
+        vf.BilinearSpring(one, stiffness=20.0, linear_limit=0.05),
+        vf.BilinearSpring(one, two, stiffness=20.0, linear_limit=0.05),
+        vf.NonlinearSpring(two, **cubic), vf.NonlinearSpring(two, three, **cubic),
+        vf.Contact(three, gap=0.25, stiffness=1.0, side="above", acts_on="penetration"),
+    ]  # fmt: skip
+    omega = 1.5
+    scene = vf.Scene(masses, [*effects, vf.PointLoad(two, vf.Sine(1.0, omega, phase=np.pi / 2))])
+    orbit = vf.periodic(scene, harmonics=40)
+    run = vf.simulate(scene, 20 * orbit.period, initial=orbit, method="energy_conserving", dt=orbit.period / 250)
+    for mass in masses:
+        off = run.displacement(mass, 19 * orbit.period + orbit.result.times) - orbit.result.displacement(mass)
+        assert np.abs(off).max() < 2e-3 * orbit.amplitude(mass)
+
+
+# -- the size of the problem ------------------------------------------------------------------------
+
+
+def test_a_fine_mesh_costs_no_more_unknowns():
+    def cantilever(elements):
+        beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=elements, supports={"left": "clamped"})
+        tip = beam.at(1.0)
+        effects = [
+            vf.Contact(tip, gap=0.01, stiffness=20.0, side="below", acts_on="penetration"),
+            vf.PointLoad(tip, vf.Sine(0.1, omega=3.0)),
+            vf.RayleighDamping(alpha=0.0, beta=0.02),
+        ]
+        return vf.Scene([beam], effects), tip
+
+    amplitudes = []
+    for elements in (30, 3000):
+        scene, tip = cantilever(elements)
+        problem = HarmonicBalance("test", scene, harmonics=12)
+        assert problem.size == 25
+        assert problem.evaluate(problem.from_rest()).jacobian.shape == (25, 25)
+        orbit = vf.periodic(scene, method="harmonic_balance", harmonics=12)
+        amplitudes.append(orbit.amplitude(tip))
+        assert orbit.result.samples.along(scene.model.system.contacts.rows, "q").shape == (1, 1001)
+    assert abs(amplitudes[0] / amplitudes[1] - 1.0) < 1e-5
+
+
+# -- derivatives ------------------------------------------------------------------------------------
+
+
+@settings(max_examples=15, deadline=None)
+@given(law=st.sampled_from(sorted(LAWS)), seed=st.integers(0, 10_000))
+def test_jacobian_is_the_derivative(law, seed):
+    scene, _ = oscillator(vf.Sine(0.5, 0.8), LAWS[law])
+    problem = HarmonicBalance("test", scene, harmonics=4)
+    random = np.random.default_rng(seed)
+    x = 0.6 * random.standard_normal(problem.size) / (1.0 + np.arange(problem.size) % 5) ** 1.5
+    jacobian = problem.evaluate(x).jacobian
+    step = 1e-6
+    for k in range(problem.size):
+        change = step * np.eye(problem.size)[k]
+        up, down = (problem.evaluate(x + sign * change, derivative=False).residual for sign in (1.0, -1.0))
+        np.testing.assert_allclose(
+            (up - down) / (2 * step), jacobian[:, k], atol=2e-5 * max(1.0, np.abs(jacobian).max())
+        )
+
+
+# -- what is refused --------------------------------------------------------------------------------
+
+
+def test_what_harmonic_balance_cannot_treat():
+    def refused(error, pattern, load, *effects, **options):
+        scene, _ = oscillator(load, *effects)
+        with pytest.raises(error, match=pattern):
+            vf.periodic(scene, **({"method": "harmonic_balance"} | options))
+
+    sine = vf.Sine(1.0, 1.0)
+    refused(vf.ArgumentError, "harmonics is 0", sine, harmonics=0)
+    refused(vf.ArgumentError, "harmonics is 2.5", sine, harmonics=2.5)
+    refused(vf.ArgumentError, "harmonics was given", sine, harmonics=3, method="shooting")
+    refused(vf.ArgumentError, "is harmonic 9", sine + vf.Sine(0.1, 9.0), harmonics=2)
+    refused(vf.ArgumentError, "not periodic", vf.Ramp(1.0) + sine)
+    refused(vf.ArgumentError, "nothing sets the period", vf.Constant(1.0))
+    refused(
+        vf.ArgumentError,
+        "varies in time",
+        sine,
+        lambda m: vf.Springpot(m, coefficient=1.0, order=lambda t: 0.5 + 0 * t),
+    )
+    mass = vf.Mass(1.0)
+    printed = vf.HystereticSpring(mass, stiffness=1.0, linear_limit=0.1, memory="printed")
+    with pytest.raises(vf.MethodError, match="no law that harmonic balance knows"):
+        vf.periodic(vf.Scene([mass], [printed, vf.PointLoad(mass, sine)]))
+    refused(vf.ArgumentError, "takes a PeriodicOrbit", sine, LAWS["bilinear"], guess=3.0)
+    scene, _ = oscillator(sine, LAWS["bilinear"])
+    refused(vf.ArgumentError, "holds no whole", sine, LAWS["bilinear"], guess=vf.simulate(scene, 1.0))
+
+
+def test_loads_without_closed_form_need_their_period():
+    with pytest.raises(vf.ArgumentError, match="period is not known"):
+        vf.periodic(oscillator(lambda t: np.sin(2 * t), LAWS["smooth"])[0])
+    given = vf.periodic(oscillator(lambda t: np.sin(2 * t), LAWS["smooth"])[0], period=np.pi)
+    known = vf.periodic(oscillator(vf.Sine(1.0, 2.0), LAWS["smooth"])[0])
+    np.testing.assert_allclose(
+        given.result.displacement(given.scene.bodies[0]), known.result.displacement(known.scene.bodies[0]), atol=1e-12
+    )
+
+
+def test_branches_are_saved_with_their_harmonics(tmp_path):
+    mass = vf.Mass(1.0, stiffness=1.0, damping=0.1, name="m")
+    spring = vf.BilinearSpring(mass, stiffness=0.5, linear_limit=0.5, name="s")
+    branch = vf.continuation(
+        lambda omega: vf.Scene([mass], [spring, vf.PointLoad(mass, vf.Sine(0.3, omega))]), 0.8, 0.9, harmonics=7
+    )
+    loaded = vf.load(branch.save(tmp_path / "branch.h5"))
+    np.testing.assert_array_equal(loaded.values, branch.values)
+    for one, other in zip(loaded.orbits, branch.orbits, strict=True):
+        np.testing.assert_allclose(
+            one.result.displacement(one.scene.bodies[0]), other.result.displacement(mass), rtol=0, atol=1e-13
+        )

@@ -1,0 +1,186 @@
+"""Response curves of scene files and pictures of steady states: they show what is known, and refuse what is not."""
+
+from __future__ import annotations
+
+import csv
+import shutil
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+import vofem as vf
+from vofem import cli
+from vofem.io import plot
+from vofem.io.branch_tables import branch_table, write_branch
+from vofem.io.pictures import axes as picture_axes
+from vofem.io.scenes.parameter import number_at, with_number
+
+EXAMPLE = Path(__file__).parent.parent / "examples" / "two_masses_response.toml"
+
+
+@pytest.fixture
+def figures(monkeypatch):
+    """Keep the figures that are saved."""
+    kept = []
+
+    def save(figure, goal):
+        kept.append(figure)
+        figure.savefig(goal)
+        return goal
+
+    monkeypatch.setattr("vofem.io.pictures.steady.save", save)
+    return kept
+
+
+@pytest.fixture(scope="module")
+def branch():
+    file = vf.load_scene(EXAMPLE)
+    masses = file.scene.bodies
+    # Without a guess the branch would begin on the orbit that hits the stop, on which a motion from rest settles.
+    return vf.continuation(file.at, 0.67, 0.64, guess=vf.periodic(file.at(0.8))), masses
+
+
+def labels(figure):
+    return figure.axes[0].get_legend_handles_labels()[1]
+
+
+def test_a_response_curve_marks_what_is_special(branch, tmp_path, figures):
+    found, masses = branch
+    path = plot.response_curve(found, masses[1], tmp_path / "curve.png", parameter="omega [rad/s]")
+    assert matplotlib.image.imread(path).shape[0] > 500
+    axes = figures[0].axes[0]
+    assert {"stable", "unstable", "fold", "grazing"} <= set(labels(figures[0]))
+    styles = {line.get_label(): line.get_linestyle() for line in axes.lines}
+    assert styles["stable"] == "-"
+    assert styles["unstable"] == "--"
+    # Every orbit is on a line, and neighbours of different stability are joined.
+    points = np.concatenate([line.get_xdata() for line in axes.lines if line.get_linestyle() in ("-", "--")])
+    assert set(found.values) == set(points)
+    marks = [line for line in axes.lines if line.get_label() == "grazing"]
+    assert marks[0].get_xdata()[0] == pytest.approx(0.6534401404162605, rel=1e-12)
+    assert axes.get_xlabel() == "omega [rad/s]"
+
+
+def test_multipliers_and_phase_portraits(branch, tmp_path, figures):
+    found, masses = branch
+    plot.multipliers(found, tmp_path / "all.png")
+    unstable = next(orbit for orbit in found.orbits if orbit.stable is False)
+    plot.multipliers(unstable, tmp_path / "one.png")
+    assert "outside: unstable" in labels(figures[1])
+    drawn = np.concatenate([line.get_xydata() for line in figures[1].axes[0].lines[1:]])
+    known = np.stack([unstable.multipliers.real, unstable.multipliers.imag], axis=1)
+    np.testing.assert_allclose(np.sort(drawn, axis=0), np.sort(known, axis=0))
+    plot.phase_portrait(unstable, masses[0], tmp_path / "phase.svg")
+    assert {"a contact closes", "a contact opens"} <= set(labels(figures[2]))
+    closing = next(line for line in figures[2].axes[0].lines if line.get_label() == "a contact closes")
+    assert closing.get_xdata()[0] == pytest.approx(1.0, abs=1e-9)
+
+
+def test_sections_and_backbones(branch, tmp_path, figures):
+    found, masses = branch
+    run = vf.simulate(found.orbits[0].scene, 100.0)
+    section = vf.poincare(run, found.orbits[0].period)
+    plot.poincare_section(section, masses[0], tmp_path / "section.png")
+    assert figures[0].axes[0].lines[0].get_xdata().size == len(section)
+
+    mass = vf.Mass(1.0, stiffness=10.0)
+    stop = vf.Contact(mass, gap=0.01, stiffness=50.0, side="above", acts_on="penetration")
+    mode = vf.backbone(vf.Scene([mass], [stop]), 1, np.geomspace(1e-3, 1e-1, 5))
+    plot.backbone_curve(mode, tmp_path / "backbone.png")
+    np.testing.assert_allclose(figures[1].axes[0].lines[0].get_xdata(), mode.omega / (2.0 * np.pi))
+    np.testing.assert_allclose(figures[1].axes[0].lines[0].get_ydata(), np.geomspace(1e-3, 1e-1, 5))
+
+
+def test_pictures_refuse_what_they_cannot_show(branch, tmp_path):
+    found, masses = branch
+    path = tmp_path / "no.png"
+    mass = vf.Mass(1.0, stiffness=1.0, damping=0.1)
+    orbit = vf.periodic(vf.Scene([mass], [vf.PointLoad(mass, vf.Sine(1.0, 2.0))]), method="harmonic_balance")
+    for draw in (
+        lambda: plot.response_curve([], masses[0], path),
+        lambda: plot.response_curve(found, "b", path),
+        lambda: plot.multipliers(orbit, path),
+        lambda: plot.phase_portrait(found, masses[0], path),
+        lambda: plot.poincare_section(found, masses[0], path),
+        lambda: plot.backbone_curve(found, path),
+    ):
+        with pytest.raises(vf.ArgumentError):
+            draw()
+    with pytest.raises(vf.OutputError):
+        plot.response_curve(found, masses[0], tmp_path / "curve.txt")
+    assert not path.exists()
+    assert picture_axes.INK
+
+
+def test_a_branch_as_a_table(branch, tmp_path):
+    found, masses = branch
+    with write_branch(found, masses[1], tmp_path / "branch.csv", "omega").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(found) + len(found.special)
+    plain = [row for row in rows if not row["special"]]
+    np.testing.assert_array_equal([float(row["omega"]) for row in plain], found.values)
+    np.testing.assert_allclose([float(row["b amplitude [m]"]) for row in plain], found.amplitude(masses[1]), rtol=1e-14)
+    assert [row["stable"] for row in plain] == [{True: "1", False: "0", None: ""}[s] for s in found.stable]
+    assert [row["special"] for row in rows if row["special"]] == [special.kind for special in found.special]
+    assert "grazing (stop)" in branch_table(found, masses[1])
+
+
+# -- the command --------------------------------------------------------------------------------------
+
+
+def test_respond_writes_curve_branch_and_table(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(EXAMPLE, "two.toml")
+    command = ["respond", "two.toml", "--from", "0.68", "--to", "0.6535", "--output", "out"]
+    assert cli.main(command) == 0
+    said = capsys.readouterr().out
+    assert sorted(path.name for path in Path("out").iterdir()) == [
+        "branch.csv", "branch.h5", "multipliers.png", "response.png",
+    ]  # fmt: skip
+    assert "orbits: " in said
+    assert "response.png" in said
+    assert vf.load("out/branch.h5").values[0] == 0.68
+    assert cli.main(command) == 1
+    assert "--overwrite" in capsys.readouterr().err
+    harmonic = ["--method", "harmonic_balance", "--harmonics", "5", "--point", "a", "--no-pictures", "--overwrite"]
+    assert cli.main([*command, *harmonic]) == 0
+    assert "a amplitude [m]" in Path("out/branch.csv").read_text().splitlines()[0]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "pattern"),
+    [
+        ("point_load[0].f.sine.omega", "point_load[1].f.sine.omega", "has 1 entries"),
+        ("point_load[0].f.sine.omega", "point_load[0].f.sine.omeg", "no key 'omeg'"),
+        ("point_load[0].f.sine.omega", "point_load.f", "is an array"),
+        ("point_load[0].f.sine.omega", "point_load[0].f.sine", "expected a number"),
+        ("point_load[0].f.sine.omega", "point_load[0", "expected the path of a key"),
+        ('point = "b"\n\n[[mass]]', 'pont = "b"\n\n[[mass]]', "did you mean 'point'"),
+    ],
+)
+def test_wrong_parameters_are_named(old, new, pattern, tmp_path):
+    path = tmp_path / "two.toml"
+    path.write_text(EXAMPLE.read_text().replace(old, new, 1))
+    with pytest.raises(vf.SceneFileError, match="respond") as caught:
+        vf.load_scene(path)
+    assert pattern in str(caught.value)
+
+
+def test_a_file_without_parameter_says_so(tmp_path, capsys):
+    path = tmp_path / "two.toml"
+    path.write_text(EXAMPLE.read_text().replace('[respond]\nparameter = "point_load[0].f.sine.omega"\npoint = "b"', ""))
+    assert cli.main(["respond", str(path), "--from", "0.6", "--to", "0.7"]) == 1
+    assert "add a table [respond]" in capsys.readouterr().err
+
+
+def test_numbers_at_paths():
+    content = {"a": [{"b": 1.0}, {"b": {"c": 2}}], "d": True}
+    assert number_at(content, "a[1].b.c") == 2.0
+    assert "expected a number" in str(number_at(content, "d"))
+    changed = with_number(content, ("a[0].b", "a[1].b.c"), 5.0)
+    assert (changed["a"][0]["b"], changed["a"][1]["b"]["c"], content["a"][0]["b"]) == (5.0, 5.0, 1.0)
+    file = vf.load_scene(EXAMPLE)
+    load = next(effect for effect in file.at(0.6).effects if isinstance(effect, vf.PointLoad))
+    assert load.f.omega == 0.6

@@ -1,0 +1,81 @@
+"""``vofem respond``: the response curve of a scene file along a parameter."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vofem.cli.common import FINE, Commands
+from vofem.cli.output import made
+from vofem.errors import ArgumentError
+
+if TYPE_CHECKING:
+    from vofem.io.scene_file import SceneFile
+
+
+def add_respond(commands: Commands) -> None:
+    """Add the command to a parser."""
+    respond = commands.add_parser("respond", help="follow steady states along a parameter; write curve and branch")
+    respond.add_argument("scene", type=Path, help="scene file, TOML, with a table [respond]")
+    respond.add_argument("--from", dest="start", type=float, required=True, help="value at which the branch begins")
+    respond.add_argument("--to", dest="stop", type=float, required=True, help="value at which it ends")
+    respond.add_argument("--output", type=Path, help="folder for what is written (output/NAME of the scene file)")
+    respond.add_argument("--point", metavar="BODY@X", help="whose amplitude is drawn, instead of the file's")
+    respond.add_argument("--periods", type=int, help="periods of the loads that an orbit takes, instead of the file's")
+    respond.add_argument("--method", help="auto, shooting or harmonic_balance; instead of the file's")
+    respond.add_argument("--harmonics", type=int, help="of harmonic balance, instead of the file's")
+    respond.add_argument("--no-pictures", action="store_true", help="write numbers only")
+    respond.add_argument("--overwrite", action="store_true", help="replace a branch that was written before")
+    respond.set_defaults(command=_respond)
+
+
+def _respond(arguments: argparse.Namespace) -> int:
+    from vofem.io.branch_tables import branch_table, write_branch
+    from vofem.io.plot import multipliers, response_curve
+    from vofem.io.scene_file import load_scene
+    from vofem.studies.steady import continuation
+
+    file = load_scene(arguments.scene)
+    # Says what is missing before anything else is done.
+    file.at(arguments.start)
+    point, options = _point(arguments, file), _options(arguments, file)
+    folder = made(arguments.output or Path("output") / arguments.scene.stem)
+    saved = folder / "branch.h5"
+    if saved.exists() and not arguments.overwrite:
+        raise ArgumentError(f"{saved} exists; add --overwrite, or choose another folder by --output")
+    branch = continuation(
+        file.at, arguments.start, arguments.stop, progress=True if sys.stderr.isatty() else None, **options
+    )
+    assert file.respond is not None
+    name = file.respond.parameter[0]
+    print(branch_table(branch, point, name))
+    for note in branch.notes:
+        print(f"note: {note}")
+    written = [branch.save(saved, overwrite=True), write_branch(branch, point, folder / "branch.csv", name)]
+    if not arguments.no_pictures:
+        written.append(response_curve(branch, point, folder / "response.png", parameter=name))
+        if all(orbit.multipliers is not None for orbit in branch.orbits):
+            written.append(multipliers(branch, folder / "multipliers.png"))
+    print("\nwrote " + "\n      ".join(str(path) for path in written))
+    return FINE
+
+
+def _options(arguments: argparse.Namespace, file: SceneFile) -> dict[str, Any]:
+    """Return options of the continuation: the command line's, else the file's."""
+    assert file.respond is not None
+    names = ("periods", "method", "harmonics")
+    given = {name: getattr(arguments, name) for name in names}
+    return {name: getattr(file.respond, name) if value is None else value for name, value in given.items()}
+
+
+def _point(arguments: argparse.Namespace, file: SceneFile) -> Any:
+    """Return the point whose amplitude is drawn: the one asked for, that of the first contact, or a body's."""
+    from vofem.io.run_pictures import history_points
+    from vofem.io.scene_file import point_named
+
+    assert file.respond is not None
+    if arguments.point is not None:
+        return point_named(file.scene, arguments.point)
+    return file.respond.point or history_points(file.scene, file.output)[0]

@@ -1,0 +1,448 @@
+"""Periodic orbits by harmonic balance in the coordinates of the laws.
+
+A periodic motion is a Fourier series. The linear rest of a structure answers
+each harmonic by itself, so the only unknowns are the harmonics of the
+coordinates ``u = B q`` on which laws act, however many degrees of freedom there are:
+
+    u_k + G_k R_k(u) = B A_k^-1 F_k,    G_k = B A_k^-1 B',    A_k = K + i k omega C - (k omega)^2 M
+
+with R_k the harmonics of the laws' forces along u. Springpots are part of A_k,
+exactly, by ``(i k omega)^alpha``.
+
+Where the force has kinks its harmonics fall like k^-2, where it jumps like
+k^-1; those of the displacement fall by k^-2 faster. So the error of
+displacements falls like H^-3 with the number H of harmonics under a
+penetration law or a spring that slips, and like H^-2 under the displacement law. It is estimated by the
+harmonics that the force has beyond H, which are known.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.errors import ArgumentError, ConvergenceError, MethodError, SingularSystemError
+from vofem.integrators.event_driven.flow import same_matrices, share_modes
+from vofem.laws import SpringpotLaws
+from vofem.laws.rows import all_rows
+from vofem.result import Result
+from vofem.scene import Scene
+from vofem.simulate import simulate
+from vofem.studies.steady.counters import Work
+from vofem.studies.steady.harmonic_solution import HarmonicMotion, harmonic_result
+from vofem.studies.steady.law_path import PASSES, LawPaths, nonlinear_groups
+from vofem.studies.steady.linear_rest import FULL, Attached, LinearRest, springpots_of
+from vofem.studies.steady.load_series import load_series
+from vofem.studies.steady.loads import LoadPeriod, load_period
+from vofem.studies.steady.orbit import OrbitTruncation, PeriodicOrbit
+from vofem.studies.steady.trigonometric import basis, to_complex, to_real
+from vofem.system import System
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+#: Harmonics of an orbit over one period of the loads where none are asked for.
+HARMONICS = 25
+
+#: Harmonics of the force that are looked at beyond those of the unknowns, as a multiple of them.
+_BEYOND = 2
+
+#: Margin of frequencies within which Ritz vectors serve other problems of a branch.
+_MARGIN = 1.3
+
+#: Periods of a transient, and its steps in a period, where harmonic balance needs a better start.
+_TRANSIENT, _STEPS = 60, 200
+
+#: Relative difference of harmonics below which an orbit repeats before its end.
+_REPEATS = 1e-7
+
+#: Smallest step on the way from the linear response to the laws' full strength, and iterations of one.
+_SMALLEST, _TRIES = 1.0 / 16.0, 12
+
+
+@dataclass(frozen=True)
+class HarmonicEvaluation:
+    """The equations at some harmonics.
+
+    Attributes
+    ----------
+    residual : ndarray, shape (n,)
+    size : float
+        Of the motion, m.
+    settled : ndarray of bool, shape (n_laws,)
+        Whether internal variables repeat after a period.
+    """
+
+    residual: Array
+    size: float
+    settled: NDArray[np.bool_]
+    slope: Array | None = field(repr=False, default=None)
+
+    @property
+    def jacobian(self) -> Array:
+        """Derivative of the residual, shape (n, n)."""
+        assert self.slope is not None
+        return self.slope
+
+    @property
+    def error(self) -> float:
+        """Size of the residual over that of the motion."""
+        size = float(np.linalg.norm(self.residual))
+        if not np.isfinite(size):
+            return np.inf
+        return size / self.size if self.size > 0.0 else float(size > 0.0)
+
+    @property
+    def multipliers(self) -> None:
+        """Harmonic balance does not know them."""
+        return None
+
+
+class HarmonicBalance:
+    """Periodic orbits of a scene as roots of the balance of harmonics; an `OrbitProblem`.
+
+    Parameters
+    ----------
+    what : str
+        Whose argument the scene is, for messages.
+    scene : Scene
+    periods : int
+    period : float, optional
+        Of the loads, in s.
+    harmonics : int, optional
+        Of the orbit, beyond the mean; 25 for each period of the loads where not given.
+    earlier : HarmonicBalance, optional
+        A problem at another value of a parameter.
+    work : Work, optional
+        Where work is counted.
+
+    Attributes
+    ----------
+    scene, periods
+        As above.
+    loads : LoadPeriod
+    harmonics : int
+    size : int
+        Number of unknowns: laws times 2 H + 1.
+    scales : ndarray, shape (size,)
+    tolerance : float
+    """
+
+    tolerance = 1e-13
+
+    def __init__(
+        self,
+        what: str,
+        scene: Scene,
+        periods: int = 1,
+        *,
+        period: float | None = None,
+        harmonics: int | None = None,
+        earlier: HarmonicBalance | None = None,
+        work: Work | None = None,
+    ) -> None:
+        self._what, self.scene, self.periods = what, scene, periods
+        self.system = system = scene.model.system
+        self.groups = nonlinear_groups(system)
+        refuse(what, system)
+        if harmonics is None:
+            harmonics = HARMONICS * periods if earlier is None else earlier.harmonics
+        if isinstance(harmonics, bool) or not isinstance(harmonics, (int, np.integer)) or harmonics < 1:
+            raise ArgumentError(f"{what}: harmonics is {harmonics!r}, expected a whole number, 1 or more")
+        self.loads: LoadPeriod = load_period(what, system, period)
+        self.work = Work() if work is None else work
+        self.harmonics: int = int(harmonics)
+        self.reach = (1 + _BEYOND) * self.harmonics
+        self.omega = self.loads.omega / periods
+        self.laws = LawPaths(self.groups)
+        self.size = self.laws.size * (2 * self.harmonics + 1)
+        self.scales = np.ones(self.size)
+        self._series = load_series(what, system, self.omega, self.reach)
+        if earlier is not None and earlier.size != self.size:
+            raise MethodError(
+                f"{what}: the scene has {self.laws.size} laws and {self.harmonics} harmonics, and {earlier.laws.size} "
+                f"and {earlier.harmonics} at another value of the parameter; build the same laws for all values"
+            )
+        self._linear(earlier)
+
+    # -- the linear rest ------------------------------------------------------------------------------
+
+    def _linear(self, earlier: HarmonicBalance | None) -> None:
+        system = self.system
+        rows = all_rows(self.groups)
+        law_rows = np.zeros((0, system.size)) if rows is None else np.asarray(rows.toarray())
+        vectors = np.array([load.vector for load in system.loads]).reshape(-1, system.size)
+        inputs = np.concatenate([law_rows, vectors])
+        highest: float = self.reach * self.omega
+        attached = springpots_of(self._what, system)
+        rest = None if earlier is None else earlier.rest
+        if earlier is not None and system.size <= FULL:
+            share_modes(system, earlier.system)
+        if (
+            earlier is None
+            or rest is None
+            or earlier.highest < highest
+            or attached
+            or not same_matrices(system, earlier.system)
+            or not np.array_equal(inputs, earlier.inputs)
+        ):
+            largest = np.linspace(0.0 if not system.rigid.shape[1] else self.omega, _MARGIN * highest, 5)
+            rest = LinearRest(system, attached, inputs, largest, self.work.runs)
+            highest *= _MARGIN
+        else:
+            highest = earlier.highest
+        self.rest: LinearRest = rest
+        self.inputs: Array = inputs
+        self.highest: float = highest
+        count = self.laws.size
+        modal = inputs @ rest.vectors
+        self.law_modes, self.load_modes = modal[:count], modal[count:]
+        self._hold(rest)
+        free = np.zeros((count, self.reach + 1), dtype=complex)
+        compliance = np.zeros((self.reach + 1, count, count), dtype=complex)
+        self._held = np.zeros(count) if self._stiffness is None else self._stiffness
+        for k in range(self.reach + 1):
+            forces = np.concatenate([self.law_modes.T, (self._series[:, k] @ self.load_modes)[:, None]], axis=1)
+            answer = self._answer(k, forces)
+            compliance[k], free[:, k] = self.law_modes @ answer[:, :count], self.law_modes @ answer[:, count]
+        self.compliance, self.free = compliance, free
+
+    def _hold(self, rest: LinearRest) -> None:
+        """Give laws that alone hold rigid motions a spring each, which is taken from the law again.
+
+        The equations stay the same. Without it the compliance would be infinite at zero frequency.
+        """
+        self._stiffness: Array | None = None
+        self._rest_held = rest
+        if not np.any(rest.squares == 0.0) or not self.laws.size:
+            return
+        mobility = np.sum(self.law_modes**2, axis=1)
+        self._stiffness = self.loads.omega**2 / np.where(mobility > 0.0, mobility, 1.0)
+        self._rest_held = rest.with_attached(
+            Attached(all_rows(self.groups), lambda omega: np.asarray(self._stiffness, dtype=complex))
+        )
+
+    def _answer(self, k: int, forces: Array | Complex) -> Complex:
+        """Return modal displacements under modal forces of harmonic k, shape (m, n)."""
+        try:
+            return self._rest_held.response(k * self.omega, forces)
+        except SingularSystemError as error:
+            raise SingularSystemError(f"{self._what}: harmonic {k} of the orbit: {error}") from None
+
+    # -- guesses --------------------------------------------------------------------------------------
+
+    def from_rest(self) -> Array:
+        """Return the linear response, led to the laws' full strength; where that fails, the end of a transient."""
+        from vofem.studies.steady.newton import solved
+
+        start = to_real(self.free[:, : self.harmonics + 1].T).T.ravel()
+        if not self.size:
+            return start
+        x, level, step = start, 0.0, 1.0
+        while level < 1.0 and step >= _SMALLEST:
+            target = min(1.0, level + step)
+            weaker: Any = _Weaker(self, target)
+            try:
+                x = solved(weaker, x, _TRIES).unknowns
+                level, step = target, 2.0 * step
+            except ConvergenceError:
+                step *= 0.5
+        if level >= 1.0:
+            return x
+        return self._transient(x)
+
+    def _transient(self, otherwise: Array) -> Array:
+        """Return the harmonics of the last periods of a run from rest, or the given unknowns where it fails."""
+        period = self.loads.period
+        count = self.periods * max(1, _TRANSIENT // self.periods)
+        try:
+            run = simulate(self.scene, count * period, method="energy_conserving", dt=period / _STEPS)
+        except Exception as error:
+            raise ConvergenceError(
+                f"{self._what}: harmonic balance does not converge from the linear response, and a transient from rest "
+                f"fails: {error}. Give a guess="
+            ) from error
+        return self.from_orbit(run)
+
+    def from_orbit(self, orbit: Any) -> Array:
+        """Return the harmonics of an orbit, or of the last period of a `Result`, along the laws' coordinates."""
+        from vofem.studies.steady.orbit import PeriodicOrbit
+
+        if isinstance(orbit, PeriodicOrbit):
+            known = orbit.unknowns
+            same = orbit.method == "harmonic_balance" and orbit.periods == self.periods
+            if same and known is not None and known.size == self.size:
+                return np.array(known)
+            result, repeats = orbit.result, max(1, round(self.periods / orbit.periods))
+            start, duration = 0.0, orbit.period
+        elif isinstance(orbit, Result):
+            result, repeats = orbit, 1
+            duration = self.periods * self.loads.period
+            end = result.t_start + result.solution.t_end
+            start = np.floor(end / duration * (1.0 + 1e-12)) * duration - duration - result.t_start
+            if start < -1e-9 * duration:
+                raise ArgumentError(
+                    f"{self._what}: the guess is a run of {result.solution.t_end:g} s, which holds no whole "
+                    f"{duration:g} s of the orbit; simulate longer"
+                )
+        else:
+            raise ArgumentError(
+                f"{self._what}: guess is {orbit!r}; harmonic balance takes a PeriodicOrbit, or a Result over at least "
+                "one whole orbit"
+            )
+        if result.model.system.size != self.system.size:
+            raise ArgumentError(
+                f"{self._what}: the guess has {result.model.system.size} degrees of freedom, the scene "
+                f"{self.system.size}; give an orbit on the same mesh"
+            )
+        rows = all_rows(self.groups)
+        if rows is None:
+            return np.zeros(0)
+        count = 8 * (self.harmonics + 1)
+        angles = np.asarray(np.arange(count) * (2.0 * np.pi / count), dtype=float)
+        times = max(start, 0.0) + np.mod(angles * repeats, 2.0 * np.pi) / (2.0 * np.pi) * duration
+        order = np.argsort(times, kind="stable")
+        u = np.empty((self.laws.size, count))
+        u[:, order] = result.solution.sample(times[order]).along(rows, "q")
+        functions = basis(angles, self.harmonics) * (2.0 / count)
+        functions[:, 0] *= 0.5
+        return np.asarray(u @ functions).ravel()
+
+    # -- equations ------------------------------------------------------------------------------------
+
+    def evaluate(self, unknowns: Array, *, derivative: bool = True, strength: float = 1.0) -> HarmonicEvaluation:
+        """Return the balance of harmonics, laws taken at a fraction of their strength."""
+        self.work.flows += 1
+        m, h = self.laws.size, self.harmonics
+        u = unknowns.reshape(m, 2 * h + 1)
+        if not np.all(np.isfinite(u)):
+            raise ConvergenceError("the iteration diverged: a harmonic is not finite")
+        forces, slopes, settled = self._forces(u, h, derivative, strength)
+        balance = self.free[:, : h + 1] - np.einsum("kij,jk->ik", self.compliance[: h + 1], forces)
+        residual = u - to_real(balance.T).T
+        slope = self._slope(slopes) if derivative else None
+        return HarmonicEvaluation(residual.ravel(), float(np.linalg.norm(u)), settled, slope)
+
+    def _forces(
+        self, u: Array, wanted: int, derivative: bool = False, strength: float = 1.0
+    ) -> tuple[Complex, list[Array], NDArray[np.bool_]]:
+        """Return harmonics of the laws' forces (m, wanted + 1), their slopes, and which laws repeat after a period."""
+        m, h = self.laws.size, self.harmonics
+        forces = np.zeros((m, wanted + 1), dtype=complex)
+        slopes, settled = [], np.ones(m, dtype=bool)
+        for j in range(m):
+            found = self.laws.along(j, u[j], self.omega, wanted, derivative=derivative)
+            forces[j], settled[j] = strength * to_complex(found.force), found.settled
+            forces[j, : h + 1] -= self._held[j] * to_complex(u[j])
+            if found.slope is not None:
+                slopes.append(strength * found.slope - self._held[j] * np.eye(2 * h + 1))
+        return forces, slopes, settled
+
+    def _slope(self, slopes: list[Array]) -> Array:
+        """Return the Jacobian matrix: the identity and the compliance times the laws' slopes."""
+        m, h = self.laws.size, self.harmonics
+        n = 2 * h + 1
+        matrix = np.eye(m * n)
+        g = self.compliance[: h + 1]
+        for i in range(m):
+            for j in range(m):
+                real, imaginary = g[:, i, j].real[:, None], g[1:, i, j].imag[:, None]
+                cosines, sines = slopes[j][: h + 1], slopes[j][h + 1 :]
+                block = matrix[i * n : (i + 1) * n, j * n : (j + 1) * n]
+                block[: h + 1] += real * cosines
+                block[1 : h + 1] += imaginary * sines
+                block[h + 1 :] += real[1:] * sines - imaginary * cosines[1:]
+        return matrix
+
+    # -- orbits ---------------------------------------------------------------------------------------
+
+    def orbit(self, unknowns: Array, evaluation: HarmonicEvaluation) -> PeriodicOrbit:
+        """Return the orbit of a solution."""
+        forces, _, _ = self._forces(unknowns.reshape(self.laws.size, 2 * self.harmonics + 1), self.reach)
+        truncation = self._truncation(unknowns, forces)
+        notes = [truncation.what]
+        if not np.all(evaluation.settled):
+            label = self._labels[int(np.argmin(evaluation.settled))]
+            notes.append(
+                f"{label} still changes after {PASSES} cycles of this motion, as laws that harden under cyclic loads "
+                "do; the orbit is that after as many cycles"
+            )
+        motion = self._motion(forces)
+        return PeriodicOrbit(
+            self.scene,
+            "harmonic_balance",
+            self.loads.omega,
+            self.periods,
+            multipliers=None,
+            residual=evaluation.error,
+            result=lambda: harmonic_result(self.scene, motion, tuple(notes)),
+            truncation=truncation,
+            notes=tuple(notes),
+            unknowns=np.array(unknowns),
+        )
+
+    @property
+    def _labels(self) -> list[str]:
+        return [label for group in self.groups for label in group.labels]
+
+    def _truncation(self, unknowns: Array, forces: Complex) -> OrbitTruncation:
+        """Estimate what the harmonics left out would add, from the force that they balance."""
+        h = self.harmonics
+        u = unknowns.reshape(self.laws.size, 2 * h + 1)
+        beyond = self.free - np.einsum("kij,jk->ik", self.compliance, forces)
+        left = np.abs(beyond[:, h + 1 :]).sum(axis=1)
+        size = np.abs(to_complex(u.T)).sum(axis=0)
+        error = float(np.max(left / np.where(size > 0.0, size, 1.0), initial=0.0))
+        what = f"{h} harmonics; those up to {self.reach} would change displacements by up to {error:.1e} of themselves"
+        return OrbitTruncation(self.reach - h, error, what)
+
+    def _motion(self, forces: Complex) -> HarmonicMotion:
+        """Return the motion of the whole structure under the laws' forces, with all their known harmonics."""
+        modal = np.zeros((self.rest.squares.size, self.reach + 1), dtype=complex)
+        for k in range(self.reach + 1):
+            right = self._series[:, k] @ self.load_modes - forces[:, k] @ self.law_modes
+            modal[:, k] = self._answer(k, right[:, None])[:, 0]
+        return HarmonicMotion(self.system, self.rest, self.laws, modal, self.omega)
+
+    def shortest_period(self, unknowns: Array, evaluation: HarmonicEvaluation) -> int:
+        """Return after how many periods of the loads a solution first repeats: `periods` or a divisor of it."""
+        coefficients = np.abs(to_complex(unknowns.reshape(self.laws.size, 2 * self.harmonics + 1).T))
+        for count in range(1, self.periods):
+            if self.periods % count:
+                continue
+            other = np.arange(coefficients.shape[0]) % (self.periods // count) != 0
+            if np.all(coefficients[other] <= _REPEATS * coefficients.max(initial=0.0)):
+                return count
+        return self.periods
+
+
+class _Weaker:
+    """A problem with laws at a fraction of their strength, for Newton's method."""
+
+    def __init__(self, problem: HarmonicBalance, strength: float) -> None:
+        self._problem, self._strength = problem, strength
+        self.tolerance = problem.tolerance if strength >= 1.0 else 1e-6
+
+    def evaluate(self, unknowns: Array, *, derivative: bool = True) -> HarmonicEvaluation:
+        """Return the equations."""
+        return self._problem.evaluate(unknowns, derivative=derivative, strength=self._strength)
+
+
+def harmonics_in(scene: Scene, size: int) -> int | None:
+    """Return how many harmonics so many unknowns of a scene stand for; None where it has no laws."""
+    laws = sum(len(group) for group in nonlinear_groups(scene.model.system))
+    return (size // laws - 1) // 2 if laws else None
+
+
+def refuse(what: str, system: System) -> None:
+    """Raise `MethodError` for laws that harmonic balance does not know."""
+    known = (*nonlinear_groups(system), system.group(SpringpotLaws))
+    for group in system.laws:
+        if not any(group is one for one in known):
+            raise MethodError(
+                f"{what}: {group.labels[0]} follows no law that harmonic balance knows: contacts, springs with "
+                "internal variables, smooth springs and springpots. Simulate until the motion settles instead"
+            )

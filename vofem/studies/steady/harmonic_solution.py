@@ -1,0 +1,332 @@
+"""A periodic motion given by its harmonics, as the solution of a run over one period."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.integrators.base import ContactSamples, Energies, SpringSamples, status_at
+from vofem.integrators.event_driven.modal_samples import ModalSamples
+from vofem.laws import HystereticLaws, SpringpotLaws
+from vofem.laws.evaluate import commit, force_and_tangent, lost, stored
+from vofem.result import Result
+from vofem.scene import Scene
+from vofem.studies.steady.law_path import LawPaths
+from vofem.studies.steady.linear_rest import LinearRest, fractional_stiffness
+from vofem.studies.steady.orbit import TIMES
+from vofem.studies.steady.trigonometric import basis, roots, to_real, turning_points
+from vofem.system import CLOSED, OPEN, Counters, Events, System
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+#: Gauss's rule between two times, for work and dissipation.
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
+
+#: Parts of a period in a period of the highest harmonic for these integrals.
+_PARTS = 2
+
+
+class HarmonicMotion:
+    """A periodic motion in modes, by harmonics.
+
+    Attributes
+    ----------
+    system : System
+    rest : LinearRest
+    laws : LawPaths
+    coefficients : ndarray of complex, shape (m, K + 1)
+        Modal displacements ``Re sum_k c_k exp(i k omega t)``.
+    omega : float
+        Of the first harmonic, rad/s.
+    """
+
+    def __init__(self, system: System, rest: LinearRest, laws: LawPaths, coefficients: Complex, omega: float) -> None:
+        self.system, self.rest, self.laws = system, rest, laws
+        self.coefficients, self.omega = coefficients, omega
+
+    @property
+    def period(self) -> float:
+        """In s."""
+        return 2.0 * np.pi / self.omega
+
+    @cached_property
+    def series(self) -> tuple[Array, Array, Array]:
+        """Series of modal displacements, velocities and accelerations, each (2K + 1, m)."""
+        turn = 1j * self.omega * np.arange(self.coefficients.shape[1])
+        return tuple(to_real((self.coefficients * turn**order).T) for order in range(3))  # type: ignore[return-value]
+
+    def modal(self, times: Array, order: int = 0) -> Array:
+        """Return modal displacements, or derivatives of an order up to 2, shape (m, n_times)."""
+        functions = basis(self.omega * times, self.coefficients.shape[1] - 1)
+        return np.asarray((functions @ self.series[order]).T)
+
+    def along(self, rows: Any) -> Array:
+        """Return the series of coordinates, shape (n_rows, 2K + 1)."""
+        return np.asarray(to_real(((rows @ self.rest.vectors) @ self.coefficients).T).T)
+
+
+class HarmonicSamples(ModalSamples):
+    """Samples of which rows are computed without the whole structure."""
+
+    def along(self, rows: Any, kind: str) -> Array:
+        """Return ``rows @ q`` (kind "q", or v, a) for rows (k, n)."""
+        return np.asarray((rows @ self._shapes) @ self._in_modes(kind))
+
+    def take(self, dofs: NDArray[np.int64]) -> HarmonicSamples:  # type: ignore[override]
+        """Return the samples of some degrees of freedom."""
+        return HarmonicSamples(self._shapes[dofs], self._z, self._v, self._acceleration)
+
+    def _in_modes(self, kind: str) -> Array:
+        return self._acceleration() if kind == "a" else {"q": self._z, "v": self._v}[kind]
+
+
+@dataclass
+class HarmonicSolution:
+    """A periodic motion as the outcome of a run over one period; a `Solution`."""
+
+    motion: HarmonicMotion
+    times: Array
+    notes: list[str]
+
+    continuous: ClassVar[bool] = True
+    probes: ClassVar[None] = None
+    modes: ClassVar[None] = None
+    sensitivity: ClassVar[None] = None
+    truncation: ClassVar[None] = None
+
+    def __post_init__(self) -> None:
+        self.t_end = self.motion.period
+        self.counters = Counters()
+
+    def sample(self, times: Array) -> HarmonicSamples:
+        """Return the motion at any times."""
+        motion = self.motion
+        return HarmonicSamples(
+            motion.rest.vectors, motion.modal(times), motion.modal(times, 1), lambda: motion.modal(times, 2)
+        )
+
+    # -- contacts -------------------------------------------------------------------------------------
+
+    @cached_property
+    def events(self) -> Events:
+        """Closings and openings within the period."""
+        laws = self.motion.system.contacts
+        if laws is None:
+            return Events()
+        found: list[tuple[float, int, int]] = []
+        initial = np.full(len(laws), OPEN, dtype=np.int64)
+        for j, series in enumerate(self.motion.along(laws.rows)):
+            for angle, closes in _switches(series, float(laws.gap[j])):
+                found.append((angle / self.motion.omega, j, CLOSED if closes else OPEN))
+            initial[j] = CLOSED if basis(np.zeros(1), series.size // 2)[0] @ series > laws.gap[j] else OPEN
+        found.sort()
+        time, contact, status = (np.array([event[k] for event in found]) for k in range(3))
+        return Events(time.astype(float), contact.astype(np.int64), status.astype(np.int64), initial)
+
+    def contacts(self, times: Array) -> ContactSamples:
+        """Return status, K_eq and force, from the gap functions there."""
+        laws = self.motion.system.contacts
+        assert laws is not None
+        samples = self.sample(times)
+        u, speed = samples.along(laws.rows, "q"), samples.along(laws.rows, "v")
+        status = status_at(self.events, times)
+        share = np.where(status == CLOSED, 1.0, 0.0)
+        resolved = np.isfinite(laws.resolution)
+        if np.any(resolved):
+            share = np.where(resolved[:, None], laws.shares(u - laws.gap[:, None]), share)
+        force = share * (laws.elastic(u) + laws.damping[:, None] * speed)
+        return ContactSamples(status, share * laws.stiffness[:, None], force)
+
+    # -- springs with internal variables, springpots --------------------------------------------------
+
+    @cached_property
+    def springs(self) -> SpringSamples | None:
+        """Springs with internal variables and springpots at `times`; None where there are none."""
+        system = self.motion.system
+        if not system.recorded:
+            return None
+        parts = [self._hysteretic(self.times) if isinstance(g, HystereticLaws) else self._springpots(self.times)
+                 for g in system.recorded]  # fmt: skip
+        past = next((part[3] for part in parts if part[3].size), np.zeros(0))
+        force, kept, gone = (np.concatenate([part[k] for part in parts]) for k in range(3))
+        return SpringSamples(force, kept, gone, past)
+
+    def _hysteretic(self, times: Array) -> tuple[Array, Array, Array, Array]:
+        """Return force, stored energy and loss of laws with internal variables, and their past at the last time."""
+        motion = self.motion
+        group = motion.system.group(HystereticLaws)
+        assert group is not None
+        records, first = motion.laws.laws, 0
+        for other in motion.laws.groups:
+            if other is group:
+                break
+            first += len(other)
+        out = np.zeros((3, len(group), times.size))
+        for i, series in enumerate(motion.along(group.rows)):
+            j = first + i
+            turns = turning_points(series) / motion.omega
+            angles = motion.omega * np.concatenate([turns, times])
+            u = basis(angles, series.size // 2) @ series
+            at_turns, at_times = u[: turns.size].tolist(), u[turns.size :].tolist()
+            for _ in range(motion.laws.passes):
+                for value in at_turns:
+                    commit(records, j, value)
+            begin = lost(records, j, at_times[0])
+            part = np.searchsorted(turns, times, side="right")
+            done = 0
+            for k, value in enumerate(at_times):
+                while done < part[k]:
+                    commit(records, j, at_turns[done])
+                    done += 1
+                out[0, i, k] = force_and_tangent(records, j, value)[0]
+                out[1, i, k] = stored(records, j, value)
+                out[2, i, k] = lost(records, j, value) - begin
+            commit(records, j, at_times[-1])
+        return out[0], out[1], out[2], records.state.copy()
+
+    def _springpots(self, times: Array) -> tuple[Array, Array, Array, Array]:
+        """Return force, stored energy and loss of springpots in steady motion.
+
+        The stored energy is that of the springs of the kernel, ``sin(pi alpha)/pi int xi^(alpha - 1) y^2/2 d xi`` with
+        ``y = p/(p + xi)`` of each harmonic ``exp(p t)``; products of two harmonics integrate in closed form.
+        """
+        motion = self.motion
+        group = motion.system.group(SpringpotLaws)
+        assert group is not None
+        count = motion.coefficients.shape[1]
+        p = 1j * motion.omega * np.arange(-(count - 1), count)
+        waves = np.exp(np.outer(p, times))
+        edges = np.concatenate([[0.0], times])
+        out = np.zeros((3, len(group), times.size))
+        coordinates = (group.rows @ motion.rest.vectors) @ motion.coefficients
+        for i, law in enumerate(group.laws):
+            order = float(law.order)  # type: ignore[arg-type]
+            both = np.concatenate([0.5 * coordinates[i, :0:-1].conj(), coordinates[i, :1], 0.5 * coordinates[i, 1:]])
+            impedance = np.array(
+                [_fractional(law.coefficient, order, w) for w in (motion.omega * np.arange(-(count - 1), count))]
+            )
+            out[0, i] = ((impedance * both) @ waves).real
+            pairs = law.coefficient * np.outer(both, both) * _stored_pairs(p, order)
+            out[1, i] = 0.5 * np.einsum("kt,kl,lt->t", waves, pairs, waves).real
+            work = self._integral(edges, lambda t, a=both, z=impedance: _power(p, a, z, t))[1:]
+            out[2, i] = work - out[1, i] + out[1, i, 0] if times.size else work
+        return out[0], out[1], out[2], np.zeros(0)
+
+    # -- energies -------------------------------------------------------------------------------------
+
+    def _integral(self, times: Array, power: Any) -> Array:
+        """Return the integral of a power from the first time to each, split at contact events."""
+        motion = self.motion
+        step = motion.period / (_PARTS * motion.coefficients.shape[1])
+        inner = np.arange(0.0, float(times.max(initial=0.0)), step)
+        edges = np.unique(np.concatenate([times, inner[inner > times.min(initial=0.0)], self.events.time]))
+        edges = edges[(edges >= times.min(initial=0.0)) & (edges <= times.max(initial=0.0))]
+        half = 0.5 * np.diff(edges)[:, None]
+        nodes = edges[:-1, None] + half * (1.0 + _NODES)
+        values = np.asarray(power(nodes.ravel())).reshape(nodes.shape)
+        total = np.concatenate([[0.0], np.cumsum(np.sum(half * _WEIGHTS * values, axis=1))])
+        return np.asarray(total[np.searchsorted(edges, times)])
+
+    def energies(self, times: Array) -> Energies:
+        """Return the energies at some times; dissipation and work from t = 0 on."""
+        motion, system = self.motion, self.motion.system
+        z, v = motion.modal(times), motion.modal(times, 1)
+        kinetic = 0.5 * np.sum(v * v, axis=0)
+        strain = 0.5 * (motion.rest.squares @ (z * z))
+        contact = np.zeros(times.size)
+        for group in system.laws:
+            if group is system.contacts:
+                contact = group.potential(np.asarray((group.rows @ motion.rest.vectors) @ z))
+            elif not group.recorded:
+                strain = strain + group.potential(np.asarray((group.rows @ motion.rest.vectors) @ z))
+        begun = np.concatenate([[0.0], times])
+        dissipated = self._integral(begun, self._losses)[1:]
+        work = self._integral(begun, self._loads)[1:]
+        for group in system.recorded:
+            found = self._hysteretic(begun) if isinstance(group, HystereticLaws) else self._springpots(begun)
+            strain = strain + found[1][:, 1:].sum(axis=0)
+            dissipated = dissipated + found[2][:, 1:].sum(axis=0)
+        return Energies(kinetic, strain, contact, dissipated, work)
+
+    def _losses(self, times: Array) -> Array:
+        """Return the power that dashpots, material damping and dampers of contacts take, W."""
+        power = self.motion.rest.dissipation(self.motion.modal(times, 1))
+        laws = self.motion.system.contacts
+        if laws is not None and np.any(laws.damping > 0.0):
+            speed = self.sample(times).along(laws.rows, "v")
+            samples = self.contacts(times)
+            power = power + np.sum(
+                laws.damping[:, None] * samples.stiffness / laws.stiffness[:, None] * speed**2, axis=0
+            )
+        return np.asarray(power)
+
+    def _loads(self, times: Array) -> Array:
+        """Return the power of all loads, W."""
+        rates = self.motion.modal(times, 1)
+        power = np.zeros(times.size)
+        for load in self.motion.system.loads:
+            power += np.asarray(load.function(times)) * ((load.vector @ self.motion.rest.vectors) @ rates)
+        return power
+
+    @cached_property
+    def start_energy(self) -> float:
+        """Kinetic, strain and contact energy at t = 0, J."""
+        parts = self.energies(np.zeros(1))
+        return float(parts.kinetic[0] + parts.strain[0] + parts.contact[0])
+
+
+def _switches(series: Array, level: float) -> list[tuple[float, bool]]:
+    """Return the angles in (0, 2 pi) at which a series crosses a level, and whether it rises there."""
+    turns = turning_points(series)
+    if not turns.size:
+        return []
+    harmonics = series.size // 2
+    ends = np.append(turns[1:], turns[0] + 2.0 * np.pi)
+    before, after = basis(turns, harmonics) @ series > level, basis(ends, harmonics) @ series > level
+    crossed = before != after
+    found = np.mod(roots(series, turns[crossed], ends[crossed], level), 2.0 * np.pi)
+    rising = after[crossed]
+    return [(float(angle), bool(up)) for angle, up in zip(found, rising, strict=True) if angle > 0.0]
+
+
+def _fractional(coefficient: float, order: float, omega: float) -> complex:
+    """Return ``c (i omega)^alpha``, of negative frequencies too."""
+    value = complex(fractional_stiffness(np.array([coefficient]), np.array([order]), abs(omega))[0])
+    return value.conjugate() if omega < 0.0 else value
+
+
+def _power(p: Complex, coefficients: Complex, impedance: Complex, times: Array) -> Array:
+    waves = np.exp(np.outer(p, times))
+    return np.asarray(((impedance * coefficients) @ waves).real * ((p * coefficients) @ waves).real)
+
+
+def _stored_pairs(p: Complex, order: float) -> Complex:
+    """Return ``sin(pi alpha)/pi int_0^inf xi^(alpha - 1) p r/((xi + p)(xi + r)) d xi`` for all pairs of harmonics."""
+    size = np.abs(p)
+    powers = np.where(size > 0.0, np.where(size > 0.0, size, 1.0) ** (order - 1.0), 0.0)
+    powers = powers * np.exp(0.5j * np.pi * (order - 1.0) * np.sign(p.imag))
+    first, second = p[:, None], p[None, :]
+    apart = second - first
+    close = apart == 0.0
+    pairs = (powers[:, None] - powers[None, :]) / np.where(close, 1.0, apart)
+    same = np.where(size > 0.0, (1.0 - order) * powers / np.where(size > 0.0, p, 1.0), 0.0)
+    pairs = np.where(close, same[:, None], pairs)
+    found = first * second * pairs
+    still = size == 0.0
+    # A mean elongation relaxes, except under a spring.
+    found[still] = found[:, still] = 1.0 if order == 0.0 else 0.0
+    return np.asarray(found)
+
+
+def harmonic_result(scene: Scene, motion: HarmonicMotion, notes: tuple[str, ...]) -> Result:
+    """Return the run over one period of a motion, at `TIMES` equal times."""
+    times = np.linspace(0.0, motion.period, TIMES)
+    return Result(scene, "harmonic_balance", HarmonicSolution(motion, times, list(notes)))
+
+
+__all__ = ["HarmonicMotion", "HarmonicSolution", "harmonic_result"]

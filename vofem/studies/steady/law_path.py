@@ -1,0 +1,295 @@
+"""Forces of scalar laws along periodic motions: Fourier coefficients and their derivatives.
+
+The period is cut where the force or its tangent jumps, and each part is
+integrated by Gauss's rule, so that coefficients are right to rounding
+however short a contact is: no aliasing, which sampling at equal times would
+bring in with the square of their distance. Laws with internal variables are
+followed from turning point to turning point, until they repeat.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.laws import ContactLaws, HystereticLaws, SmoothLaws
+from vofem.laws.evaluate import commit, force_jump, forces_along, kinks, past_slopes
+from vofem.laws.group import LawGroup
+from vofem.laws.kinds import RESOLVED
+from vofem.laws.table import Laws, build_laws
+from vofem.studies.steady.trigonometric import basis, rate, roots, turning_points
+from vofem.system import System
+
+Array = NDArray[np.float64]
+
+#: Gauss's rule on one panel, and the phase of the fastest product of harmonics that a panel may cover, rad.
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
+_PHASE = 8.0
+
+#: Equal angles in a period of the highest harmonic at which smooth laws are evaluated.
+_SAMPLES = 8
+
+#: Passes over the period after which a law with internal variables is given up, and the change that ends them.
+PASSES, _SETTLED = 40, 1e-12
+
+_TURN = 2.0 * np.pi
+
+
+@dataclass(frozen=True)
+class LawForce:
+    """The force of one law along a periodic motion.
+
+    Attributes
+    ----------
+    force : ndarray, shape (2K + 1,)
+        Fourier series of the force, N.
+    slope : ndarray, shape (2K + 1, 2H + 1), optional
+        Its derivative by the series of the coordinate.
+    settled : bool
+        Whether internal variables repeat after a period.
+    """
+
+    force: Array
+    slope: Array | None
+    settled: bool = True
+
+
+@dataclass
+class _Integral:
+    """Fourier coefficients of a force as a sum over nodes."""
+
+    harmonics: int
+    wanted: int
+    derivative: bool
+
+    def __post_init__(self) -> None:
+        self.force = np.zeros(2 * self.wanted + 1)
+        self.slope = np.zeros((2 * self.wanted + 1, 2 * self.harmonics + 1))
+        self._norm = np.full(2 * self.wanted + 1, 1.0 / np.pi)
+        self._norm[0] = 0.5 / np.pi
+
+    def add(self, angles: Array, weights: Array, force: Array, slopes: Array | None) -> None:
+        """Add nodes, their forces, and derivatives of these by the series, shape (n, 2H + 1)."""
+        projected = (basis(angles, self.wanted) * self._norm).T * weights
+        self.force += projected @ force
+        if slopes is not None:
+            self.slope += projected @ slopes
+
+    def add_jump(self, angle: float, size: float) -> None:
+        """Add what the motion of a place does at which the force jumps by `size` over the rate of the coordinate."""
+        if self.derivative:
+            left = basis(np.array([angle]), self.wanted)[0] * self._norm
+            self.slope += size * np.outer(left, basis(np.array([angle]), self.harmonics)[0])
+
+
+class LawPaths:
+    """The laws of a system that are not linear, along periodic motions.
+
+    Parameters
+    ----------
+    groups : sequence of LawGroup
+        Contacts, laws with internal variables, smooth laws.
+
+    Attributes
+    ----------
+    size : int
+        Number of laws.
+    passes : int
+        Most cycles over which internal variables are followed.
+    """
+
+    passes = PASSES
+
+    def __init__(self, groups: tuple[LawGroup, ...]) -> None:
+        self.groups = groups
+        self.size = sum(len(group) for group in groups)
+        self._laws = build_laws(groups)
+        self._law_of: list[tuple[LawGroup, int]] = [(group, i) for group in groups for i in range(len(group))]
+
+    @property
+    def laws(self) -> Laws:
+        """Records of the laws, with internal variables of their own, those before any load."""
+        return self._laws._replace(state=self._laws.state.copy())
+
+    def along(self, j: int, series: Array, omega: float, wanted: int, *, derivative: bool = True) -> LawForce:
+        """Return the force of law j along a motion.
+
+        Parameters
+        ----------
+        j : int
+        series : ndarray, shape (2H + 1,)
+            Of the coordinate, m.
+        omega : float
+            Of the first harmonic, rad/s; what dampers ask for.
+        wanted : int
+            Harmonics of the force.
+        derivative : bool
+        """
+        group, index = self._law_of[j]
+        total = _Integral(series.size // 2, wanted, derivative)
+        if isinstance(group, SmoothLaws):
+            _smooth(group.laws[index], series, total)
+            return LawForce(total.force, total.slope if derivative else None)
+        if isinstance(group, ContactLaws):
+            damping = float(group.damping[index]) * omega
+            _contact(self._laws, j, group, index, damping, series, total)
+            return LawForce(total.force, total.slope if derivative else None)
+        settled = _hysteretic(self.laws, j, series, total)
+        return LawForce(total.force, total.slope if derivative else None, settled)
+
+
+def panels(low: float, high: float, harmonics: int) -> tuple[Array, Array]:
+    """Return nodes and weights between two angles for products of harmonics."""
+    count = max(1, int(np.ceil((high - low) * harmonics / _PHASE)))
+    edges = np.linspace(low, high, count + 1)
+    half = 0.5 * np.diff(edges)[:, None]
+    return (edges[:-1, None] + half * (1.0 + _NODES)).ravel(), (half * _WEIGHTS).ravel()
+
+
+def _smooth(law: Any, series: Array, total: _Integral) -> None:
+    """Sum over equal angles, which for smooth forces converges faster than any power."""
+    harmonics = series.size // 2
+    count = 1 << int(np.ceil(np.log2(_SAMPLES * (max(harmonics, total.wanted) + 1))))
+    angles = np.asarray(np.arange(count) * (_TURN / count), dtype=float)
+    functions = basis(angles, harmonics)
+    u = (functions @ series).tolist()
+    force = np.array([law.reaction(x) for x in u])
+    slopes = np.array([law.tangent(x) for x in u])[:, None] * functions if total.derivative else None
+    total.add(angles, np.full(count, _TURN / count), force, slopes)
+
+
+def _stretches(series: Array) -> tuple[Array, Array]:
+    """Return the angles at which monotone stretches of a motion begin and end, the last one a turn after the first."""
+    turns = turning_points(series)
+    if not turns.size:
+        turns = np.zeros(1)
+    return turns, np.append(turns[1:], turns[0] + _TURN)
+
+
+def _crossings(series: Array, begin: Array, end: Array, level: float) -> Array:
+    """Return the angles at which monotone stretches cross a level, in their order."""
+    harmonics = series.size // 2
+    before, after = basis(begin, harmonics) @ series - level, basis(end, harmonics) @ series - level
+    crossed = (before > 0.0) != (after > 0.0)
+    return roots(series, begin[crossed], end[crossed], level) if np.any(crossed) else np.zeros(0)
+
+
+def _contact(
+    laws: Laws, j: int, group: ContactLaws, index: int, damping: float, series: Array, total: _Integral
+) -> None:
+    """Integrate over the times at which a contact is closed."""
+    harmonics = series.size // 2
+    begin, end = _stretches(series)
+    ideal = bool(laws.table[j]["kind"] != RESOLVED)
+    levels = kinks(laws, j)
+    edges = [_crossings(series, begin, end, level) for level in levels]
+    for angle in edges[0]:
+        if ideal:
+            # A place where the force jumps moves by -du over the rate of u, on closing as on opening.
+            speed = float(basis(np.array([angle]), harmonics)[0] @ rate(series))
+            if speed != 0.0:
+                total.add_jump(angle, (force_jump(laws, j) + damping * speed) / abs(speed))
+    cuts = np.unique(np.mod(np.concatenate(edges), _TURN))
+    if not cuts.size:
+        cuts = np.zeros(1)
+    for low, high in zip(cuts, np.append(cuts[1:], cuts[0] + _TURN), strict=True):
+        middle = float(basis(np.array([0.5 * (low + high)]), harmonics)[0] @ series)
+        if middle <= levels[0]:
+            continue
+        angles, weights = panels(low, high, harmonics + total.wanted)
+        functions = basis(angles, harmonics)
+        u = np.maximum(functions @ series, np.nextafter(levels[0], np.inf))
+        force, tangent = np.empty(u.size), np.empty(u.size)
+        forces_along(laws, j, u, force, tangent)
+        slopes = tangent[:, None] * functions if total.derivative else None
+        if damping:
+            changes = functions @ rate(series)
+            share, change = _share(group, index, u)
+            force = force + damping * share * changes
+            if slopes is not None:
+                moving = _rates_of(functions)
+                slopes = slopes + damping * (share[:, None] * moving + (change * changes)[:, None] * functions)
+        total.add(angles, weights, force, slopes)
+
+
+def _share(group: ContactLaws, index: int, u: Array) -> tuple[Array, Array]:
+    """Return how far a contact is switched on at u, and the derivative of that by u."""
+    if np.isinf(group.resolution[index]):
+        return np.ones(u.size), np.zeros(u.size)
+    from dataclasses import replace
+
+    one = replace(
+        group, names=group.names[index : index + 1], rows=group.rows[[index]],
+        **{name: getattr(group, name)[[index]] for name in ("gap", "stiffness", "damping", "jump", "resolution")},
+    )  # fmt: skip
+    s = (u - group.gap[index])[None]
+    width = 1e-6 / group.resolution[index]
+    return one.shares(s)[0], (one.shares(s + width)[0] - one.shares(s - width)[0]) / (2.0 * width)
+
+
+def _rates_of(functions: Array) -> Array:
+    """Return the derivatives by the angle of the basis functions, shape (n, 2H + 1)."""
+    harmonics = functions.shape[1] // 2
+    order = np.arange(1, harmonics + 1)
+    cosines, sines = functions[:, 1 : harmonics + 1], functions[:, harmonics + 1 :]
+    return np.concatenate([np.zeros((functions.shape[0], 1)), -order * sines, order * cosines], axis=1)
+
+
+def _hysteretic(laws: Laws, j: int, series: Array, total: _Integral) -> bool:
+    """Follow the internal variables over the period until they repeat, then integrate; return whether they repeat."""
+    harmonics = series.size // 2
+    begin, end = _stretches(series)
+    functions = basis(begin, harmonics)
+    u = functions @ series
+    part = slice(laws.table[j]["start"], laws.table[j]["end"])
+    slopes = np.zeros((part.stop - part.start, series.size))
+
+    def carry(i: int) -> None:
+        nonlocal slopes
+        if total.derivative:
+            _, past, now = past_slopes(laws, j, u[i])
+            slopes = past @ slopes + np.outer(now, functions[i])
+        commit(laws, j, u[i])
+
+    size = float(np.abs(series).sum())
+    settled = False
+    carry(0)
+    for _ in range(PASSES):
+        before = laws.state[part].copy()
+        for i in (*range(1, begin.size), 0):
+            carry(i)
+        change = np.abs(laws.state[part] - before)[1:]
+        if np.all(change <= _SETTLED * (size + np.abs(before[1:]))):
+            settled = True
+            break
+    for i in range(begin.size):
+        levels = [level for level in kinks(laws, j) if np.isfinite(level)]
+        inside = [_crossings(series, begin[i : i + 1], end[i : i + 1], level) for level in levels]
+        cuts = np.concatenate([begin[i : i + 1], np.sort(np.concatenate([*inside, np.zeros(0)])), end[i : i + 1]])
+        for low, high in pairwise(cuts.tolist()):
+            if high - low <= 0.0:
+                continue
+            angles, weights = panels(low, high, harmonics + total.wanted)
+            moving = basis(angles, harmonics)
+            along = moving @ series
+            force, tangent = np.empty(along.size), np.empty(along.size)
+            forces_along(laws, j, along, force, tangent)
+            by_series = None
+            if total.derivative:
+                # Between kinks the internal variables act as the coordinate does, in proportion to the tangent.
+                middle = along.size // 2
+                by_past = past_slopes(laws, j, along[middle])[0]
+                share = tangent / tangent[middle] if tangent[middle] != 0.0 else np.ones(tangent.size)
+                by_series = tangent[:, None] * moving + np.outer(share, by_past @ slopes)
+            total.add(angles, weights, force, by_series)
+        carry((i + 1) % begin.size)
+    return settled
+
+
+def nonlinear_groups(system: System) -> tuple[LawGroup, ...]:
+    """Return the groups of a system that are not linear in harmonic motions: all but springpots."""
+    return tuple(group for group in system.laws if isinstance(group, (ContactLaws, HystereticLaws, SmoothLaws)))

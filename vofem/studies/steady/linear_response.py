@@ -1,0 +1,172 @@
+"""The linear response to harmonic loads over frequency: `frequency_response`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vofem._validate import array
+from vofem.effects.time_functions import Constant, Scaled, Sine, Sum, as_time_function
+from vofem.errors import ArgumentError, MethodError
+from vofem.laws import ContactLaws, SpringpotLaws
+from vofem.lookup import rows_over
+from vofem.modes import contact_indices
+from vofem.scene import Scene, as_scene
+from vofem.studies.steady.linear_rest import Attached, LinearRest, springpots_of
+from vofem.system import Counters, System
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+
+class FrequencyResponse:
+    """The linear response of a scene to its harmonic loads, each at unit amplitude times its own share.
+
+    Attributes
+    ----------
+    scene : Scene
+    frequencies : ndarray, shape (n_frequencies,)
+        In Hz.
+    counters : Counters
+    notes : list of str
+    """
+
+    def __init__(self, scene: Scene, frequencies: Array, rest: LinearRest, forces: Array, counters: Counters) -> None:
+        self.scene, self.frequencies, self.counters = scene, frequencies, counters
+        self._rest, self._forces = rest, forces
+        self.notes: list[str] = []
+        if rest.error > 0.0:
+            self.notes.append(
+                f"the structure is expressed in {rest.squares.size} Ritz vectors; half as many change displacements by "
+                f"{rest.error:.1e} of themselves"
+            )
+
+    def __repr__(self) -> str:
+        low, high = self.frequencies.min(), self.frequencies.max()
+        return f"FrequencyResponse({self.frequencies.size} frequencies, {low:.6g} to {high:.6g} Hz)"
+
+    @property
+    def omega(self) -> Array:
+        """Angular frequencies in rad/s, shape (n_frequencies,)."""
+        return 2.0 * np.pi * self.frequencies
+
+    @cached_property
+    def _modal(self) -> Complex:
+        parts = [self._rest.response(w, self._forces)[:, 0] for w in self.omega.tolist()]
+        return np.stack(parts, axis=1)
+
+    def displacement(self, point: Any) -> Complex:
+        """Return the complex displacement of a point, shape (n_frequencies,).
+
+        Under the load ``F sin(omega t + phase)`` the displacement is ``F Im(H exp(i (omega t + phase)))`` with the
+        H that is returned: its modulus is the amplitude and its angle the lead in phase, both against the load.
+
+        Parameters
+        ----------
+        point : point of a body
+
+        Returns
+        -------
+        ndarray of complex
+            In m per unit of the load's amplitude.
+        """
+        rows = rows_over(self.scene.model, self.scene.bodies, [point])
+        return np.asarray((rows @ self._rest.vectors) @ self._modal)[0]
+
+
+def frequency_response(scene: Scene, frequencies: ArrayLike, closed: Sequence[Any] = ()) -> FrequencyResponse:
+    """Return the linear response to the scene's harmonic loads, contacts open but for the named ones.
+
+    Loads that are `Sine` act, whatever their own frequency, at each of the given ones; constant loads have no part.
+    Where several loads are harmonic, they act together, in the ratio of their amplitudes and with the differences of
+    their phases; the first one is the unit. A contact that is held closed acts by its stiffness and its damper.
+
+    Parameters
+    ----------
+    scene : Scene
+    frequencies : array_like, shape (n_frequencies,)
+        In Hz, not negative.
+    closed : sequence of str or Contact
+        Contacts that are held closed; all others are open.
+
+    Returns
+    -------
+    FrequencyResponse
+
+    Raises
+    ------
+    ArgumentError
+        For frequencies that are none, unknown contacts, or loads that are not harmonic.
+    MethodError
+        If the scene has laws that are not linear, beside contacts.
+    SingularSystemError
+        When displacements are asked for at a natural frequency without damping.
+    """
+    what = "frequency_response"
+    system = as_scene(what, scene).model.system
+    values = np.atleast_1d(array(f"{what}: frequencies", frequencies))
+    if values.ndim != 1 or not values.size or np.any(values < 0.0):
+        raise ArgumentError(
+            f"{what}: frequencies is {frequencies!r}, expected one or more numbers in Hz, not negative, in one row"
+        )
+    for group in system.laws:
+        if not isinstance(group, (ContactLaws, SpringpotLaws)):
+            raise MethodError(
+                f"{what}: {group.labels[0]} is not linear; put a Spring of its tangent there, or follow the response "
+                "with vofem.periodic and vofem.continuation"
+            )
+    force = _force(what, system)
+    chosen = contact_indices(what, system, closed)
+    attached = springpots_of(what, system)
+    if chosen:
+        laws = system.contacts
+        assert laws is not None
+        stiffness, damping = laws.stiffness[chosen], laws.damping[chosen]
+        attached.append(Attached(laws.rows[chosen], lambda omega: stiffness + 1j * omega * damping))
+    counters = Counters()
+    inputs = np.stack([force.real, force.imag])
+    rest = LinearRest(system, attached, inputs, 2.0 * np.pi * values, counters)
+    modal = (inputs @ rest.vectors).T @ np.array([[1.0], [1.0j]])
+    return FrequencyResponse(scene, values, rest, modal, counters)
+
+
+def _force(what: str, system: System) -> Complex:
+    """Return the harmonic load vector, in units of the first harmonic load, shape (n,)."""
+    total, unit = np.zeros(system.size, dtype=complex), 0.0j
+    for load in system.loads:
+        amplitude = _amplitude(what, load.name, as_time_function(load.function))
+        if amplitude == 0.0:
+            continue
+        unit = unit or amplitude
+        total += load.vector * (amplitude / unit)
+    if unit == 0.0:
+        raise ArgumentError(
+            f"{what}: the scene has no harmonic load, so nothing excites it; add one such as PointLoad(point, "
+            "Sine(1.0, omega=1.0)), whose own frequency does not matter"
+        )
+    return total
+
+
+def _amplitude(what: str, name: str, function: Any) -> complex:
+    """Return ``a exp(i phase)`` of a load, 0 for a constant one."""
+    if isinstance(function, Sine):
+        return complex(function.amplitude * np.exp(1j * function.phase))
+    if isinstance(function, Scaled):
+        return function.factor * _amplitude(what, name, function.function)
+    if isinstance(function, Sum):
+        parts = [_amplitude(what, name, term) for term in function.terms]
+        if sum(part != 0.0 for part in parts) > 1:
+            raise ArgumentError(
+                f"{what}: {name} is a sum of several harmonics, which would all act at one frequency; give one Sine"
+            )
+        return sum(parts, 0.0j)
+    if not isinstance(function, Constant):
+        raise ArgumentError(
+            f"{what}: {name} is neither harmonic nor constant, so it has no response at one frequency; write it with "
+            "Sine, or leave it out"
+        )
+    return 0.0j

@@ -1,0 +1,319 @@
+"""The linear part of a structure at given frequencies: dynamic compliance in modes or Ritz vectors.
+
+Without its non-linear laws a structure answers a load ``f exp(i omega t)`` with
+``q = A^-1 f``, ``A = K + i omega C - omega^2 M + sum_s c_s (i omega)^alpha_s b_s b_s'``;
+the last sum is that of springpots, which act on harmonic motions exactly in this way.
+In modes A is diagonal but for dashpots, springpots and contacts that are held
+closed, which are few and enter as a small system of equations (Woodbury).
+Modes near resonance stay in that system, so that nothing is divided by a
+small number.
+
+Large systems are expressed in load-dependent Ritz vectors. These are nested,
+so the change of the response from one half of them to all is known, and their number is
+doubled until it is small.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.errors import ArgumentError, ConvergenceError, SingularSystemError
+from vofem.integrators.event_driven.flow import modes_of
+from vofem.integrators.event_driven.reduction import holding, two_solutions
+from vofem.laws import SpringpotLaws
+from vofem.linalg.ritz import RitzBasis
+from vofem.system import Counters, System
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+#: Degrees of freedom up to which all modes serve.
+FULL = 200
+
+#: Number of Ritz vectors at first and at most, and the relative change of responses that ends their doubling.
+_FIRST, _MOST, _CHANGE = 32, 2048, 1e-10
+
+#: Change that is tolerated, with a note, where rounding keeps it from falling further.
+_ROUNDING = 1e-7
+
+#: A mode whose dynamic stiffness is below this fraction of its terms is solved together with dashpots and springpots.
+_NEAR = 1e-3
+
+#: Eigenvalues of a damping matrix below this fraction of the largest are none.
+_NO_DAMPING = 1e-14
+
+#: Condition of the small system from which on the response counts as unbounded.
+_SINGULAR = 1e14
+
+
+@dataclass(frozen=True)
+class Attached:
+    """A force ``b factor(omega) (b.q)`` of something linear on a row.
+
+    Attributes
+    ----------
+    rows : sparse matrix, shape (k, n)
+    factor : callable
+        Takes omega in rad/s, returns complex stiffnesses in N/m, shape (k,).
+    """
+
+    rows: Any
+    factor: Callable[[float], Complex]
+
+
+class LinearRest:
+    """The linear part of a system in modes or Ritz vectors.
+
+    Parameters
+    ----------
+    system : System
+    attached : sequence of Attached
+        What is linear and not part of the system's matrices.
+    inputs : ndarray, shape (k, n)
+        Rows of laws and load vectors through which forces act.
+    largest : ndarray, shape (n_frequencies,)
+        Angular frequencies in rad/s at which Ritz vectors must be right.
+    counters : Counters, optional
+
+    Attributes
+    ----------
+    vectors : ndarray, shape (n, m), optional
+        Modes or their combinations; M-orthonormal.
+    squares, damping : ndarray, shape (m,)
+        Squared frequencies, and classical damping rates.
+    error : float
+        Relative change of responses under the last doubling of Ritz vectors; 0 for all modes.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        attached: Sequence[Attached],
+        inputs: Array,
+        largest: Array,
+        counters: Counters | None = None,
+    ) -> None:
+        self.system, self._attached = system, tuple(attached)
+        self.error = 0.0
+        counters = Counters() if counters is None else counters
+        if system.size <= FULL:
+            space = modes_of(system, counters)
+            self._take(space.shapes, space.stiffness, space.damping)
+            self._couple(space.coupling)
+            return
+        self._reduce(inputs, largest, counters)
+
+    # -- modes and Ritz vectors -----------------------------------------------------------------------
+
+    def _take(self, vectors: Array, squares: Array, damping: Array) -> None:
+        self.vectors, self.squares, self.damping = vectors, squares, damping
+
+    def _couple(self, coupling: Array | None) -> None:
+        """Keep what couples modes as columns, dashpots first."""
+        columns, self._dashpots = [np.zeros((self.squares.size, 0))], 0
+        if coupling is not None:
+            values, shapes = np.linalg.eigh(0.5 * (coupling + coupling.T))
+            kept = np.abs(values) > _NO_DAMPING * np.abs(values).max(initial=0.0)
+            columns.append(shapes[:, kept])
+            self._rates = values[kept]
+            self._dashpots = int(kept.sum())
+        columns += [np.asarray(part.rows @ self.vectors).T for part in self._attached]
+        self.columns = np.concatenate(columns, axis=1)
+
+    def _reduce(self, inputs: Array, largest: Array, counters: Counters) -> None:
+        """Double the number of Ritz vectors until responses at all frequencies stay."""
+        system = self.system
+        solve, _ = two_solutions(system, holding(system))
+        counters.factorizations += 1
+        rows = [row for row in inputs if np.any(row)]
+        rows += [row for part in self._attached for row in np.asarray(part.rows.toarray())]
+        basis = RitzBasis(system.mass, solve, system.rigid, rows or [system.mass @ np.ones(system.size)], [])
+        looked = np.unique(np.concatenate([[largest.min(), largest.max()], np.quantile(largest, [0.25, 0.5, 0.75])]))
+        before: Complex | None = None
+        count = max(_FIRST, 4 * len(rows))
+        while True:
+            vectors = basis.grow(count)
+            self._in_ritz_vectors(vectors, basis.rigid, counters)
+            now = self._seen(vectors, inputs, looked)
+            if before is not None:
+                self.error = _largest_change(before, now)
+                if self.error <= _CHANGE:
+                    return
+            if vectors.shape[1] < count:
+                # The loads reach no further: this is the whole response.
+                self.error = 0.0
+                return
+            if count >= _MOST:
+                break
+            before, count = now, 2 * count
+        if self.error > _ROUNDING:
+            raise ConvergenceError(
+                f"{count} Ritz vectors leave the response at {looked.max():.4g} rad/s uncertain by {self.error:.1e} of "
+                "itself: the frequency is too high for so many degrees of freedom. Ask for lower frequencies or fewer "
+                "harmonics"
+            )
+
+    def _in_ritz_vectors(self, vectors: Array, rigid: int, counters: Counters) -> None:
+        system = self.system
+        if system.strain is not None:
+            strain = np.asarray(system.strain @ vectors)
+            strain[:, :rigid] = 0.0
+            _, values, turn = np.linalg.svd(np.linalg.qr(strain, mode="r"))
+            squares = np.zeros(vectors.shape[1])
+            squares[: values.size] = values**2
+            order = np.argsort(squares, kind="stable")
+            squares, shapes = squares[order], turn.T[:, order]
+        else:
+            reduced = vectors.T @ (system.stiffness @ vectors)
+            reduced[:rigid], reduced[:, :rigid] = 0.0, 0.0
+            squares, shapes = np.linalg.eigh(0.5 * (reduced + reduced.T))
+        squares[:rigid] = 0.0
+        counters.eigensolves += 1
+        damping = np.zeros(squares.size)
+        if system.rayleigh is not None:
+            damping += system.rayleigh[0] + system.rayleigh[1] * squares
+        if system.modal_damping is not None:
+            damping += system.modal_rates(squares)
+        self._ritz = shapes
+        self._take(vectors @ shapes, squares, damping)
+        coupling = None if system.damping is None else self.vectors.T @ (system.damping @ self.vectors)
+        self._couple(coupling)
+
+    def _seen(self, vectors: Array, inputs: Array, omegas: Array) -> Complex:
+        """Return responses to all inputs in Ritz vectors, shape (n_frequencies, m, n_inputs)."""
+        forces = (inputs @ self.vectors).T
+        return np.stack([self._ritz @ self.response(w, forces) for w in omegas.tolist()])
+
+    def with_attached(self, part: Attached) -> LinearRest:
+        """Return the same structure with something more that is linear."""
+        other = copy.copy(self)
+        other._attached = (*self._attached, part)
+        other.columns = np.concatenate([self.columns, np.asarray(part.rows @ self.vectors).T], axis=1)
+        return other
+
+    def dissipation(self, rates: Array) -> Array:
+        """Return the power in W that dashpots and material damping take at modal velocities (m, n_times)."""
+        power = self.damping @ rates**2
+        if self._dashpots:
+            power = power + self._rates @ (self.columns[:, : self._dashpots].T @ rates) ** 2
+        return np.asarray(power)
+
+    # -- responses ------------------------------------------------------------------------------------
+
+    def factors(self, omega: float) -> Complex:
+        """Return the complex stiffnesses of what couples modes, shape (k,)."""
+        parts = [np.zeros(0, dtype=complex)]
+        if self._dashpots:
+            parts.append(1j * omega * self._rates)
+        parts += [part.factor(omega) for part in self._attached]
+        return np.concatenate(parts)
+
+    def response(self, omega: float, forces: Array | Complex) -> Complex:
+        """Return modal displacements under modal forces of angular frequency omega.
+
+        Parameters
+        ----------
+        omega : float
+            In rad/s.
+        forces : ndarray, shape (m, k)
+
+        Returns
+        -------
+        ndarray of complex, shape (m, k)
+
+        Raises
+        ------
+        SingularSystemError
+            If the response is unbounded: an undamped resonance, or a rigid motion at rest.
+        """
+        diagonal = self.squares - omega * omega + 1j * omega * self.damping
+        size = self.squares + omega * omega
+        near = np.abs(diagonal) <= _NEAR * np.where(size > 0.0, size, 1.0)
+        far, columns, factors = ~near, self.columns, self.factors(omega)
+        k, r = int(near.sum()), columns.shape[1]
+        out = np.zeros(forces.shape, dtype=complex)
+        out[far] = forces[far] / diagonal[far, None]
+        if not k + r:
+            return out
+        # Unknowns: displacements of the near modes, forces of what couples.
+        spread = columns[far] / diagonal[far, None]
+        matrix = np.zeros((k + r, k + r), dtype=complex)
+        right = np.zeros((k + r, forces.shape[1]), dtype=complex)
+        matrix[:k, :k] = np.diag(diagonal[near])
+        matrix[:k, k:] = columns[near]
+        matrix[k:, :k] = -factors[:, None] * columns[near].T
+        matrix[k:, k:] = np.eye(r) + factors[:, None] * (columns[far].T @ spread)
+        right[:k] = forces[near]
+        right[k:] = factors[:, None] * (columns[far].T @ out[far])
+        found = _solved(matrix, right)
+        if found is None:
+            raise SingularSystemError(
+                f"the response at {omega:.9g} rad/s ({omega / (2.0 * np.pi):.9g} Hz) is unbounded: "
+                + (
+                    "nothing holds a rigid motion against a constant load"
+                    if omega == 0.0
+                    else "it is a natural frequency without damping. Add damping, or choose another frequency"
+                )
+            )
+        out[near] = found[:k]
+        out[far] -= spread @ found[k:]
+        return out
+
+
+def _solved(matrix: Complex, right: Complex) -> Complex | None:
+    """Return the solution of a small system, or None where its condition, rows and columns balanced, is too large."""
+    rows = np.abs(matrix).max(axis=1, initial=0.0)
+    if np.any(rows == 0.0):
+        return None
+    scaled = matrix / rows[:, None]
+    columns = np.abs(scaled).max(axis=0, initial=0.0)
+    if np.any(columns == 0.0):
+        return None
+    scaled = scaled / columns
+    if not np.linalg.cond(scaled) < _SINGULAR:
+        return None
+    return np.asarray(np.linalg.solve(scaled, right / rows[:, None]) / columns[:, None])
+
+
+def _largest_change(before: Complex, now: Complex) -> float:
+    """Return the largest change of responses, in the norm of the mass matrix, over their size."""
+    m = before.shape[1]
+    change = now.copy()
+    change[:, :m] -= before
+    size = np.linalg.norm(now, axis=1)
+    relative = np.linalg.norm(change, axis=1) / np.where(size > 0.0, size, 1.0)
+    return float(relative.max(initial=0.0))
+
+
+def springpots_of(what: str, system: System) -> list[Attached]:
+    """Return the springpots of a system as complex stiffnesses.
+
+    Raises
+    ------
+    ArgumentError
+        If the order of a springpot varies in time.
+    """
+    group = system.group(SpringpotLaws)
+    if group is None:
+        return []
+    for law in group.laws:
+        if law.varies:
+            raise ArgumentError(
+                f"{what}: {law.label} has an order that varies in time, so it has no response to one frequency; give "
+                "it a constant order, or simulate"
+            )
+    coefficients = np.array([law.coefficient for law in group.laws])
+    orders = np.array([float(law.order) for law in group.laws])  # type: ignore[arg-type]
+    return [Attached(group.rows, lambda omega: fractional_stiffness(coefficients, orders, omega))]
+
+
+def fractional_stiffness(coefficients: Array, orders: Array, omega: float) -> Complex:
+    """Return ``c (i omega)^alpha`` on the principal branch, shape (k,)."""
+    turn = np.exp(0.5j * np.pi * orders)
+    return np.asarray(coefficients * np.where(orders == 0.0, 1.0, float(omega) ** orders) * turn)

@@ -1,0 +1,103 @@
+"""Stroboscopic samples of a run, one a period: Poincare sections."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem._validate import number
+from vofem.errors import ArgumentError
+from vofem.result import Result
+
+Array = NDArray[np.float64]
+
+#: Fraction of a period by which the end of a run may miss the last sample.
+_SLACK = 1e-9
+
+
+class PoincareSection:
+    """A run, looked at once in every period.
+
+    Attributes
+    ----------
+    result : Result
+    period : float
+        In s.
+    phase : float
+        In rad.
+    times : ndarray, shape (n_samples,)
+        Of the run, in s.
+    """
+
+    def __init__(self, result: Result, period: float, phase: float, times: Array) -> None:
+        self.result, self.period, self.phase, self.times = result, period, phase, times
+
+    def __len__(self) -> int:
+        return int(self.times.size)
+
+    def __repr__(self) -> str:
+        return f"PoincareSection({len(self)} samples, one every {self.period:.9g} s)"
+
+    def displacement(self, point: Any) -> Array:
+        """Return the displacements of a point in m, shape (n_samples,)."""
+        return self.result.displacement(point, self.times)
+
+    def velocity(self, point: Any) -> Array:
+        """Return the velocities of a point in m/s, shape (n_samples,)."""
+        return self.result.velocity(point, self.times)
+
+
+def poincare(result: Result, period: float, *, phase: float = 0.0, skip: int = 0) -> PoincareSection:
+    """Return stroboscopic samples of a run: its states at one phase of every period.
+
+    Runs of event_driven are evaluated exactly at these times. Runs of methods that step in time are interpolated
+    between neighbouring steps, for which every step must have been stored: leave ``times=`` out when simulating.
+
+    Parameters
+    ----------
+    result : Result
+    period : float
+        In s, mostly that of the loads.
+    phase : float
+        In rad: samples are taken where ``2 pi t/period`` is this phase but for whole turns. t is the time of the
+        loads, that of the run plus its `t_start`.
+    skip : int
+        Number of samples at the beginning that are left out, while the motion settles.
+
+    Returns
+    -------
+    PoincareSection
+
+    Raises
+    ------
+    ArgumentError
+        For arguments out of range, or a run that is too short to have a sample.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import vofem as vf
+    >>> mass = vf.Mass(1.0, stiffness=1.0, damping=0.1)
+    >>> run = vf.simulate(vf.Scene([mass], [vf.PointLoad(mass, vf.Sine(1.0, omega=2.0))]), 100.0)
+    >>> len(vf.poincare(run, period=np.pi, skip=20))
+    11
+    """
+    if not isinstance(result, Result):
+        raise ArgumentError(f"poincare: result is {result!r}, expected what vofem.simulate returns")
+    period = number("poincare: period", period, positive=True)
+    phase = number("poincare: phase", phase)
+    if isinstance(skip, bool) or not isinstance(skip, (int, np.integer)) or skip < 0:
+        raise ArgumentError(f"poincare: skip is {skip!r}, expected a whole number, 0 or more")
+    end = float(result.solution.t_end)
+    offset = phase / (2.0 * np.pi)
+    first = int(np.ceil(result.t_start / period - offset - _SLACK))
+    last = int(np.floor((result.t_start + end) / period - offset + _SLACK))
+    times = np.clip((np.arange(first, last + 1) + offset) * period - result.t_start, 0.0, end)[int(skip) :]
+    if not times.size:
+        raise ArgumentError(
+            f"poincare: the run of {end:g} s has {max(last + 1 - first, 0)} samples a period of {period:g} s apart, of "
+            f"which skip = {skip} are left out, so none is left; simulate longer or skip less"
+        )
+    return PoincareSection(result, period, phase, times)
