@@ -76,6 +76,7 @@ if TYPE_CHECKING:
         backbone,
         continuation,
         frequency_response,
+        lyapunov,
         periodic,
         poincare,
     )
@@ -147,6 +148,7 @@ __all__ = [
     "frequency_response",
     "load",
     "load_scene",
+    "lyapunov",
     "modes",
     "periodic",
     "poincare",
@@ -168,6 +170,7 @@ _LATER = {
     "io": "vofem.io",
     "load": "vofem.io.saved",
     "load_scene": "vofem.io.scene_file",
+    "lyapunov": "vofem.studies.steady",
     "periodic": "vofem.studies.steady",
     "poincare": "vofem.studies.steady",
     "resume": "vofem.io.saved",

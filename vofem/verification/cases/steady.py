@@ -124,7 +124,7 @@ def _springpot() -> Case:
 
 
 def _two_mode_backbones() -> Case:
-    """Without a gap frequencies do not depend on energy."""
+    """Two masses without a gap at the stop: frequencies do not depend on energy; of one mass they are known."""
     known = {1: 1.2188014992545873, 2: 1.9431067213088353}
 
     def measure(run: Run) -> Mapping[str, float]:
