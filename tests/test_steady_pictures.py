@@ -108,8 +108,10 @@ def test_pictures_refuse_what_they_cannot_show(branch, tmp_path):
     ):
         with pytest.raises(vf.ArgumentError):
             draw()
-    with pytest.raises(vf.OutputError):
+    with pytest.raises(vf.ArgumentError, match="expected a name that ends in"):
         plot.response_curve(found, masses[0], tmp_path / "curve.txt")
+    with pytest.raises(vf.OutputError):
+        plot.response_curve(found, masses[0], tmp_path / "no" / "such" / "folder" / "curve.png")
     assert not path.exists()
     assert picture_axes.INK
 

@@ -83,6 +83,7 @@ if TYPE_CHECKING:
         backbone,
         continuation,
         frequency_response,
+        lyapunov,
         periodic,
         poincare,
     )
@@ -159,6 +160,7 @@ __all__ = [
     "frequency_response",
     "load",
     "load_scene",
+    "lyapunov",
     "modes",
     "periodic",
     "poincare",
@@ -196,7 +198,7 @@ _MODULES = {
     "vofem.studies.accuracy": "accuracy",
     "vofem.studies.diagrams": "basins bifurcation_diagram stability_map",
     "vofem.studies.steady": (
-        "Branch PeriodicOrbit SpecialPoint backbone continuation frequency_response periodic poincare"
+        "Branch PeriodicOrbit SpecialPoint backbone continuation frequency_response lyapunov periodic poincare"
     ),
     "vofem.studies.sweep.sweeping": "sweep",
     "vofem.vibration": "Modes modes",

@@ -14,7 +14,8 @@ from vofem.integrators.registry import method_names
 def add_verify(commands: Commands) -> None:
     """Add the command to a parser."""
     verify = commands.add_parser("verify", help="run the catalogue of hard and published cases on this machine")
-    verify.add_argument("--method", help=f"only {', '.join(method_names())}, equilibrium or modes")
+    methods = ", ".join((*method_names(), "equilibrium", "modes", "shooting", "harmonic_balance"))
+    verify.add_argument("--method", help=f"only {methods}")
     verify.add_argument("--case", metavar="PATTERN", help="number of a hard case, or a part of a name or a source")
     verify.add_argument("--markdown", type=Path, metavar="FILE", help="write the tables there, .md")
     verify.add_argument("--junit", type=Path, metavar="FILE", help="write JUnit XML there, .xml")

@@ -3,6 +3,7 @@
 from vofem.studies.steady.backbones import backbone
 from vofem.studies.steady.branch import Branch, BranchCounters
 from vofem.studies.steady.branches import continuation
+from vofem.studies.steady.exponents import LyapunovExponents, lyapunov
 from vofem.studies.steady.linear_response import FrequencyResponse, frequency_response
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.special import SpecialPoint
@@ -13,12 +14,14 @@ __all__ = [
     "Branch",
     "BranchCounters",
     "FrequencyResponse",
+    "LyapunovExponents",
     "PeriodicOrbit",
     "PoincareSection",
     "SpecialPoint",
     "backbone",
     "continuation",
     "frequency_response",
+    "lyapunov",
     "periodic",
     "poincare",
 ]

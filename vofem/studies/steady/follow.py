@@ -41,6 +41,9 @@ _SHRINK, _GROW = 0.4, 2.0
 #: Relative rate of the slowest event below which its coordinates are taken, and above which they are left.
 _ENTER, _LEAVE = 0.1, 0.25
 
+#: Points before which a branch is not looked at for whether it is closed.
+_LOOP = 12
+
 #: How far from a point a grazing may be, in steps, and how near zero an extreme must be to be looked at.
 _REACH, _NEAR = 4.0, 0.3
 
@@ -225,7 +228,7 @@ class Follower:
             return self._last(now, after, end)
         angle = float(np.arccos(np.clip(now.tangent @ after.tangent, -1.0, 1.0)))
         self._take(Step(now, after))
-        if self._over:
+        if self._over or self._closed(now, after):
             return after, step
         factor = float(np.clip(_AIM / max(angle, 1e-3), 0.5, _GROW))
         return self._recharted(after, now), min(step * factor, self.largest)
@@ -280,18 +283,41 @@ class Follower:
         """Note a crossing; a branch over several periods ends where its orbits repeat earlier."""
         kind, at = crossing.kind, crossing.point
         problem = at.problem
-        if kind in ("fold", "branch_point") and problem.periods > 1:
+        if kind == "shorter":
             shortest = problem.shortest_period(at.unknowns(), at.evaluation)
-            if shortest < problem.periods:
-                kind = "period_doubling" if shortest * 2 == problem.periods else "branch_point"
-                self._over = True
-                self.track.points.append(at)
-                self.track.steps.append(Step(step.first, at) if at.chart is step.first.chart else None)
-                times = "period" if shortest == 1 else "periods"
-                self.track.notes.append(
-                    f"the branch ends at {at.value:.12g} on orbits over {shortest} {times} of the loads"
-                )
+            kind = "period_doubling" if shortest * 2 == problem.periods else "branch_point"
+            self._over = True
+            self.track.points.append(at)
+            self.track.steps.append(None)
+            times = "period" if shortest == 1 else "periods"
+            self.track.notes.append(
+                f"the branch ends at {at.value:.12g} on orbits over {shortest} {times} of the loads; beyond are the "
+                "same orbits, later by whole periods"
+            )
         self.track.marks.append(Mark(kind, at, base + crossing.share))
+
+    def _closed(self, now: Point, after: Point) -> bool:
+        """Return whether the branch has come back to its first point, as it began; then it is over."""
+        points = self.track.points
+        if len(points) < _LOOP:
+            return False
+        scales = np.append(ORIGIN.scales(now.problem, now.evaluation), self.interval.size)
+
+        def place(point: Point) -> Array:
+            return np.asarray(np.append(point.unknowns(), point.value) / scales)
+
+        if abs(points[0].value - after.value) > abs(after.value - now.value) + 0.1 * self.interval.size:
+            return False
+        start, here, there = place(points[0]), place(now), place(after)
+        step = there - here
+        share = float((start - here) @ step / (step @ step)) if np.any(step) else -1.0
+        if not 0.0 <= share <= 1.0 or np.linalg.norm(start - here - share * step) > 0.1 * np.linalg.norm(step):
+            return False
+        if step @ (place(points[1]) - start) <= 0.0:
+            return False
+        self._over = True
+        self.track.notes.append(f"the branch is closed: it has come back to its first orbit at {points[0].value:.12g}")
+        return True
 
     def _last(self, now: Point, after: Point, end: float) -> tuple[Point, float] | None:
         """Take the point at an end of the interval; the branch is over."""

@@ -181,11 +181,14 @@ class PeriodicOrbit:
 
     def state_of(self, body_name: str) -> tuple[Any, Any]:
         """Return a body's degrees of freedom and rates at t = 0 of the loads, each (size,)."""
-        states = self.as_start().states
-        return states[body_name] if body_name in states else self.result.state_of(body_name)
+        return self.as_start().state_of(body_name)
 
     def as_start(self) -> StoredState:
         """Return the state at t = 0 of the loads, with which a run can start, without the orbit."""
+        if self.start is not None:
+            own, start = self.scene.model.of_body, self.start
+            states = {body.name: (own(body, start.q), own(body, start.v)) for body in self.scene.bodies}
+            return StoredState(states, {}, source="PeriodicOrbit")
         result = self.result
         q, v = result.solution.sample(np.zeros(1)).last()
         of = result.model.of_body

@@ -1,0 +1,152 @@
+"""Lyapunov exponents: whether nearby motions of a scene come together or part, and how fast.
+
+Perturbations are carried along exactly, through events by their saltation
+matrices, and made orthogonal again after every stretch of time.
+
+G. Benettin, L. Galgani, A. Giorgilli, J.-M. Strelcyn, Meccanica 15 (1980) 9, doi:10.1007/BF02128236;
+P. Mueller, Chaos Solitons Fractals 5 (1995) 1671, doi:10.1016/0960-0779(94)00170-U (systems with impacts).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem._validate import number
+from vofem.errors import ArgumentError, MethodError
+from vofem.integrators.event_driven.flow import Start, flow, modal_state, modes_of
+from vofem.integrators.event_driven.modal_space import ModalSpace
+from vofem.scene import Scene, as_scene
+from vofem.studies.steady.loads import load_period
+from vofem.studies.steady.shooting import shooting_refusal
+from vofem.studies.steady.steady_state import whole
+from vofem.system import Counters, System
+
+Array = NDArray[np.float64]
+
+#: Stretches of time where no load sets a period, and at least; parts of the run whose exponents tell the error.
+_STRETCHES, _LEAST, _PARTS = 400, 32, 16
+
+
+@dataclass(frozen=True)
+class LyapunovExponents:
+    """The outcome of `lyapunov`.
+
+    Attributes
+    ----------
+    exponents : ndarray, shape (count,)
+        The largest ones in descending order, 1/s. Where a contact rests at its gap under the displacement law,
+        perturbations across it vanish, and their exponents are -inf.
+    error : ndarray, shape (count,)
+        Estimated standard errors, 1/s: from the scatter over parts of the run, or half the difference between its
+        halves where that is larger.
+    t_end, skip : float
+        As they were given, s.
+    """
+
+    exponents: Array
+    error: Array
+    t_end: float
+    skip: float
+
+
+def lyapunov(scene: Scene, t_end: float, *, count: int = 1, skip: float = 0.0) -> LyapunovExponents:
+    """Return the largest Lyapunov exponents of a motion of a scene, from its initial state.
+
+    Parameters
+    ----------
+    scene : Scene
+        One that event_driven takes.
+    t_end : float
+        In s, the end of the motion.
+    count : int
+        How many exponents.
+    skip : float
+        Time in s of the beginning of the motion, a transient, that does not count.
+
+    Returns
+    -------
+    LyapunovExponents
+        Its first exponent is positive for a chaotic motion, and negative where motions settle on a stable orbit: then
+        it is ``log|multiplier|/period``.
+
+    Raises
+    ------
+    ArgumentError
+        For arguments out of range.
+    MethodError
+        If event_driven cannot treat the scene.
+    """
+    as_scene("lyapunov", scene)
+    t_end = number("lyapunov: t_end", t_end, positive=True)
+    skip = number("lyapunov: skip", skip, minimum=0)
+    count = whole("lyapunov: count", count)
+    if skip >= t_end:
+        raise ArgumentError(f"lyapunov: skip is {skip:g} s, expected a time before t_end = {t_end:g} s")
+    system = scene.model.system
+    reason = shooting_refusal(scene)
+    if reason is not None:
+        raise MethodError(f"lyapunov: {reason.split('; ')[0]}")
+    if count > 2 * system.size:
+        raise ArgumentError(f"lyapunov: count is {count}, and the scene has {2 * system.size} exponents")
+    counters = Counters()
+    space = modes_of(system, counters)
+    times = np.concatenate([[0.0], _stretches(system, skip, t_end)])
+    growth = _growth(scene, space, times, count)
+    counted = times[1:] > skip * (1.0 + 1e-12)
+    begins = float(times[:-1][counted][0])
+    return LyapunovExponents(*_estimated(growth[counted], np.diff(times)[counted], begins, t_end), t_end, skip)
+
+
+def _stretches(system: System, skip: float, t_end: float) -> Array:
+    """Return the times at which perturbations are made orthogonal: whole periods of the loads where enough."""
+    try:
+        step = load_period("lyapunov", system).period
+    except ArgumentError:
+        step = t_end
+    parts = max(int(np.ceil((t_end - skip) / step)), 1)
+    if parts < _LEAST:
+        step = (t_end - skip) / _STRETCHES
+        parts = _STRETCHES
+    before = max(int(np.ceil(skip / step)), 1) if skip > 0.0 else 0
+    lead = np.linspace(0.0, skip, before + 1)[1:] if before else np.empty(0)
+    whole_steps = skip + step * np.arange(1, parts)
+    return np.concatenate([lead, whole_steps[whole_steps < t_end], [t_end]])
+
+
+def _growth(scene: Scene, space: ModalSpace, times: Array, count: int) -> Array:
+    """Return logarithms of the growth of perturbations over stretches of time, shape (n_stretches, count)."""
+    n, system = space.size, scene.model.system
+    z, v = modal_state(system, space, scene.initial_state())
+    positive = space.stiffness[space.stiffness > 0.0]
+    typical = float(positive[0]) if positive.size else 1.0
+    # Displacements and velocities are compared by energy.
+    scale = np.concatenate([np.sqrt(np.where(space.stiffness > 0.0, space.stiffness, typical)), np.ones(n)])
+    frame = np.linalg.qr(np.random.default_rng(0).normal(size=(2 * n, count)))[0]
+    status = None
+    growth = np.empty((times.size - 1, count))
+    for k, (start, stop) in enumerate(zip(times[:-1].tolist(), times[1:].tolist(), strict=True)):
+        one = flow(system, Start(start, z, v, status), stop, derivative=frame / scale[:, None], most_events=10**6)
+        z, v, status = one.displacement, one.velocity, one.status
+        assert one.monodromy is not None
+        frame, factor = np.linalg.qr(one.monodromy * scale[:, None])
+        with np.errstate(divide="ignore"):
+            growth[k] = np.log(np.abs(np.diag(factor)))
+    return growth
+
+
+def _estimated(growth: Array, durations: Array, begins: float, ends: float) -> tuple[Array, Array]:
+    """Return exponents and their standard errors from the growth over stretches of time."""
+    exponents = growth.sum(axis=0) / (ends - begins)
+    order = np.argsort(-exponents)
+    parts = min(_PARTS, growth.shape[0])
+    groups = np.array_split(np.arange(growth.shape[0]), parts)
+    with np.errstate(invalid="ignore"):
+        rates = np.array([growth[group].sum(axis=0) / durations[group].sum() for group in groups])
+        scatter = rates.std(axis=0, ddof=1) / np.sqrt(parts) if parts > 1 else np.full(exponents.shape, np.inf)
+        half = parts // 2
+        halves = 0.5 * np.abs(rates[:half].mean(axis=0) - rates[half:].mean(axis=0)) if half else scatter
+        error = np.where(np.isfinite(exponents), np.maximum(scatter, halves), 0.0)
+    return exponents[order], error[order]
