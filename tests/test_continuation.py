@@ -85,6 +85,47 @@ def test_the_branch_that_leaves_at_a_flip(bilinear_branch):
     )
 
 
+def test_a_branch_of_doubled_orbits_ends_at_its_flip():
+    """It does not walk on along the same orbits, a period later."""
+    branch = vf.continuation(bilinear, 2.45, 2.2, periods=2)
+    (end,) = branch.special
+    assert end.kind == "period_doubling"
+    assert end.value == pytest.approx(2.338157973248634, abs=1e-10)
+    assert branch.values.min() == end.value
+    assert any("over 1 period" in note for note in branch.notes)
+    with pytest.raises(vf.ArgumentError, match="fewer periods"):
+        branch.switch(end)
+
+
+def between_two_stops(omega):
+    mass = vf.Mass(1.0, stiffness=1.0, damping=0.1, name="mass")
+    stops = [
+        vf.Contact(mass, gap=0.5, stiffness=20.0, side=side, acts_on="penetration", name=side)
+        for side in ("above", "below")
+    ]
+    return vf.Scene([mass], [*stops, vf.PointLoad(mass, vf.Sine(0.8, omega))])
+
+
+def test_symmetry_breaks_at_a_branch_point():
+    """Between two equal stops: the orbits that leave are not symmetric, and their branch closes upon itself."""
+    branch = vf.continuation(between_two_stops, 0.75, 1.2)
+    points = [s for s in branch.special if s.kind == "branch_point"]
+    assert len(points) == 2
+    mass = between_two_stops(1.0).bodies[0]
+    (symmetric,) = branch.at(0.95)
+    least, largest = symmetric.extremes(mass)
+    assert largest == pytest.approx(-least, rel=1e-9)
+    leaving = branch.switch(points[0])
+    assert any("closed" in note for note in leaving.notes)
+    # It turns at the other branch point, where its orbits are symmetric again.
+    assert max(s.value for s in leaving.special) == pytest.approx(points[1].value, abs=1e-8)
+    pair = [orbit.extremes(mass) for orbit in leaving.at(1.0)]
+    assert len(pair) == 2
+    # Two orbits that mirror each other.
+    assert pair[0] == pytest.approx((-pair[1][1], -pair[1][0]), rel=1e-8)
+    assert abs(pair[0][0] + pair[0][1]) > 1e-3
+
+
 def test_sheets_are_solved_again(bilinear_branch):
     """Three sheets between two folds; none outside of the branch."""
     sheets = bilinear_branch.at(0.51)
