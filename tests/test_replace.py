@@ -95,7 +95,7 @@ def test_mistakes_are_told():
     scene = fresh()
     stop = scene.effects[0]
     cases = [
-        ((("spot",), {"gap": 1.0}), "'spot' is no effect of the scene; did you mean 'stop'"),
+        ((("stopp",), {"gap": 1.0}), "'stopp' is no effect of the scene; did you mean 'stop'"),
         (((stop,), {"gab": 1.0}), "no argument 'gab'"),
         (((stop,), {}), "give either another effect"),
         (((stop, stop), {"gap": 1.0}), "give either another effect"),
