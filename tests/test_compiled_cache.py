@@ -11,12 +11,18 @@ import time
 from pathlib import Path
 
 import pytest
+from scenes import paper_beam
 
+import vofem as vf
 from vofem.cli import FAULT, main
 from vofem.folders import read_entries, user_caches, write_entry
+from vofem.integrators.effort import kind_of_run
+from vofem.integrators.methods import BUILT_IN, ENERGY_CONSERVING
 from vofem.io import doctor
+from vofem.kernel_mode import kernels
 from vofem.linalg import jit_cache
 from vofem.progress import Watcher
+from vofem.simulate import ahead
 
 ROOT = Path(__file__).parent.parent
 
@@ -158,3 +164,20 @@ def test_a_small_run_of_the_command_line_needs_no_numba(tmp_path):
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=False)
     assert run.returncode == 0, run.stderr
     assert (tmp_path / "histories.csv").exists()
+
+
+# Steps under a tolerance need a rough run of a thousand steps first, which takes half a minute in plain Python.
+@pytest.mark.parametrize(("kind", "work"), [one for one in ahead._WORK if "tol" not in one[0]])
+def test_what_is_compiled_ahead_can_be_run(kind, work):
+    """The scenes are sound; in plain Python, as compiling takes minutes."""
+    with kernels(compiled=False):
+        work()
+
+
+def test_all_kinds_of_runs_are_compiled_ahead():
+    """What a run enters into the index is what `vofem compile` makes."""
+    system = paper_beam("displacement")[1].model.system
+    damped = paper_beam("displacement", extra=(vf.RayleighDamping(0.1),))[1].model.system
+    kinds = {kind_of_run(method, one, None) for method in BUILT_IN for one in (system, damped)}
+    kinds |= {kind_of_run(ENERGY_CONSERVING, system, 1e-3), "statics"}
+    assert kinds - {"force_driven"} == set(ahead.KINDS)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterable
 from typing import TypeVar
 
 from vofem.kernel_mode import compiled
@@ -17,6 +17,13 @@ class Cache:
     def __init__(self) -> None:
         self._known: dict[str, dict[Hashable, object]] = {}
         self._lock = threading.RLock()
+
+    def adopt(self, kinds: Iterable[str], other: Cache) -> None:
+        """Hold values of some kinds together with another cache, from now on; what this one knew of them is dropped."""
+        self._lock = other._lock
+        with self._lock:
+            for kind in kinds:
+                self._known[kind] = other._known.setdefault(kind, {})
 
     def get(self, kind: str, key: Hashable, make: Callable[[], T], most: int = 1) -> T:
         """Return the value of a key, which is made where it is not known.

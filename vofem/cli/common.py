@@ -20,3 +20,9 @@ def print_method(file: SceneFile, wanted: str | None) -> None:
     method = wanted or (file.run.method if file.run is not None else "auto")
     if method != "auto":
         print(f"This run: {method}, as the {'command line' if wanted else 'scene file'} says")
+
+
+def limits(file: SceneFile) -> tuple[float | None, float | None]:
+    """Return duration in s and tolerance that a file asks for, by which a method is chosen."""
+    arguments = file.run.arguments() if file.run is not None else {}
+    return arguments.get("t_end"), arguments.get("tol")

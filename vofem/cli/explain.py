@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from vofem.cli.common import FINE, Commands, print_method
+from vofem.cli.common import FINE, Commands, limits, print_method
 
 
 def add_explain(commands: Commands) -> None:
@@ -20,6 +20,6 @@ def _explain(arguments: argparse.Namespace) -> int:
     from vofem.simulate.explanation import explain
 
     file = load_scene(arguments.scene)
-    print(explain(file.scene))
+    print(explain(file.scene, *limits(file)))
     print_method(file, None)
     return FINE

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vofem.cli.common import FINE, INTERRUPTED, Commands, print_method
+from vofem.cli.common import FINE, INTERRUPTED, Commands, limits, print_method
 from vofem.cli.output import made, write
 from vofem.integrators.registry import method_names
 
@@ -48,7 +48,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
             # It gets ready while the run takes place.
             studio = stack.enter_context(Studio())
-        print(explain(file.scene))
+        print(explain(file.scene, *limits(file)))
         print_method(file, arguments.method)
         print(flush=True)
         # Made first: a run that is long shall not end in a folder that cannot be.

@@ -60,6 +60,16 @@ class NonlinearSpring(TwoPoints):
         self.law = SmoothLaw(self.name, potential, force)
         self._check(label)
 
+    @property
+    def potential(self) -> Callable[[float], float]:
+        """V in J of the elongation in m."""
+        return self.law.potential
+
+    @property
+    def force(self) -> Callable[[float], float]:
+        """dV/du in N of the elongation in m."""
+        return self.law.force
+
     def _check(self, label: str) -> None:
         """Compare the force with a difference quotient of the potential: a wrong sign is the usual slip."""
         with np.errstate(all="ignore"):

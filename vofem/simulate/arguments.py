@@ -64,7 +64,10 @@ def checked_plan(
     system = as_scene("simulate", scene).model.system
     t_start = number("simulate: t_start", t_start, minimum=0)
     other = None if initial is None else Initial("simulate", scene.bodies, initial, by_name=True)
-    chosen = choose(system).method if method == "auto" else method
+    if tol is not None:
+        tol = number("simulate: tol", tol, positive=True)
+    # Steps of one size were asked for by name only, so dt is answered below.
+    chosen = choose(system, t_end, tol if dt is None else None).method if method == "auto" else method
     _check_options(chosen, method, options)
     description = method_named(chosen)
     if not description.steps:
@@ -77,7 +80,6 @@ def checked_plan(
             )
         wanted = np.linspace(0.0, t_end, 1001) if wanted is None else wanted
     if tol is not None:
-        tol = number("simulate: tol", tol, positive=True)
         if description.adaptive:
             options = {**options, "tol": tol}
         elif not (description.exact and method == "auto"):

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vofem._validate import number
 from vofem.laws import KINDS
 from vofem.scene import Scene, as_scene
 from vofem.simulate.methods import choose
@@ -64,15 +65,21 @@ _KINDS: tuple[tuple[str, Callable[[System], bool]], ...] = (
 )
 
 
-def explain(scene: Scene) -> Explanation:
+def explain(scene: Scene, t_end: float | None = None, tol: float | None = None) -> Explanation:
     """Return what will be simulated, by which method and why, and what will not.
 
     Parameters
     ----------
     scene : Scene
+    t_end, tol : float, optional
+        As of `vofem.simulate`: a tolerance lets method="auto" choose by cost.
     """
     system = as_scene("explain", scene).model.system
-    choice = choose(system)
+    if t_end is not None:
+        t_end = number("explain: t_end", t_end, positive=True)
+    if tol is not None:
+        tol = number("explain: tol", tol, positive=True)
+    choice = choose(system, t_end, tol)
     return Explanation(
         bodies=tuple(body.summary() for body in scene.bodies),
         effects=tuple(effect.describe() for effect in scene.effects),

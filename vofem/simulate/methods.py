@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 from vofem._validate import nearest
 from vofem.errors import MethodError
+from vofem.integrators.effort import seconds_between_breakpoints, seconds_under_tolerance
 from vofem.integrators.method import Method
-from vofem.integrators.methods import GENERALIZED_ALPHA
+from vofem.integrators.methods import ENERGY_CONSERVING, GENERALIZED_ALPHA
 from vofem.integrators.registry import method_named, method_names, methods, ranked
 from vofem.system import System
 
@@ -39,8 +40,15 @@ class Choice:
         return method_named(self.method)
 
 
-def choose(system: System) -> Choice:
+#: An exact run that is expected to be over in so many seconds is not worth another method.
+_SOON = 0.5
+
+
+def choose(system: System, t_end: float | None = None, tol: float | None = None) -> Choice:
     """Return the method that ``method="auto"`` takes: the first in rank that does not refuse the system.
+
+    With a tolerance, steps that follow it take the place of an exact method whose loads have so many breakpoints that
+    it would take longer.
 
     Raises
     ------
@@ -51,9 +59,41 @@ def choose(system: System) -> Choice:
     for method in ranked():
         reason = method.refusal(system)
         if reason is None:
+            if method.exact and t_end is not None and tol is not None:
+                why = _steps_are_faster(system, t_end, tol)
+                if why:
+                    return Choice(ENERGY_CONSERVING.name, why)
             if method.reason is not None:
                 return Choice(method.name, method.reason(system))
             why = f"{refused[0][0]} does not apply: {refused[0][1].split('. ')[0]}" if refused else "it applies"
             return Choice(method.name, why)
         refused.append((method.name, reason))
     raise MethodError(f"no method can treat this scene: {'; '.join(f'{name}: {why}' for name, why in refused)}")
+
+
+def _steps_are_faster(system: System, t_end: float, tol: float) -> str:
+    """Return why steps under a tolerance are to be preferred to an exact run, or an empty string."""
+    if ENERGY_CONSERVING.refusal(system) is not None:
+        return ""
+    exact = seconds_between_breakpoints(system, t_end)
+    if exact <= _SOON:
+        return ""
+    steps = seconds_under_tolerance(system, t_end, tol)
+    if steps >= exact:
+        return ""
+    return (
+        f"steps that follow tol = {tol:g} take some {steps:.1g} s, where the exact method would take some "
+        f"{exact:.1g} s for the breakpoints of the loads"
+    )
+
+
+#: Relative error for which a note compares an exact run, that nobody gave a tolerance for, with steps.
+_ROUGH = 1e-3
+
+
+def cheaper(system: System, t_end: float) -> list[str]:
+    """Return a note where an exact run takes much longer than steps would for an ordinary accuracy."""
+    why = _steps_are_faster(system, t_end, _ROUGH)
+    if not why:
+        return []
+    return [f"cost: with tol={_ROUGH:g}, method='auto' would take {ENERGY_CONSERVING.name}: {why}"]

@@ -21,6 +21,7 @@ from vofem.linalg.compile_choice import Choice, choose
 from vofem.progress import Progress, Watcher
 from vofem.result import Result
 from vofem.scene import Scene
+from vofem.simulate.methods import cheaper
 from vofem.simulate.start_time import model_at
 from vofem.system import State, System
 
@@ -130,6 +131,8 @@ def _run(scene: Scene, plan: Plan, watch: Watcher | None, snapshot: dict[str, An
         arguments["probes"] = plan.probes
     solution = method.run(model.system, start, plan.t_end, plan.times, watch=watch, resume=snapshot, **arguments)
     solution.notes.extend(unresolved_contacts(model.system))
+    if method.exact and "tol" not in plan.options:
+        solution.notes.extend(cheaper(model.system, plan.t_end))
     if plan.forgotten and snapshot is None:
         solution.notes.append(
             f"springpots: Springpot {plan.forgotten[0]!r} begins without the past that it has in the earlier run, at "

@@ -1,0 +1,63 @@
+"""Where the exact method is not the cheapest, a tolerance lets steps take its place, and a note says so."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import vofem as vf
+from vofem.simulate.methods import cheaper, choose
+
+T_END = 4.0
+
+
+def recorded(count, *, stop=True):
+    """Return a mass with a stop, or without, whose base moves as a record of many values says."""
+    times = np.linspace(0.0, T_END, count)
+    values = np.sin(3.0 * times) + 0.3 * np.sin(40.0 * times)
+    mass = vf.Mass(1.0, stiffness=25.0, damping=0.2)
+    contact = vf.Contact(mass, gap=0.02, stiffness=100.0, side="above", acts_on="penetration")
+    return mass, vf.Scene([mass], [*[contact] * stop, vf.BaseMotion(mass, acceleration=vf.Tabulated(times, values))])
+
+
+def test_records_are_followed_by_steps_where_these_are_faster():
+    _, scene = recorded(8001)
+    system = scene.model.system
+    assert choose(system).method == "event_driven"
+    assert choose(system, T_END).method == "event_driven"
+    rough, fine = choose(system, T_END, 1e-3), choose(system, T_END, 1e-11)
+    assert (rough.method, fine.method) == ("energy_conserving", "event_driven")
+    assert "for the breakpoints of the loads" in rough.why
+    said = str(vf.explain(scene, T_END, 1e-3))
+    assert "Method: energy_conserving, because steps that follow tol = 0.001 take" in said
+    assert "Method: event_driven" in str(vf.explain(scene))
+    [note] = cheaper(system, T_END)
+    assert note.startswith("cost: with tol=0.001, method='auto' would take energy_conserving")
+
+
+def test_few_breakpoints_leave_the_choice_as_it_was():
+    _, scene = recorded(81)
+    assert choose(scene.model.system, T_END, 1e-2).method == "event_driven"
+    assert cheaper(scene.model.system, T_END) == []
+
+
+def test_the_run_that_is_chosen_keeps_the_tolerance():
+    # Without a stop: impacts may magnify errors beyond the tolerance.
+    mass, scene = recorded(3001, stop=False)
+    times = np.linspace(0.0, T_END, 201)
+    by_steps = vf.simulate(scene, T_END, tol=1e-3, times=times)
+    exact = vf.simulate(scene, T_END, times=times)
+    assert (by_steps.method, exact.method) == ("energy_conserving", "event_driven")
+    assert any(note.startswith("cost: ") for note in exact.notes)
+    q = exact.displacement(mass)
+    assert np.max(np.abs(by_steps.displacement(mass) - q)) < 1e-3 * np.max(np.abs(q))
+
+
+def test_a_method_that_is_named_is_taken():
+    _, scene = recorded(3001)
+    result = vf.simulate(scene, 0.05, method="event_driven", times=[0.0, 0.05])
+    assert result.method == "event_driven"
+    with pytest.raises(vf.ArgumentError, match="tol is -1"):
+        vf.simulate(scene, 1.0, tol=-1.0)
+    with pytest.raises(vf.ArgumentError, match="explain: tol is 0"):
+        vf.explain(scene, T_END, 0.0)
