@@ -16,7 +16,7 @@ from vofem.cli import FAULT, main
 from vofem.folders import read_entries, user_caches, write_entry
 from vofem.io import doctor
 from vofem.linalg import jit_cache
-from vofem.progress import Watcher
+from vofem.progress import RunProgress
 
 ROOT = Path(__file__).parent.parent
 
@@ -141,7 +141,7 @@ def test_the_bar_says_that_it_compiles(monkeypatch):
 
     screen = Terminal()
     monkeypatch.setattr(sys, "stderr", screen)
-    with Watcher(10.0, None, None, 60.0, "compiling event_driven, once on this machine") as watcher:
+    with RunProgress(10.0, None, None, 60.0, "compiling event_driven, once on this machine") as watcher:
         assert "once on this machine" in screen.getvalue()
         screen.truncate(0)
         watcher(5.0, dict)
