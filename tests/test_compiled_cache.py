@@ -21,7 +21,7 @@ from vofem.integrators.methods import BUILT_IN, ENERGY_CONSERVING
 from vofem.io import doctor
 from vofem.kernel_mode import kernels
 from vofem.linalg import jit_cache
-from vofem.progress import Watcher
+from vofem.progress import RunProgress
 from vofem.simulate import ahead
 
 ROOT = Path(__file__).parent.parent
@@ -147,7 +147,7 @@ def test_the_bar_says_that_it_compiles(monkeypatch):
 
     screen = Terminal()
     monkeypatch.setattr(sys, "stderr", screen)
-    with Watcher(10.0, None, None, 60.0, "compiling event_driven, once on this machine") as watcher:
+    with RunProgress(10.0, None, None, 60.0, "compiling event_driven, once on this machine") as watcher:
         assert "once on this machine" in screen.getvalue()
         screen.truncate(0)
         watcher(5.0, dict)

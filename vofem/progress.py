@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Self
 
 from vofem.errors import ArgumentError
 
@@ -19,7 +19,78 @@ _REFRESH = 0.1
 Progress = bool | Callable[[float, float], None] | None
 
 
-class Watcher:
+class TerminalBar:
+    """A progress bar on the standard error stream; a context manager.
+
+    Parameters
+    ----------
+    label : str
+        Name of the function that was called and what a function given as
+        `progress` is called with, for the error message: ``("simulate", "the time")``.
+    progress : bool or callable, optional
+        True shows the bar, False does not, None shows it where the stream is a
+        terminal. With a function there is no bar.
+    total : float
+        Amount of work, in any unit.
+    counting : str
+        Text beside the bar, as rich formats it: ``{task.completed}`` and ``{task.total}`` stand for the numbers.
+    done : float
+        Work that was done before, which the estimate of the remaining time leaves out.
+
+    Attributes
+    ----------
+    shown : bool
+        Whether the bar will appear.
+
+    Raises
+    ------
+    ArgumentError
+        If `progress` is none of these.
+    """
+
+    def __init__(self, label: tuple[str, str], progress: Any, total: float, counting: str, done: float = 0.0) -> None:
+        if not (progress is None or isinstance(progress, bool) or callable(progress)):
+            caller, arguments = label
+            raise ArgumentError(
+                f"{caller}: progress is {progress!r}, expected True, False, or a function of {arguments}"
+            )
+        self.shown = progress is True or (progress is None and sys.stderr is not None and sys.stderr.isatty())
+        self._total, self._counting, self._begin = total, counting, done
+        self._drawn = time.monotonic() + _PATIENCE - _REFRESH
+        self._bar: Any = None
+        self._task: Any = None
+
+    def update(self, done: float, description: str = "", *, at_once: bool = False) -> None:
+        """Show the work done and a description; seldom, unless `at_once`."""
+        now = time.monotonic()
+        if not self.shown or not (at_once or now - self._drawn >= _REFRESH):
+            return
+        if self._bar is None:
+            from rich.console import Console
+            from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+            columns = (
+                TextColumn("{task.description}"),
+                TextColumn(self._counting),
+                BarColumn(),
+                TextColumn("{task.percentage:3.0f} %"),
+                TimeRemainingColumn(),
+            )
+            self._bar = Progress(*columns, console=Console(file=sys.stderr), transient=True, auto_refresh=False)
+            self._bar.start()
+            self._task = self._bar.add_task("", total=self._total, completed=self._begin)
+        self._bar.update(self._task, completed=done, description=description, refresh=True)
+        self._drawn = now
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+
+class RunProgress:
     """Shows how far a run has come and saves it from time to time; a context manager.
 
     Parameters
@@ -27,75 +98,45 @@ class Watcher:
     t_end : float
         In s.
     progress : bool or callable, optional
-        A bar on the standard error stream: True always, False never, None
-        where that is a terminal. A function is called with the time reached
-        and t_end, in s.
+        As for `TerminalBar`. A function is called with the time reached and t_end, in s.
     save : callable, optional
         Takes a snapshot.
     every : float
         Seconds of wall time between two snapshots.
     first : str
-        What is done before the run begins, and takes long; shown until the run tells how far it is.
+        Work that takes long before the first step; shown until the run reports its first time.
     """
 
     def __init__(
         self, t_end: float, progress: Progress, save: Callable[[dict[str, Any]], None] | None, every: float,
         first: str = "",
     ) -> None:  # fmt: skip
-        if not (progress is None or isinstance(progress, bool) or callable(progress)):
-            raise ArgumentError(
-                f"simulate: progress is {progress!r}, expected True, False, or a function of the time reached and t_end"
-            )
+        label = "simulate", "the time reached and t_end"
+        self._bar = TerminalBar(label, progress, t_end, "t = {task.completed:.4g} of {task.total:.4g} s")
         self._t_end, self._save, self._every, self._first = t_end, save, every, first
-        self._tell = progress if callable(progress) else None
-        self._shown = progress is True or (progress is None and sys.stderr is not None and sys.stderr.isatty())
-        self._begun = self._saved = time.monotonic()
-        self._drawn = self._begun + _PATIENCE - _REFRESH
-        self._bar: Any = None
-        self._task: Any = None
+        self._report = progress if callable(progress) else None
+        self._saved = time.monotonic()
 
     @property
     def idle(self) -> bool:
-        """Whether there is nothing to watch for."""
-        return self._save is None and self._tell is None and not self._shown
+        """Whether nothing is to be shown, called or saved."""
+        return self._save is None and self._report is None and not self._bar.shown
 
     def __call__(self, t: float, snapshot: Callable[[], dict[str, Any]], last: bool = False) -> None:
-        """Be told the time reached in s."""
-        now = time.monotonic()
-        if self._save is not None and (last or now - self._saved >= self._every):
+        """Take note of the time reached in s."""
+        if self._save is not None and (last or time.monotonic() - self._saved >= self._every):
             self._save(snapshot())
             self._saved = time.monotonic()
-        if self._tell is not None:
-            self._tell(t, self._t_end)
-        # What was announced before the run is over.
-        over = bool(self._first) and self._bar is not None
-        if self._shown and (over or now - self._drawn >= _REFRESH):
-            self._first = ""
-            self._draw(t)
-            self._drawn = now
+        if self._report is not None:
+            self._report(t, self._t_end)
+        # The work announced before the first step is over: its description goes at once.
+        self._bar.update(t, at_once=bool(self._first))
+        self._first = ""
 
-    def _draw(self, t: float) -> None:
-        if self._bar is None:
-            from rich.console import Console
-            from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-            columns = (
-                TextColumn("{task.description}"),
-                TextColumn("t = {task.completed:.4g} of {task.total:.4g} s"),
-                BarColumn(),
-                TextColumn("{task.percentage:3.0f} %"),
-                TimeRemainingColumn(),
-            )
-            self._bar = Progress(*columns, console=Console(file=sys.stderr), transient=True, auto_refresh=False)
-            self._bar.start()
-            self._task = self._bar.add_task("", total=self._t_end)
-        self._bar.update(self._task, completed=t, description=self._first, refresh=True)
-
-    def __enter__(self) -> Watcher:
-        if self._shown and self._first:
-            self._draw(0.0)
+    def __enter__(self) -> Self:
+        if self._first:
+            self._bar.update(0.0, self._first, at_once=True)
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._bar is not None:
-            self._bar.stop()
+        self._bar.__exit__()

@@ -114,20 +114,8 @@ def run(
 
     Parameters
     ----------
-    system : System
-    start : State
-    t_end : float
-        In s.
-    times : ndarray, optional
-        Where to store; every step where not given.
     dt : float, optional
-        In s; half the critical step where not given.
-    watch : callable, optional
-        Told the time reached.
-    resume : dict, optional
-        A snapshot of the same run, from which to go on.
-    probes : ProbeRows, optional
-        Points to be recorded at every step.
+        In s; half the critical step where not given. The other arguments are described in `Method`.
 
     Raises
     ------

@@ -70,22 +70,9 @@ def run(
     watch: Watch | None = None,
     resume: Snapshot | None = None,
 ) -> SteppedSolution:
-    """Simulate from the start state at t = 0 to t_end.
+    """Simulate from the start state at t = 0 to t_end; `Method` describes the arguments.
 
-    Parameters
-    ----------
-    system : System
-    start : State
-    t_end : float
-        In s.
-    times : ndarray, optional
-        Where to store; every dt where not given.
-    dt : float, optional
-        In s; a thousandth of t_end where not given. Steps are chosen by their error, whatever dt.
-    watch : callable, optional
-        Told the time reached at every turning point of the load.
-    resume : dict, optional
-        A snapshot of the same run, from which to go on.
+    The method chooses its steps by their error. `dt` is the interval of storage where `times` is not given.
 
     Raises
     ------

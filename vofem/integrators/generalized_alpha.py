@@ -15,7 +15,7 @@ contacts stability is not guaranteed: near ``rho_infinity = 1`` and at
 every subscript a mean of both ends, ``x_{1-a} = (1 - a) x_1 + a x_0``. Newmark's
 method is alpha_m = alpha_f = 0 and Hilber, Hughes and Taylor's is alpha_m = 0:
 give ``alpha_m``, ``alpha_f``, ``gamma`` and ``newmark_beta`` to reach them.
-The ``a`` of the method lag by ``(alpha_f - alpha_m) dt``; accelerations that are told are put forward by as much.
+The accelerations ``a`` of the method lag by ``(alpha_f - alpha_m) dt``; those in results are corrected for this lag.
 Under the jump law the reaction may lie anywhere in [0, K0 gap] at the gap. A
 contact damper and a springpot act by their mean over the step, extrapolated to
 the time of balance; where a springpot of an order below some 0.02 is ten
@@ -146,28 +146,10 @@ def run(
     tol: float | None = None,
     **options: float,
 ) -> SteppedSolution:
-    """Simulate from the start state at t = 0 to t_end.
+    """Simulate from the start state at t = 0 to t_end; `Method` describes the arguments.
 
     Parameters
     ----------
-    system : System
-    start : State
-    t_end : float
-        In s.
-    times : ndarray, optional
-        Where to store; every step where not given.
-    dt : float, optional
-        In s; a thousandth of t_end where not given.
-    watch : callable, optional
-        Told the time reached.
-    resume : dict, optional
-        A snapshot of the same run, from which to go on.
-    probes : ProbeRows, optional
-        Points to be recorded at every step.
-    tol : float, optional
-        Chooses the steps: the errors of all steps together, estimated, stay
-        below this fraction of the largest displacement. Impacts are resolved.
-        Velocities and contact forces are not bounded by it.
     **options
         As `parameters` takes them.
 

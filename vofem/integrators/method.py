@@ -37,7 +37,7 @@ class Method:
     run : callable
         ``run(system, start, t_end, times, *, watch, resume, **arguments)``, which returns a `Solution`; see
         `vofem.integrators.base`. The arguments are the options of the method and, as the flags below say,
-        ``dt``, ``tol`` and ``probes``, each of which may be None.
+        ``dt``, ``tol`` and ``probes``, each of which may be None. See the notes.
     refusal : callable
         Takes a `System`; returns why the method cannot treat it and which method can, or None.
     options : dict
@@ -64,6 +64,30 @@ class Method:
     reason : callable, optional
         Takes a `System` that the method does not refuse; returns why "auto" takes it. Without it the reason is what
         the method of the highest rank refuses.
+
+    Notes
+    -----
+    The arguments of `run` are the same for all methods:
+
+    system : System
+    start : State
+        At t = 0.
+    t_end : float
+        In s.
+    times : ndarray or None
+        Where results are stored, in s. None stores every step; with `tol`, 1001 uniform times.
+    dt : float or None
+        Step size in s. None takes a thousandth of `t_end` where neither `dt` nor `tol` is given.
+    tol : float or None
+        Chooses the steps: the estimated errors of all steps together stay below this fraction of the largest
+        displacement, which a rough run of a thousand steps finds beforehand. Impacts are resolved. Velocities and
+        contact forces are not bounded by it.
+    watch : Watch or None
+        Called with the time reached.
+    resume : dict or None
+        A snapshot of the same run, from which the run goes on.
+    probes : ProbeRows or None
+        Points that are recorded at every step.
     """
 
     name: str

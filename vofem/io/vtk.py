@@ -26,7 +26,7 @@ from vofem.errors import ArgumentError, OutputError
 from vofem.files.whole import impossible, replacing
 from vofem.io.series.grid import Grid
 from vofem.io.series.placement import place
-from vofem.io.series.vtu import VtuTemplate
+from vofem.io.series.vtu import write_vtu
 from vofem.result import Result
 
 Array = NDArray[np.float64]
@@ -130,9 +130,9 @@ def write_series(
         with replacing(index) as temporary:
             staging.mkdir()
             made.append(staging)
-            for k, content in enumerate(_frames(grid, chosen, magnification)):
-                (staging / _name(k)).write_bytes(content)
-                size += len(content)
+            for k, (t, point_data, cell_data) in enumerate(_frames(grid, chosen)):
+                fields = {"TimeValue": t, "magnification": magnification}
+                size += write_vtu(staging / _name(k), grid, fields, point_data, cell_data)
             text = _index_text(folder.name, chosen)
             temporary.write_bytes(text)
             staging.rename(folder)
@@ -156,16 +156,15 @@ def _times(result: Result, times: ArrayLike | None) -> Array:
     return np.minimum(chosen, end)
 
 
-def _frames(grid: Grid, times: Array, magnification: float) -> Iterator[bytes]:
-    """Yield the bytes of all frames; as many are evaluated at once as fit into a bounded memory."""
-    template = VtuTemplate(grid.points, grid.cells, grid.point_data, grid.cell_data)
+def _frames(grid: Grid, times: Array) -> Iterator[tuple[float, dict[str, NDArray], dict[str, NDArray]]]:
+    """Yield time, point data and cell data of all frames, evaluated in blocks that a bounded memory holds."""
     count = max(1, _BLOCK_BYTES // grid.bytes_per_frame)
     for start in range(0, times.size, count):
         block = times[start : start + count]
         frames = grid.frames(block)
-        for k, t in enumerate(block):
-            yield template.encode(
-                {"TimeValue": float(t), "magnification": magnification},
+        for k, t in enumerate(block.tolist()):
+            yield (
+                t,
                 {name: values[k] for name, values in frames.point_data.items()},
                 {name: values[k] for name, values in frames.cell_data.items()},
             )

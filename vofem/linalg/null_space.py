@@ -9,18 +9,18 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-#: Entries below this fraction of the terms they are sums of are rounding.
+#: An entry below this fraction of the largest term of its sum is rounding.
 _ROUNDING = 1e-12
 
-#: So many rows are first reduced to a triangle, as a foundation may have one for every element.
+#: More rows than this are first reduced to a triangle; a foundation may have one row for every element.
 _MANY_ROWS = 256
 
 
 def null_space(matrix: Array, magnitude: Array) -> Array:
     """Return an orthonormal basis of the null space, shape (columns, r).
 
-    What is rounding cannot be judged from the matrix itself, which may be
-    nothing but rounding: each row is compared with the terms it is made of.
+    All entries of the matrix may be rounding, which the matrix itself does not
+    show. Each entry is therefore compared with the size of the terms of its sum.
 
     Parameters
     ----------
@@ -45,16 +45,16 @@ def null_space(matrix: Array, magnitude: Array) -> Array:
     return null
 
 
-#: Up to so many columns a sparse matrix is treated as a dense one.
+#: Up to this number of columns a sparse matrix is treated as a dense one.
 _FEW_COLUMNS = 64
 
 
 def sparse_null_space(matrix: Any, magnitude: Any) -> Array:
     """Return a basis of the null space of a sparse matrix, shape (columns, r).
 
-    Rows of one or two entries, springs between masses for example, are
-    solved one by one: their unknowns vanish, or are multiples of one. What is
-    left over is small.
+    Rows of one or two entries, for example of springs between masses, are solved
+    one by one: a row of one entry makes an unknown zero, a row of two entries makes
+    one unknown a multiple of the other. The remaining system is small.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ class _Chains:
         self.factor = np.ones(count)
 
     def find(self, i: int) -> tuple[int, float]:
-        """Return the unknown that stands for unknown i, and the multiple of it; the multiple is 0 for zero."""
+        """Return the representative of unknown i and the factor by which i is a multiple of it; 0 if i is zero."""
         path = []
         while self.parent[i] != i:
             path.append(i)
@@ -118,7 +118,7 @@ class _Chains:
         return i, total
 
     def reduced(self, row: dict[int, float]) -> dict[int, float]:
-        """Return a row in terms of the unknowns that stand for others."""
+        """Return a row in terms of the representatives."""
         found: dict[int, float] = {}
         terms: dict[int, float] = {}
         for i, a in row.items():

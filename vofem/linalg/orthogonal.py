@@ -1,12 +1,12 @@
 """Solutions with ``K = D'D`` through the orthogonal factorisation of D, free of the rounding in K.
 
-K holds differences of fourth order: rounding in its entries spoils ``K^-1 f``
-in proportion to the fourth power of the number of elements, half of the
-answer at 10 000. The strains D hold differences of low order only. Plane
-rotations, one row of D after the other, give ``D = Q R`` with every row's
-rounding in proportion to that row, however different their sizes; then
-``R'R = K`` without K having been formed. On a beam of 100 000 elements
-``R^-1 R^-T f`` is right to twelve digits.
+K of a beam contains differences of fourth order. Rounding in its entries causes
+an error of ``K^-1 f`` that grows with the fourth power of the number of elements;
+at 10 000 elements it is half of the answer. The strains D contain differences of
+low order only. Plane rotations take one row of D after the other and give
+``D = Q R``. The rounding in each row is in proportion to that row, also where rows
+differ much in size. Then ``R'R = K``, and K itself is never formed. On a beam of
+100 000 elements ``R^-1 R^-T f`` is right to twelve digits.
 
 J. A. George, M. T. Heath, Linear Algebra Appl. 34 (1980) 69, doi:10.1016/0024-3795(80)90159-7.
 """
@@ -33,8 +33,8 @@ _MOST_ENTRIES = 2**27
 def elimination_orders(strain: Any, rotational: BoolArray) -> tuple[IntArray, IntArray]:
     """Return two orders of elimination that keep the band narrow, one from either end of the structure.
 
-    At every node the displacement comes before the slope: the other way
-    round loses a thousand times more to rounding on long meshes.
+    At every node the displacement comes before the slope. The opposite order
+    has a thousand times the rounding error on long meshes.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def elimination_orders(strain: Any, rotational: BoolArray) -> tuple[IntArray, In
 
 
 def _displacements_first(order: IntArray, rotational: BoolArray) -> IntArray:
-    """Swap neighbours in an order that are slope and displacement of one node."""
+    """Swap the slope and the displacement of a node where the slope comes first in an order."""
     slope = np.append(False, rotational[1:] & ~rotational[:-1])
     swap = np.flatnonzero(slope[order[:-1]] & (order[1:] == order[:-1] - 1))
     order[swap], order[swap + 1] = order[swap + 1], order[swap]
@@ -85,7 +85,7 @@ class OrthogonalFactor:
                 f"the stiffness matrix has {n} unknowns and a half-bandwidth of {width}, too many to factor: "
                 "springs join points that lie far apart. Use fewer elements or fewer such springs"
             )
-        # Rows that begin alike follow each other, so that each meets few rows of R.
+        # Rows are sorted by their first column, so that each is rotated with few rows of R.
         rows = rows[np.argsort(first, kind="stable")]
         self.band = np.zeros((n, width + 1))
         _rotate(rows.indptr.astype(np.int64), rows.indices.astype(np.int64), rows.data, self.band)

@@ -1,9 +1,9 @@
 """Eigensystem of a diagonal matrix plus a rank-one term, to high relative accuracy.
 
 Between neighbouring poles the secular equation ``1 + rho sum c_j^2/(d_j - x) = 0``
-has one root. It is found as an offset from its nearest pole (so that
-differences of nearly equal numbers never occur), with a two-pole rational
-iteration inside a bracket; the vectors come from Loewner's formula, which
+has one root. The root is computed as an offset from its nearest pole, so that no
+differences of nearly equal numbers occur. The iteration uses a rational function
+with two poles, inside a bracket. The vectors come from Loewner's formula, which
 makes them orthogonal to working precision.
 
 M. Gu, S. C. Eisenstat, SIAM J. Matrix Anal. Appl. 15 (1994) 1266, doi:10.1137/S089547989223924X;
@@ -21,8 +21,8 @@ Array = NDArray[np.float64]
 
 _EPS = float(np.finfo(float).eps)
 
-#: Relative distance of eigenvalues that are close, what joins two of them if it is rounding, and the change of vectors
-#: beyond which they are no good guesses.
+#: Of `refine`: relative distance below which eigenvalues count as close, coupling of two of them below which it is
+#: rounding, and change of the vectors above which the guesses are too far off.
 _CLOSE, _JOINED, _FAR = 1e-3, 1e-14, 1e-2
 
 
@@ -30,7 +30,7 @@ _CLOSE, _JOINED, _FAR = 1e-3, 1e-14, 1e-2
 def _root(d: Array, w: Array, k: int, one: float) -> tuple[int, float]:
     """Return (pole, offset) of the k-th root of ``one + sum w_j/(d_j - x)``, all w_j > 0, d ascending.
 
-    `one` is 1 for a spring, 0 for a constraint, its limit; the constraint has one root less.
+    `one` is 1 for a spring and 0 for a constraint, the limit of a rigid spring, which has one root less.
     """
     m = d.size
     last = k == m - 1
@@ -112,7 +112,7 @@ def _deflate(d: Array, c: Array, vectors: Array) -> tuple[NDArray[np.int64], boo
     norm = np.sqrt(np.sum(c * c))
     active = np.zeros(n, dtype=np.bool_)
     for i in range(n):
-        # A rigid motion that is coupled by rounding only stays one.
+        # A rigid motion whose coupling is only rounding stays a rigid motion.
         active[i] = abs(c[i]) > (1e-14 if d[i] == 0.0 else 1e-18) * norm
     previous = -1
     plain = True
@@ -170,7 +170,7 @@ def _unit_vectors(poles: Array, exact: Array, origin: NDArray[np.int64], offset:
         for j in range(m):
             local[j, k] = exact[j] / ((poles[j] - poles[origin[k]]) - offset[k])
             total += local[j, k] * local[j, k]
-        # Positive on the diagonal, so that a weak contact is close to the identity.
+        # The diagonal is made positive, so that the vectors of a weak contact are close to the identity.
         length[k] = np.sqrt(total) * (1.0 if local[k, k] > 0.0 else -1.0)
         for j in range(m):
             local[j, k] /= length[k]
@@ -219,7 +219,7 @@ def rank_one(d: Array, c: Array, rho: float) -> tuple[Array, Array]:
 def rank_one_less(d: Array, c: Array, rho: float) -> tuple[Array, Array]:
     """Return eigenvalues and orthogonal eigenvectors of ``diag(d) - rho c c'``, rho > 0, which is to be positive.
 
-    Eigenvalues much below ``rho c'c`` are differences of large numbers and lose that many digits; see `refine`.
+    Eigenvalues much below ``rho c'c`` are differences of large numbers and lose digits by that ratio; see `refine`.
     Arguments and returns are those of `rank_one`.
     """
     values, vectors = rank_one(np.ascontiguousarray(-d[::-1]), np.ascontiguousarray(c[::-1]), rho)
@@ -231,8 +231,8 @@ def refine(
 ) -> tuple[Array, Array] | None:
     """Return eigenvalues and eigenvectors of ``diag(stiffness) + rows' diag(springs) rows``, given good guesses.
 
-    Each step squares the error. None where the guesses are too far off, or where neighbours are too close to each
-    other to be told apart by it.
+    Each step squares the error. The result is None where the guesses are too far off, or where neighbouring
+    eigenvalues are too close for the method to separate their vectors.
 
     Parameters
     ----------
@@ -245,7 +245,7 @@ def refine(
     steps : int
         At most.
     demand : float
-        A change of the vectors below which its square is rounding.
+        The iteration ends at a change of the vectors below this, because its square is then rounding.
 
     T. Ogita, K. Aishima, Japan J. Indust. Appl. Math. 35 (2018) 1007, doi:10.1007/s13160-018-0310-3.
     """
@@ -259,7 +259,7 @@ def refine(
         size = np.sqrt(np.outer(np.abs(values), np.abs(values)))
         push = whole + values[None, :] * lack
         np.fill_diagonal(push, 0.0)
-        # Of close neighbours that only rounding joins any mixture will do.
+        # Where only rounding couples close neighbours, any combination of their vectors is right.
         free = (np.abs(apart) <= _CLOSE * size) & (np.abs(push) <= _JOINED * size)
         change = np.where(free, 0.5 * lack, push / np.where(apart == 0.0, _EPS * size + 1e-300, apart))
         largest = float(np.max(np.abs(change)))

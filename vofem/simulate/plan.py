@@ -18,7 +18,7 @@ from vofem.integrators.method import Method
 from vofem.integrators.registry import method_named
 from vofem.kernel_mode import Outgrown, decided, kernels
 from vofem.linalg.compile_choice import Choice, choose
-from vofem.progress import Progress, Watcher
+from vofem.progress import Progress, RunProgress
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.simulate.methods import cheaper
@@ -92,7 +92,7 @@ def run_plan(
         begun = time.perf_counter()
         try:
             with (
-                Watcher(plan.t_end, progress, save, every, first) as watcher,
+                RunProgress(plan.t_end, progress, save, every, first) as watcher,
                 kernels(compiled=choice.compiled, patience=choice.patience),
                 blas_threads(system.size),
             ):
@@ -117,7 +117,7 @@ def _choice(method: Method, system: System, plan: Plan) -> Choice:
     return choose(kind_of_run(method, system, tol), method.effort(system, plan.t_end, plan.dt, tol), wanted)
 
 
-def _run(scene: Scene, plan: Plan, watch: Watcher | None, snapshot: dict[str, Any] | None) -> Result:
+def _run(scene: Scene, plan: Plan, watch: RunProgress | None, snapshot: dict[str, Any] | None) -> Result:
     """Run a plan in a way that has been decided."""
     from vofem.integrators.coarse import unresolved_contacts
 

@@ -1,10 +1,8 @@
 """Runs of the midpoint rule whose steps follow a tolerance.
 
-Every step is taken whole and in two halves; the halves are kept where both
-agree. So the error estimate sees whatever the step sees, a switch included,
-and the energy is conserved as at one step size. Where a contact acts,
-velocities have to agree too, and a step has to resolve the impact: against a
-stop so stiff that every step ends at it, displacements say nothing.
+Every step is taken once as a whole and once as two halves; the halves are kept
+where the results agree, see `stepping.doubling`. Energy is conserved as with
+equal steps.
 """
 
 from __future__ import annotations
@@ -54,11 +52,11 @@ class AdaptiveSteps(StepDoubling, Midpoint):
 
     @property
     def displacement(self) -> Array:
-        """Displacements where the run stands."""
+        """Displacements of the current state."""
         return self.state.q
 
     def _size(self, rung: int) -> tuple[Factored, Pace]:
-        """Return the matrices of a size of steps, and what such a step does to the past of springpots."""
+        """Return the matrices of a step size, and the update of springpots over such a step."""
         if rung not in self.sizes:
             dt = self.length(rung)
             self.sizes[rung] = self.factor(dt), self.pace(dt)
@@ -91,8 +89,9 @@ class AdaptiveSteps(StepDoubling, Midpoint):
     def _loads(self, t: float, dt: float, half: Factored) -> tuple[Array, float]:
         """Return the loads over the step and its halves, and their own part of the error over the tolerance.
 
-        The motion between the ends of a step is a polynomial. What a load moves beside it, as a short one does, is no
-        error of the steps and does not add up, but is seen where states between steps are asked for.
+        The motion between the ends of a step is interpolated by a polynomial. A short load causes motion that this
+        polynomial does not contain. That is no error of the steps and does not accumulate, but states between steps
+        have it.
         """
         parts = self.bands.over.parts(t, t + dt)
         if not parts.shape[1]:
@@ -117,12 +116,12 @@ def _try(
 ) -> tuple[int, float, float, float]:  # fmt: skip
     """Take a step whole and in halves; return contact solves, two errors of displacements, and unresolved impacts.
 
-    The second error is smoothed: ``(A^-1 M)^2`` of the first, A the matrix of
-    a step eight times as long, which leaves what the step resolves well. Where
-    a contact acts the first one holds the error of velocities times the step
-    too. The last number, in m/s, is the largest change of a law's velocity that
-    the step does not resolve.
-    The state stays as it is: mean velocities of the halves are left in
+    The second error is ``(A^-1 M)^2`` times the first, where A is the matrix of
+    a step eight times as long. This filter keeps only the motion that the step
+    resolves well. Where a contact acts, the first error includes the error of
+    velocities times the step. The last number, in m/s, is the largest change of
+    a law's velocity that the step does not resolve.
+    The state is not changed. Mean velocities of the halves are returned in
     `trial[0]` and `trial[1]`, reactions in `tried[0]` and `tried[1]`.
     """
     first, second, full, q, v, end = trial[0], trial[1], trial[2], trial[3], trial[4], trial[5]
@@ -151,7 +150,7 @@ def _try(
     combine(half, values[:, 2], total)
     tried[1][:] = tried[0]
     if past.size > 0:
-        # The second half begins with what the first one leaves, should it be taken.
+        # The second half begins with the state at the end of the first, as if that had been accepted.
         past[:] = state.memory
         commit_all(laws, u)
     if remembers:
@@ -175,12 +174,12 @@ def _try(
             rates[0, j], rates[1, j], rates[2, j] = dot(rows, j, state.v), dot(rows, j, v), dot(rows, j, end)
         acts, kick = impact(laws, state.status.size, half.dt, path, rates, tried, fineness)
     if acts:
-        # Where a stop is stiff, steps of any size end at it: their displacements agree and their velocities do not.
+        # Against a stiff stop, steps of any size end at the stop: displacements agree there, velocities do not.
         for i in range(n):
             rough = max(rough, weight[i] * whole.dt * abs(full[i] + (full[i] - state.v[i]) - end[i]) / 3.0)
-    # Else velocities are not asked: those of fast modes, which hardly move anything, would dictate the step.
+    # Without contact velocities are not compared: those of fast modes with tiny displacements would set the step.
     for i in range(n):
-        # From velocities: of displacements, the shortest steps change nothing but the last digits.
+        # Computed from velocities: the shortest steps change only the last digits of displacements.
         q[i] = half.dt * ((full[i] - first[i]) + (full[i] - second[i])) / 3.0
         rough = max(rough, weight[i] * abs(q[i]))
     for _ in range(2):

@@ -51,29 +51,7 @@ def run(
     probes: ProbeRows | None = None,
     tol: float | None = None,
 ) -> SteppedSolution:
-    """Simulate from the start state at t = 0 to t_end.
-
-    Parameters
-    ----------
-    system : System
-    start : State
-    t_end : float
-        In s.
-    times : ndarray, optional
-        Where to store; every step where not given, 1001 uniform times with `tol`.
-    dt : float, optional
-        In s; a thousandth of t_end where neither it nor `tol` is given.
-    watch : callable, optional
-        Told the time reached.
-    resume : dict, optional
-        A snapshot of the same run, from which to go on.
-    probes : ProbeRows, optional
-        Points to be recorded at every step.
-    tol : float, optional
-        Chooses the steps: the errors of all steps together, estimated, stay
-        below this fraction of the largest displacement, which a rough run of
-        a thousand steps tells beforehand. Impacts are resolved. Velocities and
-        contact forces are not bounded by it.
+    """Simulate from the start state at t = 0 to t_end; `Method` describes the arguments.
 
     Raises
     ------

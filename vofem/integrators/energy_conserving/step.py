@@ -39,7 +39,7 @@ _SMALL = 2.0**-6
 
 
 class Factored(NamedTuple):
-    """Of a step size dt: the structure of ``A = M + dt C/2 + dt^2 K/4``, and what answers to loads.
+    """Factored matrices of one step size dt: the structure with ``A = M + dt C/2 + dt^2 K/4``, and responses to loads.
 
     Attributes
     ----------
@@ -64,11 +64,11 @@ class Forcing(NamedTuple):
     Attributes
     ----------
     load : ndarray
-        Their mean, less what the stiffness takes of the motion that they make within the step.
+        Their mean, less the stiffness force on the motion that they cause within the step.
     push : ndarray
-        What acts on the mean of the displacement's rate: `load` less ``2 inertia/dt``.
+        The load in the equation of the mean rate of displacement: `load` less ``2 inertia/dt``.
     shift, inertia : ndarray
-        How far the velocity's mean is above the displacement's rate, m/s, and M times it.
+        Mean velocity less the mean rate of displacement, m/s, and M times it.
     """
 
     load: Array
@@ -78,7 +78,7 @@ class Forcing(NamedTuple):
 
 
 class State(NamedTuple):
-    """Where a run stands.
+    """The current state of a run.
 
     Attributes
     ----------
@@ -86,14 +86,14 @@ class State(NamedTuple):
     acceleration, mean : ndarray, shape (n,)
         Mean acceleration and mean velocity of the last step.
     expected : ndarray, shape (n,)
-        Mean velocity expected of the next step.
+        Extrapolated mean velocity of the next step.
     u, reaction : ndarray, shape (n_laws,)
         Coordinates of the laws, and their forces over the last step.
     status : ndarray of int, shape (n_contacts,)
     width : ndarray, shape (2,)
         Size of the last step in s, 0 at the start; and whether a contact closed or opened in it.
     memory : ndarray
-        State of the laws with memory.
+        Internal variables of the hysteretic laws.
     """
 
     q: Array
@@ -161,7 +161,7 @@ def step(
         return found
     _residual(matrices, dt, push, q, v, p, space.work, right)
     if found:
-        # Reactions too: where the step would go without any, told from where it stands.
+        # Reactions are corrected too: first the coordinates that the step would reach without reactions.
         _react(rows, reaction, 0.5 * dt, right)
         _coordinates(rows, u, p, dt, space.base)
         space.held[:] = reaction
@@ -180,7 +180,7 @@ def step(
 
 @jit
 def _coordinates(rows: Rows, u: Array, p: Array, dt: float, base: Array) -> None:
-    """Fill `base` with where a mean velocity p takes the laws' coordinates."""
+    """Fill `base` with the laws' coordinates at the end of a step of mean velocity p."""
     for j in range(u.size):
         base[j] = u[j] + dt * dot(rows, j, p)
 
@@ -203,10 +203,10 @@ def accept(
 ) -> tuple[int, Array, int]:  # fmt: skip
     """Take the step of size dt from t with the displacement's rate p; return cursor, events and their number.
 
-    The state at t is stored only now: its acceleration is that between the
-    middles of the steps on both sides. Where a contact closes or opens in one
-    of them it is that of the other, and where one is much longer than the other
-    the motion within the long one does not see the short one.
+    The state at t is stored only now, because its acceleration is the change of
+    mean velocity between the steps on both sides. Where a contact closes or opens
+    in one of these steps, the acceleration of the other step is used. Where one
+    step is much longer, the interpolation within it does not use the short one.
     """
     n, q, v, last = state.q.size, state.q, state.v, state.width[0]
     now, arriving, leaving = space.right, space.change, space.work
@@ -265,7 +265,7 @@ def accept_history(
     springpots: Springpots, pace: Pace, history: History, rows: Rows, reaction: Array, s: int, t: float, last: float,
     p: Array, out: Output, first: int, cursor: int,
 ) -> None:  # fmt: skip
-    """Take step s from t, after one of size `last`, as `accept` did; tell of the times up to t that it has stored.
+    """Update springpots over step s from t, after one of size `last`; record them at the stored times up to t.
 
     The force at t is the mean of those of the steps on both sides, as the acceleration is.
     """
@@ -313,7 +313,7 @@ def _add(vectors: Array, values: Array, total: Array) -> None:
 def _residual(
     matrices: Matrices, dt: float, push: Array, q: Array, v: Array, p: Array, work: Array, right: Array
 ) -> None:
-    """Fill `right` with what the equation of a step leaves at a rate p of the displacement, reactions left out."""
+    """Fill `right` with the residual of the equation of a step at a rate p of the displacement, without reactions."""
     n = q.size
     for i in range(n):
         right[i] = push[i]

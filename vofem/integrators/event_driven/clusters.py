@@ -1,10 +1,11 @@
-"""Parts of a damped system that do not fall apart into blocks: several close roots with nearly dependent modes.
+"""Clusters: parts of a damped system that cannot be split into blocks, as close roots have nearly dependent modes.
 
-A cluster keeps its ``2m`` coordinates together, ``x' = T x + g(t)``, in the
-places (z, v) of m blocks. Its motion is a matrix exponential, inputs among the
-coordinates, so that repeated roots, resonance and rigid motion are no special
-cases. Coordinates are orthonormal in the energy of the system (or nearly so),
-in which damped motion does not grow: that gives the bounds for the search.
+A cluster has ``2m`` coordinates with ``x' = T x + g(t)``. They are stored in the
+places (z, v) of m blocks. The motion is computed by a matrix exponential in which
+the inputs are further coordinates, so repeated roots, resonance and rigid motion
+need no special treatment. The coordinates are orthonormal, or nearly so, in the
+energy of the system. Damped motion does not grow in this norm, which gives the
+bounds that the search needs.
 """
 
 from __future__ import annotations
@@ -22,12 +23,12 @@ IntArray = NDArray[np.int64]
 
 
 class Cluster(NamedTuple):
-    """Coordinates that stay together.
+    """A set of coupled coordinates.
 
     Attributes
     ----------
     member : ndarray of int, shape (m,)
-        The blocks whose places they take: all z first, then all v.
+        Numbers of the blocks in whose places the coordinates are stored: all z first, then all v.
     generator : ndarray, shape (2m, 2m)
         T.
     """

@@ -1,8 +1,9 @@
 """Non-classical damping: complex modes, written as independent real blocks.
 
-Where modes nearly coincide their eigenvectors are no basis to compute in: they
-are replaced by an orthonormal basis of the space that they span. Two of them
-make a block still; more stay together as a cluster.
+Where eigenvalues nearly coincide, their eigenvectors are nearly dependent and
+would amplify rounding. They are replaced by an orthonormal basis of the space
+that they span. Two such modes still form a block; more form a cluster, see
+`clusters`.
 
 C. A. Bavely, G. W. Stewart, SIAM J. Numer. Anal. 16 (1979) 359, doi:10.1137/0716028.
 """
@@ -23,10 +24,10 @@ IntArray = NDArray[np.int64]
 #: Coupling by damping below this share of the damping itself is rounding.
 _ROUNDING = 2.0 * float(np.finfo(float).eps)
 
-#: Decay of a rigid motion, in terms of the lowest frequency, below which its velocity is not compared with it.
+#: Least frequency, over the lowest one of the other motions, by which velocities of rigid motions are scaled.
 _SLOWEST = 1e-3
 
-#: Sine of the angle between a row and its rate from which on a plane makes a block.
+#: Sine of the angle between a row and its rate above which two coordinates form a block.
 _TURNING = 1e-2
 
 
@@ -36,7 +37,7 @@ class Blocks(NamedTuple):
     Attributes
     ----------
     delta, p : ndarray, shape (m,)
-        Ordered by p. Those of a cluster's members are zero and the square of its largest rate.
+        Ordered by p. For members of a cluster delta is zero and p is the square of the cluster's largest rate.
     out, into : ndarray, shape (2m, 2m)
         ``(displacement, velocity) = out @ (z, v)``, and the inverse.
     clusters : tuple of Cluster
@@ -53,9 +54,9 @@ class Blocks(NamedTuple):
 def damped_blocks(stiffness: Array, damping: Array) -> Blocks:
     """Split ``x'' + C x' + diag(k) x = f`` into blocks.
 
-    Rigid motions that C does not resist have a defective double root 0; they
-    are taken out first and make blocks of their own. So do parts that damping
-    does not couple, whose motions would else be mixed by rounding.
+    Rigid motions that C does not resist have a defective double root 0. They
+    are separated first and form their own blocks. Parts that damping does not
+    couple are separated too, because rounding would mix their motions.
 
     Parameters
     ----------
@@ -82,7 +83,7 @@ def damped_blocks(stiffness: Array, damping: Array) -> Blocks:
     if frame is not None:
         out = np.concatenate([frame @ out[:m], frame @ out[m:]])
         into = np.concatenate([into[:, :m] @ frame.T, into[:, m:] @ frame.T], axis=1)
-    # Loose motions first: their p is zero.
+    # Rigid motions without damping come first, because their p is zero.
     order = np.concatenate([np.arange(loose), loose + np.argsort(p[loose:], kind="stable")])
     place = np.argsort(order)
     twice = np.concatenate([order, m + order])
@@ -91,11 +92,11 @@ def damped_blocks(stiffness: Array, damping: Array) -> Blocks:
 
 
 def state_scale(stiffness: Array, decay: Array) -> Array:
-    """Return the frequency in rad/s by which each velocity is compared with its displacement, shape (m,).
+    """Return the frequency in rad/s by which each velocity is divided to compare it with its displacement, shape (m,).
 
-    Rigid motions have their own decay, but not much less than the lowest
-    frequency of the others: by a slow decay their displacements would be known
-    to the rounding of all velocities over that decay only.
+    For rigid motions this is the decay rate, but at least a share of the lowest
+    frequency of the others. Division by a very small decay rate would spread the
+    rounding of all velocities into the displacements.
     """
     held = stiffness > 0.0
     least = np.sqrt(stiffness[held].min()) if held.any() else decay.max()
@@ -103,11 +104,10 @@ def state_scale(stiffness: Array, decay: Array) -> Array:
 
 
 def _loose_motions(stiffness: Array, damping: Array) -> tuple[Array | None, int]:
-    """Return an orthogonal frame whose first columns are the rigid motions that C does not resist, and their number.
+    """Return an orthogonal basis whose first columns are the rigid motions that C does not resist, and their number.
 
-    Only rigid motions are mixed, so that the frame keeps the stiffness
-    diagonal; it makes their own damping diagonal too. None stands for the
-    identity.
+    Only rigid motions are combined, so the stiffness stays diagonal. Their own
+    damping becomes diagonal too. None stands for the identity.
     """
     rigid = np.flatnonzero(stiffness == 0.0)
     if not rigid.size:
@@ -146,7 +146,7 @@ def _part_blocks(k: Array, c: Array) -> Blocks:
     if n == 1:
         # One oscillator is a block already, critically damped or not.
         return Blocks(0.5 * c[0], k.copy(), np.eye(2), np.eye(2))
-    # Velocities divided by a frequency: both halves of the state are of one size.
+    # Velocities are divided by a frequency, so that both halves of the state have one unit.
     omega = state_scale(k, c.diagonal())
     state = np.zeros((2 * n, 2 * n))
     state[:n, n:] = np.diag(omega)
@@ -178,7 +178,7 @@ def _part_blocks(k: Array, c: Array) -> Blocks:
 def _companion(motion: Array) -> Array | None:
     """Return rows (w, w T) that take a plane's coordinates to (z, v), as independent as they can be, or None.
 
-    They hardly are where T nearly is a multiple of the identity.
+    None where T is nearly a multiple of the identity, so that the rows are nearly dependent.
     """
     rows = [np.stack([w, w @ motion]) for w in np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])]
     best = max(rows, key=_independence)
@@ -192,12 +192,12 @@ def _independence(rows: Array) -> float:
 
 
 def _determinant(square: Array) -> float:
-    """Return the determinant of a 2 by 2 matrix; elimination would choose its pivot by the unit of time."""
+    """Return the determinant of a 2 by 2 matrix by its formula, which does not depend on the unit of time."""
     return float(square[0, 0] * square[1, 1] - square[0, 1] * square[1, 0])
 
 
 def _even(groups: list[Group]) -> list[Group]:
-    """Return the groups with those of odd size joined to pairs, single real roots far from each other."""
+    """Return groups of even size: odd ones are joined in pairs, single real roots far apart."""
     odd = [group for group in groups if group.right.shape[1] % 2]
     even = [group for group in groups if not group.right.shape[1] % 2]
     # Larger ones first, so that at most one of them takes a single root.

@@ -1,4 +1,4 @@
-"""A run in Ritz vectors, seen from the degrees of freedom that they stand for."""
+"""The solution of a run in Ritz vectors, given in degrees of freedom."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class LiftedSamples:
 
 
 class TruncatedSolution:
-    """A run in Ritz vectors, seen from the degrees of freedom.
+    """The solution of a run in Ritz vectors, given in degrees of freedom.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class TruncatedSolution:
         M-orthonormal.
     truncation : Truncation
     tolerance : float
-        That was aimed at.
+        Relative error of displacements that was asked for.
     beams : bool
         Whether there are slopes among the degrees of freedom.
     """

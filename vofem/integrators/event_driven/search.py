@@ -1,18 +1,19 @@
 """The certified search for the next event.
 
-An event function is ``phi = row . blocks + forced part``, negative until the
-event. From values at one time, bounds on its second derivative and on the
-amplitude of fast blocks give a step within which it provably stays below a
-threshold at rounding level; the step is taken, again and again. Far from an
-event the fast blocks count by their amplitude, so the step is set by the slow
-motion; close to it the steps converge quadratically, from the left, to the
-first root. Nothing is sampled at a fixed rate. Where a function hardly leaves
-zero, as between masses that begin to move together, so that bounds on its
-second derivative allow no step worth the name, derivatives up to the eighth
-are computed and the ninth is bounded.
+An event function is ``phi = row . blocks + forced part``; it is negative until
+the event. The search goes forward in steps. From the values at one time, bounds
+on the second derivative of phi and on the amplitude of fast blocks give a step
+within which phi provably stays below a threshold at rounding level. Far from an
+event the fast blocks enter by their amplitude only, so the slow motion sets the
+step. Close to an event the steps converge quadratically, from the left, to the
+first root. Nothing is sampled at a fixed rate.
 
-Functions are evaluated as changes since the segment's beginning, where a
-contact that has just closed or opened has a gap of exactly zero.
+Some functions stay close to zero for long, for example where two masses begin to
+move together. Bounds on the second derivative then allow only tiny steps. There
+derivatives up to the eighth are computed and the ninth is bounded.
+
+Functions are evaluated as changes since the beginning of the segment, because a
+contact that has just closed or opened has a gap of exactly zero there.
 """
 
 from __future__ import annotations
@@ -34,36 +35,36 @@ Complex = NDArray[np.complex128]
 #: Event functions are known to this many units of rounding of their largest terms.
 _ROUNDING = 64.0 * float(np.finfo(float).eps)
 
-#: Rates in complex modes below this share of the terms that they are the sum of are rounding: they have lost some
-#: digits of these to the eigenproblem.
+#: A rate in complex modes below this share of its largest terms is rounding. The eigenproblem has cost its terms
+#: some digits.
 _FAINT = 16.0 * _ROUNDING
 
 
-#: Motions smaller than this are searched after multiplication by a power of two.
+#: Motions smaller than this are multiplied by a power of two before the search.
 _TINY = 1e-100
 
-#: Derivatives that are bounded where a function hardly leaves zero, and the step, in terms of the shortest time
-#: scale, below which that is tried.
+#: Order of the highest derivative computed where a function stays close to zero, and the step, over the shortest
+#: time scale, below which high derivatives are used.
 _ORDER = 9
 _SHORT = 1e-3
 
 
 @dataclass(frozen=True)
 class EventFunctions:
-    """What is watched: ``phi = start + change of (w z + u v + slope tau + sum Re(harmonic exp(i w tau)))``, of blocks.
+    """Event functions: ``phi = start + change of (w z + u v + slope tau + sum Re(harmonic exp(i w tau)))``.
 
     Attributes
     ----------
     w : ndarray, shape (k, m)
     u : ndarray, shape (k, m) or (k, 0)
     w_size, u_size : ndarray, like w and u
-        Bounds on the terms that w and u are summed of.
+        Bounds on the terms of the sums that w and u are.
     start : ndarray, shape (k,)
         Values at tau = 0.
     rate : ndarray, shape (k,)
         Rates at tau = 0, NaN where they are to be computed; of complex modes only.
     constant : ndarray, shape (k,)
-        Size of the constants from which these were computed.
+        Size of the constants from which `start` was computed.
     slope : ndarray, shape (k,)
     harmonic : ndarray of complex, shape (k, n_h)
         With the frequencies of the motion.
@@ -83,7 +84,7 @@ class EventFunctions:
 class _Watch(NamedTuple):
     """Event functions: changes of ``w z + u v + slope tau + steady`` since start; u has no columns for real modes.
 
-    In complex modes `rate` is that at tau = 0, and `offset` what rounding has taken from the rate of the blocks.
+    In complex modes `rate` is the rate at tau = 0, and `offset` is its rounding error when computed from the blocks.
     """
 
     w: Array
@@ -120,7 +121,7 @@ class _Flow(NamedTuple):
 class _Point(NamedTuple):
     """Work space: block states, rates and changes without the particular part, sizes of inputs' shares, phi, rate.
 
-    In complex modes changes are those beyond the ones in proportion to time.
+    In complex modes the part of the changes in proportion to time is left out.
     """
 
     z: Array
@@ -140,7 +141,7 @@ def next_event(functions: EventFunctions, motion: Motion, duration: float) -> tu
     Parameters
     ----------
     functions : EventFunctions
-        All negative, or zero and about to be, at tau = 0.
+        At tau = 0 negative, or zero and falling.
     motion : Motion
     duration : float
         Where the search ends, s.
@@ -150,7 +151,7 @@ def next_event(functions: EventFunctions, motion: Motion, duration: float) -> tu
     tau : float
         `duration` where nothing happens.
     hits : ndarray of bool, shape (m,)
-        The functions that reach zero there; simultaneous events are one.
+        The functions that reach zero at tau; simultaneous events count as one.
     evaluations : int
         How often the functions were evaluated.
     """
@@ -178,7 +179,7 @@ def next_event(functions: EventFunctions, motion: Motion, duration: float) -> tu
 
 
 def _raise(watch: _Watch, flow: _Flow) -> float:
-    """Return the power of two that brings tiny motions to the size of one, as their squares would underflow; else 1."""
+    """Return a power of two that scales tiny motions to about 1, so that squares do not underflow; 1 for others."""
     if flow.z0.size and np.abs(flow.z0).max() >= _TINY:
         return 1.0
     size = _largest(watch, flow)
@@ -187,7 +188,7 @@ def _raise(watch: _Watch, flow: _Flow) -> float:
 
 @jit
 def _largest(watch: _Watch, flow: _Flow) -> float:
-    """Return the largest magnitude of what the event functions are made of."""
+    """Return the largest magnitude of the terms of the event functions."""
     size = 0.0
     for k in range(flow.z0.size):
         size = max(size, abs(flow.z0[k]), abs(flow.v0[k]))
@@ -317,7 +318,7 @@ def _evaluate_clusters(tau: float, flow: _Flow, at: _Point) -> None:
 
 @jit
 def _noise(watch: _Watch, flow: _Flow, tau: float, at: _Point, noise: Array) -> None:
-    """Fill in the level below which each function is lost in the rounding of the terms that make it up by tau."""
+    """Fill in the rounding level of each function, from the size of its terms up to tau."""
     for j in range(watch.w.shape[0]):
         size = watch.constant[j] + abs(watch.slope[j]) * tau
         for h in range(flow.omega.size):
@@ -335,7 +336,7 @@ def _noise(watch: _Watch, flow: _Flow, tau: float, at: _Point, noise: Array) -> 
 
 @jit
 def _still(j: int, watch: _Watch, flow: _Flow, at: _Point) -> bool:
-    """Return whether the rate of a function is the rounding of its terms."""
+    """Return whether the rate of a function is below the rounding of its terms."""
     size = abs(watch.slope[j])
     for h in range(flow.omega.size):
         size += flow.omega[h] * abs(watch.steady[j, h])
@@ -348,7 +349,7 @@ def _still(j: int, watch: _Watch, flow: _Flow, at: _Point) -> bool:
 
 @jit
 def _faint(j: int, watch: _Watch, flow: _Flow, at: _Point) -> bool:
-    """Return whether the rate of a function of complex modes is the rounding of the terms that it is the sum of."""
+    """Return whether the rate of a function of complex modes is below the rounding of its terms."""
     size = abs(watch.slope[j])
     for h in range(flow.omega.size):
         size += flow.omega[h] * abs(watch.steady[j, h])
@@ -381,12 +382,12 @@ def _far_reach(
     amplitude: Array,
     speed: Array,
 ) -> float:
-    """Return how long function j provably rises by less than `distance`, by its derivatives up to a high one.
+    """Return a time within which function j provably rises by less than `distance`, from high derivatives.
 
     Parameters
     ----------
     step : float
-        No longer than this; the bounds hold until then.
+        Upper bound of the returned time; `amplitude` and `speed` hold until then.
     amplitude, speed : ndarray, shape (n,)
         Bounds on block states (z, v).
     """
@@ -499,8 +500,8 @@ def _march(
     tau, before = 0.0, 0.0
     # When each function was last seen at or below zero: one above it within rounding has its root before `before`.
     below = np.zeros(m)
-    # A gap that stays closed to rounding, such as that of masses which fall together, allows no certified step worth
-    # the name. Its steps double while value and rate are rounding, up to a fraction of the shortest time scale.
+    # A gap that is zero up to rounding, such as that of masses which fall together, allows only tiny certified steps.
+    # Its steps double while value and rate are rounding, up to a fraction of the shortest time scale.
     idle = np.zeros(m)
     quickest = 0.0
     for k in range(n):
@@ -547,7 +548,7 @@ def _march(
                 speed[k], amplitude[k], push[k], jerk[k] = norm, norm, change, change
         allowed = step
         for j in range(m):
-            # Blocks below a level count by value, rate and curvature bound, those above by amplitude.
+            # Blocks below a level enter by value, rate and bound of the curvature, those above by amplitude.
             fast, value, rate, curvature = 0.0, at.phi[j], at.rate[j], steady_curvature[j]
             for k in range(n):
                 fast += abs(watch.w[j, k]) * amplitude[k]
@@ -620,9 +621,9 @@ def _march(
     _noise(watch, flow, first, at, noise)
     evaluations += 1
     for j in range(m):
-        # What only rounding moves at zero, such as bodies at rest that touch, takes no part in the event of another.
-        # Bounds on rounding in complex modes are too wide to tell that from a slow motion: there the terms themselves
-        # have to do.
+        # A function that only rounding moves away from zero, as for bodies at rest that touch, is left out of the
+        # event of another. In complex modes the bounds on rounding are too wide to distinguish this from slow motion,
+        # so the terms themselves are compared.
         still = _faint(j, watch, flow, at) if mixed else _still(j, watch, flow, at)
         hits[j] = abs(at.phi[j]) <= noise[j] and at.rate[j] > 0.0 and not still
     hits[winner] = True

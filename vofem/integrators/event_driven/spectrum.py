@@ -4,10 +4,10 @@ A status becomes blocks
 
     z' = v + g1,    v' = -2 delta v - p z + g2,
 
-one per pair of roots. First come real orthogonal modes of the structure with
-its closed and pinned contacts, gained from the diagonal by one rank-one
-update or constraint per contact; where damping couples them, they are split
-further by complex modes.
+one per pair of roots. First the real orthogonal modes of the structure with its
+closed and pinned contacts are computed, from the modes without contacts, by one
+rank-one update or constraint per contact. Where damping couples these modes, they
+are split further by complex modes.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ _MOST_MEMORY = 512 * 2**20
 class RealModes:
     """Undamped modes of a status in the modal space of the contact-free system.
 
-    ``diag(omega^2) V + sum_closed K0 c c' V = V diag(p) + Q' N``: pinned rows Q hold the modes by forces N.
+    ``diag(omega^2) V + sum_closed K0 c c' V = V diag(p) + Q' N``, where N are the forces in the pinned rows Q.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class RealModes:
     shift : ndarray, shape (n,), optional
         Modal displacement that puts pinned contacts at their gaps; None where none is pinned.
     shift_force : ndarray, shape (n,), optional
-        What resists the shift beyond the reactions (of rigid motions only).
+        Force that holds the shift beside the reactions (only where there are rigid motions).
     shift_reaction : ndarray, shape (k,), optional
         Reactions to the shift.
     """
@@ -156,7 +156,7 @@ class Spectrum:
             displacement = displacement - self.real.shift
         x, rate = self.real.down(displacement), self.real.down(velocity)
         if self.blocks is None:
-            # Copies where the modes are the identity: callers may work in place.
+            # Copied where the modes are the identity, because callers may change the result in place.
             return (x, rate) if self.real.modes is not None else (x.copy(), rate.copy())
         both = self.blocks.into @ np.concatenate([x, rate])
         return both[: self.p.size], both[self.p.size :]
@@ -182,7 +182,7 @@ class Spectrum:
         g2 = self.real.down(force)
         if self.blocks is None:
             return np.zeros_like(g2), g2
-        # Part by part: a product of a real with a complex matrix takes a hundred times as long.
+        # Real and imaginary parts apart: the product of a real with a complex matrix takes a hundred times as long.
         both = self._into @ g2.real + 1j * (self._into @ g2.imag) if np.iscomplexobj(g2) else self._into @ g2
         return both[: self.p.size], both[self.p.size :]
 
@@ -201,7 +201,7 @@ class Spectrum:
         return np.ascontiguousarray(both[:, :m]), np.ascontiguousarray(both[:, m:])
 
     def sizes(self, displacement: Array, velocity: Array | None = None) -> tuple[Array, Array]:
-        """Return bounds on the terms that `functions` are summed of, from such bounds over the real modes, (k, m)."""
+        """Return bounds on the terms of the sums in `functions`, from such bounds over the real modes, (k, m)."""
         m = self.p.size
         if self.blocks is None:
             return self.functions(displacement, velocity)
@@ -219,10 +219,10 @@ class Spectrum:
 
     @cached_property
     def _out_sizes(self) -> Array:
-        """Bounds on the terms that the map from blocks is made of, shape (2m, 2m).
+        """Bounds on the terms of the map from blocks, shape (2m, 2m).
 
-        A complex mode is known to rounding of its energy: a slow motion's
-        share in a quick mode may be all rounding.
+        The error of a complex mode is rounding of its energy, so the share of a
+        slow motion in a fast mode may be nothing but rounding.
         """
         assert self.blocks is not None
         assert self.damping is not None
@@ -238,7 +238,7 @@ class Spectrum:
     def rows(self, rows: Array, sizes: Array) -> tuple[Array, Array, Array, Array]:
         """Return (W, U) with ``rows @ displacement = W z + U v`` for modal rows (k, n), the shift aside.
 
-        And bounds on what each of their entries is the sum of, which tell its rounding, from those of the rows.
+        Bounds on the terms of each entry, from which its rounding follows, are returned too; they come from the rows'.
         """
         modes = self.real.modes
         if modes is None:
@@ -255,14 +255,14 @@ class Spectra:
     laws : ContactLaws, optional
     counters : Counters
     cache : Cache
-        Of the system; holds what earlier runs have computed. The last bits of an eigensystem depend on the order in
-        which contacts were closed one after the other to gain it. It is looked up by that order, which is the run's
-        own, so that a run gives the same bits whatever has run before.
+        Of the system; holds the eigensystems of earlier runs. The last bits of an eigensystem depend on the order in
+        which its contacts were closed. Eigensystems are therefore stored by that order. A run thus gives the same
+        bits whatever has run before.
 
     Attributes
     ----------
     capacity : int
-        How many are kept; the oldest make room.
+        Largest number of eigensystems that are kept; the oldest is dropped first.
     """
 
     def __init__(self, space: ModalSpace, laws: ContactLaws | None, counters: Counters, cache: Cache) -> None:
@@ -323,10 +323,10 @@ class Spectra:
     def _closed_modes(self, closed: NDArray[np.bool_]) -> tuple[tuple[int, ...], RealModes]:
         """Return the modes with some contacts closed, and the changes by which they were gained.
 
-        They come from those of the nearest status that the run knows. A contact is added by a rank-one update and
-        taken away by its reverse, which loses digits: then the modes are refined, and gained from fewer closed
-        contacts where that fails. A change is the number of a contact that closes, and -1 less the number of one that
-        opens.
+        The modes are computed from those of the nearest status that the run knows. A rank-one update closes a
+        contact, its reverse opens one. The reverse loses digits, so the modes are refined afterwards; where refinement
+        fails, they are computed from a status with fewer closed contacts. A change is k for contact k that closes and
+        ``-1 - k`` for contact k that opens.
         """
         key = closed.tobytes()
         if key in self._closed:
@@ -388,7 +388,7 @@ def _pin(real: RealModes, row: Array) -> RealModes:
     modes = vectors if real.modes is None else real.modes @ vectors
     held = real.force @ vectors
     if real.pinned.shape[0]:
-        # The part of the new row along the rows held before is their business.
+        # The rows that were pinned before already hold the part of the new row along them.
         along = np.linalg.lstsq(real.pinned.T, row, rcond=None)[0]
         held = held - np.outer(along, force)
     return RealModes(values, modes, np.vstack([real.pinned, row]), np.vstack([held, force]))
@@ -397,7 +397,7 @@ def _pin(real: RealModes, row: Array) -> RealModes:
 def _shifted(closed: RealModes, real: RealModes, gap: Array) -> RealModes:
     """Return the modes with the displacement that puts the pinned contacts at their gaps.
 
-    Where the structure is held it is the static one, which the reactions alone resist.
+    Where the structure has no rigid motion this is the static displacement, which the reactions alone balance.
     """
     rows = real.pinned if closed.modes is None else real.pinned @ closed.modes
     typical = float(np.median(closed.p[closed.p > 0])) if np.any(closed.p > 0) else 1.0

@@ -1,10 +1,11 @@
 """The balance of a step: ``A x = right - weight B'(R(u) - held)``, ``u = base + reach B x``, with reactions R of laws.
 
-Few laws are solved for in their coordinates, through the compliance
-``B A^-1 B'``. Where laws are as many as unknowns that matrix is large and
-full while A, with the slopes of all laws added, stays a narrow band: then
-Newton's method runs on x, at a cost that grows with the number of unknowns.
-Both minimise the same convex function, so from any start they find its one minimum.
+There are two ways to solve it. Where laws are few, Newton's method runs on
+their coordinates u, through the compliance ``B A^-1 B'``. Where there are about
+as many laws as unknowns, that matrix is large and full, but A with the slopes of
+all laws added is still a narrow band. Newton's method then runs on x, and its
+cost grows with the number of unknowns.
+Both ways minimise the same convex function, so both find its only minimum from any start.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from vofem.linalg.jit import jit
 
 Array = NDArray[np.float64]
 
-#: Laws from which on the band is thought of.
+#: Number of laws from which on the solution in the band is considered.
 _FEWEST = 16
 
 _MOST = 200
@@ -31,7 +32,7 @@ _EPS = float(np.finfo(float).eps)
 
 
 class Structure(NamedTuple):
-    """What answers to reactions.
+    """The linear structure within a step: how x follows from reactions.
 
     Attributes
     ----------
@@ -71,8 +72,8 @@ def _row_width(rows: Rows) -> int:
 def _banded_pays(laws: Laws, n: int, width: int) -> bool:
     """Return whether a Newton step costs less in the band than through the compliance, half of the laws acting.
 
-    A spring that softens may leave a band that is not positive definite, and on forces that jump Newton's method
-    on x stalls: where one is present the compliance is taken.
+    The compliance is always used where a spring softens, because the band may then not be positive definite, and
+    where a force jumps, because Newton's method on x then stalls.
     """
     m, kind = laws.table.size, laws.table["kind"]
     suited = not np.any((kind == CALLED) | ((kind == JUMP) & (laws.table["gap"] > 0.0)))
@@ -146,10 +147,11 @@ def _in_band(
     laws: Laws, structure: Structure, rows: Rows, right: Array, held: Array, base: Array, u0: Array, mean: bool,
     rate: float, drag: Array, reaction: Array, u: Array, x: Array,
 ) -> int:  # fmt: skip
-    """Find all by Newton's method on x; return the number of its steps, or -1.
+    """Find x, u and the reactions by Newton's method on x; return the number of its steps, or -1.
 
-    Reactions are those of the laws' tangents, which balance the structure to
-    the last digit even where a law is so steep that its own value does not.
+    Reactions are extrapolated along the laws' tangents. They balance the
+    structure to the last digit, also where a law is so steep that the rounding
+    of u changes its force.
     """
     n, m, reach, weight = x.size, u.size, structure.reach, structure.weight
     force, slope, turn = np.empty(m), np.empty(m), np.empty(m)
@@ -164,7 +166,7 @@ def _in_band(
             if not np.isfinite(force[j]):
                 return -1
             off, size = max(off, abs(force[j] - reaction[j])), max(size, abs(force[j]) + abs(reaction[j]))
-        # Rounding of a steep law can keep the last digits from settling: the demand is lowered as steps go by.
+        # Rounding in a steep law can keep the last digits from converging, so the tolerance grows with each step.
         demand = _EPS * 2.0 ** min(step, 22)
         if whole_step and off <= demand * size:
             return step

@@ -1,4 +1,4 @@
-"""What a stepping run looks at to judge itself: states at steps of its own choice, and its contacts at every step.
+"""What a stepping run records for its own checks: states at steps that it chooses, and its contacts at every step.
 
 Neither depends on the times at which results are wanted.
 """
@@ -14,24 +14,24 @@ from vofem.system import ContactLaws
 
 Array = NDArray[np.float64]
 
-#: Steps at most whose whole states are looked at.
+#: Largest number of steps whose whole states are checked.
 _MOST_STATES = 1000
 
-#: Of longer runs every so many steps are looked at, on the average: a look costs about as much as a step.
+#: In longer runs one step in so many is checked, on the average: a check costs about as much as a step.
 _STRIDE = 64
 
-#: States, and entries of states, that are looked at however few the steps are.
+#: Number of states, and of entries of states, that are checked however few the steps are.
 _FEWEST_STATES = 16
 _ENTRIES = 20_000
 
-#: Every so many of the steps that are looked at, their middles are looked at too.
+#: One in so many of the checked steps is checked at its middle too.
 _MIDDLES = 4
 
 _GOLDEN = 0.6180339887498949
 
 
 def check_times(t_end: float, dt: float | None, size: int) -> Array:
-    """Return the times whose states are looked at, increasing, within [0, t_end].
+    """Return the times whose states are checked, increasing, within [0, t_end].
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def check_times(t_end: float, dt: float | None, size: int) -> Array:
         return np.append(t_end * _irregular(count), t_end)
     steps = int(np.floor(t_end / dt + 1e-9))
     count = min(steps, _MOST_STATES, max(most, steps // _STRIDE))
-    # Irregular, so that no motion is always met in the same phase.
+    # Irregular times, so that a periodic motion is not always checked in the same phase.
     chosen = np.arange(steps + 1) if count == steps else np.floor(steps * _irregular(count)).astype(np.int64)
     chosen = np.unique(np.append(chosen, steps))
     middles = chosen[chosen < steps][::_MIDDLES] + 0.5
@@ -59,17 +59,17 @@ def _irregular(count: int) -> Array:
     return (k + np.modf(k * _GOLDEN)[0]) / max(count, 1)
 
 
-#: Columns of a watch: what it knows of a contact, the last step, and what it has found.
+#: Columns of the record of a contact: its data, the last step, and the findings.
 _GAP, _STIFFNESS, _OFFSET, _S, _RATE, MISSED, REACH, POWER = range(8)
 
 
 def watch(laws: ContactLaws | None) -> Array:
-    """Return what compiled loops keep of every contact from step to step, shape (n_contacts, 8).
+    """Return the record that compiled loops keep of every contact from step to step, shape (n_contacts, 8).
 
-    Found are, in columns MISSED, REACH and POWER: the closings between two
-    steps that both found the contact open; the largest value of ``b.q - gap``
-    at a step, m; and the largest power that a contact spring with an ideal
-    switch took or gave, W.
+    Three columns hold findings. MISSED counts the closings between two steps
+    at which the contact was open. REACH is the largest value of ``b.q - gap``
+    at a step, m. POWER is the largest power that a contact spring with an ideal
+    switch absorbed or released, W.
     """
     if laws is None:
         return np.empty((0, 8))
@@ -83,11 +83,11 @@ def watch(laws: ContactLaws | None) -> Array:
 
 @jit
 def look(watch: Array, rows: Rows, dt: float, q: Array, v: Array) -> None:
-    """Look at all contacts where a step of size dt ends in displacements q and velocities v."""
+    """Update the record of all contacts where a step of size dt ends in displacements q and velocities v."""
     for j in range(watch.shape[0]):
         u, rate = dot(rows, j, q), dot(rows, j, v)
         s, s0, rate0 = u - watch[j, _GAP], watch[j, _S], watch[j, _RATE]
-        # A tenth of what the gap function rises within the step is left to the step's own error.
+        # The step's own error may be a tenth of what the gap function rises within the step.
         turns = rate0 > 0.0 and rate < 0.0 and s0 <= 0.0 and s <= 0.0
         if turns and s0 + 0.55 * dt * rate0 * (rate0 / (rate0 - rate)) > 0.0:
             watch[j, MISSED] += 1.0

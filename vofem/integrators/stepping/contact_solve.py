@@ -1,9 +1,10 @@
-"""Reactions of scalar laws at the end of a step, found in the space of their few coordinates.
+"""Reactions of scalar laws at the end of a step, solved for in the coordinates of the laws.
 
 With the structure's compliance G over the step, ``u = u_free - G R(u)``. All
 laws of contacts are monotone, so ``1/2 R'GR + sum psi_j((u_free - G R)_j)`` is
-convex: Newton's method with a line search on its derivative finds the one
-solution from any start. One coordinate is a monotone scalar equation.
+convex. Newton's method with a line search on its derivative therefore finds the
+only solution from any start. With one coordinate this is a monotone scalar
+equation, which is solved inside a bracket.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ Array = NDArray[np.float64]
 _MOST = 200
 _EPS = float(np.finfo(float).eps)
 
-#: Newton steps after which a residual that is the rounding of its own terms is the best that can be had.
+#: Newton steps after which a residual at the rounding level of its own terms is accepted.
 _PATIENCE = 30
 
 
@@ -48,7 +49,7 @@ def law(laws: Laws, j: int, u0: float, u1: float, mean: bool, rate: float, drag:
     mean : bool
         The mean force over the path from u0 to u1, or the force at u1.
     rate : float
-        Weight in 1/s of the path in the damper's force.
+        Factor in 1/s: the damper's force is its coefficient times this factor times the path ``u1 - u0``.
     drag : float
         A damper's force that does not depend on u1, N.
     """
@@ -80,7 +81,7 @@ def _scalar(
     force, slope = law(laws, j, u0, free, mean, rate, drag)
     if force == 0.0:
         return 0.0, free, True
-    # The root lies between where the law pushes nothing back and where it pushes as at the free end.
+    # The root lies between two coordinates: with no force of the law, and with its force at the free coordinate.
     low, high = min(free, free - compliance * force), max(free, free - compliance * force)
     u = min(max(free - compliance * guess, low), high)
     for _ in range(_MOST):
@@ -93,7 +94,7 @@ def _scalar(
         if excess == 0.0 or high - low <= _EPS * max(abs(low), abs(high)):
             break
         new = u - excess / (1.0 + compliance * slope)
-        # Asked before the bounds, one of which is u: a law that is linear here ends at its first step.
+        # This test comes before the bounds are updated, because u is one of them: a linear law ends at its first step.
         if abs(new - u) <= _EPS * (abs(u) + abs(free)) and abs(excess) <= 4.0 * _EPS * (
             abs(free) + compliance * abs(force)
         ):
@@ -103,7 +104,7 @@ def _scalar(
     else:
         return 0.0, u, False
     if compliance * slope > 1.0:
-        # Where the law is stiffer than the structure the balance keeps more digits than the law.
+        # Where the law is stiffer than the structure, the equation of balance loses fewer digits than the law does.
         return (free - u) / compliance, u, np.isfinite(u)
     return only_force(laws, j, u0, u, mean, rate, drag), u, np.isfinite(u)
 
@@ -148,9 +149,9 @@ def _many(
         change, move = np.zeros(m), np.zeros(m)
         still, rounded = True, True
         for a in range(size):
-            # Where a law has no slope its row says so exactly; elimination leaves it the rounding of the others.
+            # A law without slope has an exact row; elimination would add the rounding of other rows to it.
             change[index[a]] = right[a] if slope[index[a]] == 0.0 else solution[a]
-        # Rounding of a steep law can keep the last digits from settling: the demand is lowered as steps go by.
+        # Rounding in a steep law can keep the last digits from converging, so the tolerance grows with each step.
         settled = off <= _EPS * 2.0 ** min(step, 22) * size_of
         for i in range(m):
             scale = abs(free[i])
@@ -158,7 +159,7 @@ def _many(
                 move[i] -= compliance[i, index[a]] * solution[a]
                 scale += abs(compliance[i, index[a]] * reaction[index[a]])
             still = still and abs(move[i]) <= 4.0 * _EPS * scale
-            # What the rounding of u does to the force of a law much stiffer than the structure may exceed all else.
+            # In a law much stiffer than the structure, the rounding of u may be the largest error of its force.
             noise = 4.0 * _EPS * (abs(force[i]) + abs(reaction[i]) + slope[i] * scale)
             rounded = rounded and abs(force[i] - reaction[i]) <= noise
         settled = settled or still or (rounded and step >= _PATIENCE)
@@ -224,7 +225,7 @@ def solve_reactions(
     free, u0 : ndarray, shape (m,)
         Coordinates without reactions, and at the start of the step.
     mean : bool
-        Whether laws enter by their mean over the step, or by their end value.
+        True: a law acts with its mean force over the step. False: with its force at the end.
     rate : float
         Weight in 1/s of the path in dampers' forces.
     drag : ndarray, shape (m,)
@@ -252,5 +253,5 @@ def solve_reactions(
         j = m - 1
         reaction[0], u[0], found = _scalar(laws, j, compliance[0, 0], free[0], u0[0], mean, rate, drag[0], reaction[0])
         return 1 if found else -1
-    # A guess from the step before may lie on the far side of a jump; coordinates without force start from none.
+    # A guess from the last step may lie beyond a jump of the force; coordinates without force start from zero.
     return _many(laws, compliance, free, u0, mean, rate, drag, reaction, u)

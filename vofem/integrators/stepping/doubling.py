@@ -1,9 +1,10 @@
-"""Steps that follow a tolerance, for any implicit method: every step is taken whole and in halves, which are compared.
+"""Steps that follow a tolerance, for any implicit method.
 
-What the estimate sees is whatever the step sees, a switch included. Where a
-contact acts, velocities have to agree too, and a step has to resolve the
-impact: against a stop so stiff that every step ends at it, displacements say
-nothing.
+Every step is taken once as a whole and once as two halves. The difference of
+the two results estimates the error, that of a closing or opening within the
+step included. Where a contact acts, velocities are compared too, and the step
+must resolve the impact. Displacements alone are not enough there: against a very
+stiff stop every step ends at the stop, whatever its size.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from vofem.linalg.jit import jit
 
 Array = NDArray[np.float64]
 
-#: Steps between two looks at the outcome.
+#: Number of steps of one call of `advance`.
 _CHUNK = 256
 
 #: Change of velocity in one half of a step, over that of the impact, up to which a step resolves a contact.
@@ -34,12 +35,12 @@ _RESOLVED = 0.25
 #: Tangent of a law over that of the rest of its step, up to which a step resolves a jump of it: the same measure.
 _SOFT = 0.5 * _RESOLVED**2
 
-#: Way that an unresolved change of velocity would make until the end, over the tolerance, up to which it is let pass.
+#: An unresolved change of velocity is accepted if it moves the contact by at most this many tolerances until t_end.
 _HARMLESS = 0.1
 
 
 class Attempt(NamedTuple):
-    """What was found of a step that was taken whole and in halves.
+    """Result of a step that was taken as a whole and in halves.
 
     Attributes
     ----------
@@ -89,8 +90,8 @@ class StepDoubling(Ladder, Setting):
         self.keep_history(self.tick, t_end + 2.0 * self.largest)
 
     def measure(self, displacement: Array) -> None:
-        """Set the size that errors are related to from a rough run, shape (n, n_times)."""
-        # A scene that starts from rest has no size of its own before it has moved.
+        """Set the displacement to which errors are related, from a rough run, shape (n, n_times)."""
+        # A scene that starts from rest has no displacement to compare with at first.
         self.size = self.largest_of(displacement)
 
     def largest_of(self, displacement: Array) -> float:
@@ -167,12 +168,12 @@ def impact(
 ) -> tuple[bool, float]:
     """Return whether a law's tangent jumps in two halves of a step, and the largest change of rate not resolved, m/s.
 
-    With a stiffness k on a mass m at penetration s the velocity of the impact
-    is ``sqrt(r^2 + k s^2/m)``, r the rate: as ``k s/m`` is the change of rate
-    per time, it needs no mass to be known. A contact that is held closed by
-    what lies on it has a large one too, and its trembling passes for resolved.
-    Any other law is asked for its tangents k at the ends of the halves; ``k dt^2/2m`` follows from
-    the change of rate ``R dt/m`` that comes with its reaction R.
+    For a stiffness k, a mass m, a penetration s and its rate r, the velocity of the impact
+    is ``sqrt(r^2 + k s^2/m)``. The mass need not be known, because ``k s/m`` is the change of rate
+    per time. A contact that a static load keeps closed has a large velocity of impact by this
+    formula, so its small vibrations count as resolved.
+    Of any other law the tangents k at the ends of the halves are compared; ``k dt^2/2m`` follows from
+    the change of rate ``R dt/m`` that its reaction R causes.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The past of springpots as a run needs it: kernels, weights of orders, and what a step of a size does to them."""
+"""Internal variables of springpots in a run: kernels, weights of orders, and their update over a step."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 #: Relative error of the kernel, at all times of a run.
 _TOLERANCE = 1e-10
 
-#: Times of a run at which an order that varies is looked at before the first step.
+#: Number of times at which an order that varies is checked before the first step.
 _LOOKS = 257
 
 
@@ -71,10 +71,11 @@ class Springpotted:
         return Springpots(self._row, weights)
 
     def pace(self, dt: float) -> Pace:
-        """Return what a step of a size in s does to the past.
+        """Return the update of the internal variables over a step of a size in s.
 
-        The last two numbers stand for the elements that are faster than the step, whose y is the rate of
-        elongation over their own rate: their first sum acts on the rate, the second on how it changes.
+        The last two numbers stand for all elements that are faster than the step. Their y follows the rate of
+        elongation at once, so two sums over them are enough: the first is multiplied by the rate of elongation, the
+        second by the change of that rate.
         """
         rates = self._kernel.rates
         start, end = step_integrals(rates, dt)
@@ -87,7 +88,7 @@ class Springpotted:
         )
 
     def begin(self, start: State) -> History:
-        """Return a past without motion; there is no force at t = 0 but that of a dashpot."""
+        """Return the internal variables at rest; at t = 0 only a dashpot (order 1) has a force."""
         history = History(np.zeros((len(self._laws), self._kernel.rates.size + 2)), np.zeros((len(self._laws), 7)))
         rates = np.asarray(self._rows @ start.v)
         for i, law in enumerate(self._laws):

@@ -1,4 +1,4 @@
-"""Runs of implicit methods, at equal steps or under a tolerance: how they begin, and what they tell afterwards."""
+"""Runs of implicit methods, with equal steps or under a tolerance: their set-up, and the notes at their end."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ Array = NDArray[np.float64]
 #: Tolerance of the coarser run with which a run is compared, over that of the run.
 _COARSER = 4.0
 
-#: Difference between both, over the tolerance, above which it is told.
+#: Difference between both, over the tolerance, above which a note reports it.
 _APART = 5.0
 
-#: Largest displacement over the one that errors were related to, below which that was wrong.
+#: Largest displacement, over the one that errors were related to, below which the latter was too large.
 _OVERSIZED = 0.5
 
 #: Steps of a rough run, and by default of a run of equal steps.
@@ -55,7 +55,7 @@ class Doubled:
 
 @dataclass(frozen=True)
 class Asked:
-    """What is asked of a run; the fields are the arguments of a method, see `Method.run`."""
+    """The arguments of a run; the fields are the arguments of `Method.run`."""
 
     system: System
     start: State
@@ -133,7 +133,7 @@ def _doubling(made: Doubled, asked: Asked, tol: float, counters: Counters) -> St
 
 
 def _tell(kernel: StepDoubling, out: Output, notes: list[str]) -> None:
-    """Tell where the tolerance may not be kept."""
+    """Add notes where the tolerance may not be kept."""
     tol = kernel.tolerance
     if kernel.forced:
         notes.append(
@@ -142,7 +142,7 @@ def _tell(kernel: StepDoubling, out: Output, notes: list[str]) -> None:
         )
     if kernel.coarser.size:
         checks = check_times(kernel.t_end, None, kernel.bands.system.size)
-        # The first column of each, as a time may be asked for twice.
+        # The first column of each, as a time may occur twice.
         columns = np.searchsorted(out.times, checks)
         off = kernel.largest_of(np.nan_to_num(out.q[:, columns] - kernel.coarser))
         if off > _APART * tol * kernel.size:
@@ -172,13 +172,13 @@ def _compare(made: Doubled, kernel: StepDoubling) -> None:
     hit = trial.status.size < trial.laws.table.size or bool(np.any(trial.status == CLOSED))
     found, events = _trial(trial, check_times(kernel.t_end, None, kernel.bands.system.size))
     if hit or events:
-        # This run knows better than the rough one how far things move.
+        # This run gives the largest displacement more accurately than the rough one.
         kernel.size = min(kernel.size, trial.largest_of(found))
         kernel.coarser = found
 
 
 def _rough(made: Doubled, t_end: float, counters: Counters) -> Array:
-    """Return the displacements of a rough run of equal steps, which tells how far things move."""
+    """Return the displacements of a rough run of equal steps, of which the largest is used."""
     return _trial(made.equal(counters, t_end / _STEPS, _STEPS), np.linspace(0.0, t_end, _STEPS + 1))[0]
 
 
@@ -192,7 +192,7 @@ def _trial(kernel: Kernel, times: Array) -> tuple[Array, bool]:
             cursor, events = kernel.advance(out, cursor)
             hit = hit or events.size > 0
     except ConvergenceError:
-        # At large steps a stiff law may leave no solution in double precision: what came before has a size too, and
-        # the run itself will say so, or take other steps.
+        # At large steps a stiff law may leave no solution in double precision. The displacements before that are used;
+        # the run itself takes other steps, or raises the error.
         hit = True
     return out.q, hit

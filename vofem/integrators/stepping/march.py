@@ -1,4 +1,4 @@
-"""The loop around a compiled kernel: events, energy checks, interruption, and what is left behind."""
+"""The loop around a compiled kernel: events, energy checks, interruption, and the solution."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ from vofem.system import Counters, Events, State, System
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-#: Loss of static responses to rounding that a blow-up is put down to.
+#: Relative loss of static responses to rounding above which rounding is named as the cause of a blow-up.
 _SPOILT = 1e-3
 
-#: Entries of states that are advanced between two looks at the outcome: some tenths of a second of work.
+#: Entries of states that one call of a kernel advances: some tenths of a second of work.
 _CHUNK_WORK = 1_000_000
 
 #: The same in plain Python.
@@ -45,12 +45,12 @@ _PLAIN_WORK = 10_000
 #: Factored matrices of a method that are kept with a system: those of all step sizes that `tol` tries, and some more.
 MOST_FACTORED = 48
 
-#: Laws from which on the order of the unknowns looks at their rows.
+#: Number of laws from which on the order of the unknowns takes account of their rows.
 _MANY = 16
 
 
 def chunk(size: int) -> int:
-    """Return the number of steps of `size` unknowns to take between two looks at the outcome."""
+    """Return the number of steps of `size` unknowns in one call of a kernel."""
     work = _CHUNK_WORK if compiled() else _PLAIN_WORK
     return int(np.clip(work // max(size, 1), 1, MOST_STEPS))
 
@@ -87,7 +87,7 @@ def _order(system: System, matrices: list[Any]) -> IntArray:
 
 
 def tally(bands: Banded, laws: Laws, callbacks: Callbacks | None, steps: int, evaluations: int) -> None:
-    """Enter into the counters the steps taken so far, and how often laws and dampers were evaluated."""
+    """Set the counters of steps, and of evaluations of laws and dampers."""
     system, counters = bands.system, bands.counters
     counters.steps = steps
     counters.gap_evaluations = (0 if system.contacts is None else len(system.contacts)) * evaluations
@@ -109,7 +109,7 @@ class Kernel(Protocol):
     bands : Banded
     trail : Trail
     place : tuple of str
-        Attributes beside `state` and `trail` that say where the run stands.
+        Names of the attributes that, beside `state` and `trail`, make up the state of the run.
     """
 
     bands: Banded
@@ -138,7 +138,7 @@ class Kernel(Protocol):
         """Take some steps; return the output cursor and the events (time, contact, status), one a row."""
 
     def reached(self) -> float:
-        """Return the time of the state on the trail, s."""
+        """Return the time of the state in `trail`, s."""
 
     def kinetic(self, samples: Samples) -> Array:
         """Return the kinetic energy of the method's own balance at the stored times, J."""
@@ -160,7 +160,7 @@ def march(
     resume: Snapshot | None,
     probes: ProbeRows | None,
 ) -> SteppedSolution:
-    """Run a kernel to its end, or until it is interrupted, and return what it leaves behind.
+    """Run a kernel to its end, or until it is interrupted, and return the solution.
 
     Parameters
     ----------
@@ -174,9 +174,9 @@ def march(
     out : Output
     notes : list of str
     first_energy : float
-        At t = 0, in the method's own form and without springs with memory, J.
+        At t = 0, in the method's own form and without hysteretic springs, J.
     blow_up : float
-        Energy out of nowhere, over the energies at work, that ends a run.
+        Energy that no load has supplied, over the largest energy, that ends a run.
     watch : callable, optional
     resume : dict, optional
         A snapshot of the same run, from which to go on.
@@ -250,7 +250,7 @@ def march(
 
 
 def _outcome(kernel: Kernel, out: Output, columns: IntArray) -> tuple[Array, Samples, Energies, SpringSamples | None]:
-    """Return times, states, energies and springs with memory at some of the stored times."""
+    """Return times, states, energies and hysteretic springs at some of the stored times."""
     system, back = kernel.bands.system, kernel.bands.back
     place = np.ix_(back, columns)
     samples = Samples(out.q[place], out.v[place], out.a[place])
@@ -266,9 +266,9 @@ def _outcome(kernel: Kernel, out: Output, columns: IntArray) -> tuple[Array, Sam
 
 
 def _held(kernel: Kernel) -> tuple[float, float]:
-    """Return the energies in J that springs with memory hold, and have dissipated, at the state on the trail.
+    """Return the energies in J that hysteretic springs store, and have dissipated, at the state in `trail`.
 
-    What springpots have absorbed counts as dissipated here.
+    The work that springpots have absorbed counts as dissipated here.
     """
     trail, lost = kernel.trail, absorbed(kernel.history)
     if not kernel.laws.state.size:
@@ -280,7 +280,7 @@ def _held(kernel: Kernel) -> tuple[float, float]:
 def _snapshot(
     kernel: Kernel, out: Output, cursor: int, log: list[Array], recorded: Recorded, notes: list[str]
 ) -> Snapshot:
-    """Return what a run goes on from, as plain data."""
+    """Return the state of a run, as plain data, from which it can go on."""
     return {
         "state": kernel.state,
         "trail": kernel.trail,
@@ -294,7 +294,7 @@ def _snapshot(
 
 
 def _restore(kernel: Kernel, out: Output, saved: Snapshot, notes: list[str]) -> tuple[int, list[Array], Recorded]:
-    """Put a kernel and its output where a snapshot stands; return the output's cursor, and events and record so far."""
+    """Set a kernel and its output to a snapshot; return the output's cursor, and events and record so far."""
     _fill(kernel.state, saved["state"])
     _fill(kernel.trail, saved["trail"])
     for name, value in saved["place"].items():
@@ -328,7 +328,7 @@ def _fill(target: Any, saved: Any) -> None:
 
 
 def note_chatter(system: System, notes: list[str]) -> None:
-    """Tell what a step does to a contact that should rest at its gap."""
+    """Add a note where contacts that should rest at their gap chatter from step to step."""
     if system.contacts is not None and bool(np.any(system.contacts.jump & (system.contacts.gap > 0))):
         notes.append(
             "chatter: under acts_on='displacement' a contact that should rest at its gap chatters with the amplitude "

@@ -1,4 +1,4 @@
-"""What laws with a past leave behind: force, stored energy and loss at wanted times, and energies."""
+"""Records of laws with internal variables: force, stored energy and loss at wanted times, and energies."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def memory_energy(laws: Laws, state: Array, rows: Rows, q: Array) -> tuple[float
 
 @jit
 def tell_histories(history: History, out: Output, first: int, cursor: int, t: float, dt: float) -> None:
-    """Store what springpots did at the wanted times `first` to `cursor`, up to t, which ends a step of size dt.
+    """Record the springpots at the wanted times `first` to `cursor`, to t, the end of a step of size dt.
 
     They are the last laws in `out.memory`. Values between both ends of the step are interpolated.
     """

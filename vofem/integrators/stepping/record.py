@@ -1,4 +1,4 @@
-"""What a stepping run leaves behind on its way: states at wanted times, and contact events."""
+"""The record of a stepping run: states at wanted times, and contact events."""
 
 from __future__ import annotations
 
@@ -21,9 +21,10 @@ _ROUNDING = 64.0 * float(np.finfo(float).eps)
 
 
 class Trail(NamedTuple):
-    """The step before: its state with that of laws with memory, and (now, before) of work and dissipation in total.
+    """The last step: its state, the internal variables of its laws, and the totals of work and dissipation.
 
-    `size` holds the largest sum of displacements and gap that any contact has seen so far, m, shape (1,).
+    The totals are pairs: at the end of the step, and at its start. `size`, shape (1,), is the largest sum of
+    displacements and gap of any contact so far, m.
     """
 
     q: Array
@@ -43,9 +44,10 @@ def trail(n: int, memory: Array) -> Trail:
 class Output(NamedTuple):
     """Wanted times and what is stored there: q, v, a of shape (n, n_times), and work and dissipation.
 
-    `memory` holds force, stored energy and loss of the laws with memory, springpots last, shape (3, n_laws, n_times),
-    `past` the state of the former at the last of the `wanted` times, shape (size, 1); the run looks at itself at the
-    others. At `every_step` points are recorded on `tap`, and contacts looked at for `watch` (see `checks`).
+    `memory`, shape (3, n_laws, n_times), holds force, stored energy and loss of the hysteretic laws and, last, of the
+    springpots. `past`, shape (size, 1), holds the internal variables of the hysteretic laws at the last `wanted` time.
+    The times that are not `wanted` serve the checks of the run. Where `every_step` is true, the points of `tap` and
+    the contacts in `watch` (see `checks`) are recorded at every step.
     """
 
     times: Array
@@ -65,9 +67,10 @@ class Output(NamedTuple):
 def output(
     times: Array, n: int, tap: Tap, laws: int = 0, past: int = 0, looks: tuple[Array, Array] | None = None
 ) -> Output:
-    """Return an empty record of n unknowns and some laws with memory, whose state is `past` numbers.
+    """Return an empty record of n unknowns and some laws with internal variables, `past` numbers in all.
 
-    States are stored at `times`, and for the run itself at those of `looks`, which holds the watch of contacts too.
+    States are stored at `times`. `looks` holds further times, which the checks of the run use, and the record of
+    contacts for these checks.
     """
     wanted = np.ones(times.size, dtype=bool)
     table = np.empty((0, 8))
@@ -105,8 +108,8 @@ def store(
 ) -> int:
     """Store all wanted times up to t, where a step of size dt ends; return the next one's index.
 
-    At t the state is stored as it is, inside the step by interpolation between both ends, with `arriving` as the
-    acceleration with which the step ends: a where the motion is smooth there. Points that are recorded at every step
+    The state at t is stored as it is. States inside the step are interpolated between both ends; `arriving` is the
+    acceleration just before t, which is a where the motion is smooth at t. Points that are recorded at every step
     are recorded first.
     """
     if out.every_step:
@@ -141,9 +144,9 @@ def leave(before: Trail, q: Array, v: Array, a: Array) -> None:
 
 @jit
 def rounding(rows: Rows, j: int, gap: float, q: Array, before: Trail) -> float:
-    """Return the gap function of contact j at q that may be rounding, m.
+    """Return the size below which the gap function of contact j at q is rounding, m.
 
-    Displacements are known to the rounding of the largest that the contacts have seen, so that gap functions are too.
+    Displacements are known to the rounding of the largest that any contact has had, and so are gap functions.
     """
     size = abs(gap)
     for e in range(rows.start[j], rows.start[j + 1]):

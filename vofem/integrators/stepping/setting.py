@@ -45,13 +45,13 @@ class Setting:
     Attributes
     ----------
     place : tuple of str
-        Attributes beside the state that say where a run stands.
+        Names of the attributes that, beside `state` and `trail`, make up the state of the run.
     dt : float, optional
         Size of all steps in s; None where they follow a tolerance.
     damping : csr_matrix, optional
         C in the order of the system.
     state : NamedTuple of ndarray
-        Where the run stands; changed in place.
+        The current state; changed in place.
     u, status : ndarray, shape (n_laws,), (n_contacts,)
         Coordinates of the laws and status of the contacts at t = 0.
     """
@@ -80,7 +80,7 @@ class Setting:
         self.springpotted: Springpotted | None = None
 
     def begin_trail(self, acceleration: Array) -> None:
-        """Put the start on the trail, with an acceleration in band order."""
+        """Set `trail` to the start, with an acceleration in band order."""
         order = self.bands.order
         self.trail = trail(order.size, self.laws.state)
         leave(self.trail, self.start.q[order], self.start.v[order], acceleration)
@@ -88,7 +88,7 @@ class Setting:
     # -- springpots -------------------------------------------------------------------------------
 
     def keep_history(self, shortest: float, t_end: float) -> None:
-        """Let springpots, where there are any, keep their past in steps not below one in s, up to a time in s."""
+        """Set up the internal variables of springpots for steps of at least `shortest` s, up to `t_end` s."""
         if self.bands.system.group(SpringpotLaws) is None:
             return
         from vofem.integrators.stepping.history import Springpotted
@@ -102,11 +102,11 @@ class Setting:
         return NO_SPRINGPOTS if self.springpotted is None else self.springpotted.at(times)
 
     def most_steps(self, count: int) -> int:
-        """Return for how many steps, at most the given number, weights of springpots are computed at once."""
+        """Return the number of steps, at most `count`, for which weights of springpots are computed together."""
         return count if self.springpotted is None else self.springpotted.most_steps(count)
 
     def pace(self, dt: float) -> Pace:
-        """Return what a step of a size in s does to the past of springpots."""
+        """Return the update of the internal variables of springpots over a step of a size in s."""
         return NO_PACE if self.springpotted is None else self.springpotted.pace(dt)
 
     # -- records and checks -----------------------------------------------------------------------
@@ -114,7 +114,7 @@ class Setting:
     def output(self, times: Array, probes: ProbeRows | None, t_end: float | None = None) -> Output:
         """Return an empty record of the run at some times, and of points at every step.
 
-        With the end of the run in s, also of what it looks at to judge itself.
+        Where the end of the run in s is given, the record also holds what the checks of the run need.
         """
         system, looks = self.bands.system, None
         if t_end is not None:
@@ -127,17 +127,17 @@ class Setting:
         return kinetic_energy(self.bands.system, samples.v)
 
     def complain(self, dt: float) -> None:
-        """Raise what laws written in Python have to complain of."""
+        """Raise the error that a law written in Python has reported."""
         if self.callbacks is not None:
             self.callbacks.complain(dt)
 
     def count(self, steps: int, evaluations: int, solves: int = 0) -> None:
-        """Enter into the counters: steps and evaluations of laws in all, and contact solves that were added."""
+        """Set the counters of steps and of evaluations of laws, and add contact solves."""
         tally(self.bands, self.laws, self.callbacks, steps, evaluations)
         self.bands.counters.contact_solves += solves
 
     def nodal_loads(self, first: int, count: int, dt: float) -> Array:
-        """Return what stands for the loads at ends of steps: means, then second moments, shape (2 n_loads, count)."""
+        """Return the loads at ends of steps as weighted means, then second moments, shape (2 n_loads, count)."""
         mean, second = self.bands.over.nodal(first, count, dt)
         return np.concatenate([mean, -0.5 * dt**2 * second])
 
@@ -168,11 +168,11 @@ class EqualSteps(Setting):
         return self.done >= self.steps + self.lag
 
     def reached(self) -> float:
-        """Return the time of the state on the trail, s."""
+        """Return the time of the state in `trail`, s."""
         return max(self.done - self.lag, 0) * self.dt
 
     def next_chunk(self) -> tuple[int, int, Springpots]:
-        """Return the first step that comes next, how many are taken at once, and the springpots in them."""
+        """Return the next step, the number of steps in the next chunk, and the springpots in them."""
         first = self.done
         count = min(self.most_steps(chunk(self.bands.system.size)), self.steps + self.lag - first)
         return first, count, self.springpots((np.arange(first, first + count, dtype=float) + 0.5) * self.dt)

@@ -1,9 +1,10 @@
-"""What loads do within steps: their moments, which see every impulse however short, and values at the steps' ends.
+"""Loads over steps: moments, which contain every impulse however short, and values at the ends of steps.
 
-A load of moments m0, m1, m2 over a step of size h (see `vofem.time_functions.moments`) changes the momentum by
-``h m0``, and the displacement beyond what the mean does by ``-h^2 M^-1 m1``. Its second moment makes the displacement
-within the step larger in the mean by ``h^2 M^-1 m2/2``, on which the stiffness acts. With all three taken in, a load
-may be as short as it likes: what is left is of higher order in omega h of the structure, not of the load.
+Let m0, m1, m2 be the moments of a load over a step of size h (see `vofem.time_functions.moments`). The load changes
+the momentum by ``h m0``. It changes the displacement by ``-h^2 M^-1 m1`` in addition to what its mean does. It raises
+the mean displacement within the step by ``h^2 M^-1 m2/2``, on which the stiffness acts. With all three moments a load
+may be much shorter than a step: the remaining error is of higher order in omega h, where omega is a frequency of the
+structure, not of the load.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from vofem.time_functions import carried
 
 Array = NDArray[np.float64]
 
-#: Equal parts of a step over which a step of half its size and the load's course within are told.
+#: Equal parts of a step, from whose moments those of half steps and the load within the step are found.
 PARTS = 16
 
 #: Steps in the shortest time of a load that resolve it.
@@ -28,10 +29,10 @@ _RESOLVED = 2.0
 #: Steps in the shortest time of a smooth load from which on its means over steps, or values at their ends, tell it.
 _SLOW = 4.0
 
-#: Part of a plain callable's values about the end of a step up to which what they do not tell of its mean is neglected.
+#: Error of the mean of a plain callable, over its values about the end of a step, up to which values replace the mean.
 _TOLD = 1e-4
 
-#: Phase in rad by which motion may be late before it is told.
+#: Phase in rad by which motion may be late before there is a note.
 _OFF = 0.02
 
 #: Steps at most in a run whose step was chosen to follow the loads.
@@ -45,7 +46,7 @@ def followed(system: System, dt: float, t_end: float) -> tuple[float, str]:
     ----------
     system : System
     dt : float
-        What is chosen without loads, s.
+        The default step without loads, s.
     t_end : float
         In s.
     """
@@ -57,7 +58,7 @@ def followed(system: System, dt: float, t_end: float) -> tuple[float, str]:
 
 
 def note_loads(system: System, dt: float | None, t_end: float, notes: list[str]) -> None:
-    """Tell of loads that steps of a size in s do not follow, and of those known by some of their values only.
+    """Add notes on loads that steps of a size in s do not follow, and on loads known by some of their values only.
 
     Parameters
     ----------
@@ -67,7 +68,7 @@ def note_loads(system: System, dt: float | None, t_end: float, notes: list[str])
     t_end : float
         In s.
     notes : list of str
-        Added to.
+        Notes are appended.
     """
     if not system.loads:
         return
@@ -118,10 +119,10 @@ class StepLoads:
     Attributes
     ----------
     until : float
-        End of the run in s. The last step may end later. Loads are never asked for values beyond the run, where a
-        measured one may not be known: there a load is the image of what it was before the end, turned about the point
-        that its mean and its trend before the end lead to, the latter not beyond that of means. A straight line goes
-        on as it is.
+        End of the run in s. The last step may end later. Loads are never evaluated beyond the end, where a measured
+        load may be unknown. There the load is continued by a point reflection of its course before the end. The centre
+        of the reflection is the value at the end that mean and trend of the last steps predict; the trend is limited
+        to that of the means. A load that is a straight line is continued as that line.
     """
 
     def __init__(self, system: System, counters: Counters) -> None:
@@ -150,13 +151,13 @@ class StepLoads:
     def nodal(self, first: int, count: int, dt: float) -> Array:
         """Return what stands for the loads' values at the ends of steps, shape (2, n_loads, count).
 
-        The first are means weighted by the hat that is 1 there and 0 a step away: sums over them have the impulse and
-        the first moment of the load. At the start the hat has one side. The second are the m2 of the steps about. Of
-        loads without breakpoints that change little in a step the values themselves are taken; so are those of plain
-        callables where they tell the means.
+        The first are means, weighted by the hat function that is 1 at the end of the step and 0 a step away. Sums over
+        these means have the impulse and the first moment of the load. At the start the hat has one side only. The
+        second are means of m2 over the two adjacent steps. Values take the place of the means for loads without
+        breakpoints that change little in a step, and for plain callables whose means follow from their values.
         """
         means = self._hats(first, count, dt)
-        # Values tell what is slow, as in the equations that the methods are known by.
+        # Slow loads enter by their values, as in the published equations of the methods.
         for k in np.flatnonzero(self._slow(dt)).tolist():
             times = np.minimum(np.arange(first, first + count, dtype=float) * dt, self.until)
             means[0, k], means[1, k] = self.functions[k](times), 0.0
@@ -180,11 +181,11 @@ class StepLoads:
         )  # fmt: skip
 
     def _look(self, function: LoadFunction, first: int, dt: float, means: Array) -> None:
-        """Put values of a plain callable in place of means, shape (2, count), where they tell the means.
+        """Replace means, shape (2, count), by values of a plain callable where the means follow from the values.
 
-        A smooth function's mean follows from values one step apart, up to the fourth power of the step. Values that
-        do not tell the mean miss what happens within steps. Each end of a step is decided by itself, from the values
-        at it and its neighbours.
+        The mean of a smooth function follows from values one step apart, with an error of the fourth power of the
+        step. Where it does not, something happens within a step that the values miss. The choice is made for each end
+        of a step separately, from the values at it and at its neighbours.
         """
         begin, count = max(first - 1, 0), means.shape[1]
         last = min(max(first + count, 2), int(self.until / dt * (1.0 + 1e-12)))
@@ -217,8 +218,8 @@ class StepLoads:
     def start(self, dt: float) -> tuple[Array, Array]:
         """Return the loads' values at t = 0, and the mean over the first step beyond them, each of shape (n_loads,).
 
-        What is left of the hat's mean over half a step is an impulse at t = 0. It is of second order for smooth loads,
-        and all there is of a short one, whose own value would not tell.
+        The difference of the hat's mean to the value, times half a step, is an impulse at t = 0. For smooth loads it
+        is of second order in the step. Of a pulse shorter than a step it is the whole effect.
         """
         (first, second), values = self.nodal(0, 2, dt)[0].T, np.array([float(f(0.0)) for f in self.functions])
         ahead = 2.0 * first - second
@@ -244,7 +245,7 @@ class StepLoads:
                 mean, trend, _ = function.moments(until - reach, until, width)
                 point = mean + 6.0 * trend
                 if 2.0 * reach <= until:
-                    # The trend of what is short or fast leads nowhere: not beyond that of the means.
+                    # The trend of a short or fast load predicts nothing, so it is limited to that of the means.
                     past = function.moments(until - 2.0 * reach, until - reach, width)[0]
                     ahead = 2.0 * mean - past
                     low, high = np.minimum.reduce([past, mean, ahead]), np.maximum.reduce([past, mean, ahead])
@@ -277,7 +278,7 @@ def joined(parts: Array) -> Array:
 
 
 def swing(parts: Array, m0: Array, m1: Array) -> Array:
-    """Return how far a unit mass moves, over the step squared, by what is left of loads without mean and trend.
+    """Return the displacement of a unit mass, over the step squared, by loads from which mean and trend are removed.
 
     Parameters
     ----------

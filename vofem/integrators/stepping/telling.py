@@ -1,8 +1,8 @@
-"""What a stepping run tells of itself at its end: energy, steps that are too large, contacts missed, rounding.
+"""The notes of a stepping run on its own quality: energy, steps that are too large, missed closings, rounding.
 
-All of it depends on the run alone, never on the times at which results are
-wanted: it looks at states at steps of its own choice and, of contacts, at
-every step (`checks`).
+The notes do not depend on the times at which results are wanted. They use
+states at steps that the run chooses itself, and every contact at every step
+(`checks`).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from vofem.system import ContactLaws, Events, System
 
 Array = NDArray[np.float64]
 
-#: What is missing from the balance of energy at a step, over the largest energy, that is worth telling.
+#: Error of the balance of energy at a step, over the largest energy, above which there is a note.
 _ENERGY = 0.01
 
 #: The same between two steps, where states are interpolated.
@@ -32,18 +32,18 @@ _BETWEEN = 0.1
 #: ``omega dt`` of the motion that carries the energy beyond which steps do not resolve it.
 _COARSE = 0.5
 
-#: Loss of static responses to rounding that is worth telling.
+#: Relative loss of static responses to rounding above which there is a note.
 _ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
 class Seen:
-    """What a run has looked at.
+    """What a run has recorded for its checks.
 
     Attributes
     ----------
     times : ndarray, shape (n_times,)
-        In s; of `checks.check_times`, as far as the run has come.
+        In s; those of `checks.check_times` up to the end of the run, or to its interruption.
     samples : Samples
         States at `times`.
     parts : Energies
@@ -51,8 +51,8 @@ class Seen:
     watch : ndarray, shape (n_contacts, 8)
         Of `checks.watch`.
     missing : (float, float)
-        Largest amount in J, and time in s, that was missing from the balance of energy when the run was looked at
-        between chunks of steps; of methods that conserve energy at their steps.
+        Largest error in J of the balance of energy between chunks of steps, and its time in s; for methods that
+        conserve energy at their steps.
     """
 
     times: Array
@@ -90,7 +90,7 @@ def tell(
     if laws is not None:
         notes += never_closed(laws, events, laws.gap + seen.watch[:, REACH])
     parts, times = seen.parts, seen.times
-    # Between steps the motion is interpolated, which says nothing of the method's own balance.
+    # Between steps states are interpolated, so their energy is not the one that the method balances.
     on = np.abs(times / dt - np.round(times / dt)) < 1e-6 if dt is not None else np.ones(times.size, dtype=bool)
     total = parts.kinetic + parts.strain + parts.contact
     scale = max(float(np.max(np.abs(part[on]), initial=0.0)) for part in (total, parts.work, parts.dissipated))

@@ -11,13 +11,15 @@ from vofem.bodies import Beam
 from vofem.bodies.base import Body, Row
 from vofem.bodies.cubics import hermite
 from vofem.io.series.placement import Placement
-from vofem.io.series.vtu import LINE, VERTEX, Cells
 from vofem.result import Result
 
 Array = NDArray[np.float64]
 
 #: The cell data `kind`.
 BEAM, MASS, CONTACT, STOP = range(4)
+
+#: The numbers that VTK gives to cell types; the names are meshio's.
+_CELL_TYPES = {"vertex": 1, "line": 3}
 
 #: Just left of a node, where a beam is asked for EI on the element that ends there: at the node it gives the next.
 _INSIDE = 1.0 - 1e-8
@@ -35,6 +37,34 @@ class Frames:
 
     point_data: dict[str, Array]
     cell_data: dict[str, NDArray]
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Cells of an unstructured grid.
+
+    Attributes
+    ----------
+    blocks : tuple of (str, ndarray of int, shape (n_cells, n_points_per_cell))
+        Type of the cells, "line" or "vertex", and the points of each cell. No block is empty.
+    """
+
+    blocks: tuple[tuple[str, NDArray[np.int64]], ...]
+
+    @property
+    def connectivity(self) -> NDArray[np.int64]:
+        """The points of all cells, one cell after another."""
+        return np.concatenate([points.ravel() for _, points in self.blocks])
+
+    @property
+    def offsets(self) -> NDArray[np.int64]:
+        """Where each cell ends in `connectivity`, shape (n_cells,)."""
+        return np.cumsum(np.concatenate([np.full(len(points), points.shape[1]) for _, points in self.blocks]))
+
+    @property
+    def types(self) -> NDArray[np.uint8]:
+        """VTK's number of the type of each cell, shape (n_cells,)."""
+        return np.concatenate([np.full(len(points), _CELL_TYPES[kind], np.uint8) for kind, points in self.blocks])
 
 
 class _BeamPoints:
@@ -233,17 +263,15 @@ def _cells(beams: list[tuple[int, ...]], masses: int, lines: int) -> Cells:
     ----------
     beams : list of (n_elements, points_per_element)
     """
-    pieces: list[NDArray] = []
+    along: list[NDArray[np.int64]] = [np.empty((0, 2), dtype=np.int64)]
     at = 0
     for elements, per_element in beams:
         number = at + np.arange(elements * per_element).reshape(elements, per_element)
-        pieces.append(np.stack([number[:, :-1], number[:, 1:]], axis=-1).ravel())
+        along.append(np.stack([number[:, :-1], number[:, 1:]], axis=-1).reshape(-1, 2))
         at += number.size
-    along = sum(piece.size for piece in pieces) // 2
-    pieces.append(at + np.arange(masses + 2 * lines))
-    counts = np.repeat([2, 1, 2], [along, masses, lines])
-    return Cells(
-        np.concatenate(pieces).astype(np.int64),
-        np.cumsum(counts).astype(np.int64),
-        np.repeat([LINE, VERTEX, LINE], [along, masses, lines]).astype(np.uint8),
+    blocks = (
+        ("line", np.concatenate(along)),
+        ("vertex", at + np.arange(masses)[:, None]),
+        ("line", at + masses + np.arange(2 * lines).reshape(lines, 2)),
     )
+    return Cells(tuple((kind, points) for kind, points in blocks if points.size))

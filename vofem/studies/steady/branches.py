@@ -10,13 +10,13 @@ from vofem.errors import ArgumentError
 from vofem.progress import Progress
 from vofem.scene import Scene
 from vofem.studies.steady.branch import Branch, BranchCounters
+from vofem.studies.steady.branch_progress import branch_progress
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.follow import LARGEST, Follower
 from vofem.studies.steady.methods import METHODS
 from vofem.studies.steady.point import Interval
 from vofem.studies.steady.sheets import branch_of
 from vofem.studies.steady.steady_state import first_orbit, whole
-from vofem.studies.steady.watching import watched
 
 
 def continuation(
@@ -91,8 +91,8 @@ def continuation(
     found, notes = first_orbit("continuation", problem, guess)
     counters = BranchCounters(search_flows=family.work.flows)
     walker = Follower(family, interval, counters, largest=max_step, most=max_points)
-    with watched(interval, progress) as told:
-        track = walker.follow(walker.begin(found.unknowns, start), told=told)
+    with branch_progress(interval, progress) as report:
+        track = walker.follow(walker.begin(found.unknowns, start), report=report)
     counters.eigensolves = family.work.runs.eigensolves
     track.notes[:0] = notes
     return branch_of(track, family, walker)

@@ -164,7 +164,7 @@ class Follower:
         self,
         first: Point,
         step: float = FIRST,
-        told: Callable[[float], bool] | None = None,
+        report: Callable[[float], bool] | None = None,
         *,
         leaving: bool = False,
     ) -> Track:
@@ -182,7 +182,7 @@ class Follower:
             if len(track.points) >= self.most:
                 track.notes.append(f"the branch was followed for {self.most} points; raise max_points to go on")
                 break
-            if told is not None and told(now.value):
+            if report is not None and report(now.value):
                 track.notes.append(f"interrupted at {now.value:.9g}: what was found until then is here")
                 break
             after = self._advanced(now, step)
