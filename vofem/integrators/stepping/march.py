@@ -347,7 +347,7 @@ def _check(kernel: Kernel, method: Method, first: float, dt: float, blow_up: flo
         loss = static_loss(kernel.bands.system)
         if loss > _SPOILT:
             cure = (
-                f"rounding spoils {min(loss, 1.0):.1g} of static responses on this mesh: use fewer elements or a mesh "
+                f"rounding spoils {min(loss, 1.0):.0%} of static responses on this mesh: use fewer elements or a mesh "
                 f"less graded, or choose {advice(exact=True)}"
             )
         elif method.conserves:
