@@ -39,6 +39,26 @@ def test_steps_that_do_not_resolve_the_motion(dt, expected):
     assert len(told(oscillator(200.0 * dt, dt, method="energy_conserving"), "step: steps of")) == expected
 
 
+def test_impacts_that_are_too_short_for_a_method_which_does_not_conserve_energy():
+    """A hundredth of the energy of the run is at stake, and all of the motion of the body that rebounds."""
+    large, small = vf.Mass(1.0, stiffness=1.0, name="large"), vf.Mass(1.0, name="small")
+    stop = vf.Contact(small, gap=0.0101, stiffness=1e7, side="above", acts_on="penetration", name="stop")
+    scene = vf.Scene([large, small], [stop], initial={large: (1.0, 0.0), small: (0.0, 0.1)})
+
+    def speed(method, dt):
+        result = vf.simulate(scene, 1.0, method=method, dt=dt)
+        return -result.velocity(small)[-1], told(result, "step: impacts on contact 'stop'")
+
+    wrong, notes = speed("generalized_alpha", 1e-3)
+    assert abs(wrong - 0.1) > 0.02
+    assert len(notes) == 1
+    advised = float(notes[0].split("dt of ")[1].split()[0])
+    for method, dt in (("generalized_alpha", advised), ("central_difference", advised), ("energy_conserving", 1e-3)):
+        kept, notes = speed(method, dt)
+        assert kept == pytest.approx(0.1, rel=0.02)
+        assert notes == []
+
+
 @pytest.mark.parametrize(("gap", "expected"), [(1.0 - 1e-9, 1), (1.0 + 1e-3, 0)])
 def test_contacts_between_two_steps(gap, expected):
     mass = vf.Mass(1.0, stiffness=1.0)

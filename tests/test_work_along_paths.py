@@ -40,24 +40,15 @@ def path(seed):
     return vf.quasi_static(vf.Scene([beam], effects), [rng.uniform(-1.0, 1.0) for _ in range(rng.choice([1, 4, 40]))])
 
 
-def notes_of(seed):
-    """Return the notes of a path, or of the error that ends it: jumps beside steep laws may leave no solution."""
-    try:
-        return path(seed).notes
-    except vf.ConvergenceError as error:
-        return [str(error)]
-
-
 def test_work_is_taken_by_bodies_springs_and_contacts():
-    notes = [notes_of(seed) for seed in range(40)]
-    assert not [note for found in notes for note in found if note.startswith("energy")]
-    assert sum(found == [] for found in notes) >= 38
+    """Seed 1 has three stops of 12 to 1.3e7 N/m, one of them pinned beside a law that is curved."""
+    assert [seed for seed in range(40) if path(seed).notes] == []
 
 
 def test_an_equilibrium_that_is_not_one_is_told(monkeypatch):
     right = EquilibriumSolver.displacement
     monkeypatch.setattr(EquilibriumSolver, "displacement", lambda *arguments: 1.5 * right(*arguments))
-    told = [seed for seed in range(40) if any(note.startswith("energy") for note in notes_of(seed))]
+    told = [seed for seed in range(40) if any(note.startswith("energy") for note in path(seed).notes)]
     # With factors far apart both bounds leave room for errors.
     assert len(told) > 10
     outcome = path(told[0])

@@ -130,14 +130,15 @@ class ContactLaws(LawGroup):
         return np.where(status == CLOSED, elastic + self.column(self.damping, s) * rate, 0.0)
 
     def closed_potential(self, s: Array, status: Status) -> Array:
-        """Return the energy of closed contacts with an ideal switch, J, summed over contacts.
+        """Return the energy of closed contacts with an ideal switch, J, summed over contacts."""
+        return np.asarray(np.sum(np.where(status == CLOSED, self.closed_energies(s), 0.0), axis=0))
+
+    def closed_energies(self, s: Array) -> Array:
+        """Return the energy of every contact with an ideal switch were it closed, J, like s.
 
         It is ``K0 (u^2 - gap^2)/2`` under the jump law and ``K0 s^2/2`` under the other.
         """
-        lever = s + 2.0 * self.column(self.gap - self.offset, s)
-        return np.asarray(
-            np.sum(np.where(status == CLOSED, 0.5 * self.column(self.stiffness, s) * s * lever, 0.0), axis=0)
-        )
+        return 0.5 * self.column(self.stiffness, s) * s * (s + 2.0 * self.column(self.gap - self.offset, s))
 
     def shares(self, s: Array) -> Array:
         """Return ``K_eq/K0``: how far every contact is switched on at gap functions s (Eqs. 8, 12a, 17)."""

@@ -229,8 +229,10 @@ class EquilibriumSolver:
             if settled and np.max(np.abs(u_new - u)) > 1e-6 * np.max(np.abs(u)):
                 self._amplitude = a
                 return u, True
-            # u is a sum of terms that may cancel, and is no more accurate than these.
-            terms = np.abs(u) + np.abs(factor * self._free) + np.abs(self._compliance) @ np.abs(w)
+            # u is a sum of terms that may cancel, and is no more accurate than these. Among them are forces of steep
+            # laws, such as a jump on its ramp, as they follow from coordinates that are known to rounding.
+            forces = np.abs(w) + np.abs(tangent * u) + np.abs(intercept)
+            terms = np.abs(u) + np.abs(factor * self._free) + np.abs(self._compliance) @ forces
             still = np.array_equal(before, status) and bool(np.all(np.abs(u_new - u) <= _STILL * terms))
             if settled or still or self._settled(u_new, w_new, status, width):
                 return u_new, True

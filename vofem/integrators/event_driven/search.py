@@ -63,6 +63,8 @@ class EventFunctions:
         Values at tau = 0.
     rate : ndarray, shape (k,)
         Rates at tau = 0, NaN where they are to be computed; of complex modes only.
+    rate_size : ndarray, shape (k,)
+        Bounds on the terms that the rates are summed of; of complex modes only, not used where rates are computed.
     constant : ndarray, shape (k,)
         Size of the constants from which `start` was computed.
     slope : ndarray, shape (k,)
@@ -76,6 +78,7 @@ class EventFunctions:
     u_size: Array
     start: Array
     rate: Array
+    rate_size: Array
     constant: Array
     slope: Array
     harmonic: Complex
@@ -84,7 +87,8 @@ class EventFunctions:
 class _Watch(NamedTuple):
     """Event functions: changes of ``w z + u v + slope tau + steady`` since start; u has no columns for real modes.
 
-    In complex modes `rate` is the rate at tau = 0, and `offset` is its rounding error when computed from the blocks.
+    In complex modes `rate` is the rate at tau = 0, a sum of terms of the size `rate_size`, and `offset` is its rounding
+    error when computed from the blocks.
     """
 
     w: Array
@@ -93,6 +97,7 @@ class _Watch(NamedTuple):
     u_size: Array
     start: Array
     rate: Array
+    rate_size: Array
     offset: Array
     slope: Array
     steady: Complex
@@ -119,7 +124,7 @@ class _Flow(NamedTuple):
 
 
 class _Point(NamedTuple):
-    """Work space: block states, rates and changes without the particular part, sizes of inputs' shares, phi, rate.
+    """Work space: block states, rates, changes without the particular part, sizes of inputs' shares, phi, rate.
 
     In complex modes the part of the changes in proportion to time is left out.
     """
@@ -130,7 +135,8 @@ class _Point(NamedTuple):
     vdot: Array
     dz: Array
     dv: Array
-    size: Array
+    z_size: Array
+    v_size: Array
     phi: Array
     rate: Array
 
@@ -164,8 +170,8 @@ def next_event(functions: EventFunctions, motion: Motion, duration: float) -> tu
         steady = steady + u @ motion.steady_v
     constant = np.maximum(np.abs(functions.constant), np.abs(poly[:, 0]))
     watch = _Watch(
-        w, u, functions.w_size, functions.u_size, functions.start, functions.rate, np.zeros(w.shape[0]),
-        poly[:, 1] + functions.slope, steady, constant,
+        w, u, functions.w_size, functions.u_size, functions.start, functions.rate, functions.rate_size,
+        np.zeros(w.shape[0]), poly[:, 1] + functions.slope, steady, constant,
     )  # fmt: skip
     flow = _Flow(
         spectrum.delta, spectrum.p, spectrum.frequency, *motion.start, motion.z, motion.v, motion.omega,
@@ -213,6 +219,7 @@ def _raised(watch: _Watch, flow: _Flow, factor: float) -> tuple[_Watch, _Flow]:
         watch._replace(
             start=factor * watch.start,
             rate=factor * watch.rate,
+            rate_size=factor * watch.rate_size,
             slope=factor * watch.slope,
             steady=factor * watch.steady,
             constant=factor * watch.constant,
@@ -250,7 +257,8 @@ def _evaluate(tau: float, watch: _Watch, flow: _Flow, at: _Point) -> None:
             v[k] -= tau * (p * z0 + 2.0 * delta * v0)
         zdot[k] = 0.0
         vdot[k] = 0.0
-        at.size[k] = 0.0
+        at.z_size[k] = 0.0
+        at.v_size[k] = 0.0
     for e in range(flow.block.size):
         k = flow.block[e]
         more_z, more_v = special_response(
@@ -261,7 +269,8 @@ def _evaluate(tau: float, watch: _Watch, flow: _Flow, at: _Point) -> None:
         dv[k] += more_v - early * flow.g2[e].real
         z[k] += more_z
         v[k] += more_v
-        at.size[k] += abs(more_z) + abs(more_v) * tau
+        at.z_size[k] += abs(more_z) + abs(more_v) * tau
+        at.v_size[k] += abs(more_v)
         wave = complex(tau, 0.0) if flow.ramp[e] else np.exp(flow.exponent[e] * tau)
         zdot[k] += (flow.g1[e] * wave).real
         vdot[k] += (flow.g2[e] * wave).real
@@ -313,14 +322,21 @@ def _evaluate_clusters(tau: float, flow: _Flow, at: _Point) -> None:
             # Wherever there are clusters modes are complex.
             at.dz[k], at.dv[k] = change[i] - tau * begin[i], change[count + i] - tau * begin[count + i]
             at.zdot[k], at.vdot[k] = rate[i], rate[count + i]
-            at.size[k] = np.sqrt(norm)
+            at.z_size[k] = at.v_size[k] = np.sqrt(norm)
 
 
 @jit
 def _noise(watch: _Watch, flow: _Flow, tau: float, at: _Point, noise: Array) -> None:
-    """Fill in the rounding level of each function, from the size of its terms up to tau."""
+    """Fill in the level below which each function is lost in the rounding of the terms that make it up by tau.
+
+    In complex modes these are what is of second order in tau, and the rates at tau = 0: a slow block, whose velocity
+    over its frequency is large beside all displacements, counts by what it changes in this time.
+    """
+    mixed = watch.u.shape[1] > 0
     for j in range(watch.w.shape[0]):
         size = watch.constant[j] + abs(watch.slope[j]) * tau
+        if mixed:
+            size += watch.rate_size[j] * tau
         for h in range(flow.omega.size):
             size += abs(watch.steady[j, h])
         for k in range(flow.p.size):
@@ -328,15 +344,20 @@ def _noise(watch: _Watch, flow: _Flow, tau: float, at: _Point, noise: Array) -> 
             amplitude = abs(flow.z0[k]) + abs(flow.v0[k]) * tau
             if flow.frequency[k] > 0.0:
                 amplitude = min(amplitude, energy / flow.frequency[k])
-            size += watch.w_size[j, k] * (amplitude + at.size[k])
-            if watch.u.shape[1]:
-                size += watch.u_size[j, k] * (energy + abs(at.v[k]))
+            if mixed:
+                # Free energy does not grow, so it bounds the second derivatives.
+                push = (2.0 * flow.delta[k] + flow.frequency[k]) * energy
+                jerk = 2.0 * flow.delta[k] * push + flow.p[k] * energy
+                amplitude = min(amplitude, 0.5 * push * tau * tau)
+                speed = min(energy, 0.5 * jerk * tau * tau)
+                size += watch.u_size[j, k] * (speed + at.v_size[k])
+            size += watch.w_size[j, k] * (amplitude + at.z_size[k])
         noise[j] = _ROUNDING * size + 1e-300
 
 
 @jit
-def _still(j: int, watch: _Watch, flow: _Flow, at: _Point) -> bool:
-    """Return whether the rate of a function is below the rounding of its terms."""
+def _rate_size(j: int, watch: _Watch, flow: _Flow, at: _Point) -> float:
+    """Return a bound on the terms that the rate of a function is summed of."""
     size = abs(watch.slope[j])
     for h in range(flow.omega.size):
         size += flow.omega[h] * abs(watch.steady[j, h])
@@ -344,7 +365,13 @@ def _still(j: int, watch: _Watch, flow: _Flow, at: _Point) -> bool:
         size += watch.w_size[j, k] * abs(at.zdot[k])
         if watch.u.shape[1]:
             size += watch.u_size[j, k] * abs(at.vdot[k])
-    return abs(at.rate[j]) <= _ROUNDING * size
+    return size
+
+
+@jit
+def _still(j: int, watch: _Watch, flow: _Flow, at: _Point) -> bool:
+    """Return whether the rate of a function is the rounding of its terms."""
+    return abs(at.rate[j]) <= _ROUNDING * _rate_size(j, watch, flow, at)
 
 
 @jit
@@ -463,8 +490,8 @@ def _march(
     n, m = flow.p.size, watch.w.shape[0]
     delta, p, frequency = flow.delta, flow.p, flow.frequency
     mixed = watch.u.shape[1] > 0
-    work = np.empty((7, n))
-    at = _Point(work[0], work[1], work[2], work[3], work[4], work[5], work[6], np.empty(m), np.empty(m))
+    work = np.empty((8, n))
+    at = _Point(work[0], work[1], work[2], work[3], work[4], work[5], work[6], work[7], np.empty(m), np.empty(m))
     noise = np.empty(m)
     hits = np.zeros(m, dtype=np.bool_)
     evaluations = 0
@@ -495,6 +522,7 @@ def _march(
         for j in range(m):
             if np.isnan(watch.rate[j]):
                 watch.rate[j] = at.rate[j]
+                watch.rate_size[j] = _rate_size(j, watch, flow, at)
             watch.offset[j] = watch.rate[j] - at.rate[j]
     speed, amplitude, push, jerk = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     tau, before = 0.0, 0.0

@@ -320,8 +320,9 @@ class EventSolution:
             known = spectrum.event_functions[count] = self._plain_functions(laws, status, spectrum, count)
         functions, plain, leads, sign = known
         rate = sign * (self.space.contacts[plain] @ motion.velocity)
+        rate_size = self._row_sizes[plain] @ np.abs(motion.velocity)
         functions = EventFunctions(
-            functions.w, functions.u, functions.w_size, functions.u_size, sign * gaps[plain], rate,
+            functions.w, functions.u, functions.w_size, functions.u_size, sign * gaps[plain], rate, rate_size,
             functions.constant, functions.slope, functions.harmonic,
         )  # fmt: skip
         pinned = status == PINNED
@@ -342,6 +343,7 @@ class EventSolution:
             np.vstack([u_plain_size, u_size, u_size]),
             np.concatenate([functions.start, -now, now - jump]),
             np.concatenate([functions.rate, np.full(2 * held.size, np.nan)]),
+            np.concatenate([functions.rate_size, np.zeros(2 * held.size)]),
             np.concatenate([functions.constant, force.constant, jump - force.constant]),
             np.concatenate([functions.slope, -force.slope, force.slope]),
             np.vstack([functions.harmonic, -force.harmonic, force.harmonic]),
@@ -365,6 +367,7 @@ class EventSolution:
         none = np.zeros(plain.size)
         functions = EventFunctions(
             *spectrum.rows(rows, self._row_sizes[plain]),
+            none,
             none,
             none,
             level,

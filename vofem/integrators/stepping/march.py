@@ -356,7 +356,7 @@ def _check(kernel: Kernel, method: Method, first: float, dt: float, blow_up: flo
         smaller = f"reduce dt = {dt:g} s" if kernel.dt is not None else "reduce tol"
         if loss > _SPOILT:
             cure = (
-                f"rounding spoils {min(loss, 1.0):.1g} of static responses on this mesh: use fewer elements or a mesh "
+                f"rounding spoils {min(loss, 1.0):.0%} of static responses on this mesh: use fewer elements or a mesh "
                 f"less graded, or choose {advice(exact=True)}"
             )
         elif method.conserves:

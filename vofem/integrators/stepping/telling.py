@@ -32,6 +32,10 @@ _BETWEEN = 0.1
 #: ``omega dt`` of the motion that carries the energy beyond which steps do not resolve it.
 _COARSE = 0.5
 
+#: Largest energy of a contact, relative to that of the run, from which on a note tells a rebound with a wrong velocity:
+#: velocities are as its square root.
+_REBOUND = 4e-4
+
 #: Relative loss of static responses to rounding above which there is a note.
 _ROUNDING = 1e-6
 
@@ -108,6 +112,8 @@ def tell(
     if not coarse and abs(at_steps[0]) <= _ENERGY:
         notes += _interpolated(*_worst(times[~on], missing[~on]), dt)
     if laws is not None:
+        if dt is not None and not coarse and not method.conserves:
+            notes += _rebounds(laws, seen.watch, scale, dt)
         notes += _missed(laws, seen.watch[:, MISSED], dt)
     loss = static_loss(system)
     if loss > _ROUNDING:
@@ -171,6 +177,24 @@ def _coarse(system: System, seen: Seen, on: NDArray[np.bool_], scale: float, dt:
         f"step: steps of {dt:.4g} s do not resolve the motion, in which energy changes its form up to {share:.2g} "
         "times over within one; positions and contact forces are not accurate then. Reduce dt, or choose "
         f"{advice(exact=True)} where it applies"
+    ]
+
+
+def _rebounds(laws: ContactLaws, watch: Array, scale: float, dt: float) -> list[str]:
+    """Return a note where impacts are too short for a method that does not conserve energy at them.
+
+    A contact whose energy is a small part of the whole may decide the motion of the body that it stops.
+    """
+    energy = laws.closed_energies(np.maximum(watch[:, REACH], 0.0))
+    share = np.where(energy > 0.0, dt * watch[:, POWER] / np.where(energy > 0.0, energy, 1.0), 0.0)
+    share[energy < _REBOUND * scale] = 0.0
+    worst = int(np.argmax(share))
+    if not share[worst] > _COARSE:
+        return []
+    return [
+        f"step: impacts on contact {laws.names[worst]!r} are not resolved by steps of {dt:.4g} s: within one its "
+        f"energy changes {share[worst]:.2g} times over, and what rebounds has a wrong velocity. Choose a dt of "
+        f"{0.2 * dt / share[worst]:.2g} s or less, or {advice(conserves=True)}, which loses no energy in an impact"
     ]
 
 
