@@ -66,8 +66,9 @@ def beam_studies() -> dict[str, Study]:
 def beam_section(studies: dict[str, Study]) -> str:
     parts = [
         "## The paper's beam",
-        f"The cantilever of section 4.2 over {T_END:g} s. The error is the tip's largest, over its largest "
-        "displacement. Points on a dashed line have the error of their mesh: smaller steps gain nothing there.",
+        f"The cantilever of section 4.2 over {T_END:g} s. The error is the largest error of the tip's displacement "
+        "over the largest displacement of the tip. Where points lie on a dashed line the error is that of the mesh, "
+        "and smaller steps do not reduce it.",
     ]
     for law, study in studies.items():
         parts += [
@@ -118,9 +119,11 @@ def order_section() -> str:
     return "\n\n".join(
         [
             "## Where O(dt^2) holds and where it does not",
-            f"The paper states O(dt^2). With the **penetration law** the force is continuous and the orders observed "
+            f"The paper states an error of O(dt^2). With the **penetration law** the force is continuous and "
+            f"the orders observed "
             f"here are {min(smooth):.2f} to {max(smooth):.2f}: the claim holds. With the **displacement law**, the one "
-            f"that the paper prints, the force jumps by K0 gap at every closing and opening, somewhere inside a step, "
+            f"in the paper's equations, the force jumps by K0 gap at every closing and opening, somewhere "
+            f"inside a step, "
             f"and the orders scatter from {min(jump):.2f} to {max(jump):.2f}: the claim does not hold in general. "
             f"energy_conserving, with its mean force over a step, has {min(kept):.1f} to {max(kept):.1f} on the two "
             "masses even so. event_driven has no step; its switches are found to rounding under both laws.",
@@ -250,10 +253,11 @@ def rounding_section() -> str:
     return "\n\n".join(
         [
             "## Where refining the mesh stops paying",
-            "The error of the mesh falls like the fourth power of the element length while rounding with nodal "
-            "unknowns grows like the fourth power of the number of elements. Rounding is measured: the same equations, "
-            "all multiplied by 3, have the same solution and other rounding errors. Refining stops paying where it "
-            f"exceeds the error of the mesh: {'; '.join(sentences)}. Beyond that more elements make the answer worse, "
+            "The error of the mesh falls like the fourth power of the element length, while rounding with nodal "
+            "unknowns grows like the fourth power of the number of elements. Rounding is measured by a second run of "
+            "the same equations, all multiplied by 3, which have the same solution but other rounding errors. Refining "
+            f"the mesh does not pay where rounding exceeds the error of the mesh: {'; '.join(sentences)}. "
+            f"Beyond that more elements make the answer worse, "
             "or no better; large systems are run in Ritz vectors by default, which lose few digits.",
             "![Error of the mesh and rounding over the number of elements](figures/accuracy-rounding.png)",
             "\n".join(lines),
@@ -299,14 +303,15 @@ def chaos_section() -> str:
     return "\n\n".join(
         [
             "## Stiff stops: when a scene is chaotic",
-            "`result.sensitivity` follows a perturbation along an event-driven run. Against stiff stops it grows by "
-            "many powers of ten, rounding included, and from `result.sensitivity.horizon()` on pointwise values mean "
-            f"nothing, by any method and at any step: for K0 = 1e6 from t = {until['penetration', 1e6]:.3g} s "
-            f"(penetration law) and {until['displacement', 1e6]:.3g} s (displacement law). Where a smaller error is "
-            "wanted, `horizon(tolerance)` is earlier. Errors of steps and meshes are perturbations too, larger than "
-            "rounding, so a stepping method loses the true history much earlier. Means, rms values and impulses keep a "
-            "meaning; studies of such scenes (`vofem accuracy`) compare pointwise up to the horizon only and tell the "
-            "rms over the whole run beside.",
+            "`result.sensitivity` follows a perturbation along an event-driven run. Against stiff stops a "
+            "perturbation grows by many powers of ten, and so does rounding. From the time "
+            "`result.sensitivity.horizon()` on, pointwise values mean nothing, whatever the method and the step: "
+            f"for K0 = 1e6 from t = {until['penetration', 1e6]:.3g} s "
+            f"(penetration law) and {until['displacement', 1e6]:.3g} s (displacement law). `horizon(tolerance)` "
+            "gives the earlier time until which a smaller error can be kept. Errors of steps and meshes are "
+            "perturbations too. They are larger than rounding, so a stepping method loses the true history much "
+            "earlier. Means, rms values and impulses keep a meaning. Studies of such scenes (`vofem accuracy`) compare "
+            "pointwise values up to the horizon only, and report the rms over the whole run as well.",
             "\n".join(lines),
         ]
     )
@@ -375,22 +380,22 @@ def tolerance_section() -> str:
     return "\n\n".join(
         [
             "## What tol= costs and keeps against stiff stops",
-            "`energy_conserving` with `tol=` bounds displacements, not velocities or contact forces. **Masses** keep "
-            f"it: between two stops errors are at most {max(free):.2g} tol, whatever the stiffness, and steps are "
-            "short within impacts only. **Beams** do not always: an impact excites their fast modes, which hardly move "
-            "anything and whose velocities decide on the next impact. In the runs below on a mass that hits a beam "
-            f"of four elements {often}, errors are up to {max(beam):.2g} tol; "
+            "`energy_conserving` with `tol=` bounds displacements, not velocities or contact forces. **Masses** stay "
+            f"within it: between two stops errors are at most {max(free):.2g} tol, whatever the stiffness, and "
+            "steps are short within impacts only. **Beams** do not always stay within it. An impact excites their fast "
+            "modes, whose displacements are tiny but whose velocities change the next impact. In the runs below on a "
+            f"mass that hits a beam of four elements {often}, errors are up to {max(beam):.2g} tol; "
             + (
                 f"without a note they are at most {max(silent):.2g} tol. "
                 if silent
-                else "a note tells in every one of them. "
+                else "every one of these runs has a note that says so. "
             )
-            + "The note compares the run with one of four times the tolerance, and names what both differ by; a "
-            "smaller tol lessens it. The errors of contact velocities are held step by step and not in their sum. "
-            "Errors are against event_driven, which is exact; "
+            + "The note compares the run with one of four times the tolerance and gives the difference; a smaller tol "
+            "reduces it. The errors of contact velocities are held step by step and not in their sum. Errors are "
+            "against event_driven, which is exact; "
             + (
-                f"these runs take {min(times_over):.2g} to {max(times_over):.2g} times as long as it does "
-                "(it: best of five; they: one run each)."
+                f"these runs take {min(times_over):.2g} to {max(times_over):.2g} times as long as event_driven takes "
+                "(event_driven: best of five runs; the others: one run each)."
             ),
             "\n".join(lines),
         ]
@@ -426,12 +431,14 @@ def resolved_section() -> str:
     return "\n\n".join(
         [
             "## Finite s0",
-            "With `vf.Resolved(s0)` the switch is the operator itself at a finite scaling factor. Its motion tends to "
+            "With `vf.Resolved(s0)` the switch is the variable-order operator at a finite scaling factor s0, not its "
+            "limit. The motion tends to "
             f"that of the ideal switch like s0^-{slopes['penetration']:.1f} (penetration law) and "
             f"s0^-{slopes['displacement']:.1f} (displacement law), measured over the first three s0; below 1e-6 the "
             "steps of 5e-5 s show instead. Differences over 5 s, over the largest displacement:",
             "\n".join(lines),
-            "event_driven does not apply, so steps cost what they cost (s0 = 1e4 1/m, 25 elements, 5 s, errors of the "
+            "event_driven does not apply to such a switch. The times of stepping methods (s0 = 1e4 1/m, 25 "
+            "elements, 5 s, errors of the "
             f"steps; reference {study.reference.how}):",
             "\n".join(["| method | dt | time | error | order |", "| --- | ---: | ---: | ---: | ---: |", *runs]),
         ]
@@ -486,9 +493,10 @@ def kernel_section() -> str:
             "same size. A step of the implicit methods holds one such solve, products with banded matrices, and the "
             "contacts.",
             kernels.table(kernels.measure(say)),
-            "What a bare scene pays for all that it does not call for: microseconds of a step of the shortest loop "
-            "that does the same arithmetic with the same banded products and solves (no work of loads, no stored "
-            f"states, no checks), and the median over {minimal.PAIRS} interleaved pairs of vofem's time over it. "
+            "The last table shows what a scene without contacts pays for features that it does not use. The first "
+            "number is the time in microseconds of one step of a minimal loop: the same banded products and solves, "
+            "but no work of loads, no stored states and no checks. The second number is vofem's time over it, the "
+            f"median of {minimal.PAIRS} interleaved pairs. "
             "energy_conserving solves for the correction of an extrapolated velocity, which costs a product and a "
             "sweep more than the plain midpoint rule and keeps its energy over millions of steps. "
             "`python benchmarks/minimal.py` measures them alone.",

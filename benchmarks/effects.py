@@ -34,7 +34,7 @@ ADDED: tuple[tuple[str, Callable[[], vf.Scene]], ...] = (
     ("one contact, displacement law", lambda: paper_beam("displacement")(ELEMENTS)),
     ("one contact with a resolved switch", lambda: paper_beam("penetration", switch=vf.Resolved(1e4))(ELEMENTS)),
     ("ten contacts", lambda: many_contacts(ELEMENTS, 10)),
-    ("a spring with memory", lambda: _bare_with(_remembers)),
+    ("a hysteretic spring", lambda: _bare_with(_remembers)),
     ("a springpot at the tip", lambda: _bare_with(_springpot(0.5))),
     ("a springpot whose order varies", lambda: _bare_with(_springpot(lambda t: 0.5 + 0.4 * np.sin(t)))),
     ("a one-sided foundation, 25 contacts", lambda: _bare_with(_lift_off)),

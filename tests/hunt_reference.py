@@ -156,7 +156,7 @@ class Crushing(Smooth):
 
 
 def parts_of(effect):
-    """Return the elements of a spring with memory."""
+    """Return the elements of a hysteretic spring."""
     match effect:
         case vf.BilinearSpring():
             h, k = effect.hardening, effect.stiffness

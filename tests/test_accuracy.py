@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import sys
 from itertools import pairwise
 
@@ -116,6 +117,24 @@ def test_frontier_and_advice(study):
     assert text.count(".") >= 1
     assert text.endswith(".")
     assert study.advice(1e-14).startswith("No run comes within 1e-14")
+
+
+def test_a_run_whose_errors_of_steps_and_mesh_cancel_is_not_advised(study):
+    """By chance its total error is a hundredth of that of its steps; a tolerance between both is not met."""
+    scale = study.reference.scale
+    run = max((run for run in study.runs if run.setting.method == "energy_conserving"), key=lambda run: run.steps)
+    lucky = dataclasses.replace(
+        run,
+        total=dataclasses.replace(run.total, largest=1e-5 * scale),
+        time=dataclasses.replace(run.time, largest=1e-3 * scale),
+        space=1e-3 * scale,
+    )
+    alone = dataclasses.replace(study, runs=(lucky,))
+    assert alone.relative(lucky) == pytest.approx(1e-5)
+    assert alone.meeting(1e-4) == ()
+    assert alone.advice(1e-4).startswith("No run comes within 0.0001")
+    assert " with 1.0e-03 in " in alone.advice(1e-4)
+    assert alone.meeting(1e-2) == (lucky,)
 
 
 def test_what_cannot_run_is_left_out_with_its_reason():

@@ -1,4 +1,4 @@
-"""Springs with memory: their laws, paths of equilibria, and what is refused."""
+"""Hysteretic springs: their laws, paths of equilibria, and what is refused."""
 
 from __future__ import annotations
 
@@ -483,7 +483,7 @@ def test_what_cannot_treat_memory_says_so():
     assert "HystereticSpring 's' from Mass 'm' to ground: 1 N/m, linear to 5 m, limit load 9 N" in str(
         vf.explain(scene)
     )
-    assert "springs with memory" not in vf.explain(scene).absent
+    assert "hysteretic springs" not in vf.explain(scene).absent
 
 
 def test_the_printed_law_is_for_a_single_loaded_mass():
@@ -492,7 +492,7 @@ def test_the_printed_law_is_for_a_single_loaded_mass():
     cases = [
         ([one, two], [printed], "2 degrees of freedom"),
         ([one], [printed, vf.Spring(one, stiffness=1.0)], "another spring"),
-        ([one], [printed, vf.BilinearSpring(one, **PAPER)], "another spring with memory"),
+        ([one], [printed, vf.BilinearSpring(one, **PAPER)], "another hysteretic spring"),
         ([one], [printed, vf.Contact(one, gap=1.0, stiffness=1.0, side="above", acts_on="penetration", name="c")],
          "Contact 'c'"),
     ]  # fmt: skip
@@ -520,5 +520,5 @@ def test_quasi_static_refuses_what_it_cannot_do():
         vf.quasi_static(vf.Scene([mass], [spring]), [1.0])
     with pytest.raises(vf.ArgumentError, match="springs named 's' occur more than once"):
         vf.quasi_static(vf.Scene([mass], [spring, spring, vf.PointLoad(mass, 1.0)]), [1.0])
-    with pytest.raises(vf.ArgumentError, match=r"no spring with memory is named 't'"):
+    with pytest.raises(vf.ArgumentError, match=r"no hysteretic spring is named 't'"):
         vf.quasi_static(scene, [1.0]).springs["t"]

@@ -1,4 +1,4 @@
-"""Springs with memory in motion: Eq. 22 as printed, and laws that remember in every stepping method."""
+"""Hysteretic springs in motion: Eq. 22 as printed, and laws that remember in every stepping method."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def test_a_printed_run_is_saved_and_loaded(tmp_path):
 
 
 def reference(backbone, stiffness, load, t_end, times, damping=0.0, mass=1.0, x0=0.0, v0=0.0, kinematic=None):
-    """Return the motion of a mass on a spring with memory, phase by phase, by a Runge-Kutta method of order 8.
+    """Return the motion of a mass on a hysteretic spring, phase by phase, by a Runge-Kutta method of order 8.
 
     `backbone(w)` is the first loading with its onset at `w = onset`;
     `kinematic` is the slope after yielding of a bilinear spring, whose elastic range moves.

@@ -121,7 +121,7 @@ def test_a_representation_counts_notes():
 
 @pytest.mark.parametrize("method", STEPPING)
 def test_results_do_not_depend_on_what_a_run_looks_at(method):
-    """Stored states, energies and springs with memory belong to the wanted times alone."""
+    """Stored states, energies and hysteretic springs belong to the wanted times alone."""
     mass = vf.Mass(1.0, stiffness=4.0, name="m")
     spring = vf.BilinearSpring(mass, stiffness=5.0, linear_limit=0.1, hardening=0.2, name="s")
     scene = vf.Scene([mass], [spring, stop(mass, gap=0.3)], initial={mass: (0.0, 1.0)})

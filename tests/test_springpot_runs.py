@@ -27,7 +27,7 @@ def test_auto_and_the_methods_that_refuse():
     explanation = vf.explain(scene)
     assert explanation.method == "energy_conserving"
     assert "Springpot 's' has a force that its whole past decides" in explanation.why
-    assert "springs with memory" in explanation.absent
+    assert "hysteretic springs" in explanation.absent
     assert "springpots" not in explanation.absent
     with pytest.raises(vf.MethodError, match=r"Springpot 's' .*Use method='energy_conserving'"):
         vf.simulate(scene, 1.0, method="event_driven")
@@ -35,7 +35,7 @@ def test_auto_and_the_methods_that_refuse():
         vf.simulate(scene, 1.0, method="force_driven")
     mass = vf.Mass(1.0)
     printed = vf.HystereticSpring(mass, stiffness=1.0, linear_limit=5.0, memory="printed")
-    with pytest.raises(vf.ArgumentError, match="another spring with memory"):
+    with pytest.raises(vf.ArgumentError, match="another hysteretic spring"):
         vf.explain(vf.Scene([mass], [printed, vf.Springpot(mass, coefficient=1.0, order=0.5)]))
 
 
@@ -245,7 +245,7 @@ def test_names_and_places():
         vf.explain(vf.Scene([beam], [vf.Springpot(beam.at(0.0), coefficient=1.0, order=0.5, name="s")]))
     result = vf.simulate(vf.Scene([mass], pots[:1]), 1.0)
     assert result.springs[pots[0]].name == "s"
-    with pytest.raises(vf.ArgumentError, match="no spring with memory is named 'x'"):
+    with pytest.raises(vf.ArgumentError, match="no hysteretic spring is named 'x'"):
         result.springs["x"]
 
 

@@ -121,12 +121,12 @@ class Result(Motion):
 
     @cached_property
     def springs(self) -> Named[SpringHistory]:
-        """Histories of springs with memory and of springpots by name; empty where the scene has none."""
+        """Histories of hysteretic springs and of springpots by name; empty where the scene has none."""
         names = [name for group in self.model.system.recorded for name in group.names]
-        return Named({name: SpringHistory(self, j) for j, name in enumerate(names)}, "spring with memory")
+        return Named({name: SpringHistory(self, j) for j, name in enumerate(names)}, "hysteretic spring")
 
     def spring_state(self, name: str) -> Array | None:
-        """Return the state of a spring with memory at the last time, with which another scene can start, or None."""
+        """Return the state of a hysteretic spring at the last time, with which another scene can start, or None."""
         springs = self.solution.springs
         return None if springs is None else past_of(self.model.system.laws, springs.past, name)
 

@@ -41,8 +41,8 @@ class Scene:
         ``{body: (displacement, velocity)}``: numbers for a mass, callables of
         an array x (of any shape) for a beam. Zero where silent. The outcome of
         `vofem.equilibrium` or of an earlier run, of bodies with the same names,
-        serves for all bodies, or for one: ``{beam: outcome}``; springs with
-        memory of the same names go on with their past, springpots begin anew.
+        serves for all bodies, or for one: ``{beam: outcome}``. Hysteretic
+        springs of the same names keep their internal variables, springpots start without a history.
 
     Raises
     ------

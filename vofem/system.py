@@ -284,7 +284,7 @@ class Counters:
     law_evaluations : int
         Evaluations of nonlinear springs.
     memory_updates : int
-        Springs with memory, times the steps over which their past was carried on.
+        Hysteretic springs, times the steps over which their past was carried on.
     history_terms : int
         Numbers in which all springpots keep their past; they grow like the logarithm of the number of steps.
     history_updates : int

@@ -218,7 +218,7 @@ class SystemBuilder:
         others = [law for _, law in self._laws if law is not printed[0]]
         what = ""
         if any(law.group.recorded for law in others):
-            what = "another spring with memory"
+            what = "another hysteretic spring"
         elif self.size > 1:
             what = f"{self.size} degrees of freedom"
         elif any(isinstance(law, ContactEntry) for law in others):

@@ -21,7 +21,7 @@ class Energy:
     contact : ndarray
         Stored in closed contacts: ``K0 (u^2 - gap^2)/2`` for ``acts_on="displacement"``.
     dissipated : ndarray
-        Taken by all dampers, springs with memory and springpots since t = 0.
+        Taken by all dampers, hysteretic springs and springpots since t = 0.
     work : ndarray
         Done by all loads since t = 0.
     start : float

@@ -66,7 +66,7 @@ def joint_force_of(run: Run, name: str, t: ArrayLike | None, samples: Sampled) -
 
 
 def _state(run: Run, label: str, t: ArrayLike | None, samples: Sampled) -> tuple[Array, Sampled, Any, Any, Any]:
-    """Return times, the motion, forces of contacts, modes, and forces of springs with memory."""
+    """Return times, the motion, forces of contacts, modes, and forces of hysteretic springs."""
     times = run.times if t is None else np.atleast_1d(np.asarray(t, dtype=float))
     system = run.model.system
     force = None
@@ -78,10 +78,10 @@ def _state(run: Run, label: str, t: ArrayLike | None, samples: Sampled) -> tuple
 
 
 def _spring_force(run: Run, label: str, t: ArrayLike | None) -> Array:
-    """Return the forces of springs with memory, which are known at the run's times only."""
+    """Return the forces of hysteretic springs, which are known at the run's times only."""
     if t is not None and not np.array_equal(np.atleast_1d(t), run.times):
         raise ArgumentError(
-            f"{label}: springs with memory know their forces at the run's times; name the times in times= when "
+            f"{label}: hysteretic springs know their forces at the run's times; name the times in times= when "
             "simulating"
         )
     springs = run.solution.springs

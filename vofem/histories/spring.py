@@ -1,4 +1,4 @@
-"""A spring with memory, or a springpot: its force, its loops."""
+"""A hysteretic spring, or a springpot: its force, its loops."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 
 class SpringHistory:
-    """One spring with memory, or springpot, along a run; histories at the run's times, each of shape (n_times,).
+    """One hysteretic spring, or springpot, along a run; histories at the run's times, each of shape (n_times,).
 
     Attributes
     ----------

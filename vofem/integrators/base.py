@@ -109,7 +109,7 @@ class Energies:
 
 @dataclass(frozen=True)
 class SpringSamples:
-    """Springs with memory, then springpots, at some times, each of shape (n_springs, n_times).
+    """Hysteretic springs, then springpots, at some times, each of shape (n_springs, n_times).
 
     Attributes
     ----------
@@ -228,7 +228,7 @@ class Solution(Protocol):
 
     @property
     def springs(self) -> SpringSamples | None:
-        """Springs with memory and springpots at `times`; None where there are none."""
+        """Hysteretic springs and springpots at `times`; None where there are none."""
 
     @property
     def probes(self) -> ProbeSamples | None:

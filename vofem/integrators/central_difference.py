@@ -92,7 +92,7 @@ class _Size(NamedTuple):
 
 
 class _State(NamedTuple):
-    """Where a run stands: q at a step, v half a step before, status of the contacts, and memory of laws."""
+    """Current state: q at a step, v half a step before, status of the contacts, and internal variables."""
 
     q: Array
     half: Array

@@ -64,7 +64,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-#: Energy out of nowhere, over the energies at work, that ends a run.
+#: Energy that no load has supplied, over the largest energy, that ends a run.
 _BLOW_UP = 1.0
 
 
@@ -123,7 +123,7 @@ class _Size(NamedTuple):
 
 
 class _State(NamedTuple):
-    """Displacement, velocity, acceleration, reactions without dampers, dampers' mean forces, status, laws' memory."""
+    """State: q, v, a, reactions without dampers, mean forces of dampers, status, internal variables."""
 
     q: Array
     v: Array
@@ -218,7 +218,7 @@ class _Alpha(Setting):
             first = system.first_of(springpots)
             self.state.damper[first : first + len(springpots)] = self.history.told[:, FORCE]
         self.at_start, beyond = self.bands.over.start(dt)
-        # An impulse at t = 0 is a velocity: the steps would tell it late.
+        # An impulse at t = 0 becomes an initial velocity; by steps it would act late.
         unit = np.ones((1, system.size))
         answers = (1.0 - self.parameters.alpha_m) * self.bands.answers(self.size_of(dt).structure.factored, unit)
         self.kick = 0.5 * dt * (beyond @ answers)

@@ -236,7 +236,7 @@ def storage_times(times: Array | None, t_end: float, dt: float, steps: int, size
     size : int
         Degrees of freedom.
     notes : list of str
-        Told of thinning.
+        Thinning adds a note.
     """
     if times is not None:
         return times

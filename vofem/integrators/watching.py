@@ -16,7 +16,7 @@ class Watch(Protocol):
     """Looks at a run from time to time."""
 
     def __call__(self, t: float, snapshot: Callable[[], Snapshot], last: bool = False) -> None:
-        """Be told the time reached in s; `snapshot` returns the run's state, `last` is true before an interruption."""
+        """Note the time reached in s; `snapshot` returns the run's state, `last` is true before an interruption."""
 
 
 @contextlib.contextmanager

@@ -117,7 +117,7 @@ class HystereticLaws(ListedLaws):
     """
 
     place: ClassVar[int] = 2
-    kind: ClassVar[str] = "springs with memory"
+    kind: ClassVar[str] = "hysteretic springs"
     recorded: ClassVar[bool] = True
 
     laws: tuple[HystereticLaw, ...]

@@ -70,7 +70,7 @@ class PrintedLaws(ListedLaws):
     """
 
     place: ClassVar[int] = 2
-    kind: ClassVar[str] = "springs with memory"
+    kind: ClassVar[str] = "hysteretic springs"
     recorded: ClassVar[bool] = True
     applied_force: ClassVar[bool] = True
 

@@ -1,4 +1,4 @@
-"""Statics: equilibrium with contact, and paths of equilibria with memory."""
+"""Statics: equilibrium with contact, and load paths with hysteresis."""
 
 from vofem.statics.contact_equilibrium import equilibrium
 from vofem.statics.load_path import quasi_static

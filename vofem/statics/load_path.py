@@ -26,7 +26,7 @@ _AT_LIMIT = 1.0 - 1e-12
 
 
 def quasi_static(scene: Scene, load_factors: ArrayLike) -> QuasiStatic:
-    """Return the equilibria of a scene along a path of loads, springs with memory and contacts together.
+    """Return the equilibria of a scene along a path of loads, hysteretic springs and contacts together.
 
     The path begins without load, with springs that have no past. From one
     factor to the next all elongations are taken to change monotonically:

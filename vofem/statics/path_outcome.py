@@ -39,7 +39,7 @@ class ContactPath:
 
 @dataclass(frozen=True)
 class SpringPath:
-    """A spring with memory along a path of equilibria, each array of shape (n_factors,).
+    """A hysteretic spring along a path of equilibria, each array of shape (n_factors,).
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class QuasiStatic:
     load_factors : ndarray, shape (n_factors,)
     contacts : dict of str to ContactPath
     springs : dict of str to SpringPath
-        Springs with memory.
+        Hysteretic springs.
     iterations : int
         Newton steps in all.
     notes : list of str
@@ -90,7 +90,7 @@ class QuasiStatic:
         self._past = past
         self.load_factors = load_factors
         self.contacts = Named(contacts)
-        self.springs = Named(springs, "spring with memory")
+        self.springs = Named(springs, "hysteretic spring")
         self.iterations = iterations
         self.notes = [] if notes is None else notes
 
@@ -104,7 +104,7 @@ class QuasiStatic:
         return values, np.zeros_like(values)
 
     def spring_state(self, name: str) -> Array | None:
-        """Return the state of a spring with memory at the last factor, with which a scene can start, or None."""
+        """Return the state of a hysteretic spring at the last factor, with which a scene can start, or None."""
         groups = [group for group in self._model.system.laws if group.static and self._past.size]
         return past_of(groups, self._past, name)
 

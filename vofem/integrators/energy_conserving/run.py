@@ -36,7 +36,7 @@ from vofem.system import Counters, State, System
 
 Array = NDArray[np.float64]
 
-#: Energy out of nowhere, over the energies at work, that ends a run: rounding cannot make so much.
+#: Energy that no load has supplied, over the largest energy, that ends a run: rounding cannot make so much.
 _BLOW_UP = 1e-3
 
 

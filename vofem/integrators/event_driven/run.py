@@ -105,7 +105,7 @@ def run(
         the system, see `truncated`; 0 keeps all modes. Without it `TOLERANCE`
         above `FULL_UNKNOWNS` degrees of freedom, else 0.
     watch : callable, optional
-        Told the time reached; of a run in all modes only.
+        Called with the time reached; only in a run in all modes.
     resume : dict, optional
         A snapshot of the same run, from which to go on.
 

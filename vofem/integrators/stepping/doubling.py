@@ -104,7 +104,7 @@ class StepDoubling(Ladder, Setting):
         return self.beyond
 
     def reached(self) -> float:
-        """Return the time of the state on the trail, s."""
+        """Return the time of the state in `trail`, s."""
         return min(self.time, self.t_end)
 
     @abstractmethod

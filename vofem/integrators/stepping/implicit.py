@@ -77,7 +77,7 @@ def implicit_run(method: Method, made: Doubled, asked: Asked, blow_up: float, ad
     made : Doubled
     asked : Asked
     blow_up : float
-        Energy out of nowhere, over the energies at work, that ends a run.
+        Energy that no load has supplied, over the largest energy, that ends a run.
     advised : str
         What the note on a step that was chosen says further.
 

@@ -37,7 +37,7 @@ class Trail(NamedTuple):
 
 
 def trail(n: int, memory: Array) -> Trail:
-    """Return a trail of n unknowns with nothing on it but the state of laws with memory."""
+    """Return an empty record of the last step of n unknowns, with the internal variables of hysteretic laws."""
     return Trail(np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(2), np.zeros(2), memory.copy(), np.zeros(1))
 
 

@@ -144,7 +144,7 @@ def write_history(blocks: Blocks, group: h5py.Group, result: Result) -> None:
 
 def _springs(file: _Group, result: Result) -> None:
     springs = list(result.springs.values())
-    file.coordinate("spring", [spring.name for spring in springs], long_name="spring with memory")
+    file.coordinate("spring", [spring.name for spring in springs], long_name="hysteretic spring")
     units = [units_of(result.scene.effects, spring.name) for spring in springs]
     for what, unit in (
         ("elongation", _common([u.coordinate for u in units])),

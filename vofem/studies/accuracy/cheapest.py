@@ -137,7 +137,7 @@ def _search(bench: Bench, method: str, elements: int, allowed: float, best: Run 
     """Return the run with the largest step found that meets the tolerance; stop once it is slower than another one."""
     if not method_named(method).steps:
         run = bench.measure(Setting(method, elements))
-        return run if run is not None and run.total.largest <= allowed else None
+        return run if run is not None and run.judged <= allowed else None
     dt, before = default_steps(bench.source, method, elements, bench.t_end)[0], None
     for _ in range(_TRIES):
         setting = Setting(method, elements, dt=dt)
@@ -147,9 +147,9 @@ def _search(bench: Bench, method: str, elements: int, allowed: float, best: Run 
         run = bench.measure(setting, expected)
         if run is None:
             return None
-        if run.total.largest <= allowed:
+        if run.judged <= allowed:
             return run
         # Order 2, with a margin; where it is lower this takes a few more tries.
-        ratio = 0.8 * np.sqrt(allowed / run.total.largest) if np.isfinite(run.total.largest) else 0.1
+        ratio = 0.8 * np.sqrt(allowed / run.judged) if np.isfinite(run.judged) else 0.1
         dt, before = dt * float(np.clip(ratio, 0.05, 0.5)), run
     return None
