@@ -321,9 +321,13 @@ class EventSolution:
         functions, plain, leads, sign = known
         rate = sign * (self.space.contacts[plain] @ motion.velocity)
         rate_size = self._row_sizes[plain] @ np.abs(motion.velocity)
+        constant = functions.constant
+        if functions.u.shape[1]:
+            # Rounding that earlier segments have left: the search itself counts only what this one changes.
+            constant = np.abs(constant) + self._row_sizes[plain] @ np.abs(motion.displacement)
         functions = EventFunctions(
             functions.w, functions.u, functions.w_size, functions.u_size, sign * gaps[plain], rate, rate_size,
-            functions.constant, functions.slope, functions.harmonic,
+            constant, functions.slope, functions.harmonic,
         )  # fmt: skip
         pinned = status == PINNED
         if not pinned.any():

@@ -9,7 +9,7 @@ import numpy as np
 from vofem.bodies import Mass
 from vofem.effects import Contact
 from vofem.scene import Scene
-from vofem.verification.case import CONSERVING, Case, How, Quantity, Run, exact
+from vofem.verification.case import ALPHA, CENTRAL, CONSERVING, REFUSED, Case, How, Quantity, Run, exact
 
 #: Gap on both sides in m, and end of the run in s; the speed is 1 m/s.
 _GAP, _T_END = 0.5, 9.7
@@ -54,5 +54,7 @@ def _case(stiffness: float) -> Case:
     within = _TOL * deepest
     speed = {"displacement at the end [m]": within, "largest displacement [m]": within, "largest speed [m/s]": 1e-3}
     how = exact(1e-8) | {CONSERVING: How(speed, {"tol": _TOL})}
+    # Their steps follow no tolerance, and they say so.
+    how |= {method: How(0.0, {"tol": _TOL}, REFUSED, "tol was given") for method in (ALPHA, CENTRAL)}
     return Case(32, f"free mass between stops of {stiffness:.0e} N/m, tol = {_TOL:g}", "closed form", quantities,
                 measure, how)  # fmt: skip
