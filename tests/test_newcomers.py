@@ -113,7 +113,9 @@ def test_faults_in_a_table_of_a_misspelt_name(tmp_path):
 
 
 #: What runs return, and the base of all functions of time: users do not construct these.
-OUTCOMES = (vf.Equilibrium, vf.Modes, vf.QuasiStatic, vf.Result, vf.TimeFunction)
+OUTCOMES = (
+    vf.Branch, vf.Equilibrium, vf.Modes, vf.PeriodicOrbit, vf.QuasiStatic, vf.Result, vf.SpecialPoint, vf.TimeFunction,
+)  # fmt: skip
 
 CONSTRUCTED = [
     kind

@@ -99,12 +99,12 @@ def test_an_older_scene_runs_again(older):
 
 
 #: Modules that the classes in files of earlier versions were named by.
-NAMES = ["vofem.assembly:Model", "vofem.simulate:Plan", "vofem.time_functions:Arbitrary"] + [
-    f"vofem.time_functions:{name}"
+NAMES = ["vofem.assembly:Model", "vofem.simulate:Plan", "vofem.effects.time_functions:Arbitrary"] + [
+    f"vofem.effects.time_functions:{name}"
     for name in ("Constant", "Piece", "Pulse", "Ramp", "Scaled", "Sine", "Sum", "Tabulated")
 ]
-NAMES += ["vofem.time_functions.base:Sum", "vofem.time_functions.named:Constant"]
-NAMES += ["vofem.time_functions.approximated:Approximated", "vofem.integrators.event_driven.lifted:Truncation"]
+NAMES += ["vofem.effects.time_functions.base:Sum", "vofem.effects.time_functions.named:Constant"]
+NAMES += ["vofem.effects.approximated:Approximated", "vofem.integrators.event_driven.lifted:Truncation"]
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -114,7 +114,7 @@ def test_earlier_names_of_classes_are_known(name):
 
 def test_fields_that_came_later_have_their_defaults(tmp_path):
     with writing(tmp_path / "a.h5") as blocks:
-        data = '{"data": "vofem.time_functions:Ramp", "number": 0, "fields": {"slope": 2.0, "start": 1.0}}'
+        data = '{"data": "vofem.effects.time_functions:Ramp", "number": 0, "fields": {"slope": 2.0, "start": 1.0}}'
         write_text(blocks.file, "tree", data)
     with reading(tmp_path / "a.h5") as file:
         assert read_tree(file) == vf.Ramp(2.0, 1.0)
@@ -123,7 +123,7 @@ def test_fields_that_came_later_have_their_defaults(tmp_path):
 @pytest.mark.parametrize("fields", ['"start": 1.0', '"slope": 2.0, "start": 1.0, "curvature": 3.0'])
 def test_fields_without_defaults_must_be_there_and_unknown_ones_not(fields, tmp_path):
     with writing(tmp_path / "a.h5") as blocks:
-        data = f'{{"data": "vofem.time_functions:Ramp", "number": 0, "fields": {{{fields}}}}}'
+        data = f'{{"data": "vofem.effects.time_functions:Ramp", "number": 0, "fields": {{{fields}}}}}'
         write_text(blocks.file, "tree", data)
     with pytest.raises(vf.StorageError, match="version that wrote it"), reading(tmp_path / "a.h5") as file:
         read_tree(file)

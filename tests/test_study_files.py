@@ -110,7 +110,7 @@ def test_points_that_fail_are_told(study, tmp_path, capsys):
         ("after = 5.0", "after = 50.0", "sweep.after: expected a time in s, not negative and before t_end = 20.0 s"),
         ("contact.stop.gap", "contact.stopp.gap", "contact has no entry 'stopp'; give a number from 0 to 0, or one"),
         ("contact.stop.gap", "contact.stop.gapp", "with the value 0.1: contact[0].gapp: unknown key; did you mean"),
-        ("contact.stop.gap", "gap", "'gap' is no path, expected table and key with a dot between"),
+        ("contact.stop.gap", "gap", "'gap' is no path of a key, expected table and key with a dot between"),
         ("contact.stop.gap", "contacts.stop.gap", "there is no 'contacts' in the file"),
         ("[0.1, 0.2]", "[0.1, 'x']", "with the value 'x'"),
         ("[0.1, 0.2]", "0.1", "expected an array of values, or { start"),

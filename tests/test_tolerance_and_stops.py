@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import vofem as vf
-from vofem.integrators.energy_conserving import adaptive
 from vofem.integrators.energy_conserving.adaptive import AdaptiveSteps
 from vofem.integrators.stepped import quintic, restrained
 from vofem.system import Counters
@@ -172,20 +171,15 @@ def tried(law, start, phase, fineness=1.0):
     }[law]()
     scene = vf.Scene([mass], [effect], {mass: start})
     kernel = AdaptiveSteps(scene.model.system, scene.initial_state(), Counters(), 1.0)
-    kernel.plan(2.0 * 32 * phase / 100.0, 1e-3)
-    whole, half = kernel._rung(0), kernel._rung(1)
-    assert half.dt == pytest.approx(phase / 100.0)
-    values = kernel._loads(0.0, whole.dt, half)[0]
-    found = adaptive._try(
-        kernel.matrices, whole.structure.factored, whole, half, kernel.rows, kernel.laws, kernel.forcing, values,
-        kernel.state, kernel.trial, kernel.tried, np.ones(1), kernel.space, kernel.past,
-        kernel.springpots(np.zeros(3)), kernel._pace(0), kernel._pace(1), kernel.history, kernel.ahead, fineness,
-    )  # fmt: skip
-    assert found[0] >= 0
+    kernel.plan(2.0 * 32 * phase / 100.0, 1e-3, fineness)
+    kernel.rung = 0
+    assert kernel.length(1) == pytest.approx(phase / 100.0)
+    found = kernel.attempt(None, 0)
+    assert found.solves >= 0
     first, second = kernel.trial[0], kernel.trial[1]
     rates = np.array([start[1], 2.0 * first[0] - start[1]])
     changes = np.abs([rates[1] - rates[0], 2.0 * second[0] - 2.0 * rates[1]])
-    return found[3], float(changes.max())
+    return found.kick, float(changes.max())
 
 
 @pytest.mark.parametrize("law", ["contact", "crushing"])

@@ -88,9 +88,10 @@ def _orbits(orbits: Sequence[PeriodicOrbit], folder: Path) -> dict[str, Any]:
 def holds_branch(path: str | os.PathLike[str]) -> bool:
     """Return whether a file holds a branch; what else may be wrong with it shows when it is read."""
     try:
-        with h5py.File(path, "r") as file:
+        # Checked before HDF5 opens it: a pipe would wait for ever, and damage may end the process.
+        with reading(path) as file:
             return "vofem_branch" in file
-    except (OSError, TypeError, ValueError):
+    except StorageError:
         return False
 
 

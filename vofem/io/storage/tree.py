@@ -213,7 +213,7 @@ _MOVED = {
 
 
 #: Where functions of time were kept, in modules of this package or named by it.
-_FUNCTIONS = "vofem.time_functions"
+_FUNCTIONS = "vofem.effects.time_functions"
 
 
 def class_named(name: str) -> type:
@@ -228,7 +228,7 @@ def class_named(name: str) -> type:
         For any other name.
     """
     module, _, qualified = _MOVED.get(name, name).partition(":")
-    if module.startswith(_FUNCTIONS) or module == "vofem.time_functions.approximated":
+    if module.startswith(_FUNCTIONS) or module == "vofem.effects.approximated":
         module = "vofem.time_functions"
     if re.fullmatch(r"vofem(\.[a-z]\w*)+", module) and qualified.isidentifier():
         try:

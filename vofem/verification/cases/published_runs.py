@@ -197,7 +197,9 @@ def _softening() -> Case:
         return dict(zip(names, found.tolist(), strict=True))
 
     quantities = tuple(Quantity(name, q["value"], relative=False) for name, q in zip(names, entries, strict=True))
-    how = {method: How(1e-9, {"dt": 5e-4}, slow=method == CONSERVING) for method in (CONSERVING, ALPHA, CENTRAL)}
+    how = {method: How(1e-9, {"dt": 5e-4}) for method in (ALPHA, CENTRAL)}
+    # The error is 2.8e-9 m at the step of the others, and falls with its square.
+    how[CONSERVING] = How(1e-9, {"dt": 2.5e-4}, slow=True)
     how[EVENT_DRIVEN] = How(0.0, expected=REFUSED, says="no closed form|not piecewise linear")
     return Case(None, "softening spring, manufactured solution", source(data), quantities, measure, how)
 
