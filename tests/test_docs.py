@@ -55,6 +55,7 @@ def test_python_of_the_page_on_sweeps_runs(tmp_path, monkeypatch, capsys):
     assert names["table"]["tip"].shape == (3, 2)
     assert names["table"].failed == ()
     assert names["diagram"].failed == ()
+    assert names["shared"]["eigensolves"].tolist() == [1, 0, 0]
     assert sum(one.share for one in names["found"].attractors) == pytest.approx(1.0)
 
 

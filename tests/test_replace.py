@@ -112,3 +112,11 @@ def test_the_initial_state_stays():
     stop = vf.Contact(ball, gap=0.1, stiffness=9.0, acts_on="penetration", side="above")
     scene = vf.Scene([ball], [stop], initial={ball: (0.0, 1.0)})
     assert vf.simulate(scene.replace(stop, gap=0.2), 1.0).velocity(ball)[0] == 1.0
+
+
+def test_scenes_share_through_one_that_never_runs():
+    mass = vf.Mass(1.0, 1.0, name="mass")
+    stop = vf.Contact(mass, gap=0.1, stiffness=8.0, side="above", acts_on="penetration", name="stop")
+    base = vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(1.0, 0.5))])
+    solved = [vf.simulate(base.replace("stop", gap=gap), 5.0).counters.eigensolves for gap in (0.1, 0.2, 0.3)]
+    assert solved == [1, 0, 0]

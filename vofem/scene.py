@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import inspect
 import threading
@@ -13,7 +14,7 @@ from vofem.assembly import Effect, Model, SystemBuilder
 from vofem.bodies.base import Body
 from vofem.effects.base_motion import BaseMotion
 from vofem.effects.contact import Contact
-from vofem.errors import ArgumentError
+from vofem.errors import ArgumentError, VofemError
 from vofem.initial import Initial, StateSource
 from vofem.system import State
 
@@ -182,8 +183,10 @@ class Scene:
         scene = copy.copy(self)
         scene.__init__(self.bodies, effects)  # type: ignore[misc]
         scene._initial = self._initial
-        if self._model is not None:
-            scene.model.system.share_what_is_equal(self._model.system)
+        # This scene is assembled even if it never runs, because the scenes of a sweep share through it. Where it cannot
+        # be, as for the sake of the effect that is replaced, there is nothing to share.
+        with contextlib.suppress(VofemError):
+            scene.model.system.share_what_is_equal(self.model.system)
         return scene
 
     @property
