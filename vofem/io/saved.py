@@ -37,9 +37,11 @@ def load(path: str | os.PathLike[str]) -> Any:
     StorageError
         If the file is missing, of another kind, damaged, or of a newer vofem.
     """
+    from vofem.files.hdf5 import reading
     from vofem.io.storage import branch_file, run_file
 
-    return branch_file.load(path) if branch_file.holds_branch(path) else run_file.load(path)
+    with reading(path) as file:
+        return branch_file.read(file) if branch_file.GROUP in file else run_file.read(file)
 
 
 def resume(

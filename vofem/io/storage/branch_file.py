@@ -15,7 +15,7 @@ import numpy as np
 
 from vofem._version import __version__
 from vofem.errors import MissingCallableError, SceneFileError, StorageError
-from vofem.files.hdf5 import reading, writing
+from vofem.files.hdf5 import writing
 from vofem.files.whole import target
 from vofem.io.scenes.place import Book
 from vofem.io.scenes.reader import read_tables
@@ -30,6 +30,9 @@ from vofem.studies.steady.shooting import orbit_result
 from vofem.system import State
 
 SUFFIXES = (".h5", ".hdf")
+
+#: The group that tells a branch from a run.
+GROUP = "vofem_branch"
 
 #: Counts up when files of a new kind could not be read by this version.
 FORMAT = 1
@@ -49,7 +52,7 @@ def save(branch: Branch, path: str | os.PathLike[str], *, overwrite: bool = Fals
         "orbits": _orbits(every, goal.parent),
     }
     with writing(goal, overwrite=overwrite) as blocks:
-        own = blocks.file.create_group("vofem_branch", track_order=True)
+        own = blocks.file.create_group(GROUP, track_order=True)
         own.attrs["format"] = FORMAT
         own.attrs["written_by"] = __version__
         write_tree(own, record)
@@ -85,24 +88,9 @@ def _orbits(orbits: Sequence[PeriodicOrbit], folder: Path) -> dict[str, Any]:
     }
 
 
-def holds_branch(path: str | os.PathLike[str]) -> bool:
-    """Return whether a file holds a branch; what else may be wrong with it shows when it is read."""
-    try:
-        # Checked before HDF5 opens it: a pipe would wait for ever, and damage may end the process.
-        with reading(path) as file:
-            return "vofem_branch" in file
-    except StorageError:
-        return False
-
-
-def load(path: str | os.PathLike[str]) -> Branch:
-    """Return the branch that `Branch.save` has written; see `vofem.load`."""
-    with reading(path, "a file that Branch.save has written") as file:
-        return _read(file)
-
-
-def _read(file: h5py.File) -> Branch:
-    own = file["vofem_branch"]
+def read(file: h5py.File) -> Branch:
+    """Return the branch that `Branch.save` has written to a file that is open; see `vofem.load`."""
+    own = file[GROUP]
     if int(own.attrs["format"]) > FORMAT:
         raise StorageError(
             f"{file.filename} was written by vofem {own.attrs['written_by']} in format {own.attrs['format']}; this is "

@@ -111,23 +111,28 @@ def _write_toml(group: h5py.Group, result: Result, goal: Path) -> None:
 def load(path: str | os.PathLike[str]) -> Result:
     """Return the Result that `Result.save` has written; see `vofem.load`."""
     with reading(path) as file:
-        own = _checked(file)
-        history = read_history(file["history"])
-        record = read_tree(own["run"], decode)
-        scene, t_start = record["scene"].compiled_as(record["model"]), record.get("t_start", 0.0)
-        model = model_at(scene.model, t_start)
-        if "system" in record["solution"]:
-            record["solution"]["system"] = model.system
-        # Earlier versions knew no other way.
-        compiled = bool(own.attrs.get("compiled", True))
-        with kernels(compiled=compiled):
-            solution = restored_solution(
-                record["solution"], own, history.samples, history.energy, history.events, history.times
-            )
-        result = Result(
-            scene, str(own.attrs["method"]), solution, history.recorded, model=model, t_start=t_start,
-            start=record.get("start"), compiled=compiled,
-        )  # fmt: skip
+        return read(file)
+
+
+def read(file: h5py.File) -> Result:
+    """Return the Result that `Result.save` has written to a file that is open; see `vofem.load`."""
+    own = _checked(file)
+    history = read_history(file["history"])
+    record = read_tree(own["run"], decode)
+    scene, t_start = record["scene"].compiled_as(record["model"]), record.get("t_start", 0.0)
+    model = model_at(scene.model, t_start)
+    if "system" in record["solution"]:
+        record["solution"]["system"] = model.system
+    # Earlier versions knew no other way.
+    compiled = bool(own.attrs.get("compiled", True))
+    with kernels(compiled=compiled):
+        solution = restored_solution(
+            record["solution"], own, history.samples, history.energy, history.events, history.times
+        )
+    result = Result(
+        scene, str(own.attrs["method"]), solution, history.recorded, model=model, t_start=t_start,
+        start=record.get("start"), compiled=compiled,
+    )  # fmt: skip
     # Samples in Ritz vectors are summed in another order than those of the history: they are computed anew.
     if solution.truncation is None:
         result.__dict__["samples"] = history.samples
