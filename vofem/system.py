@@ -118,18 +118,31 @@ class System:
         """Use the cache of another system, which must differ from this one in functions of time alone."""
         self.__dict__["_cache"] = other.cache
 
+    def has_matrices_of(self, other: System) -> bool:
+        """Return whether degrees of freedom and matrices are the same to the last bit as those of another system."""
+        matrices = ("mass", "stiffness", "damping", "strain")
+        plain = ("rayleigh", "modal_damping", "rigid", "scale", "rotation")
+        return all(_equal(getattr(self, name), getattr(other, name)) for name in matrices) and all(
+            np.array_equal(getattr(self, name), getattr(other, name)) for name in plain
+        )
+
+    def has_load_vectors_of(self, other: System) -> bool:
+        """Return whether the loads act at the same places as those of another system, whatever their functions."""
+        pairs = zip(self.loads, other.loads, strict=False)
+        return len(self.loads) == len(other.loads) and all(np.array_equal(a.vector, b.vector) for a, b in pairs)
+
+    def has_contact_rows_of(self, other: System) -> bool:
+        """Return whether the contacts act at the same places as those of another system, or both have none."""
+        return _equal(*(None if one.contacts is None else one.contacts.rows for one in (self, other)))
+
     def share_what_is_equal(self, other: System) -> None:
         """Use of another system's cache what depends on equal things alone; for systems that nobody has run yet.
 
         Modes depend on matrices, rows and load vectors, those with contacts closed on the contacts' stiffness too.
         """
-        matrices = ("mass", "stiffness", "damping", "strain")
-        plain = ("rayleigh", "modal_damping", "rigid", "scale", "rotation")
         if not (
-            all(_equal(getattr(self, name), getattr(other, name)) for name in matrices)
-            and all(np.array_equal(getattr(self, name), getattr(other, name)) for name in plain)
-            and len(self.loads) == len(other.loads)
-            and all(np.array_equal(a.vector, b.vector) for a, b in zip(self.loads, other.loads, strict=True))
+            self.has_matrices_of(other)
+            and self.has_load_vectors_of(other)
             and [type(group) for group in self.laws] == [type(group) for group in other.laws]
             and all(_equal(a.rows, b.rows) for a, b in zip(self.laws, other.laws, strict=True))
         ):

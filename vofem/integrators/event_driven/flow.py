@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -279,14 +279,6 @@ def _watched(
 # -- systems that differ in their loads alone ---------------------------------------------------------
 
 
-def same_matrices(system: System, earlier: System) -> bool:
-    """Return whether mass, stiffness and damping of two systems are the same numbers."""
-    same = ("mass", "stiffness", "damping", "strain", "rigid", "scale")
-    if not all(_equal(getattr(system, name), getattr(earlier, name)) for name in same):
-        return False
-    return system.rayleigh == earlier.rayleigh and _equal(system.modal_damping, earlier.modal_damping)
-
-
 def share_modes(system: System, earlier: System) -> bool:
     """Let a system use what is known of an earlier one, where matrices, contacts and load vectors are the same numbers.
 
@@ -294,11 +286,9 @@ def share_modes(system: System, earlier: System) -> bool:
     """
     if system is earlier or system.cache is earlier.cache:
         return True
-    if not same_matrices(system, earlier):
+    if not system.has_matrices_of(earlier):
         return False
-    rows = (None if system.contacts is None else system.contacts.rows for system in (system, earlier))
-    alike = _equal(*rows) and len(system.loads) == len(earlier.loads)
-    alike = alike and all(_equal(a.vector, b.vector) for a, b in zip(system.loads, earlier.loads, strict=True))
+    alike = system.has_contact_rows_of(earlier) and system.has_load_vectors_of(earlier)
     contacts = system.contacts is None or (
         earlier.contacts is not None and np.array_equal(system.contacts.numbers(), earlier.contacts.numbers())
     )
@@ -316,16 +306,6 @@ def _with_rows(system: System, known: ModalSpace) -> ModalSpace:
     contacts = np.empty((0, n)) if system.contacts is None else np.asarray(system.contacts.rows @ shapes)
     loads = np.stack([load.vector for load in system.loads]) @ shapes if system.loads else np.empty((0, n))
     return replace(known, contacts=contacts, loads=loads)
-
-
-def _equal(a: Any, b: Any) -> bool:
-    """Return whether two numbers, arrays or sparse matrices are the same, or both None."""
-    if a is None or b is None:
-        return a is b
-    if hasattr(a, "indptr"):
-        parts = ("indptr", "indices", "data")
-        return a.shape == b.shape and all(np.array_equal(getattr(a, part), getattr(b, part)) for part in parts)
-    return bool(np.array_equal(np.asarray(a), np.asarray(b)))
 
 
 __all__ = [

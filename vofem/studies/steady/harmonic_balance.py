@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import ArgumentError, ConvergenceError, MethodError, SingularSystemError
-from vofem.integrators.event_driven.flow import same_matrices, share_modes
+from vofem.integrators.event_driven.flow import share_modes
 from vofem.laws import SpringpotLaws
 from vofem.laws.rows import all_rows
 from vofem.result import Result
@@ -186,7 +186,7 @@ class HarmonicBalance:
             or rest is None
             or earlier.highest < highest
             or attached
-            or not same_matrices(system, earlier.system)
+            or not system.has_matrices_of(earlier.system)
             or not np.array_equal(inputs, earlier.inputs)
         ):
             largest = np.linspace(0.0 if not system.rigid.shape[1] else self.omega, _MARGIN * highest, 5)
