@@ -54,7 +54,7 @@ def draw(
     result: Result, output: OutputSettings, folder: Path, studio: Studio, pictures: list[tuple[Path, Drawing, Path]]
 ) -> list[Path]:
     """Draw the histories that a scene file asks for, collect the side views; say what is on them, return the files."""
-    from vofem.io.plot import time_history
+    from vofem.io.pictures.histories import time_history
     from vofem.io.render import collect
     from vofem.io.run_pictures import history_points
 
