@@ -550,3 +550,12 @@ def test_all_workers_run_kernels_in_the_one_way_that_was_asked_for(tmp_path):
     table = vf.sweep(functions.square, {"x": [1]}, executor="serial", store=store)
     assert table.counters["stored"] == 0
     assert "rows of kernels in plain Python" in table.notes[0]
+
+
+def test_a_quantity_named_error_is_not_lost_in_tables(tmp_path):
+    from vofem.io.sweep_tables import write_sweep
+
+    table = vf.sweep(lambda x: {"error": 0.1 * x}, {"x": [1, 2]}, executor="serial")
+    assert table.to_dataframe().columns.tolist() == ["x", "error", "sweep_error"]
+    lines = write_sweep(table, tmp_path / "table.csv").read_text().splitlines()
+    assert lines == ["x,error,sweep_error", "1,0.1,", "2,0.2,"]

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 import os
 from pathlib import Path
+from typing import Any
 
-import numpy as np
-
-from vofem.files.whole import replacing, target
+from vofem.files.whole import target
+from vofem.io.csv_file import write_columns
 from vofem.studies.sweep import Sweep
 
 
@@ -34,17 +33,10 @@ def write_sweep(sweep: Sweep, path: str | os.PathLike[str]) -> Path:
         If the file cannot be written.
     """
     goal = target(path, (".csv",))
-    count = len(sweep.points.rows)
-    head, columns = list(sweep.points.names), []
+    rows = sweep.points.rows
+    columns: dict[str, Any] = {name: [row[name] for row in rows] for name in sweep.points.names}
     for name in sweep:
-        column = sweep[name].reshape(count, -1)
-        head += [name] if column.shape[1] == 1 else [f"{name}[{k}]" for k in range(column.shape[1])]
-        columns.append(column)
-    errors = {one.index: one.error for one in sweep.failed}
-    with replacing(goal) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow([*head, "error"])
-        for k, point in enumerate(sweep.points.rows):
-            values = [value.item() if isinstance(value, np.generic) else value for c in columns for value in c[k]]
-            writer.writerow([*point.values(), *values, errors.get(k, "")])
-    return goal
+        column = sweep[name].reshape(len(rows), -1)
+        heads = [name] if column.shape[1] == 1 else [f"{name}[{k}]" for k in range(column.shape[1])]
+        columns |= zip(heads, column.T, strict=True)
+    return write_columns(columns | {sweep.error_column: sweep.errors()}, goal)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vofem._validate import nearest
 from vofem.errors import ArgumentError
 from vofem.studies.sweep.points import Points
-from vofem.studies.sweep.worker import Row
+from vofem.studies.sweep.worker import RESERVED, Row
 
 
 @dataclass(frozen=True)
@@ -157,10 +157,19 @@ class Sweep(Mapping[str, NDArray]):
         }
         for name, column in self._columns.items():
             columns[name] = column if column.ndim == 1 else list(column)
+        return pandas.DataFrame(columns | {self.error_column: self.errors()})
+
+    @property
+    def error_column(self) -> str:
+        """Name of the column of errors in tables: "error", or "sweep_error" where the function returns that name."""
+        return f"{RESERVED}error" if "error" in (*self.points.names, *self) else "error"
+
+    def errors(self) -> list[str]:
+        """Return the error of every point, empty where there was none."""
         errors = [""] * len(self.points.rows)
         for one in self.failed:
             errors[one.index] = one.error
-        return pandas.DataFrame(columns | {"error": errors})
+        return errors
 
 
 def sweep_of(points: Points, rows: Sequence[Row], counters: dict[str, int]) -> Sweep:
