@@ -91,6 +91,13 @@ def number(
     return result
 
 
+def whole(what: str, value: Any, least: int = 1) -> int:
+    """Return `value` as an int of at least `least`, or raise `ArgumentError` naming `what`."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+        raise ArgumentError(f"{what} is {value!r}, expected a whole number, {least} or more")
+    return int(value)
+
+
 def array(what: str, values: Any, *, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
     """Return `values` as a float array of finite numbers, or raise `ArgumentError` naming `what`."""
     try:

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem._validate import whole
 from vofem.errors import ArgumentError
 from vofem.initial import StoredState
 from vofem.scene import Scene
 from vofem.simulate import simulate
 from vofem.studies.steady.loads import load_period
-from vofem.studies.steady.steady_state import whole
 
 Array = NDArray[np.float64]
 
@@ -68,9 +68,8 @@ class Stroboscope:
 def stroboscope(what: str, points: Any, period: float | None, periods: int, skip: int, method: str) -> Stroboscope:
     """Return how runs are looked at, from the arguments of a diagram, checked."""
     chosen = () if points is None else tuple(points) if isinstance(points, (tuple, list)) else (points,)
-    if isinstance(skip, bool) or not isinstance(skip, (int, np.integer)) or skip < 0:
-        raise ArgumentError(f"{what}: skip is {skip!r}, expected a whole number of periods, 0 or more")
-    return Stroboscope(chosen, period, whole(f"{what}: periods", periods), int(skip), method)
+    skipped = whole(f"{what}: skip", skip, least=0)
+    return Stroboscope(chosen, period, whole(f"{what}: periods", periods), skipped, method)
 
 
 def first_point(scene: Scene) -> Any:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem._validate import array
+from vofem._validate import array, whole
 from vofem.errors import ArgumentError, ConvergenceError, MethodError
 from vofem.integrators.event_driven.flow import Start, flow, modes_of
 from vofem.integrators.event_driven.modal_space import ModalSpace
@@ -28,7 +28,6 @@ from vofem.studies.steady.counters import Work
 from vofem.studies.steady.newton import direction
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.shooting import orbit_result, shooting_refusal
-from vofem.studies.steady.steady_state import whole
 from vofem.system import State, System
 
 Array = NDArray[np.float64]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from vofem._validate import choice, number
+from vofem._validate import choice, number, whole
 from vofem.errors import ArgumentError
 from vofem.progress import Progress
 from vofem.scene import Scene
@@ -16,7 +16,7 @@ from vofem.studies.steady.follow import LARGEST, Follower
 from vofem.studies.steady.methods import METHODS
 from vofem.studies.steady.point import Interval
 from vofem.studies.steady.sheets import branch_of
-from vofem.studies.steady.steady_state import first_orbit, whole
+from vofem.studies.steady.steady_state import first_orbit
 
 
 def continuation(

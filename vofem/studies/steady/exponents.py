@@ -14,14 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem._validate import number
+from vofem._validate import number, whole
 from vofem.errors import ArgumentError, MethodError
 from vofem.integrators.event_driven.flow import Start, flow, modal_state, modes_of
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.scene import Scene, as_scene
 from vofem.studies.steady.loads import load_period
 from vofem.studies.steady.shooting import shooting_refusal
-from vofem.studies.steady.steady_state import whole
 from vofem.system import Counters, System
 
 Array = NDArray[np.float64]

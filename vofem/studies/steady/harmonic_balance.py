@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem._validate import whole
 from vofem.errors import ArgumentError, ConvergenceError, MethodError, SingularSystemError
 from vofem.integrators.event_driven.flow import share_modes
 from vofem.laws import SpringpotLaws
@@ -150,11 +151,9 @@ class HarmonicBalance:
         refuse(what, system)
         if harmonics is None:
             harmonics = HARMONICS * periods if earlier is None else earlier.harmonics
-        if isinstance(harmonics, bool) or not isinstance(harmonics, (int, np.integer)) or harmonics < 1:
-            raise ArgumentError(f"{what}: harmonics is {harmonics!r}, expected a whole number, 1 or more")
+        self.harmonics: int = whole(f"{what}: harmonics", harmonics)
         self.loads: LoadPeriod = load_period(what, system, period)
         self.work = Work() if work is None else work
-        self.harmonics: int = int(harmonics)
         self.reach = (1 + _BEYOND) * self.harmonics
         self.omega = self.loads.omega / periods
         self.laws = LawPaths(self.groups)

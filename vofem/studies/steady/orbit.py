@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.errors import ArgumentError
+from vofem._validate import whole
 from vofem.initial import StoredState
 from vofem.lookup import rows_over
 from vofem.result import Result
@@ -262,10 +262,9 @@ class PeriodicOrbit:
         ArgumentError
             If count is no whole number of 0 or more.
         """
-        if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 0:
-            raise ArgumentError(f"harmonics: count is {count!r}, expected a whole number, 0 or more")
+        count = whole("harmonics: count", count, least=0)
         inner = self._events
-        panels = _PANELS + 2 * int(count)
+        panels = _PANELS + 2 * count
         edges = np.unique(np.concatenate([np.linspace(0.0, self.period, panels + 1), inner]))
         width = np.diff(edges)
         times = (edges[:-1, None] + 0.5 * width[:, None] * (1.0 + _NODES)).ravel()

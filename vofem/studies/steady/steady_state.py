@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from vofem._validate import choice
-from vofem.errors import ArgumentError, ConvergenceError
+from vofem._validate import choice, whole
+from vofem.errors import ConvergenceError
 from vofem.scene import Scene, as_scene
 from vofem.studies.steady.methods import METHODS, chosen, problem_of
 from vofem.studies.steady.newton import Solved, solved
@@ -121,10 +121,3 @@ def seen_of(problem: Shooting, guess: Any) -> str:
         where = f"with {abs(slow.rate):.2g} m/s at {slow.time:.6g} s"
         return f"Contact {laws.names[slow.contact]!r} is grazed nearby, {where}. "
     return ""
-
-
-def whole(what: str, value: Any) -> int:
-    """Return a positive whole number, checked."""
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
-        raise ArgumentError(f"{what} is {value!r}, expected a whole number, 1 or more")
-    return int(value)

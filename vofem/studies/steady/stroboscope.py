@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem._validate import number
+from vofem._validate import number, whole
 from vofem.errors import ArgumentError
 from vofem.result import Result
 
@@ -88,13 +88,12 @@ def poincare(result: Result, period: float, *, phase: float = 0.0, skip: int = 0
         raise ArgumentError(f"poincare: result is {result!r}, expected what vofem.simulate returns")
     period = number("poincare: period", period, positive=True)
     phase = number("poincare: phase", phase)
-    if isinstance(skip, bool) or not isinstance(skip, (int, np.integer)) or skip < 0:
-        raise ArgumentError(f"poincare: skip is {skip!r}, expected a whole number, 0 or more")
+    skip = whole("poincare: skip", skip, least=0)
     end = float(result.solution.t_end)
     offset = phase / (2.0 * np.pi)
     first = int(np.ceil(result.t_start / period - offset - _SLACK))
     last = int(np.floor((result.t_start + end) / period - offset + _SLACK))
-    times = np.clip((np.arange(first, last + 1) + offset) * period - result.t_start, 0.0, end)[int(skip) :]
+    times = np.clip((np.arange(first, last + 1) + offset) * period - result.t_start, 0.0, end)[skip:]
     if not times.size:
         raise ArgumentError(
             f"poincare: the run of {end:g} s has {max(last + 1 - first, 0)} samples a period of {period:g} s apart, of "
