@@ -100,6 +100,9 @@ def simulate(
         freedom; 0 keeps all modes, which small systems do anyway). Of
         generalized_alpha: ``rho_infinity`` in [0, 1] (0.8), or ``alpha_m``,
         ``alpha_f``, ``gamma``, ``newmark_beta`` in place of what it implies.
+        Of all three methods with a step size ``dt``: ``nearby``, whether a
+        second run from a start nearby looks for chaos, which takes as long as
+        the run (None: where that is less than a second).
 
     Returns
     -------

@@ -209,6 +209,10 @@ _MOVED = {
     "vofem.system:NonlinearLaws": "vofem.laws.smooth:SmoothLaws",
     "vofem.system:MemoryLaws": "vofem.laws.hysteretic:HystereticLaws",
     "vofem.system:SpringpotLaws": "vofem.laws.springpot:SpringpotLaws",
+    "vofem.integrators.stepping.record:Trail": "vofem.integrators.stepping.record:LastStep",
+    "vofem.laws.springpot:History": "vofem.laws.springpot_steps:SpringpotState",
+    "vofem.integrators.generalized_alpha:_State": "vofem.integrators.generalized_alpha.step:State",
+    "vofem.integrators.central_difference:_State": "vofem.integrators.central_difference.step:State",
 }
 
 
