@@ -9,6 +9,7 @@ from vofem.files.whole import replacing
 from vofem.io.pictures.axes import goal_of
 from vofem.io.pictures.diagrams import basin_map, bifurcation
 from vofem.io.pictures.histories import time_history
+from vofem.io.pictures.maps import state_map
 from vofem.io.pictures.profiles import shapes
 from vofem.io.pictures.space_time import space_time
 from vofem.io.pictures.steady import backbone_curve, multipliers, phase_portrait, poincare_section, response_curve
@@ -29,6 +30,7 @@ __all__ = [
     "response_curve",
     "shapes",
     "space_time",
+    "state_map",
     "sweep_curves",
     "time_history",
     "work_precision",

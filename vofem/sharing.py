@@ -1,0 +1,63 @@
+"""Scenes that are made anew for every point of a sweep share what is equal in them: modes above all.
+
+A function of a sweep often builds its scene from nothing, with other numbers each time. Where matrices, rows and load
+vectors are the same as those of a scene before it, the modes are the same too. Within `sharing_between_scenes` every
+scene that is assembled looks for them in the scenes before it. Results keep their bits: what is shared does not depend
+on the scene that has computed it.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from vofem.system import System
+
+#: How many systems a thread remembers. A point of a sweep mostly builds one or two scenes.
+_MOST = 4
+
+
+class _Recent(threading.local):
+    """The systems that one thread has assembled last, the latest first."""
+
+    def __init__(self) -> None:
+        self.systems: deque[System] = deque(maxlen=_MOST)
+        self.active = 0
+
+
+_recent = _Recent()
+
+
+@contextmanager
+def sharing_between_scenes(*, keep: bool = False) -> Iterator[None]:
+    """Let scenes that this thread assembles share with those that it has assembled before.
+
+    Parameters
+    ----------
+    keep : bool
+        Whether the thread remembers its latest systems after the end, for the next time. Workers of sweeps do.
+    """
+    _recent.active += 1
+    try:
+        yield
+    finally:
+        _recent.active -= 1
+        if not (keep or _recent.active):
+            _recent.systems.clear()
+
+
+def share_with_recent(system: System) -> None:
+    """Share with the latest system that this thread has assembled and that is equal to it where it matters."""
+    if not _recent.active:
+        return
+    for known in _recent.systems:
+        if system.share_what_is_equal(known):
+            break
+    _recent.systems.appendleft(system)
+
+
+__all__ = ["share_with_recent", "sharing_between_scenes"]
