@@ -173,6 +173,22 @@ def test_scenes_that_a_function_makes_anew_share_what_is_equal():
     assert functions.beam_at_stop(1.0, 0.01, 1.0)["eigensolves"] == 1
 
 
+def test_beams_that_are_made_anew_share_their_matrices_only_where_all_numbers_agree():
+    from vofem.sharing import sharing_between_scenes
+
+    def matrices(length=1.0, elements=4, EI=1.0, **more):
+        return vf.Beam(length, EI, 1.0, elements, **({"supports": {"left": "clamped"}} | more)).matrices()
+
+    assert matrices() is not matrices()
+    with sharing_between_scenes():
+        first = matrices()
+        assert matrices() is first
+        others = [{"EI": 2.0}, {"length": 2.0}, {"elements": 5}, {"tension": 1.0}, {"supports": {"left": "pinned"}}]
+        others.append({"EI": lambda x: 1.0 + 0.0 * x})
+        assert all(matrices(**other) is not first for other in others)
+    assert matrices() is not first
+
+
 def test_small_points_travel_in_batches():
     table = vf.sweep(functions.square, {"x": range(3000)}, executor="serial")
     assert table.counters["batches"] < 40
