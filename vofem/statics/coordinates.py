@@ -32,7 +32,8 @@ def alike(rows: Any) -> tuple[NDArray[np.int64], Array, NDArray[np.int64]]:
         The first row of every group.
     """
     seen: dict[tuple[bytes, bytes], int] = {}
-    member, sign, first = np.empty(rows.shape[0], dtype=np.int64), np.ones(rows.shape[0]), []
+    member, sign = np.empty(rows.shape[0], dtype=np.int64), np.ones(rows.shape[0])
+    first: list[int] = []
     for j in range(rows.shape[0]):
         row = rows[j].sorted_indices()
         places = row.indices.tobytes()
@@ -81,7 +82,7 @@ class Coordinates:
 
     def _summed(self, values: Array) -> Array:
         """Return sums over the laws of every group."""
-        return np.bincount(self._member, values, self._free.size)
+        return np.asarray(np.bincount(self._member, values, self._free.size), dtype=float)
 
     def linear(
         self, factor: float, tangent: Array, intercept: Array, held: Array | None = None, share: Array | None = None

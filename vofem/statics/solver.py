@@ -237,9 +237,12 @@ class EquilibriumSolver:
             start = None
             if PINNED not in status or not found:
                 break
-            u, reaction, status = self._pinned(factor, u, reaction, status, width)
-            if self._consistent(u, reaction, status):
+            amplitude = self._amplitude
+            held = self._pinned(factor, u, reaction, status, width)
+            if self._consistent(*held):
+                u, reaction, status = held
                 break
+            self._amplitude = amplitude
         self.u = u
         return status, reaction, found
 
@@ -326,9 +329,10 @@ class EquilibriumSolver:
         assert self._contacts is not None
         part, laws = self._parts[0], self._contacts
         s, most = u[part] - laws.gap, laws.stiffness * laws.gap
-        slack = 1e-10 * (np.abs(laws.gap) + np.abs(u).max(initial=0.0))
-        fine = np.where(status[part] == CLOSED, s >= -slack, s <= slack)
-        held = (reaction[part] >= -1e-10 * most) & (reaction[part] <= most * (1.0 + 1e-10))
+        slack = 32.0 * _EPS * (np.abs(laws.gap) + np.abs(u).max(initial=0.0))
+        pushed = reaction[part] >= -1e-10 * np.max(np.abs(reaction), initial=0.0)
+        fine = np.where(status[part] == CLOSED, (s >= -slack) & pushed, s <= slack)
+        held = pushed & (reaction[part] <= most * (1.0 + 1e-10))
         return bool(np.all(np.where(status[part] == PINNED, held, fine)))
 
     def bearing(self, status: Status) -> Array | None:
