@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import ConvergenceError
+from vofem.studies.steady.between import Step
 from vofem.studies.steady.branch import BranchCounters
 from vofem.studies.steady.charts import ORIGIN, EventChart, at_phase
-from vofem.studies.steady.crossings import Crossing, crossings
+from vofem.studies.steady.crossings import Crossing, crossings, overlooked
 from vofem.studies.steady.events import chart_at, extremes, phases, signature, slowest, switches
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.grazing import (
@@ -49,19 +50,6 @@ _REACH, _NEAR = 4.0, 0.3
 
 
 @dataclass
-class Step:
-    """Two neighbours on a branch in the same coordinates.
-
-    Attributes
-    ----------
-    first, last : Point
-    """
-
-    first: Point
-    last: Point
-
-
-@dataclass
 class Mark:
     """A special point.
 
@@ -73,12 +61,15 @@ class Mark:
         Number of the point before it, and the share of the way to the next.
     contact : str
         That grazes; empty for other kinds.
+    turns : bool
+        Whether the branch turns there, smoothly.
     """
 
     kind: str
     point: Point
     place: float
     contact: str = ""
+    turns: bool = False
 
 
 @dataclass
@@ -235,8 +226,8 @@ class Follower:
 
     def _bend(self, now: Point) -> Array:
         """Return the change of the tangent along the branch, from the step that led to a point; zero without one."""
-        before = self.track.steps[-1] if self.track.steps else None
-        if before is None or type(before.last.chart) is not type(now.chart) or before.last.y is not now.y:
+        before = self._earlier(Step(now, now))
+        if before is None:
             return np.zeros_like(now.tangent)
         length = float(np.linalg.norm((now.y - before.first.y) / now.scales))
         tangent = before.first.tangent * before.first.scales / now.scales
@@ -268,7 +259,11 @@ class Follower:
         self._count("flows")
         base = len(track.points) - 1
         if step is not None:
-            found = [] if self._leaving_another else crossings(self.family, step, self.interval)
+            earlier = self._earlier(step)
+            if earlier is not None and not any(base - 1.0 <= mark.place < base for mark in track.marks):
+                for crossing in overlooked(self.family, earlier, self.interval, step):
+                    self._mark(crossing, earlier, base - 1)
+            found = [] if self._leaving_another else crossings(self.family, step, self.interval, earlier)
             self._leaving_another = False
             for crossing in found:
                 self._mark(crossing, step, base)
@@ -278,6 +273,13 @@ class Follower:
         if not self._over:
             track.points.append(after)
             track.steps.append(step)
+
+    def _earlier(self, step: Step) -> Step | None:
+        """Return the step that has led to the begin of another one, in the same coordinates, or None."""
+        before = self.track.steps[-1] if self.track.steps else None
+        if before is None or before.last.y is not step.first.y or type(before.last.chart) is not type(step.first.chart):
+            return None
+        return before
 
     def _mark(self, crossing: Crossing, step: Step, base: int) -> None:
         """Note a crossing; a branch over several periods ends where its orbits repeat earlier."""
@@ -294,7 +296,7 @@ class Follower:
                 f"the branch ends at {at.value:.12g} on orbits over {shortest} {times} of the loads; beyond are the "
                 "same orbits, later by whole periods"
             )
-        self.track.marks.append(Mark(kind, at, base + crossing.share))
+        self.track.marks.append(Mark(kind, at, base + crossing.share, turns=crossing.turns))
 
     def _closed(self, now: Point, after: Point) -> bool:
         """Return whether the branch has come back to its first point, as it began; then it is over."""
