@@ -26,11 +26,11 @@ Array = NDArray[np.float64]
 #: contact event, and as many at most unless the run has more.
 _DENSE, _EACH, _MOST = 4001, 20, 60_000
 
-#: Turning points beyond which a motion is drawn as its envelope.
-_TURNS = 400
+#: Crossings of its mean beyond which a motion is drawn as its envelope.
+_CROSSINGS = 300
 
-#: Turning points in each part of an envelope, and fewest and most parts of a window.
-_TURNS_EACH, _FEWEST, _PARTS = 5, 20, 400
+#: Crossings in each part of an envelope, and fewest and most parts of a window.
+_CROSSINGS_EACH, _FEWEST, _PARTS = 6, 20, 400
 
 
 def time_history(
@@ -67,8 +67,8 @@ def time_history(
     window : (float, float), optional
         Begin and end in s; the whole run where not given.
     envelope : bool, optional
-        Whether the envelope is drawn; where not given, if there are more than
-        400 turning points.
+        Whether the envelope is drawn; where not given, if the motion crosses its
+        mean more than 300 times.
     ax : matplotlib axes, optional
         To draw into: for each result one, for displacements alone, or two, the
         second for K_eq; those for displacements come first. By default a figure of its own.
@@ -142,10 +142,10 @@ def _view(run: Result, points: list[Point], contact: Any, window: Any, envelope:
     begin, end = window_of("time_history", window, _end(run))
     times = _times(run, contacts, begin, end)
     motion = np.array([run.displacement(point, times) for point in points])
-    turning = int(np.sum(np.diff(np.sign(np.diff(motion[0]))) != 0.0)) if times.size > 2 else 0
-    enveloped = turning > _TURNS if envelope is None else bool(envelope)
-    # Each part holds a few turning points: in shorter ones the envelope would go up and down with the motion.
-    parts = int(np.clip(turning // _TURNS_EACH, _FEWEST, _PARTS)) if enveloped else 0
+    crossings = int(np.count_nonzero(np.diff(motion[0] > motion[0].mean())))
+    enveloped = crossings > _CROSSINGS if envelope is None else bool(envelope)
+    # Each part holds a few periods: in shorter ones the envelope would go up and down with the motion.
+    parts = int(np.clip(crossings // _CROSSINGS_EACH, _FEWEST, _PARTS)) if enveloped else 0
     return _View(run, contacts, (begin, end), times, motion, parts)
 
 
