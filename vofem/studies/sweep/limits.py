@@ -11,7 +11,7 @@ from types import FrameType
 
 
 class TimeUp(BaseException):
-    """The time limit of a point has passed. It is not an `Exception`, so that handlers in the function do not catch it."""
+    """The time limit of a point has passed. It is no `Exception`, so that handlers in the function do not catch it."""
 
 
 @contextlib.contextmanager
