@@ -80,7 +80,7 @@ class SceneFile:
         return scene
 
     def simulate(self, **changes: Any) -> Result:
-        """Run the scene as the file says. Arguments of `vofem.simulate` that are given here replace those of the file."""
+        """Run the scene as the file says. Arguments of `vofem.simulate` given here replace those of the file."""
         arguments = (self.run.arguments() if self.run is not None else {}) | changes
         if "t_end" not in arguments:
             raise ArgumentError(f"{self.path} does not say how long to run; add t_end to a table [run], or give t_end")
