@@ -104,7 +104,7 @@ def signature(chart: Any, evaluation: Any, without: Collection[int] = ()) -> tup
             counts[contact] = counts.get(contact, 0) + 1
     # A contact that never switches is open or closed throughout.
     still = [j for j in range(flow.space.contacts.shape[0]) if j not in counts and j not in left_out]
-    status = flow.solution.segments[2][0][0]
+    status = flow.solution.segments.status[0]
     return tuple(sorted(counts.items())) + tuple((j, -int(status[j])) for j in still if status[j] != OPEN)
 
 
@@ -142,16 +142,16 @@ def chart_at(problem: Shooting, flow: Flow, chart: Any, phase: Phase) -> tuple[E
 
 def _state_at_event(problem: Shooting, chart: Any, flow: Flow, phase: Phase) -> tuple[float, Status, Status, Array]:
     """Return time, status on both sides and state, in unknowns, at the begin of a phase."""
-    starts, _, states = flow.solution.segments
-    k = int(np.argmin(np.abs(np.array(starts) - phase.time)))
-    after, z, v = states[k]
+    segments = flow.solution.segments
+    k = int(np.argmin(np.abs(segments.starts - phase.time)))
+    after, z, v = segments.status[k], segments.displacement[k], segments.velocity[k]
     if k:
-        before = states[k - 1][0]
+        before = segments.status[k - 1]
     elif isinstance(chart, EventChart):
         before = chart.before
     else:
         before = flow.status
-    return float(starts[k]), before, after, problem.to_unknowns(z, v)
+    return float(segments.starts[k]), before, after, problem.to_unknowns(z, v)
 
 
 def extremes(problem: Shooting, flow: Flow, window: tuple[int, float, float] | None = None) -> list[Extreme]:
