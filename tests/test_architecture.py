@@ -30,6 +30,7 @@ LAYERS = [
     "time_functions",
     "laws",
     "system",
+    "sharing",
     "bodies",
     "assembly",
     "initial",
