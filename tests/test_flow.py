@@ -124,9 +124,11 @@ def twins(acts_on, damping, mirrored):
     for mass, sign in zip(masses, (1.0, -1.0 if mirrored else 1.0), strict=True):
         side = "above" if sign > 0.0 else "below"
         effects += [
-            vf.Contact(mass, gap=0.3, stiffness=12.0, damping=damping, side=side, acts_on=acts_on, name=f"on {mass.name}"),
+            vf.Contact(
+                mass, gap=0.3, stiffness=12.0, damping=damping, side=side, acts_on=acts_on, name=f"on {mass.name}"
+            ),
             vf.PointLoad(mass, vf.Sine(sign, 1.1)),
-        ]  # fmt: skip
+        ]
     alone = vf.Scene(masses[:1], effects[:2])
     if not mirrored:
         # Nothing of these acts on the common motion.

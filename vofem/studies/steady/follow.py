@@ -22,6 +22,7 @@ from vofem.studies.steady.grazing import (
     beyond,
     grazing,
     margin_around,
+    phases_like,
     touch_of_extreme,
     touch_of_phase,
 )
@@ -362,6 +363,9 @@ class Follower:
         if isinstance(chart, EventChart) and phase.contact == chart.contact and phase.time == flow.start.time:
             return now
         new, y = chart_at(problem, flow, chart, phase)
+        if len(new.switching) > 1 and _jumps(problem, new.switching):
+            # Derivatives along the event of one contact would miss that the other one moves.
+            return now
         return self._moved(now, earlier, new, y)
 
     def _moved(self, now: Point, earlier: Point | None, chart: Any, y: Array) -> Point:
@@ -440,19 +444,21 @@ class Follower:
         time, state = chart.point(problem, target[:-1])
         mine = [t for t, contact, *_ in switches(chart, now.evaluation.flow) if contact == chart.contact]
         margin = margin_around(now.problem, mine[2:], now.evaluation.flow.start.time)
-        touch = Touch(problem, float(target[-1]), chart.contact, time, state, chart.before, margin)  # type: ignore[arg-type]
+        own = [p for p in phases(now.problem, chart, now.evaluation.flow) if p.contact == chart.contact]
+        also = phases_like(now, min(own, key=lambda phase: phase.rate)) if own else ()
+        touch = Touch(problem, float(target[-1]), chart.contact, time, state, chart.before, margin, also)  # type: ignore[arg-type]
         return self._passed_out(now, touch, step)
 
     def _changed(self, now: Point, after: Point, step: float) -> tuple[Point, float] | None:
         """Pass a grazing between two points with different events."""
         counts = [dict(pair for pair in signature(p.chart, p.evaluation) or () if pair[1] > 0) for p in (now, after)]
         contacts = {j for count in counts for j in count if counts[0].get(j, 0) != counts[1].get(j, 0)}
-        if len(contacts) != 1:
+        appear = {counts[1].get(j, 0) > counts[0].get(j, 0) for j in contacts}
+        if len(appear) != 1:
             return None
-        contact = contacts.pop()
-        appears = counts[1].get(contact, 0) > counts[0].get(contact, 0)
+        appears = appear.pop()
         owner = after if appears else now
-        own = [p for p in phases(owner.problem, owner.chart, owner.evaluation.flow) if p.contact == contact]
+        own = [p for p in phases(owner.problem, owner.chart, owner.evaluation.flow) if p.contact in contacts]
         own = [p for p in own if p.stop - p.time < p.earlier]
         if not own:
             return None
@@ -493,10 +499,11 @@ class Follower:
         """Go on with a contact that begins to touch."""
         at = self._located(now, touch, step)
         try:
-            if at is None or signature(at.chart, at.evaluation) != signature(now.chart, now.evaluation):
+            if at is None or self._signed(at, at) != self._signed(now, at):
                 return None
             outside = before(self.family, self.interval, at)
-            first = beyond(self.family, self.interval, at)
+            several = _may_split(at)
+            first = None if several else beyond(self.family, self.interval, at)
         except ConvergenceError:
             return None
         finally:
@@ -508,6 +515,9 @@ class Follower:
         if self._over:
             return outside, step
         self._graze(at, outside)
+        if first is None:
+            self._ends_there(at)
+            return outside, step
         self._take(None, first)
         return first, min(step, FIRST)
 
@@ -515,9 +525,14 @@ class Follower:
         """Go on without a contact that has just stopped to touch."""
         at = self._located(now, touch, step)
         try:
-            if at is None or signature(at.chart, at.evaluation) == signature(now.chart, now.evaluation):
+            if at is None or self._signed(at, at) == self._signed(now, at):
                 return None
             outside = before(self.family, self.interval, at)
+            if _may_split(at):
+                self._take(None, outside)
+                self._graze(at, outside)
+                self._ends_there(at)
+                return outside, step
             last = beyond(self.family, self.interval, at)
         except ConvergenceError:
             return None
@@ -544,11 +559,49 @@ class Follower:
         self._graze(at, away)
         return replace(away, chart=ORIGIN), min(step, FIRST)
 
+    @staticmethod
+    def _signed(point: Point, at: Point) -> Any:
+        """Return how often contacts close in an orbit, but for those that graze together at another one."""
+        return signature(point.chart, point.evaluation, [contact for contact, _ in at.chart.also])
+
+    def _ends_there(self, at: Point) -> None:
+        """End the branch at a grazing of several contacts."""
+        laws = at.problem.system.contacts
+        assert laws is not None
+        names = " and ".join(repr(laws.names[contact]) for contact in _grazed(at))
+        self.track.notes.append(
+            f"the branch ends at {at.value:.12g}, where contacts {names} are grazed by one orbit. With forces that "
+            "jump, as those of acts_on='displacement', orbits that touch one of them or all may begin there: follow "
+            "those that you want from a value beyond, with guess="
+        )
+        self._over = True
+
     def _graze(self, at: Point, shown: Point) -> None:
         laws = at.problem.system.contacts
         assert laws is not None
         place = float(len(self.track.points) - 1)
-        self.track.marks.append(Mark("grazing", shown, place, laws.names[at.chart.contact]))
+        for contact in _grazed(at):
+            self.track.marks.append(Mark("grazing", shown, place, laws.names[contact]))
+
+
+def _grazed(at: Point) -> list[int]:
+    """Return the contacts that an orbit grazes."""
+    return [at.chart.contact, *(contact for contact, _ in at.chart.also)]
+
+
+def _may_split(at: Point) -> bool:
+    """Return whether more than one branch may go on from a grazing: of several contacts, of which a force jumps.
+
+    Where no force jumps the flow has a continuous derivative, and there is one branch.
+    """
+    contacts = _grazed(at)
+    return len(contacts) > 1 and _jumps(at.problem, contacts)
+
+
+def _jumps(problem: Any, contacts: list[int]) -> bool:
+    """Return whether the force of one of some contacts jumps."""
+    laws = problem.system.contacts
+    return bool(np.any(laws.jump[contacts] & (laws.gap[contacts] > 0.0)))
 
 
 __all__ = ["Follower", "Mark", "Step", "Track", "margin_around"]
