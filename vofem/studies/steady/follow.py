@@ -46,6 +46,9 @@ _ENTER, _LEAVE = 0.1, 0.25
 #: Points before which a branch is not looked at for whether it is closed.
 _LOOP = 12
 
+#: Share of the last step of a closed branch before its first orbit in which a special point is that of this orbit.
+_AGAIN = 1e-2
+
 #: How far from a point a grazing may be, in steps, and how near zero an extreme must be to be looked at.
 _REACH, _NEAR = 4.0, 0.3
 
@@ -319,6 +322,9 @@ class Follower:
         if step @ (place(points[1]) - start) <= 0.0:
             return False
         self._over = True
+        # What lies beyond the first orbit is the begin of the branch once more.
+        last = len(points) - 2 + share - _AGAIN
+        self.track.marks[:] = [mark for mark in self.track.marks if mark.place < last]
         self.track.notes.append(f"the branch is closed: it has come back to its first orbit at {points[0].value:.12g}")
         return True
 
