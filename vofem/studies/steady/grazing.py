@@ -116,10 +116,10 @@ def _same(a: float, b: float, problem: Shooting) -> bool:
 
 
 def _status_at(problem: Shooting, flow, time: float) -> Status:  # type: ignore[no-untyped-def]
-    starts, _, states = flow.solution.segments
+    segments = flow.solution.segments
     inside = flow.start.time + (time - flow.start.time) % problem.duration
-    k = max(int(np.searchsorted(np.array(starts), inside, side="right")) - 1, 0)
-    return np.array(states[k][0])
+    k = max(int(np.searchsorted(segments.starts, inside, side="right")) - 1, 0)
+    return segments.status[k].copy()
 
 
 def margin_around(problem: Shooting, others: list[float], time: float) -> float:
