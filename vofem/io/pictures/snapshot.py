@@ -198,6 +198,22 @@ def fixed_parts(scene: Scene) -> Snapshot:
     return Snapshot(None, (), links, _joints(scene), weights=_weights(scene))
 
 
+def at_rest(scene: Scene) -> Snapshot:
+    """Return a scene before anything has moved, contacts open."""
+    laws = scene.model.system.contacts
+    states = {} if laws is None else dict.fromkeys(laws.names, ("open", 0.0))
+    bodies = []
+    for body in scene.bodies:
+        if isinstance(body, Beam):
+            x = np.linspace(body.nodes[0], body.nodes[-1], _POINTS + 1)
+            bodies += _beam(body, x, np.zeros((x.size, 1)), np.zeros((x.size, 1)))
+        else:
+            bodies += _plain(body, np.zeros((body.shape.x.size, 1)))
+    return Snapshot(
+        None, tuple(bodies), _links(scene, states), _joints(scene), title="at rest", weights=_weights(scene)
+    )
+
+
 def _weights(scene: Scene) -> tuple[Point, ...]:
     return tuple(effect.point for effect in scene.effects if isinstance(effect, PointMass))
 
