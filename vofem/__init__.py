@@ -61,6 +61,7 @@ if TYPE_CHECKING:
         MeshError,
         MethodError,
         MissingCallableError,
+        MissingPackageError,
         OutputError,
         SceneFileError,
         SingularSystemError,
@@ -119,6 +120,7 @@ __all__ = [
     "MeshError",
     "MethodError",
     "MissingCallableError",
+    "MissingPackageError",
     "ModalDamping",
     "Modes",
     "NonlinearSpring",
@@ -182,7 +184,7 @@ _MODULES = {
     ),
     "vofem.errors": (
         "ArgumentError ConvergenceError EventStormError ExecutorError InstabilityError LimitLoadError LoadError "
-        "MeshError MethodError MissingCallableError OutputError SceneFileError SingularSystemError "
+        "MeshError MethodError MissingCallableError MissingPackageError OutputError SceneFileError SingularSystemError "
         "StepSizeError StorageError VofemError"
     ),
     "vofem.fractional": "fractional",

@@ -18,6 +18,10 @@ class ArgumentError(VofemError, ValueError):
     """An argument has a wrong value, such as a number that is not finite, a point off the beam or an unknown name."""
 
 
+class MissingPackageError(VofemError, ImportError):
+    """A package that only some functions need is not installed; the message says how to install it."""
+
+
 class MethodError(ArgumentError):
     """The chosen method cannot treat the scene; the message names one that can."""
 

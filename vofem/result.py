@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import Named
 from vofem.assembly import Model
+from vofem.effects.two_points import units_of
 from vofem.errors import ArgumentError
 from vofem.histories import (
     ContactHistory,
@@ -20,9 +22,11 @@ from vofem.histories import (
     ProbeHistory,
     Reaction,
     SpringHistory,
+    Table,
     joint_force_of,
     reaction_of,
 )
+from vofem.histories.tables import dataframe_of, dataset_of, events_of, impacts_of, statistics_of
 from vofem.initial import StoredState
 from vofem.integrators.base import ContactSamples, ProbeSamples, Sensitivity, Solution, Truncation
 from vofem.integrators.registry import advice
@@ -119,7 +123,9 @@ class Result(Motion):
         laws = self.model.system.contacts
         if laws is None:
             return Named({})
-        return Named({name: ContactHistory(self, laws, j) for j, name in enumerate(laws.names)})
+        effects = self.scene.effects
+        histories = [ContactHistory(self, laws, j, units_of(effects, name)) for j, name in enumerate(laws.names)]
+        return Named({history.name: history for history in histories})
 
     @cached_property
     def springs(self) -> Named[SpringHistory]:
@@ -215,6 +221,85 @@ class Result(Motion):
     def truncation(self) -> Truncation | None:
         """The number of Ritz vectors of an event_driven run and its estimated errors; None if all modes were used."""
         return self.solution.truncation
+
+    # -- tables -----------------------------------------------------------------------------------
+
+    def to_dataframe(self, points: Mapping[str, Any] | Iterable[Any] | None = None) -> Any:
+        """Return histories as a `pandas.DataFrame`, one row a time of `times`, with units in the names of the columns.
+
+        The columns are displacement and velocity of points, force and K_eq of contacts, and energies.
+
+        Parameters
+        ----------
+        points : dict of str to point, or points, optional
+            Where not given, those of the contacts, or of other effects where there are none; at most six.
+
+        Raises
+        ------
+        MissingPackageError
+            If pandas is not installed; it comes with the extra ``vofem[table]``.
+        ArgumentError
+            For what is not a point.
+        """
+        return dataframe_of(self, points)
+
+    def to_xarray(self, points: Mapping[str, Any] | Iterable[Any] | None = None) -> Any:
+        """Return histories as an `xarray.Dataset` over time, point and contact, with units as attributes.
+
+        Its variables are displacement, velocity and acceleration of points; force, stiffness (K_eq), gap function and
+        closed state of contacts; and energies.
+
+        Parameters
+        ----------
+        points
+            As of `to_dataframe`.
+
+        Raises
+        ------
+        MissingPackageError
+            If xarray is not installed; it comes with the extra ``vofem[table]``.
+        ArgumentError
+            For what is not a point.
+        """
+        return dataset_of(self, points)
+
+    def contact_events(self) -> Table:
+        """Return all contact events in the order of time as a table: time in s, contact, and what it does."""
+        return events_of(self)
+
+    def impacts(self, window: ArrayLike | None = None) -> Table:
+        """Return the impacts of all contacts in the order of time as a table.
+
+        The columns are those of `Impacts`, which ``contacts[...].impacts`` gives for one contact.
+
+        Parameters
+        ----------
+        window : (float, float), optional
+            Only those that begin between two times in s.
+
+        Raises
+        ------
+        ArgumentError
+            If the window does not lie within the run.
+        """
+        return impacts_of(self, window)
+
+    def contact_statistics(self, window: ArrayLike | None = None) -> Table:
+        """Return the statistics of all contacts as a table, one contact a row.
+
+        The columns are those of `ContactStatistics`, which ``contacts[...].statistics(...)`` gives for one contact.
+
+        Parameters
+        ----------
+        window : (float, float), optional
+            Begin and end in s; the whole run where not given.
+
+        Raises
+        ------
+        ArgumentError
+            If the window does not lie within the run.
+        """
+        return statistics_of(self, window)
 
     # -- files ------------------------------------------------------------------------------------
 

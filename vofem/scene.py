@@ -16,6 +16,7 @@ from vofem.effects.base_motion import BaseMotion
 from vofem.effects.contact import Contact
 from vofem.errors import ArgumentError, VofemError
 from vofem.initial import Initial, StateSource
+from vofem.sharing import share_with_recent
 from vofem.system import State
 
 #: Threads that run one scene compile it once. A scene holds no lock of its own, so that it can be copied and pickled.
@@ -134,7 +135,9 @@ class Scene:
         builder = SystemBuilder(self.bodies)
         for effect in self.effects:
             effect.compile(builder)
-        return builder.build()
+        model = builder.build()
+        share_with_recent(model.system)
+        return model
 
     def compiled_as(self, model: Model) -> Scene:
         """Return the same scene with a given model in place of its own."""

@@ -135,10 +135,11 @@ class System:
         """Return whether the contacts act at the same places as those of another system, or both have none."""
         return _equal(*(None if one.contacts is None else one.contacts.rows for one in (self, other)))
 
-    def share_what_is_equal(self, other: System) -> None:
+    def share_what_is_equal(self, other: System) -> bool:
         """Use of another system's cache what depends on equal things alone; for systems that nobody has run yet.
 
         Modes depend on matrices, rows and load vectors, those with contacts closed on the contacts' stiffness too.
+        Returns whether anything is shared.
         """
         if not (
             self.has_matrices_of(other)
@@ -146,17 +147,18 @@ class System:
             and [type(group) for group in self.laws] == [type(group) for group in other.laws]
             and all(_equal(a.rows, b.rows) for a, b in zip(self.laws, other.laws, strict=True))
         ):
-            return
+            return False
         mine, theirs = self.contacts, other.contacts
         if all(group is mine for group in self.laws) and (
             mine is None or theirs is None or np.array_equal(mine.numbers(), theirs.numbers())
         ):
             self.share(other)
-            return
+            return True
         kinds = ["modal space", "magnitudes of contact rows", "damping matrix", "static loss"]
         if mine is not None and theirs is not None and np.array_equal(mine.stiffness, theirs.stiffness):
             kinds += ["closed modes", "refined modes"]
         self.cache.adopt(kinds, other.cache)
+        return True
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != "_cache"}
@@ -252,7 +254,11 @@ def _equal(one: Any, two: Any) -> bool:
     """Return whether two sparse matrices, each of which may be missing, are the same to the last bit."""
     if one is None or two is None:
         return one is two
-    return one.shape == two.shape and (one != two).nnz == 0
+    if one.shape != two.shape:
+        return False
+    if one.format == two.format and np.array_equal(one.indptr, two.indptr) and np.array_equal(one.indices, two.indices):
+        return bool(np.array_equal(one.data, two.data))
+    return (one != two).nnz == 0
 
 
 @dataclass(frozen=True)

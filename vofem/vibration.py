@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem._validate import nearest
+from vofem._validate import nearest, whole
 from vofem.assembly import Model
 from vofem.bodies.base import Body
 from vofem.bodies.beam import Beam
@@ -106,8 +106,7 @@ def modes(scene: Scene, count: int = 6, closed: Sequence[Any] = ()) -> Modes:
     from vofem.linalg.eigen import modal_basis
     from vofem.linalg.null_space import null_space
 
-    if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 1:
-        raise ArgumentError(f"modes: count is {count!r}, expected a positive whole number")
+    count = whole("modes: count", count)
     system = as_scene("modes", scene).model.system
     stiffness, rigid, strain = system.stiffness, system.rigid, system.strain
     for group in system.laws:

@@ -21,6 +21,7 @@ from vofem.bodies.initial_field import project
 from vofem.bodies.mesh import LineMesh
 from vofem.bodies.supports import SUPPORTS, supported_nodes
 from vofem.errors import ArgumentError
+from vofem.sharing import recent
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -261,7 +262,15 @@ class Beam:
 
     @cached_property
     def _matrices(self) -> BodyMatrices:
-        return beam_matrices(self._axis, self._EI, self._rhoA, self.tension, self.supports)
+        def make() -> BodyMatrices:
+            return beam_matrices(self._axis, self._EI, self._rhoA, self.tension, self.supports)
+
+        if callable(self._EI.value) or callable(self._rhoA.value):
+            return make()
+        axis = self._axis
+        numbers = (axis.origin, axis.arc, axis.element_lengths, self._EI.value, self._rhoA.value, self.tension)
+        key = tuple(np.asarray(value, dtype=float).tobytes() for value in numbers)
+        return recent(("beam", *key, tuple(sorted(self.supports.items()))), make)
 
     def matrices(self) -> BodyMatrices:
         """Return mass and stiffness over all nodes, and the supported degrees of freedom."""

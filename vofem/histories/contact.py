@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from functools import cached_property
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vofem.effects.two_points import UNITS, Units
 from vofem.fractional.orders import exponential_order
+from vofem.histories.impacts import ContactStatistics, ImpactRecord, Impacts
 from vofem.histories.run import Run
+from vofem.histories.touches import RESOLVED
 from vofem.integrators.base import ContactSamples
 from vofem.system import CLOSED, PINNED, ContactLaws
 
@@ -24,13 +29,16 @@ class ContactHistory:
     Attributes
     ----------
     name : str
+    units : Units
+        Of force, stiffness and impulse.
     """
 
-    def __init__(self, run: Run, laws: ContactLaws, index: int) -> None:
+    def __init__(self, run: Run, laws: ContactLaws, index: int, units: Units = UNITS["displacement"]) -> None:
         self._run = run
         self._laws = laws
         self._index = index
         self.name = laws.names[index]
+        self.units = units
 
     def __repr__(self) -> str:
         return f"ContactHistory({self.name!r}, {self.closings.size} closings, {self.openings.size} openings)"
@@ -61,6 +69,55 @@ class ContactHistory:
         times = np.concatenate([[0.0], events.time[mine], [self._run.solution.t_end]])
         held = np.flatnonzero(np.append(events.initial[self._index], events.status[mine]) == PINNED)
         return np.stack([times[held], times[held + 1]], axis=1)
+
+    @cached_property
+    def _record(self) -> ImpactRecord:
+        return ImpactRecord(self._run, self._laws, self._index, self.units)
+
+    @cached_property
+    def impacts(self) -> Impacts:
+        """The impacts one by one: when, how fast, for how long, peak force, impulse and work.
+
+        In a run of ``event_driven`` the numbers are exact but for rounding: they are integrals and extremes of the
+        motion between events, whatever `times` are. In a run of a stepping method they belong to the motion as
+        interpolated between its steps, so they are as exact as the steps are. Where `times` of such a run are more
+        than two steps apart, forces and work are NaN, and `Impacts.why` says so.
+        """
+        return self._record.impacts()
+
+    def first_impacts(self, count: int, tolerance: float = RESOLVED) -> Impacts:
+        """Return the first impacts alone, to a tolerance, which may take much less time than `impacts`.
+
+        Parameters
+        ----------
+        count : int
+            How many.
+        tolerance : float
+            Of forces between events, over the largest force.
+        """
+        return ImpactRecord(self._run, self._laws, self._index, self.units, count, tolerance).impacts()
+
+    def statistics(self, window: ArrayLike | None = None) -> ContactStatistics:
+        """Return count, rate, forces, impulse, work and speeds over a window of time.
+
+        The numbers are as exact as those of `impacts`.
+
+        Parameters
+        ----------
+        window : (float, float), optional
+            Begin and end in s; the whole run where not given. A window that leaves the transient out, and spans whole
+            periods of the loads, gives means of the steady motion.
+
+        Returns
+        -------
+        ContactStatistics
+
+        Raises
+        ------
+        ArgumentError
+            If the window does not lie within the run.
+        """
+        return self._record.statistics(window)
 
     @property
     def _samples(self) -> ContactSamples:

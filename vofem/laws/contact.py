@@ -154,11 +154,19 @@ class ContactLaws(LawGroup):
         return np.where(u > self.column(self.gap, u), CLOSED, OPEN).astype(np.int64)
 
     def potential(self, u: Array) -> Array:
-        """Return the energy in J stored in closed contacts, shape (n_times,)."""
+        """Return the energy in J stored in closed contacts, shape (n_times,).
+
+        It is that of the force in compiled loops, whose jump has a width.
+        """
         s, status = u - self.gap[:, None], self.status(u)
         resolved = np.flatnonzero(np.isfinite(self.resolution))
         status[resolved] = OPEN
         total = self.closed_potential(s, status)
+        for j in np.flatnonzero(self.jump & np.isinf(self.resolution) & (self.gap > 0.0)):
+            lever, ramp = self.gap[j], _RAMP * self.gap[j]
+            within = np.clip(s[j], 0.0, ramp)
+            # What the force on its way up leaves out of the potential of a force that jumps.
+            total = total - self.stiffness[j] * lever * within * (1.0 - 0.5 * within / ramp)
         for j in resolved:
             lever, k, s0 = self.gap[j] - self.offset[j], self.stiffness[j], self.resolution[j]
             parts = np.array([resolved_integrals(0.0, max(x, 0.0), s0) for x in s[j].tolist()])

@@ -67,6 +67,7 @@ def _equilibrium(scene: Scene, t: float) -> Equilibrium:
     names = {OPEN: "open", CLOSED: "closed", PINNED: "pinned"}
     contacts = {}
     if laws is not None:
+        reaction = solver.borne(reaction)
         for j, name in enumerate(laws.names):
             contacts[name] = StaticContact(float(reaction[j]), names[int(status[j])], float(solver.u[j] - laws.gap[j]))
     return Equilibrium(model, q, contacts, solver.iterations, scene.effects, t)

@@ -125,6 +125,7 @@ def _path(model: Model, force: Array, factors: Array) -> QuasiStatic:
             )
         check_held(model, solver.bearing(status[:, k]))
         u[:, k], q[:, k] = solver.u, solver.displacement(factor, reactions[:, k])
+        reactions[:, k] = solver.borne(reactions[:, k])
         energies[:, :, k] = solver.accept()
     contacts, springs = {}, {}
     for group in solver.groups:

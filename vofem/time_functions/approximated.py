@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem._validate import array, number
+from vofem._validate import array, number, whole
 from vofem.errors import ArgumentError, ConvergenceError
 from vofem.time_functions.base import TimeFunction, as_time_function
 from vofem.time_functions.moments import straight, wave
@@ -133,8 +133,7 @@ class Approximated(TimeFunction):
             raise ArgumentError(
                 f"Approximated: tolerance is {self.tolerance:g}, expected 1e-13 or more: below is rounding"
             )
-        if isinstance(max_pieces, bool) or not isinstance(max_pieces, (int, np.integer)) or max_pieces < 1:
-            raise ArgumentError(f"Approximated: max_pieces is {max_pieces!r}, expected a positive whole number")
+        max_pieces = whole("Approximated: max_pieces", max_pieces)
         known = np.atleast_1d(array("Approximated: breaks", breaks)) if np.size(breaks) else np.empty(0)
         if known.ndim != 1:
             raise ArgumentError(f"Approximated: breaks has shape {known.shape}, expected a list of times")

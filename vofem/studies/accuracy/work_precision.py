@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from vofem._validate import choice, number
+from vofem._validate import choice, number, whole
 from vofem.errors import ArgumentError
 from vofem.integrators.registry import method_named, method_names
 from vofem.integrators.registry import methods as all_methods
@@ -185,20 +185,14 @@ def applicable(source: Source, methods: Iterable[str] | None) -> list[str]:
 def effort_of(what: str, repeats: int, cap: float, workers: int, progress: Progress | None) -> Effort:
     """Return how long a study may take, checked."""
     return Effort(
-        _count(f"{what}: repeats", repeats), number(f"{what}: cap", cap, positive=True),
-        _count(f"{what}: workers", workers), progress,
+        whole(f"{what}: repeats", repeats), number(f"{what}: cap", cap, positive=True),
+        whole(f"{what}: workers", workers), progress,
     )  # fmt: skip
-
-
-def _count(what: str, value: object, least: int = 1) -> int:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-        raise ArgumentError(f"{what} is {value!r}, expected a whole number of at least {least}")
-    return int(value)
 
 
 def sample_count(what: str, value: object) -> int:
     """Return the number of times of comparison, at least 2."""
-    return _count(f"{what}: samples", value, 2)
+    return whole(f"{what}: samples", value, 2)
 
 
 def whole_numbers(what: str, values: Iterable[int]) -> list[int]:
@@ -206,4 +200,4 @@ def whole_numbers(what: str, values: Iterable[int]) -> list[int]:
     given = [values] if isinstance(values, (int, np.integer)) else list(values)
     if not given:
         raise ArgumentError(f"{what} is empty, expected numbers of elements; leave it out for a default")
-    return sorted({_count(what, n) for n in given})
+    return sorted({whole(what, n) for n in given})

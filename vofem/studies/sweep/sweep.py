@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem._validate import nearest
+from vofem._validate import nearest, optional
 from vofem.errors import ArgumentError
 from vofem.studies.sweep.points import Points
 from vofem.studies.sweep.worker import RESERVED, Row
@@ -130,8 +130,7 @@ class Sweep(Mapping[str, NDArray]):
         parameters as coordinates beside it. Further dimensions of a quantity
         are named ``NAME_0``, ``NAME_1`` and so on. Needs the extra ``[table]``.
         """
-        import xarray
-
+        xarray = optional("xarray", "table", "to_xarray")
         grid = self.points.axes is not None
         dims = self.points.names if grid else ("point",)
         if grid:
@@ -149,8 +148,7 @@ class Sweep(Mapping[str, NDArray]):
 
         Quantities that are arrays are kept as arrays, one in each cell. Needs the extra ``[table]``.
         """
-        import pandas
-
+        pandas = optional("pandas", "table", "to_dataframe")
         columns: dict[str, Any] = {
             name: list(_array([row[name] for row in self.points.rows])) for name in self.points.names
         }
