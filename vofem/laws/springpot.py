@@ -1,14 +1,14 @@
 """Springpots: a force proportional to a fractional derivative of the elongation.
 
-The kernel of a springpot is a sum of exponentials with positive weights, so a
-springpot is a row of Maxwell elements, springs and dashpots in series, of which
-number k holds the force ``weight y_k``, ``y_k' = u' - rate_k y_k``. Elements
-that are faster than any step act through two sums. Over a step the rate of
-elongation is taken to be constant, p; the mean force over the step is then
-``slope p + rest``, without error but for that, and the work ``mean p dt`` is
-what the elements take: some of it they hold, the rest they lose, and no step
-makes any. So a springpot over one step is an affine law; `springpot_steps` holds
-what methods that step in time need of it.
+The kernel of a springpot is a sum of exponentials with positive weights. A
+springpot is therefore a set of parallel Maxwell elements, each a spring and a
+dashpot in series. Element k carries the force ``weight y_k``, where
+``y_k' = u' - rate_k y_k``. Elements that are faster than any step enter through
+two sums. The rate of elongation p is taken to be constant over a step, which is
+the only approximation. The mean force over the step is then ``slope p + rest``,
+and its work ``mean p dt`` is what the elements store and dissipate. No step
+creates energy. A springpot is thus an affine law over one step; what methods that
+step in time need of it is in `springpot_steps`.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ShiftedOrder:
-    """The order of a springpot as a run sees it that begins at `start`, in s."""
+    """The varying order of a springpot for a run that begins at the time `start`, in s."""
 
     order: Callable[[Array], Any]
     start: float
@@ -43,8 +43,9 @@ class ShiftedOrder:
 class SpringpotLaw:
     """``R = coefficient D^order u`` on a row; the force on the structure is ``-b R``.
 
-    D is Caputo's derivative from t = 0: the system was at rest before, in
-    whatever place. An order that varies is frozen at the present.
+    D is Caputo's derivative from t = 0: the system is taken to have been at rest
+    before, in its initial place. An order that varies is applied to the whole
+    past with its value at the present time.
 
     Attributes
     ----------
@@ -113,18 +114,18 @@ class SpringpotLaws(ListedLaws):
     laws: tuple[SpringpotLaw, ...]
 
     def nonlinearity(self, method: str) -> str:
-        """Return why the present displacement does not decide the force."""
+        """Return why the force does not follow from the present displacement."""
         return (
             f"{self.labels[0]} has a force that its whole past decides, and {method} needs systems whose future "
             "follows from their present displacements and velocities"
         )
 
     def steepest(self, u: Array) -> Array:
-        """Return zeros: springpots enter every step implicitly and leave its limit as it is."""
+        """Return zeros: springpots enter every step implicitly and do not change the critical step."""
         return np.zeros(len(self))
 
     def shifted(self, start: float) -> SpringpotLaws:
-        """Return springpots whose varying orders are those from a time on, in s."""
+        """Return the springpots for a run that begins at a time in s; orders that vary are shifted."""
         laws = tuple(
             replace(law, order=ShiftedOrder(law.order, start)) if callable(law.order) else law for law in self.laws
         )

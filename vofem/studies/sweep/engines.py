@@ -37,7 +37,7 @@ class Engine(Protocol):
         """End all workers at once; new ones start with the next batch."""
 
     def close(self, at_once: bool) -> None:
-        """Give up what the engine has started itself; `at_once` without waiting for batches."""
+        """End what the engine has started itself; with `at_once` do not wait for batches."""
 
 
 class Serial:
@@ -127,7 +127,7 @@ class Given:
 
 
 def engine_for(executor: Any, function: Callable[..., Any], workers: int | None) -> Engine:
-    """Return the engine that an argument `executor` of a sweep stands for.
+    """Return the engine for the argument `executor` of a sweep.
 
     Raises
     ------
