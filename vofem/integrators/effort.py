@@ -89,7 +89,7 @@ def kind_of_run(method: Method, system: System, tol: float | None, probes: bool 
     """
     if method.exact:
         return f"{method.name}, damped" if system.damped else method.name
-    if not method.steps:
+    if not method.steps or method.special:
         return method.name
     laws = build_laws(system.laws)
     count = laws.table.size
