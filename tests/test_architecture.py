@@ -24,12 +24,14 @@ LAYERS = [
     "cache",
     "files",
     "persistence",
+    "cards",
     "polynomial",
     "fractional",
     "linalg",
     "time_functions",
     "laws",
     "system",
+    "sharing",
     "bodies",
     "assembly",
     "initial",
@@ -57,7 +59,7 @@ RESERVED = {
     "pyvista": {"io"},
     "vtkmodules": {"io"},
     "meshio": {"io", "bodies"},
-    "h5py": {"files", "studies", "io"},
+    "h5py": {"files", "studies", "io", "bodies"},
 }
 
 
