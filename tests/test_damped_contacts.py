@@ -110,11 +110,12 @@ def test_energy_taken_where_a_block_is_resonant_or_critically_damped():
     times = np.concatenate([[0.0], np.geomspace(1e-6, 6.0, 60)])
     result = vf.simulate(scene, 6.0, times=times, method="event_driven", compiled=False)
     assert result.energy.balance_error < 1e-11
-    fine = np.linspace(0.0, 0.5, 40_001)
-    motion = result.solution.sample(fine)
+    # Gauss's rule on panels that grow: the quickest motion decays within 1e-5 s.
+    edges = np.append(0.0, np.geomspace(1e-7, 0.5, 300))
+    nodes, weights = np.polynomial.legendre.leggauss(8)
+    width = np.diff(edges)[:, None]
+    motion = result.solution.sample((edges[:-1, None] + 0.5 * width * (nodes + 1.0)).ravel())
     damping = scene.model.system.damping + 2.0 / omega[4] * 1.001 * scene.model.system.stiffness
-    power = np.sum(motion.v * (damping @ motion.v), axis=0)
-    taken = result.solution.energies(np.array([0.25, 0.5])).dissipated
-    from scipy.integrate import simpson
-
-    assert taken == pytest.approx([simpson(power[:20_001], x=fine[:20_001]), simpson(power, x=fine)], rel=1e-9)
+    power = np.sum(motion.v * (damping @ motion.v), axis=0).reshape(-1, 8)
+    taken = result.solution.energies(np.array([0.5])).dissipated
+    assert taken == pytest.approx([np.sum(0.5 * width * power * weights)], rel=1e-9)
