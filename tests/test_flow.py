@@ -108,10 +108,10 @@ def test_volumes_shrink_as_the_dampers_say(case):
     assume(min((abs(event.rate) for event in one.events), default=1.0) > 1e-2)
     inverse = np.linalg.inv(system.mass.toarray())
     rate = 0.0 if system.damping is None else np.trace(inverse @ system.damping.toarray())
-    _, durations, states = one.solution.segments
+    segments = one.solution.segments
     laws, rows = system.contacts, system.contacts.rows.toarray()
     exponent = -rate * 5.0
-    for duration, (status, _, _) in zip(durations, states, strict=True):
+    for duration, status in zip(segments.durations, segments.status, strict=True):
         for j in np.flatnonzero(status == 1):
             exponent -= duration * laws.damping[j] * rows[j] @ inverse @ rows[j]
     assert np.linalg.det(one.monodromy) == pytest.approx(np.exp(exponent), rel=1e-9)

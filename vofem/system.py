@@ -1,4 +1,4 @@
-"""What an integrator sees: matrices, load vectors and scalar laws on rows. It knows of nothing else."""
+"""The equations of motion as integrators see them: matrices, load vectors, and scalar laws on rows."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Load:
 class System:
     """``M q'' + C q' + K q = sum_l F_l f_l(t) - sum_j b_j R_j(b_j.q, b_j.q')`` over the free degrees of freedom.
 
-    What a scene does not declare is None or empty here, never a zero matrix.
+    Parts that the scene does not declare are None or empty, and never zero matrices.
 
     Attributes
     ----------
@@ -272,11 +272,11 @@ class State:
 
 @dataclass
 class Counters:
-    """Work done by a run. What a scene does not call for stays exactly zero.
+    """Counts of the work done by a run. Counts of effects that the scene does not contain are exactly zero.
 
     Work that is done once for a scene, such as eigenvalue problems and
-    factorisations, is counted in the run that did it: runs that follow on the
-    same scene find it done, and count none.
+    factorisations, is counted in the run that did it. Later runs of the same
+    scene reuse it and count zero.
 
     Attributes
     ----------
@@ -291,7 +291,7 @@ class Counters:
     eigensolves : int
         Full eigenvalue problems.
     rank_one_updates : int
-        Eigensystems gained from another one by closing one contact.
+        Eigensystems that were computed from another one by closing one contact.
     statuses : int
         Distinct sets of closed contacts that were visited.
     load_evaluations : int
@@ -303,13 +303,13 @@ class Counters:
     law_evaluations : int
         Evaluations of nonlinear springs.
     memory_updates : int
-        Hysteretic springs, times the steps over which their past was carried on.
+        Number of hysteretic springs times the number of steps that updated their internal variables.
     history_terms : int
-        Numbers in which all springpots keep their past; they grow like the logarithm of the number of steps.
+        Count of the numbers that describe the past of all springpots. It grows like the logarithm of the steps.
     history_updates : int
-        Springpots, times the steps over which their past was carried on.
+        Number of springpots times the number of steps that updated their past.
     rejected : int
-        Steps that were tried and taken back.
+        Steps that were tried and rejected.
     """
 
     steps: int = 0

@@ -2,9 +2,9 @@
 
 The energy of a structure on laws whose forces never fall is convex, under both
 force laws of contacts. It is minimised by Newton's method with an exact line
-search. The vertical part of the jump law (the reaction may lie anywhere in
-[0, K0 gap] at the gap) is given a steep slope on the way and treated exactly
-at the end.
+search. Under the displacement law the reaction may take any value in
+[0, K0 gap] at the gap. This vertical part of the law is replaced by a steep slope
+during the iterations, and treated exactly at the end.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ _LAW, _STRAIN = 3e-3, 5e-3
 
 
 def effort(system: System, count: int = 1) -> float:
-    """Return the seconds that some equilibria take in plain Python, about."""
+    """Return an estimate of the seconds that some equilibria take in plain Python."""
     laws = sum(len(group) for group in system.laws if group.static)
     strains = _STRAIN * system.size if system.strain is not None and system.size > _MANY_UNKNOWNS else 0.0
     return strains + _LAW * laws * count
@@ -77,10 +77,10 @@ def _factorize(matrix: Any) -> Any:
 def solver_of(system: System) -> Solve:
     """Return a function that solves with K, shapes (n,) or (n, k).
 
-    Where the structure is loose without its laws, it is held at as many
-    degrees of freedom as it has rigid motions, and forces there balance the
-    load: the response is one of those that differ by rigid motions. Large
-    systems and graded meshes are solved by the strains, as K holds too few digits of them.
+    If the structure can move freely without its laws, it is held at as many
+    degrees of freedom as it has rigid motions. The response is then one of many
+    that differ by rigid motions. Large systems and graded meshes are solved with
+    their strains, because the entries of K hold too few digits.
     """
     from scipy.sparse import vstack
 
@@ -114,13 +114,13 @@ class EquilibriumSolver:
     Attributes
     ----------
     rows : csr_matrix, shape (m, n)
-        B, of all laws that take part in statics.
+        The rows B of all laws that take part in statics.
     u : ndarray, shape (m,)
         Coordinates in the last equilibrium.
     laws : Laws
         With the internal variables that the last accepted equilibrium has left.
     iterations : int
-        Newton steps in all.
+        Number of Newton steps in total.
     """
 
     def __init__(self, system: System, force: Array) -> None:
@@ -143,7 +143,7 @@ class EquilibriumSolver:
         self.iterations = 0
 
     def part(self, group: Any) -> slice:
-        """Return where the laws of a group stand among all."""
+        """Return the positions of the laws of a group among all laws."""
         return self._parts[self.groups.index(group)]
 
     def _law(self, u: Array, width: float) -> tuple[Array, Array, Array, Status]:
@@ -216,13 +216,13 @@ class EquilibriumSolver:
         return np.full(m, np.inf), np.full(m, np.inf)
 
     def solve(self, factor: float, start: Status | None = None) -> tuple[Status, Array, bool]:
-        """Find the equilibrium at a load factor, without making it part of the past.
+        """Find the equilibrium at a load factor, without changing internal variables.
 
         Parameters
         ----------
         factor : float
         start : ndarray of int, shape (m,), optional
-            Status from which the search begins; that of the last equilibrium where not given.
+            Status from which the search begins. The default is that of the last equilibrium.
 
         Returns
         -------
@@ -342,7 +342,7 @@ class EquilibriumSolver:
         return self.rows[bears].toarray() if np.any(bears) else None
 
     def accept(self) -> tuple[Array, Array]:
-        """Make the present part of the past; return what the laws store and have lost, J, each (m,).
+        """Update the internal variables; return the energy stored and dissipated by each law in J, each (m,).
 
         Both are zero for laws without internal variables.
         """
