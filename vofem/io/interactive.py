@@ -25,9 +25,7 @@ _TIMES, _SHARE = 401, 0.15
 _EGL = "vtkEGLRenderWindow"
 
 #: Units of the fields. Bodies where a field is zero are white, so the background is not.
-_UNITS = {
-    "eta": "m", "velocity": "m/s", "slope": "rad", "bending_moment": "N m", "shear_force": "N", "x": "m", "deflection": "m",
-}  # fmt: skip
+_UNITS = {"eta": "m", "velocity": "m/s", "slope": "rad", "bending_moment": "N m", "shear_force": "N", "x": "m"}
 _BACKGROUND = "#cfd3da"
 
 
