@@ -72,6 +72,9 @@ def drawn(run, orbit):
         steady.scene, {"x": [0.0, 0.1], "v": [0.0, 0.1]}, start=lambda x, v: {mass: (x, v)}, periods=2, skip=2, **serial
     )
     yield "basin_map", plot.basin_map(basins, labels=("x [m]", "v [m/s]"))
+    states = vf.stability_map(lambda x, y: impact_oscillator(x), [0.6, 0.61], [0.0], **serial)
+    for quantity in ("amplitude", "multiplier"):
+        yield "state_map", plot.state_map(states, quantity=quantity, labels=("omega [rad/s]", "y [m]"))
     scene = vf.Scene([free], [stop], {free: (0.0, 1.0)})
     study = vf.accuracy.work_precision(scene, 3.0, methods=["energy_conserving"], dt=[0.1], point=free, repeats=1)
     yield "work_precision", plot.work_precision(study)

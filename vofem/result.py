@@ -1,4 +1,4 @@
-"""What a run returns: data, counters, events and energies. Plotting lives elsewhere."""
+"""The result of a run: histories, counters, events and energies. Plots are in `vofem.io.plot`."""
 
 from __future__ import annotations
 
@@ -42,29 +42,31 @@ Array = NDArray[np.float64]
 class Result(Shown, Motion):
     """The outcome of `vofem.simulate`.
 
-    Quantities are computed when first read. All arrays over time follow
-    `times`; methods that take t accept other times too: any with
-    ``event_driven``, those between neighbouring steps with a stepping method.
+    Quantities are computed when they are first read. All arrays over time belong
+    to `times`. Methods with an argument t accept other times within the run too.
+    For ``event_driven`` the values there are exact. For a stepping method they
+    are interpolated between neighbouring steps.
 
     Attributes
     ----------
     scene : Scene
+        The scene that was simulated.
     method : str
-        The integrator that ran.
+        Name of the method that ran.
     times : ndarray, shape (n_times,)
-        In s; t = 0 first where they were not asked for.
+        Times in s at which results are stored.
     counters : Counters
         Work done by the run.
     notes : list of str
-        What a user should know.
+        Sentences about the run that a user should read. The list is empty if there is nothing to say.
     recorded : ProbeSamples, optional
-        What ``probes=`` of `vofem.simulate` asked for.
+        Histories of the points that were named by ``probes=`` of `vofem.simulate`.
     t_start : float
-        Time of the loads at which the run began, s; `times` count from there.
+        Time of the loads in s at which the run began. `times` count from there.
     start : State, optional
-        What the run began with instead of the scene's own initial state.
+        State with which the run began, if it was not the scene's own initial state.
     compiled : bool
-        Whether kernels ran as machine code, or as plain Python; see `vofem.simulate`.
+        Whether kernels ran as machine code (True) or as plain Python; see `vofem.simulate`.
     """
 
     def __init__(
@@ -128,17 +130,17 @@ class Result(Shown, Motion):
 
     @cached_property
     def springs(self) -> Named[SpringHistory]:
-        """Histories of hysteretic springs and of springpots by name; empty where the scene has none."""
+        """Histories of hysteretic springs and springpots by name; empty if the scene has none."""
         names = [name for group in self.model.system.recorded for name in group.names]
         return Named({name: SpringHistory(self, j) for j, name in enumerate(names)}, "hysteretic spring")
 
     def spring_state(self, name: str) -> Array | None:
-        """Return the state of a hysteretic spring at the last time, with which another scene can start, or None."""
+        """Return the internal variables of a hysteretic spring at the last time, or None if there are none."""
         springs = self.solution.springs
         return None if springs is None else past_of(self.model.system.laws, springs.past, name)
 
     def as_start(self) -> StoredState:
-        """Return the state at the last time, with which another run can start, without the run."""
+        """Return the state at the last time, with which another run can start, without keeping this run in memory."""
         states = {body.name: self.state_of(body.name) for body in self.scene.bodies}
         system = self.model.system
         known = {name: self.spring_state(name) for group in system.recorded for name in group.names}
@@ -148,7 +150,7 @@ class Result(Shown, Motion):
 
     @cached_property
     def probes(self) -> Named[ProbeHistory]:
-        """Points of ``simulate(..., probes=)`` by name or as points; empty where none were asked for."""
+        """Histories of the points of ``simulate(..., probes=)``, by name or by point; empty if none were asked for."""
         record = self.recorded
         parts = () if record is None else zip(record.names, record.q, record.v, record.a, strict=True)
         histories = [ProbeHistory(name, record.times, *motion) for name, *motion in parts] if record else []
@@ -157,27 +159,31 @@ class Result(Shown, Motion):
     # -- reactions, energies, what the method tells -----------------------------------------------
 
     def reaction(self, body: Any, where: Any, t: ArrayLike | None = None) -> Reaction:
-        """Return what a support does to a body at `times`, or at times t.
+        """Return the force and the moment of a support on a body at `times`, or at times t.
 
-        It is what the equations of motion of the supported degrees of freedom
-        leave over, inertia and damping included.
+        They follow from the equations of motion of the supported degrees of
+        freedom, with inertia and damping.
 
         Parameters
         ----------
         body : Body or str
+            The body, or its name.
         where : "left", "right" or x
             The place of a support.
         """
         return reaction_of(self, self._body(body), where, t, self._at(t))
 
     def joint_force(self, joint: Any, t: ArrayLike | None = None) -> Reaction:
-        """Return what a joint does to the body of its point a at `times`, or at times t; to b it does the opposite.
+        """Return the force and the moment of a joint on the body of its point a, at `times` or at times t.
+
+        On the body of b act the opposite force and moment.
 
         Parameters
         ----------
         joint : Joint or str
+            The joint, or its name.
         t : array_like, optional
-            In s.
+            Times in s.
 
         Returns
         -------
@@ -200,7 +206,7 @@ class Result(Shown, Motion):
 
     @property
     def sensitivity(self) -> Sensitivity:
-        """How a perturbation grows along the run, of event_driven: `times`, `growth`, `horizon(tolerance)`.
+        """How a small perturbation grows along an event_driven run: `times`, `growth`, `horizon(tolerance)`.
 
         Raises
         ------
@@ -214,7 +220,7 @@ class Result(Shown, Motion):
 
     @property
     def truncation(self) -> Truncation | None:
-        """What an event_driven run in Ritz vectors left out: `vectors`, `error`, `rounding`; None for all modes."""
+        """The number of Ritz vectors of an event_driven run and its estimated errors; None if all modes were used."""
         return self.solution.truncation
 
     # -- tables -----------------------------------------------------------------------------------
@@ -308,18 +314,19 @@ class Result(Shown, Motion):
     ) -> Path:
         """Write the run to one file, for ParaView, for xarray, and for `vofem.load`, which gives it back whole.
 
-        The file appears whole or not at all: it is written under a hidden name
-        in the same folder, forced to disk, and renamed.
+        The file is written under a hidden name in the same folder, forced to disk
+        and then renamed. So there is never an incomplete file of that name.
 
         Parameters
         ----------
         path : path
-            Ends in .vtkhdf (or .h5, .hdf).
+            Name of the file; it ends in .vtkhdf (or .h5, .hdf).
         overwrite : bool
             Whether a file of that name is replaced.
         frames : int or array_like, optional
-            How many of the run's times, or which times in s, become frames for
-            ParaView; 1000 where there are more. All else is kept at all `times`.
+            Frames for ParaView: how many of the run's times, or which times in s.
+            The default is all times, but at most 1000. Everything else is stored
+            at all `times`.
         magnification : float
             By which gaps are drawn larger in ParaView, for Warp By Vector with
             this scale factor: with another one bodies do not meet their stops
@@ -333,8 +340,8 @@ class Result(Shown, Motion):
         Raises
         ------
         ArgumentError
-            For another suffix, frames outside the run, or things of other
-            packages in the scene that have no form in a file.
+            For another suffix, for frames outside the run, or if the scene holds
+            objects of other packages that cannot be stored.
         OutputError
             If the file exists and is not to be overwritten, or cannot be
             written. What was there stays as it was.

@@ -1,4 +1,4 @@
-"""A contact: when it closed, what it did."""
+"""The history of a contact: when it closed and opened, and its force."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ Array = NDArray[np.float64]
 class ContactHistory:
     """One contact along a run.
 
-    Events are `closings`, `openings` and `pinned` intervals, at their own
-    times; `closed`, `stiffness`, `force`, `gap_function` and `order` are
-    histories at the run's times, each of shape (n_times,). Of a contact that
-    acts on rotations m stands for rad and N for N m.
+    `closings`, `openings` and `pinned` hold the times of events. `closed`,
+    `stiffness`, `force`, `gap_function` and `order` are histories at the times of
+    the run, each of shape (n_times,). For a contact that acts on rotations read
+    rad for m, and N m for N.
 
     Attributes
     ----------
@@ -53,17 +53,17 @@ class ContactHistory:
 
     @property
     def closings(self) -> Array:
-        """Times at which the contact closes, s; 0.0 first where it starts closed."""
+        """Times in s at which the contact closes. The first is 0.0 if it starts closed."""
         return self._times(True)
 
     @property
     def openings(self) -> Array:
-        """Times at which the contact ceases to be closed, s."""
+        """Times in s at which the contact opens."""
         return self._times(False)
 
     @property
     def pinned(self) -> Array:
-        """Intervals in which the contact is pinned at its gap, s, shape (k, 2)."""
+        """Intervals in s in which the contact is pinned, so rests exactly at its gap, shape (k, 2)."""
         events = self._run.solution.events
         mine = events.contact == self._index
         times = np.concatenate([[0.0], events.time[mine], [self._run.solution.t_end]])
@@ -130,7 +130,7 @@ class ContactHistory:
 
     @property
     def stiffness(self) -> Array:
-        """K_eq in N/m, shape (n_times,)."""
+        """The contact stiffness K_eq in N/m, shape (n_times,)."""
         return self._samples.stiffness[self._index]
 
     @property
@@ -148,7 +148,8 @@ class ContactHistory:
     def order(self) -> Array:
         """The order beta of the operator, shape (n_times,).
 
-        Under the ideal switch 0 while closed and inf while open; NaN while pinned.
+        Under the ideal switch it is 0 while the contact is closed and inf while it is open. It is NaN while the contact
+        is pinned.
         """
         s0 = float(self._laws.resolution[self._index])
         status = self._samples.status[self._index]

@@ -1,4 +1,4 @@
-"""Histories as a CSV file: one line per time, a header with units, numbers that read back bit for bit."""
+"""Histories as CSV files: a header with units and a line for each time. Numbers are written with all digits."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from vofem.result import Result
 
 
 def write_csv(result: Result, points: Mapping[str, Any] | Iterable[Any], path: str | os.PathLike[str]) -> Path:
-    """Write displacement and velocity of points, and force and K_eq of contacts, at the run's times.
+    """Write displacement and velocity of points, and force and K_eq of contacts, at the times of the run.
 
     Parameters
     ----------
     result : Result
     points : dict of str to point, or iterable of points
-        By the names that the header gives them.
+        The points; the keys of a dict are their names in the header.
     path : path of a .csv
 
     Returns

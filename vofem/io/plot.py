@@ -14,6 +14,7 @@ from vofem.io.pictures.axes import goal_of
 from vofem.io.pictures.diagrams import basin_map, bifurcation
 from vofem.io.pictures.histories import time_history
 from vofem.io.pictures.impacts import event_raster, force_histogram, impact_statistics
+from vofem.io.pictures.maps import state_map
 from vofem.io.pictures.profiles import shapes
 from vofem.io.pictures.space_time import space_time
 from vofem.io.pictures.spectra import spectrum
@@ -39,6 +40,7 @@ __all__ = [
     "shapes",
     "space_time",
     "spectrum",
+    "state_map",
     "sweep_curves",
     "time_history",
     "work_precision",

@@ -133,7 +133,7 @@ class Flow:
     @property
     def status(self) -> Status:
         """Contact status at the end."""
-        return self.solution.segments[2][-1][0]
+        return self.solution.record.last_status
 
     def rate(self, *, at_start: bool) -> Array:
         """Return the rates of displacement and velocity at the start (just after it) or the stop, shape (2n,)."""
@@ -141,7 +141,7 @@ class Flow:
         laws = solution.system.contacts
         if at_start:
             time, displacement, velocity = self.start.time, self.start.displacement, self.start.velocity
-            status = solution.segments[2][0][0]
+            status = solution.record.status(0)
         else:
             time, displacement, velocity, status = self.stop, self.displacement, self.velocity, self.status
         a = acceleration(solution.space, laws, status, displacement, velocity, solution.load(time))
@@ -153,9 +153,9 @@ class Flow:
 
         Of few segments also in between, since a motion may pass zero at the ends of all of them.
         """
-        states = self.solution.segments[2]
-        z, v = [self.displacement, *(s[1] for s in states)], [self.velocity, *(s[2] for s in states)]
-        if len(states) < _FEW:
+        segments = self.solution.segments
+        z, v = [self.displacement, *segments.displacement], [self.velocity, *segments.velocity]
+        if segments.starts.size < _FEW:
             inside = self.start.time + (self.stop - self.start.time) * _INSIDE
             more_z, more_v = self.solution.modal(inside)
             z, v = [*z, *more_z.T], [*v, *more_v.T]

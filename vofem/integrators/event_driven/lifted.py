@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.integrators.base import ContactSamples, Energies, Sensitivity, Truncation
+from vofem.integrators.event_driven.segment import Segments
 from vofem.integrators.event_driven.solution import EventSolution
 from vofem.system import Counters, Events
 
@@ -102,8 +103,8 @@ class TruncatedSolution:
         return self.reduced.space.stiffness, self.vectors @ self.reduced.space.shapes
 
     @property
-    def segments(self) -> tuple[list[float], list[float], list[tuple[IntArray, Array, Array]]]:
-        """Begin, duration and state of every segment, in Ritz vectors; see `EventSolution.segments`."""
+    def segments(self) -> Segments:
+        """Begin, duration, contact status and state, in Ritz vectors, of every segment."""
         return self.reduced.segments
 
     @property

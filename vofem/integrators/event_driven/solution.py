@@ -20,6 +20,7 @@ from vofem.integrators.event_driven.modal_samples import ModalSamples
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.integrators.event_driven.motion import Forcing, Motion, start_motion
 from vofem.integrators.event_driven.pinned import Reactions, may_pin, reactions, should_pin
+from vofem.integrators.event_driven.record import Record
 from vofem.integrators.event_driven.search import EventFunctions
 from vofem.integrators.event_driven.segment import Segment, Segments
 from vofem.integrators.event_driven.sensitivity import Perturbation
@@ -110,13 +111,9 @@ class EventSolution:
         #: How the run was computed, and so how it is sampled.
         self.compiled = compiled()
         self._spectra = Spectra(space, system.contacts, counters, system.cache)
-        self._starts: list[float] = []
-        self._durations: list[float] = []
-        self._states: list[tuple[Status, Array, Array]] = []
-        # Gap functions at the begin of the segments, and the last segment's changes; found again where needed.
-        self._gaps: list[Array] = []
-        self._changed: tuple[int, Array, Array] | None = None
-        self._event_log: list[tuple[float, int, int]] = []
+        self.record = Record(space.size, space.contacts.shape[0])
+        # Gap functions at the end of the last segment, before an event there.
+        self._gaps_now: Array | None = None
         self._initial = np.empty(0, dtype=np.int64)
         # Whether springs of closed contacts act from somewhere else than zero.
         self._pushed = system.contacts is not None and bool(np.any(system.contacts.offset))
@@ -139,17 +136,12 @@ class EventSolution:
         system.cache.get("modal space", None, lambda: space)
         solution = cls(system, space, t_end, times, Counters())
         solution.counters, solution.notes = counters, notes
-        solution._starts, solution._durations = segments.starts.tolist(), segments.durations.tolist()
-        solution._states = list(zip(segments.status, segments.displacement, segments.velocity, strict=True))
-        solution._event_log = list(
-            zip(events.time.tolist(), events.contact.tolist(), events.status.tolist(), strict=True)
-        )
+        record = solution.record
+        record.fill(segments, events.time, events.contact, events.status)
         solution._initial = events.initial
-        first: dict[bytes, tuple[int, Status]] = {}
-        for index, status in enumerate(segments.status):
-            first.setdefault(status.tobytes(), (index, status))
-        if len(first) <= solution._spectra.capacity:
-            solution._awaited = list(first.values())[::-1]
+        if len(record.statuses) <= solution._spectra.capacity:
+            _, first = np.unique(record.status_numbers, return_index=True)
+            solution._awaited = list(zip(first.tolist(), record.statuses, strict=True))[::-1]
         return solution
 
     @cached_property
@@ -167,35 +159,36 @@ class EventSolution:
         return self.space.stiffness, self.space.shapes
 
     @property
-    def segments(self) -> tuple[list[float], list[float], list[tuple[Status, Array, Array]]]:
-        """Begin and duration, s, and state (contact status, modal displacement and velocity) of every segment."""
-        return self._starts, self._durations, self._states
+    def segments(self) -> Segments:
+        """Begin and duration, contact status and modal state of every segment."""
+        return self.record.as_segments()
 
     # -- stopping and going on --------------------------------------------------------------------
 
     def snapshot(self, t: float, status: Status, displacement: Array, velocity: Array) -> dict[str, Any]:
         """Return what the run goes on from at the end of a segment, as plain data."""
-        states = (np.array([state[k] for state in self._states]) for k in range(3))
+        events = self.events
         return {
-            "segments": Segments(np.array(self._starts), np.array(self._durations), *states),
-            "log": np.array(self._event_log, dtype=float).reshape(-1, 3),
+            "segments": self.segments,
+            "log": np.column_stack([events.time, events.contact, events.status]).astype(float).reshape(-1, 3),
             "initial": self._initial,
             "now": (t, status, displacement, velocity),
+            "gaps": self._gaps_now,
             "counters": self.counters,
         }
 
     def go_on(self, saved: dict[str, Any]) -> tuple[float, Status, Array, Array]:
         """Take over a snapshot of the same run; return time and state to go on from."""
-        segments = saved["segments"]
-        self._starts, self._durations = segments.starts.tolist(), segments.durations.tolist()
-        self._states = list(zip(segments.status, segments.displacement, segments.velocity, strict=True))
-        self._event_log = [(float(t), int(contact), int(status)) for t, contact, status in saved["log"]]
+        segments, log = saved["segments"], saved["log"]
+        self.record.fill(segments, log[:, 0], log[:, 1].astype(np.int64), log[:, 2].astype(np.int64))
         self._initial = saved["initial"]
         # Eigensystems are gained from each other: in the order of the run, for the same last bits.
-        for status in segments.status:
-            self._spectra[status]
+        for number in self.record.status_numbers:
+            self._spectra[self.record.statuses[number]]
         for name, value in vars(saved["counters"]).items():
             setattr(self.counters, name, value)
+        # Snapshots of earlier versions hold no gap functions.
+        self._gaps_now = saved["gaps"] if "gaps" in saved else self._gaps_at_end(self.record.segments - 1)
         t, status, displacement, velocity = saved["now"]
         return t, status, displacement, velocity
 
@@ -232,8 +225,7 @@ class EventSolution:
         if laws is not None and touching is not None:
             gaps = self.space.contacts @ displacement - laws.gap
             gaps[touching] = 0.0
-            gaps[status == PINNED] = 0.0
-            self._gaps.append(gaps)
+            self._gaps_now = gaps
 
     def add_segment(self, t: float, status: Status, displacement: Array, velocity: Array) -> Motion:
         """Begin a segment at time t in a modal state.
@@ -241,15 +233,17 @@ class EventSolution:
         Contacts that have just switched are put at their gaps to the last bit: a stiff one would turn the rounding of
         the displacement into energy.
         """
-        if self._states:
-            switched = np.flatnonzero((status != self._states[-1][0]) & (status != PINNED))
+        record = self.record
+        if record.segments:
+            switched = np.flatnonzero((status != record.status(record.segments - 1)) & (status != PINNED))
             if switched.size:
                 displacement = self._at_gaps(switched, displacement)
-        self._starts.append(t)
-        # In memory as they are when read from a file, so that a restored run computes with the same bits.
-        self._states.append((status, np.ascontiguousarray(displacement), np.ascontiguousarray(velocity)))
+        record.add(t, status, displacement, velocity)
+        index = record.segments - 1
+        if self.system.contacts is not None:
+            self._set_gaps(index, self._gaps_now)
         self.counters.steps += 1
-        return self.motion(len(self._starts) - 1)
+        return self.motion(index)
 
     def _at_gaps(self, switched: NDArray[np.int64], displacement: Array) -> Array:
         """Return the displacement nearest to a given one at which some contacts are at their gaps.
@@ -272,17 +266,17 @@ class EventSolution:
 
         The duration is kept: the difference of the segment's ends has lost digits to their size.
         """
-        self._durations.append(duration)
-        index = len(self._durations) - 1
+        index = self.record.segments - 1
+        self.record.buffers.durations[index] = duration
         motion, (displacement, velocity) = self.motion(index), self._whole_changes(index)
+        if self.system.contacts is not None:
+            self._gaps_now = self.record.buffers.gaps[index] + self.space.contacts @ displacement
         return motion.displacement + displacement, motion.velocity + velocity
 
     def _whole_changes(self, index: int) -> tuple[Array, Array]:
         """Return by how much modal displacement and velocity change over a segment, each of shape (n,)."""
-        if self._changed is None or self._changed[0] != index:
-            displacement, velocity = self.motion(index).mode_changes(np.array([self._durations[index]]))
-            self._changed = index, displacement[:, 0], velocity[:, 0]
-        return self._changed[1:]
+        displacement, velocity = self.motion(index).mode_changes(self.record.durations[index : index + 1])
+        return displacement[:, 0], velocity[:, 0]
 
     def gap_functions(self, index: int) -> Array:
         """Return the gap functions s at the begin of a segment, shape (n_contacts,).
@@ -290,20 +284,33 @@ class EventSolution:
         They are sums of changes, so that they are known far better than
         displacements are; a contact that has just closed or opened has 0.
         """
-        laws, rows = self.system.contacts, self.space.contacts
+        # Only a run that an earlier version has saved does not know them yet.
+        for k in range(self.record.known_gaps, index + 1):
+            self._set_gaps(k, self._gaps_at_end(k - 1) if k else None)
+        return self.record.buffers.gaps[index]
+
+    def _gaps_at_end(self, index: int) -> Array:
+        """Return the gap functions at the end of a segment, before an event there, shape (n_contacts,)."""
+        return np.asarray(self.gap_functions(index) + self.space.contacts @ self._whole_changes(index)[0])
+
+    def _set_gaps(self, index: int, before: Array | None) -> None:
+        """Keep the gap functions at the begin of a segment, given those at the end of the one before.
+
+        Without these they are computed from the displacement.
+        """
+        laws, rows, record = self.system.contacts, self.space.contacts, self.record
         assert laws is not None
-        while len(self._gaps) <= index:
-            k = len(self._gaps)
-            status, displacement, _ = self._states[k]
-            if k:
-                gaps = self._gaps[-1] + rows @ self._whole_changes(k - 1)[0]
-                gaps[status != self._states[k - 1][0]] = 0.0
-            else:
-                gaps = rows @ displacement - laws.gap
-                gaps[np.abs(gaps) <= _TOUCHING * (np.abs(rows) @ np.abs(displacement) + np.abs(laws.gap))] = 0.0
-            gaps[status == PINNED] = 0.0
-            self._gaps.append(gaps)
-        return self._gaps[index]
+        status, (displacement, _) = record.status(index), record.state(index)
+        if before is None:
+            gaps = rows @ displacement - laws.gap
+            gaps[np.abs(gaps) <= _TOUCHING * (np.abs(rows) @ np.abs(displacement) + np.abs(laws.gap))] = 0.0
+        else:
+            gaps = before.copy()
+            if index:
+                gaps[status != record.status(index - 1)] = 0.0
+        gaps[status == PINNED] = 0.0
+        record.buffers.gaps[index] = gaps
+        record.known_gaps = index + 1
 
     def event_functions(self, motion: Motion) -> tuple[EventFunctions, NDArray[np.int64], Status]:
         """Return the functions to watch in the last segment, the contact of each and the status it leads to.
@@ -311,10 +318,10 @@ class EventSolution:
         Open contacts are watched for ``s > 0``, closed ones for ``s < 0``,
         pinned ones for a reaction that leaves [0, K0 gap].
         """
-        laws, status = self.system.contacts, self._states[-1][0]
+        laws, index = self.system.contacts, self.record.segments - 1
         assert laws is not None
         spectrum, count = motion.spectrum, motion.omega.size
-        gaps = self.gap_functions(len(self._states) - 1)
+        status, gaps = self.record.status(index), self.gap_functions(index)
         known = spectrum.event_functions.get(count)
         if known is None:
             known = spectrum.event_functions[count] = self._plain_functions(laws, status, spectrum, count)
@@ -333,7 +340,7 @@ class EventSolution:
         if not pinned.any():
             return functions, plain, leads
         held = np.flatnonzero(pinned)
-        force = self._reactions(len(self._starts) - 1)
+        force = self._reactions(index)
         now = force.at(motion, np.zeros(1))[:, 0]
         w, u = spectrum.functions(force.displacement, force.velocity)
         w_size, u_size = spectrum.sizes(np.abs(force.displacement), np.abs(force.velocity))
@@ -397,7 +404,7 @@ class EventSolution:
                     after[contact] = PINNED
         for contact in entered:
             if after[contact] != status[contact]:
-                self._event_log.append((t, contact, int(after[contact])))
+                self.record.add_event(t, contact, int(after[contact]))
         self.counters.events += len(entered)
         return after
 
@@ -444,13 +451,13 @@ class EventSolution:
         pinned = bool(np.any(events.status == PINNED) or np.any(events.initial == PINNED))
         if damped or pinned or self.system.loads:
             return
-        starts = self.segment_starts
-        z, v = (np.array([state[k] for state in self._states]).T for k in (1, 2))
+        segments = self.segments
+        starts, z, v = segments.starts, segments.displacement.T, segments.velocity.T
         energy = 0.5 * np.sum(v**2 + self.space.stiffness[:, None] * z**2, axis=0)
         if laws is not None:
-            gaps = np.array([self.gap_functions(index) for index in range(starts.size)]).T
-            status = np.array([state[0] for state in self._states]).T
-            energy += laws.closed_potential(gaps, status)
+            gaps = segments.gaps
+            assert gaps is not None
+            energy += laws.closed_potential(gaps.T, segments.status.T)
         largest = float(np.max(energy))
         worst = int(np.argmax(np.abs(energy - energy[0])))
         if largest > 0.0 and abs(energy[worst] - energy[0]) > _ENERGY * largest:
@@ -463,17 +470,14 @@ class EventSolution:
     @property
     def events(self) -> Events:
         """The contact events in order of time."""
-        if not self._event_log:
-            return Events(initial=self._initial)
-        time, contact, status = zip(*self._event_log, strict=True)
-        return Events(np.array(time), np.array(contact), np.array(status), self._initial)
+        return self.record.log(self._initial)
 
     # -- segments ---------------------------------------------------------------------------------
 
     @property
     def segment_starts(self) -> Array:
         """Times at which the segments begin, shape (n_segments,)."""
-        return np.array(self._starts)
+        return self.record.starts
 
     def load_pieces(self, t: float) -> list[Piece]:
         """Return the closed form near time t of every load; loads with one function of time are one."""
@@ -482,16 +486,16 @@ class EventSolution:
     def spectrum(self, index: int) -> Spectrum:
         """Return the eigensystem of a segment."""
         self._await(index)
-        return self._spectra[self._states[index][0]]
+        return self._spectra[self.record.status(index)]
 
     @as_it_ran
     def motion(self, index: int) -> Motion:
         """Return the closed form of a segment; the last ones asked for are kept."""
         if index not in self._motions:
             self._await(index)
-            status, displacement, velocity = self._states[index]
+            status, (displacement, velocity) = self.record.status(index), self.record.state(index)
             spectrum = self._spectra[status]
-            forcing = self._forcing(self._starts[index], status, spectrum)
+            forcing = self._forcing(self.record.starts[index], status, spectrum)
             if len(self._motions) >= self._most_motions():
                 del self._motions[next(iter(self._motions))]
             self._motions[index] = start_motion(spectrum, displacement, velocity, forcing, self.t_end)
@@ -545,9 +549,8 @@ class EventSolution:
         segment = np.searchsorted(self.segment_starts, times[order], side="right") - 1
         visited, first = np.unique(segment, return_index=True)
         groups = np.split(order, first[1:]) if times.size else []
-        return [
-            (int(index), mine, times[mine] - self._starts[index]) for index, mine in zip(visited, groups, strict=True)
-        ]
+        starts = self.segment_starts
+        return [(int(index), mine, times[mine] - starts[index]) for index, mine in zip(visited, groups, strict=True)]
 
     # -- sampling ---------------------------------------------------------------------------------
 
@@ -603,10 +606,10 @@ class EventSolution:
     def _reactions(self, index: int) -> Reactions:
         """Return the reactions of the pinned contacts of a segment."""
         self._await(index)
-        laws, status = self.system.contacts, self._states[index][0]
+        laws, status = self.system.contacts, self.record.status(index)
         assert laws is not None
         spectrum = self._spectra[status]
-        forcing = self._forcing(self._starts[index], status, spectrum)
+        forcing = self._forcing(self.record.starts[index], status, spectrum)
         return reactions(self.space, laws, status, spectrum, forcing)
 
     def _contact_force(self, times: Array, v: Array, s: Array) -> Array:
@@ -614,7 +617,7 @@ class EventSolution:
         assert laws is not None
         force = laws.force(s, self.space.contacts @ v, status_at(self.events, times))
         for index, mine, tau in self.visit(times):
-            held = np.flatnonzero(self._states[index][0] == PINNED)
+            held = np.flatnonzero(self.record.status(index) == PINNED)
             if held.size:
                 # The interval's ends are roots, found to rounding.
                 jump = (laws.stiffness[held] * laws.gap[held])[:, None]
@@ -638,12 +641,11 @@ class EventSolution:
         wanted = {index: (mine, tau) for index, mine, tau in self.visit(times)}
         nothing = np.empty(0, dtype=np.int64), np.empty(0)
         for index in range(max(wanted) + 1):
-            start = self._starts[index]
             yield Segment(
-                self._durations[index],
-                self._states[index][0],
+                self.record.durations[index],
+                self.record.status(index),
                 self.motion(index),
-                self.load_pieces(start),
+                self.load_pieces(self.record.starts[index]),
                 *wanted.get(index, nothing),
             )
 
@@ -654,12 +656,13 @@ class EventSolution:
         laws = self.system.contacts
         traveller = Perturbation(self.space, laws)
         growth = [0.0]
-        for index, duration in enumerate(self._durations):
+        record = self.record
+        for index, duration in enumerate(record.durations):
             self._await(index)
-            status, _, _ = self._states[index]
+            status = record.status(index)
             traveller.drift(self._spectra[status], duration)
-            if index + 1 < len(self._states):
-                after, _, velocity = self._states[index + 1]
+            if index + 1 < record.segments:
+                after, (_, velocity) = record.status(index + 1), record.state(index + 1)
                 changed = np.flatnonzero(after != status)
                 if changed.size:
                     traveller.jump([(int(j), int(status[j]), int(after[j])) for j in changed], velocity)
@@ -702,10 +705,11 @@ class EventSolution:
         events = self.events
         if not (np.any(events.status == PINNED) or np.any(events.initial == PINNED)):
             return None
-        lost = np.zeros(len(self._states))
-        for index, (status, _, velocity) in enumerate(self._states):
-            held = self.space.contacts[status == PINNED]
+        lost = np.zeros(self.record.segments)
+        for index in range(lost.size):
+            held = self.space.contacts[self.record.status(index) == PINNED]
             if held.shape[0]:
+                velocity = self.record.state(index)[1]
                 speed = held @ velocity
                 lost[index] = 0.5 * speed @ np.linalg.solve(held @ held.T, speed)
         return lost

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import h5py
@@ -65,13 +65,10 @@ def read_columns(dataset: h5py.Dataset) -> NDArray:
     return values
 
 
-def write_rows(
-    blocks: Blocks, group: h5py.Group, name: str, rows: Sequence[Any], of: Callable[[Any], NDArray], dtype: Any
-) -> None:
-    """Write one array of every item of a sequence, all of one shape, as the rows of a dataset."""
-    shape = (len(rows), *(of(rows[0]).shape if rows else (0,)))
-    dataset = empty_dataset(group, name, shape, dtype)
-    if all(shape):
-        for part in block_slices(shape[0], int(np.prod(shape[1:])) * dataset.dtype.itemsize):
-            dataset[part] = np.stack([of(row) for row in rows[part]])
+def write_rows(blocks: Blocks, group: h5py.Group, name: str, rows: NDArray) -> None:
+    """Write an array as a dataset, some rows at a time."""
+    dataset = empty_dataset(group, name, rows.shape, rows.dtype)
+    if rows.size:
+        for part in block_slices(rows.shape[0], int(np.prod(rows.shape[1:])) * rows.dtype.itemsize):
+            dataset[part] = rows[part]
             blocks.flush()

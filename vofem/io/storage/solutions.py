@@ -1,4 +1,4 @@
-"""The outcome of an integrator in a file: all that a `Result` computes from, but the samples of the history."""
+"""The solution of an integrator in a file: all data of a `Result` except for the samples of the history."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from dataclasses import fields
 from typing import Any
 
 import h5py
-import numpy as np
 
 from vofem.errors import ArgumentError
 from vofem.files.hdf5 import Blocks
@@ -24,7 +23,7 @@ _ELSEWHERE = ("times", "samples", "stored", "events", "probes")
 
 
 def solution_record(solution: Solution) -> dict[str, Any]:
-    """Return a solution as nested data, without what stands in the history or in rows of segments.
+    """Return a solution as nested data, without what is stored in the history or as rows of segments.
 
     Raises
     ------
@@ -50,19 +49,21 @@ def solution_record(solution: Solution) -> dict[str, Any]:
 
 
 def write_segments(blocks: Blocks, group: h5py.Group, solution: Any) -> None:
-    """Write begin, duration and state of every segment of an event-driven run."""
-    starts, durations, states = solution.segments
-    write_array(group, "starts", np.array(starts))
-    write_array(group, "durations", np.array(durations))
-    write_rows(blocks, group, "status", states, lambda state: state[0], np.int64)
-    write_rows(blocks, group, "displacement", states, lambda state: state[1], np.float64)
-    write_rows(blocks, group, "velocity", states, lambda state: state[2], np.float64)
+    """Write begin, duration, state and gap functions of every segment of an event-driven run."""
+    segments = solution.segments
+    write_array(group, "starts", segments.starts)
+    write_array(group, "durations", segments.durations)
+    rows = {"status": segments.status, "displacement": segments.displacement, "velocity": segments.velocity}
+    if segments.gaps is not None:
+        rows["gaps"] = segments.gaps
+    for name, values in rows.items():
+        write_rows(blocks, group, name, values)
 
 
 def restored_solution(
     record: dict[str, Any], group: h5py.Group, samples: Samples, energy: Energy, events: Events, times: Any
 ) -> Solution:
-    """Return the solution of a record and what is kept beside it."""
+    """Return the solution from its record and the data that are stored separately."""
     kind = record.pop("kind")
     if kind == "stepped":
         parts = (energy.kinetic, energy.strain, energy.contact, energy.dissipated, energy.work)
@@ -76,7 +77,7 @@ def restored_solution(
         return TruncatedSolution(reduced, times=times, **record)
     sensitivity = record.pop("sensitivity")
     rows = group["segments"]
-    segments = Segments(*(read_array(rows[name]) for name in Segments._fields))
+    segments = Segments(**{name: read_array(rows[name]) for name in Segments._fields if name in rows})
     solution = EventSolution.restored(**record, times=times, segments=segments, events=events)
     if sensitivity is not None:
         solution.__dict__["sensitivity"] = sensitivity

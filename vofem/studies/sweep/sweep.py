@@ -1,4 +1,4 @@
-"""What a sweep has found."""
+"""The outcome of a sweep."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class FailedPoint:
 
 
 class SweepInterrupted(KeyboardInterrupt):
-    """A sweep was stopped by Ctrl-C. What was computed is in `sweep`, and in the store where there is one.
+    """A sweep was stopped by Ctrl-C. The computed rows are in `sweep`, and in the store if there is one.
 
     Attributes
     ----------
@@ -59,24 +59,23 @@ class SweepInterrupted(KeyboardInterrupt):
 class Sweep(Mapping[str, NDArray]):
     """The outcome of many runs: one array for every quantity that the function returned.
 
-    As a mapping it gives arrays by name. Their first dimensions are those of
-    the grid, or one dimension where the points were a table; the dimensions
-    of the quantity follow. Where a point failed, numbers are NaN and texts
-    empty; integers of such a quantity are given as floats.
+    It is a mapping of names to arrays. The first dimensions of an array are those
+    of the grid, or a single one if the points were a table. The dimensions of the
+    quantity follow. Where a point failed, numbers are NaN and texts are empty;
+    integers of such a quantity become floats.
 
     Attributes
     ----------
     points : Points
         The points in order: `names`, `rows`, and `axes` of a grid.
     failed : tuple of FailedPoint
-        In the order of the points.
+        The points that failed, in the order of the points.
     seconds : array of float, shape (n_points,)
-        Wall time of every point, in s; that of an earlier sweep where the row
-        was in the store.
+        Wall time of every point in s. For rows from the store it is the time of the earlier sweep.
     counters : dict
         ``computed``, ``stored`` (taken from the store), ``batches`` and ``restarts`` of workers.
     notes : tuple of str
-        What a reader of the numbers should know.
+        Sentences that a reader of the numbers should know.
     """
 
     points: Points
@@ -107,7 +106,7 @@ class Sweep(Mapping[str, NDArray]):
         return f"<Sweep: {'; '.join(parts)}>"
 
     def parameter(self, name: str) -> NDArray:
-        """Return the value of a parameter at every point, shaped as the quantities.
+        """Return the value of a parameter at every point, in the shape of the quantities.
 
         Raises
         ------
@@ -121,7 +120,7 @@ class Sweep(Mapping[str, NDArray]):
         return values.reshape(*self.points.shape, *values.shape[1:])
 
     def with_notes(self, notes: Sequence[str]) -> Sweep:
-        """Return the same sweep with these notes before its own."""
+        """Return the same sweep with some notes in front of its own."""
         return replace(self, notes=(*notes, *self.notes))
 
     def to_xarray(self) -> Any:
@@ -181,7 +180,7 @@ def sweep_of(points: Points, rows: Sequence[Row], counters: dict[str, int]) -> S
 
 
 def agreeing(rows: Sequence[Row]) -> list[Row]:
-    """Return the rows, with those as failed whose names or shapes are not those of the first row."""
+    """Return the rows; those whose names or shapes differ from the first row are marked as failed."""
     pattern: dict[str, tuple[int, ...]] | None = None
     result = []
     for row in rows:

@@ -1,0 +1,180 @@
+"""What an event-driven run keeps: one row of arrays for each segment and for each event, which grow as needed."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.integrators.event_driven.segment import Segments
+from vofem.system import Events
+
+Array = NDArray[np.float64]
+Status = NDArray[np.int64]
+
+#: Rows of the arrays of a new record.
+_FIRST_ROWS = 32
+
+
+class Buffers(NamedTuple):
+    """The arrays of a record with room for more rows, as compiled code fills them.
+
+    Attributes
+    ----------
+    starts, durations : ndarray, shape (rows,)
+        Of the segments, in s.
+    status : ndarray of int, shape (rows,)
+        Number of the contact status in `Record.statuses`.
+    displacement, velocity : ndarray, shape (rows, n)
+        Modal, at the start.
+    gaps : ndarray, shape (rows, n_contacts)
+        Gap functions at the start, m.
+    event_time : ndarray, shape (event_rows,)
+        In s.
+    event_contact, event_status : ndarray of int, shape (event_rows,)
+        The contact and the status that it takes.
+    """
+
+    starts: Array
+    durations: Array
+    status: Status
+    displacement: Array
+    velocity: Array
+    gaps: Array
+    event_time: Array
+    event_contact: Status
+    event_status: Status
+
+
+class Record:
+    """Segments and events of a run, in order of time.
+
+    Parameters
+    ----------
+    size, contacts : int
+        Numbers of modes and of contacts.
+
+    Attributes
+    ----------
+    segments, events : int
+        How many rows are in use. A segment that is being computed has a row without a duration.
+    known_gaps : int
+        Of how many segments, from the first one on, the gap functions are known.
+    statuses : list of ndarray of int, shape (n_contacts,)
+        All contact statuses so far, in the order in which they were met.
+    """
+
+    def __init__(self, size: int, contacts: int) -> None:
+        self.segments, self.events, self.known_gaps = 0, 0, 0
+        self.statuses: list[Status] = []
+        self._numbers: dict[bytes, int] = {}
+        rows = _FIRST_ROWS
+        self.buffers = Buffers(
+            np.empty(rows), np.empty(rows), np.empty(rows, dtype=np.int64), np.empty((rows, size)),
+            np.empty((rows, size)), np.empty((rows, contacts)), np.empty(rows), np.empty(rows, dtype=np.int64),
+            np.empty(rows, dtype=np.int64),
+        )  # fmt: skip
+
+    def make_room(self, segments: int, events: int) -> None:
+        """Let the arrays have rows for so many further segments and events."""
+        parts = list(self.buffers)
+        for k, part in enumerate(parts):
+            used, more = (self.segments, segments) if k < _SEGMENT_ARRAYS else (self.events, events)
+            if used + more > part.shape[0]:
+                larger = np.empty((max(2 * part.shape[0], used + more), *part.shape[1:]), dtype=part.dtype)
+                larger[:used] = part[:used]
+                parts[k] = larger
+        self.buffers = Buffers(*parts)
+
+    def number(self, status: Status) -> int:
+        """Return the number of a contact status, a new one where it has none."""
+        key = status.tobytes()
+        found = self._numbers.get(key)
+        if found is None:
+            found = self._numbers[key] = len(self.statuses)
+            self.statuses.append(np.array(status))
+        return found
+
+    def add(self, t: float, status: Status, displacement: Array, velocity: Array) -> None:
+        """Begin a segment at time t in s in a modal state."""
+        self.make_room(1, 0)
+        parts, k = self.buffers, self.segments
+        parts.starts[k], parts.durations[k] = t, np.nan
+        parts.status[k] = self.number(status)
+        parts.displacement[k], parts.velocity[k] = displacement, velocity
+        self.segments += 1
+
+    def add_event(self, t: float, contact: int, status: int) -> None:
+        """Append an event: a contact takes a status at time t in s."""
+        self.make_room(0, 1)
+        parts, k = self.buffers, self.events
+        parts.event_time[k], parts.event_contact[k], parts.event_status[k] = t, contact, status
+        self.events += 1
+
+    def status(self, index: int) -> Status:
+        """Return the contact status of a segment."""
+        return self.statuses[self.buffers.status[index]]
+
+    @property
+    def last_status(self) -> Status:
+        """The contact status of the last segment."""
+        return self.status(self.segments - 1)
+
+    def state(self, index: int) -> tuple[Array, Array]:
+        """Return modal displacement and velocity at the start of a segment, each of shape (n,)."""
+        return self.buffers.displacement[index], self.buffers.velocity[index]
+
+    @property
+    def starts(self) -> Array:
+        """Times at which the segments begin, s."""
+        return self.buffers.starts[: self.segments]
+
+    @property
+    def durations(self) -> Array:
+        """Durations of the segments, s."""
+        return self.buffers.durations[: self.segments]
+
+    @property
+    def status_numbers(self) -> Status:
+        """Numbers of the contact statuses of the segments."""
+        return self.buffers.status[: self.segments]
+
+    def as_segments(self) -> Segments:
+        """Return the segments, one a row."""
+        parts, rows = self.buffers, slice(self.segments)
+        contacts = parts.gaps.shape[1]
+        table = np.array(self.statuses, dtype=np.int64).reshape(len(self.statuses), contacts)
+        gaps = parts.gaps[rows] if self.known_gaps == self.segments else None
+        return Segments(
+            parts.starts[rows], parts.durations[rows], table[parts.status[rows]], parts.displacement[rows],
+            parts.velocity[rows], gaps,
+        )  # fmt: skip
+
+    def log(self, initial: Status) -> Events:
+        """Return the events of a run that began in a contact status."""
+        parts, rows = self.buffers, slice(self.events)
+        if not self.events:
+            return Events(initial=initial)
+        times, contacts, status = (part[rows].copy() for part in parts[_SEGMENT_ARRAYS:])
+        return Events(times, contacts, status, initial)
+
+    def fill(self, segments: Segments, times: Array, contacts: Status, status: Status) -> None:
+        """Take over the segments and events of an earlier run."""
+        count, events = segments.starts.size, len(times)
+        self.segments, self.events = 0, 0
+        self.make_room(count, events)
+        parts = self.buffers
+        parts.starts[:count], parts.durations[:count] = segments.starts, segments.durations
+        parts.displacement[:count], parts.velocity[:count] = segments.displacement, segments.velocity
+        for k, row in enumerate(np.ascontiguousarray(segments.status, dtype=np.int64)):
+            parts.status[k] = self.number(row)
+        if segments.gaps is not None:
+            parts.gaps[:count] = segments.gaps
+            self.known_gaps = count
+        parts.event_time[:events], parts.event_contact[:events], parts.event_status[:events] = times, contacts, status
+        self.segments, self.events = count, events
+
+
+#: How many of the arrays of `Buffers` have a row for each segment; the others have one for each event.
+_SEGMENT_ARRAYS = 6
