@@ -30,7 +30,19 @@ def python_of(page):
             ROOT / "README.md",
             ["run.vtkhdf", "tip.png"],
         ),
-        (ROOT / "docs" / "pictures.md", ["history.png", "map.png", "shapes.png", "side.png"]),
+        (
+            ROOT / "docs" / "pictures.md",
+            [
+                "history.gif",
+                "history.png",
+                "map.png",
+                "mode.gif",
+                "paper.pdf",
+                "shapes.png",
+                "side.gif",
+                "side.png",
+            ],
+        ),
         (
             ROOT / "docs" / "steady-states.md",
             [
