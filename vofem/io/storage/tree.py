@@ -46,7 +46,7 @@ def write_tree(group: h5py.Group, value: Any, encode: Encode = lambda value: Non
     Raises
     ------
     ArgumentError
-        If something has no form in a file; the message names its path.
+        If a file cannot hold something; the message names its path.
     """
     write_text(group, "tree", json.dumps(_Writer(group, encode).node(value, "")))
 
@@ -134,7 +134,7 @@ class _Writer:
                 name: self._array(getattr(value, name), f"{path}.{name}") for name in ("data", "indices", "indptr")
             }
             return {"sparse": type(value).__name__, "shape": [int(n) for n in value.shape], "parts": parts}
-        raise ArgumentError(f"{path.removeprefix('.') or 'this'} is {value!r}, which has no form in a file")
+        raise ArgumentError(f"{path.removeprefix('.') or 'this'} is {value!r}, which a file cannot hold")
 
     def _array(self, array: NDArray, path: str) -> str:
         if array.dtype.kind not in "biufc":
