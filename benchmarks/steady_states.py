@@ -14,6 +14,7 @@ import argparse
 import json
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -46,11 +47,14 @@ STEPS = (0.05, 0.001)
 
 
 def pyharm(python):
-    script = Path(__file__).parent / "peers" / "pyharm_nlvib_03.py"
+    script = Path(__file__).resolve().parent / "peers" / "pyharm_nlvib_03.py"
+    command = [str(Path(python).absolute()), str(script)]
     print("| pyHarm-os, NLvib's example 03 | orbits | changes of direction | s |")
     print("| --- | --- | --- | --- |")
     for step in STEPS:
-        done = subprocess.run([python, str(script), str(step)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+        # It leaves files where it runs.
+        with tempfile.TemporaryDirectory() as folder:
+            done = subprocess.run([*command, str(step)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, cwd=folder)
         told = json.loads(done.stdout)
         print(f"| largest step {step:g} | {told['points']} | {told['turns']} | {told['processor_seconds']:.2f} |")
     print()
