@@ -127,7 +127,7 @@ def test_a_chain_of_wagons(capsys):
 
 #: Pages whose Python is run, and where nothing more is asserted than what it writes.
 OTHERS = {
-    "recipes.md": ["run.vtkhdf", "tip.csv"],
+    "recipes.md": ["run.gif", "run.vtkhdf", "tip.csv"],
     "storage.md": ["run.vtkhdf"],
     "hysteresis.md": [],
     "fractional.md": [],
