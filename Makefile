@@ -1,17 +1,30 @@
-# Two commands do everything: `make demo` and `make test`. Both set up a .venv first.
+# Two commands do everything: `make demo` and `make test`. `make docs` builds the site, `make dist` what is published.
+# All set up a .venv first.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 JOBS ?= 2
 
-.PHONY: demo test lint types unit verification setup accuracy lock clean
+.PHONY: demo test docs dist lint types unit verification setup accuracy lock clean
 
 demo: setup
 	$(BIN)/vofem run examples/cantilever.toml --output output/cantilever
 	$(BIN)/vofem run examples/cantilever_from_mesh.toml --output output/cantilever_from_mesh
 
 test: lint types unit
+
+# The site, into site/index.html: the pages of docs/, a gallery of examples/ and the reference. Warnings are errors.
+docs: setup
+	$(BIN)/python tools/site_pages.py
+	PYTHONPATH=tools NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --clean
+	@echo "wrote site/index.html"
+
+# Wheel and sdist, into dist/.
+dist: setup
+	rm -rf dist
+	$(BIN)/python -m build --quiet --outdir dist
+	$(BIN)/python -m twine check --strict dist/*
 
 lint: setup
 	$(BIN)/ruff check .
@@ -48,4 +61,4 @@ lock:
 	  build/lock/bin/python -m pip freeze --exclude vofem; } > requirements.lock
 
 clean:
-	rm -rf $(VENV) build output *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) build dist site output *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis

@@ -26,6 +26,20 @@ def amplitude(omega, gap):
     }
 
 
+def beam_at_stop(length, gap, omega):
+    """Make a scene with a beam anew, and say what was solved for it."""
+    beam = vf.Beam(length, 1.0, 1.0, 4, supports={"left": "clamped"}, name="beam")
+    tip = beam.at(length)
+    stop = vf.Contact(tip, gap=gap, stiffness=10.0, side="below", acts_on="penetration", name="stop")
+    result = vf.simulate(vf.Scene([beam], [stop, vf.PointLoad(tip, vf.Sine(1.0, omega))]), 5.0)
+    counters = result.counters
+    return {
+        "tip": result.displacement(tip)[-1],
+        "eigensolves": counters.eigensolves,
+        "updates": counters.rank_one_updates,
+    }
+
+
 def square(x):
     return {"y": x * x + shifted(x), "series": np.arange(3) * x, "large": x > 2, "label": f"p{x}"}
 

@@ -223,7 +223,7 @@ def test_cheapest_meets_the_tolerance_with_the_smallest_mesh_that_can():
         ({"elements": []}, "elements is empty"),
         ({"elements": [2.5]}, "elements is 2.5, expected a whole number"),
         ({"repeats": 0}, "repeats is 0"),
-        ({"samples": 1}, "samples is 1, expected a whole number of at least 2"),
+        ({"samples": 1}, "samples is 1, expected a whole number, 2 or more"),
         ({"scene": "beam"}, "scene is 'beam', expected a vofem.Scene"),
         ({"scene": lambda n: None}, "elements is missing"),
     ],
@@ -341,7 +341,7 @@ def test_meshes_that_a_scene_cannot_have_are_refused():
         remeshed(vf.Scene([beam, graded]), 9)
     with pytest.raises(vf.ArgumentError, match="has no beam"):
         remeshed(vf.Scene([vf.Mass(1.0)]), 4)
-    with pytest.raises(vf.ArgumentError, match="expected a positive whole number"):
+    with pytest.raises(vf.ArgumentError, match="expected a whole number, 1 or more"):
         remeshed(vf.Scene([beam]), 0)
 
 

@@ -30,6 +30,7 @@ LAYERS = [
     "time_functions",
     "laws",
     "system",
+    "sharing",
     "bodies",
     "assembly",
     "initial",
@@ -57,7 +58,7 @@ RESERVED = {
     "pyvista": {"io"},
     "vtkmodules": {"io"},
     "meshio": {"io", "bodies"},
-    "h5py": {"files", "studies", "io"},
+    "h5py": {"files", "studies", "io", "bodies"},
 }
 
 

@@ -105,7 +105,7 @@ CASES = [
     (lambda: vf.simulate(scene()[1], 1.0, times=[0.0, NAN]), "times holds nan"),
     *((lambda v=v: vf.simulate(scene()[1], 1.0, method="central_difference", dt=v), "dt")
       for v in (-1e-3, 0.0, NAN, INF)),
-    (lambda: vf.modes(scene()[1], 0), "expected a positive whole number"),
+    (lambda: vf.modes(scene()[1], 0), "expected a whole number, 1 or more"),
     (lambda: vf.modes(scene()[1], 2, closed=["stop"]), "no contact is named 'stop'"),
     (lambda: vf.equilibrium(scene()[1], t=NAN), "NaN"),
 ]  # fmt: skip

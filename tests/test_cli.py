@@ -283,7 +283,8 @@ def test_contact_table():
     result = ball(40.0)
     lines = tables.contact_table(result, "stop", most=2).splitlines()
     assert lines[0] == "Contact 'stop'"
-    number, closing, opening, lasts, peak, impulse = lines[2].split()
+    number, closing, opening, lasts, speed, peak, impulse = lines[2].split()
+    assert float(speed) == pytest.approx(np.sqrt(0.75), rel=1e-5)
     assert (number, float(closing)) == ("1", pytest.approx(np.pi / 6, abs=1e-9))
     assert float(lasts) == pytest.approx(float(opening) - float(closing), abs=1e-6)
     # In contact u = 5/11 + A cos(sqrt(11) t + phi), with u = 0.5 and u' = sqrt(3)/2 at closing.
@@ -340,7 +341,9 @@ def test_impulses_are_exact_and_never_guessed(tmp_path):
     assert float(table[2].split()[-1]) == pytest.approx(2 * 2.0 * 1.5, rel=1e-5)
     assert float(table[2].split()[-2]) == pytest.approx(1.5 * np.sqrt(2.0 * 50.0), rel=1e-5)
     few = vf.simulate(scene, 2.0, method="central_difference", dt=1e-3, times=[0.0, 1.0, 2.0])
-    assert tables.contact_table(few, "floor").splitlines()[2].split()[-2:] == ["-", "-"]
+    table = tables.contact_table(few, "floor").splitlines()
+    assert table[2].split()[-3:] == ["-", "-", "-"]
+    assert "not known: the run stored its states at times that are too far apart" in table[-1]
 
 
 def test_run_of_a_stepping_method_with_few_times(tmp_path, capsys):

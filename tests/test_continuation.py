@@ -117,13 +117,61 @@ def test_symmetry_breaks_at_a_branch_point():
     assert largest == pytest.approx(-least, rel=1e-9)
     leaving = branch.switch(points[0])
     assert any("closed" in note for note in leaving.notes)
-    # It turns at the other branch point, where its orbits are symmetric again.
-    assert max(s.value for s in leaving.special) == pytest.approx(points[1].value, abs=1e-8)
+    # It turns at the other branch point, where its orbits are symmetric again: no fold, and back onto their branch.
+    (far,) = [s for s in leaving.special if s.kind == "branch_point"]
+    assert far.value == pytest.approx(points[1].value, abs=1e-10)
+    back = leaving.switch(far)
+    least, largest = back.orbits[-1].extremes(mass)
+    assert largest == pytest.approx(-least, rel=1e-9)
+    assert [s.value for s in back.special] == pytest.approx([points[0].value], abs=1e-10)
     pair = [orbit.extremes(mass) for orbit in leaving.at(1.0)]
     assert len(pair) == 2
     # Two orbits that mirror each other.
     assert pair[0] == pytest.approx((-pair[1][1], -pair[1][0]), rel=1e-8)
     assert abs(pair[0][0] + pair[0][1]) > 1e-3
+
+
+def with_damping(damping):
+    def build(omega):
+        mass = vf.Mass(1.0, stiffness=1.0, damping=damping, name="mass")
+        stop = vf.Contact(mass, gap=0.0, stiffness=8.0, side="above", acts_on="penetration", name="stop")
+        return vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(1.0, omega))])
+
+    return build
+
+
+def test_two_flips_within_one_step():
+    """With so much damping orbits are unstable between two close flips only; no neighbour on the branch shows it."""
+    wide = vf.continuation(with_damping(1.2276), 6.0, 2.0)
+    flips = [s for s in wide.special if s.kind == "period_doubling"]
+    assert len(flips) == len(wide.special) == 2
+    assert int(flips[0].place) == int(flips[1].place)
+    assert all(orbit.stable for orbit in wide.orbits)
+    for flip in flips:
+        assert np.min(np.abs(flip.orbit.multipliers + 1.0)) < 1e-9
+    fine = vf.continuation(with_damping(1.2276), 3.4, 3.2, max_step=0.004)
+    assert [s.value for s in flips] == pytest.approx([s.value for s in fine.special], abs=1e-9)
+    assert len({int(s.place) for s in fine.special}) == 2
+
+
+@pytest.mark.parametrize("difference", [0.0, 1e-6, 1e-3])
+def test_two_oscillators_that_flip_together(difference):
+    """Two masses without a connection: both flips are on the branch, also where they coincide or nearly do."""
+
+    def alone(omega, k=0):
+        mass = vf.Mass(1.0, stiffness=1.0, damping=0.1, name="ab"[k])
+        stiffness = 8.0 * (1.0 + k * difference)
+        stop = vf.Contact(mass, gap=0.0, stiffness=stiffness, side="above", acts_on="penetration", name=f"stop {k}")
+        return [mass], [stop, vf.PointLoad(mass, vf.Sine(1.0, omega))]
+
+    def both(omega):
+        first, second = alone(omega), alone(omega, 1)
+        return vf.Scene(first[0] + second[0], first[1] + second[1])
+
+    known = [vf.continuation(lambda w, k=k: vf.Scene(*alone(w, k)), 2.4, 2.3).special[0].value for k in range(2)]
+    found = vf.continuation(both, 2.4, 2.3, guess=vf.periodic(both(2.4), method="harmonic_balance")).special
+    assert [s.kind for s in found] == ["period_doubling"] * 2
+    assert sorted(s.value for s in found) == pytest.approx(sorted(known), abs=1e-11)
 
 
 def test_sheets_are_solved_again(bilinear_branch):

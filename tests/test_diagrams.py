@@ -123,3 +123,14 @@ def test_a_map_of_stability_holds_the_orbits_of_periodic():
     assert "2 x 2 points; 100 % stable; 0 failed" in repr(found)
     with pytest.raises(vf.ArgumentError, match="no orbit was found at any point"):
         vf.stability_map(lambda x, y: functions.transient(x), [1.0], [1.0], executor="serial")
+
+
+def test_a_map_of_steady_states_hatches_the_unstable_cells(tmp_path):
+    from vofem.io.pictures.maps import _cells, state_map
+
+    found = vf.stability_map(functions.oscillator, [0.5, 1.2], [0.0, 0.2], executor="serial")
+    assert state_map(found, tmp_path / "map.svg", quantity="multiplier", labels=("w [rad/s]", "f [N]")).exists()
+    (cell,) = _cells(np.array([1.0, 2.0, 4.0]), np.array([0.0]), np.array([[False], [True], [False]]))
+    assert cell.get_bbox().bounds == (1.5, -0.5, 1.5, 1.0)
+    with pytest.raises(vf.ArgumentError, match="quantity"):
+        state_map(found, tmp_path / "map.svg", quantity="phase")

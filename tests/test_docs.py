@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import importlib.util
 import re
 from pathlib import Path
 
 import pytest
 
+import vofem as vf
+
 ROOT = Path(__file__).parent.parent
-PAGES = [ROOT / "README.md", ROOT / "examples" / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCS = ROOT / "docs"
+PAGES = [
+    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "examples/README.md")),
+    *sorted(DOCS.glob("*.md")),
+    *sorted((DOCS / "api").glob("*.md")),
+]
 
 
 def python_of(page):
@@ -20,7 +28,7 @@ def python_of(page):
     [
         (
             ROOT / "README.md",
-            ["run.pvd", "run.vtkhdf", "scene.toml", "side.png", "tip.csv", "tip.png"],
+            ["run.vtkhdf", "tip.png"],
         ),
         (ROOT / "docs" / "pictures.md", ["history.png", "map.png", "shapes.png", "side.png"]),
         (
@@ -57,6 +65,112 @@ def test_python_of_the_page_on_sweeps_runs(tmp_path, monkeypatch, capsys):
     assert names["diagram"].failed == ()
     assert names["shared"]["eigensolves"].tolist() == [1, 0, 0]
     assert sum(one.share for one in names["found"].attractors) == pytest.approx(1.0)
+
+
+def run_page(page):
+    """Run the blocks of a page one after the other, and return the names that they define."""
+    names = {"__name__": page.stem}
+    for block in python_of(page):
+        exec(compile(block, page.name, "exec"), names)
+    return names
+
+
+def test_a_first_scene(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    names = run_page(DOCS / "first-scene.md")
+    assert names["contact"].closings[0] == pytest.approx(3.8131224981, abs=1e-9)
+    assert names["result"].notes == []
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["side.png", "tip.png"]
+
+
+def test_a_strip_on_a_stop(capsys):
+    """The numbers in its comments are those that it prints."""
+    names = run_page(DOCS / "strip-on-a-stop.md")
+    assert names["modes"].frequencies[0] == pytest.approx(names["formula"], rel=1e-6)
+    printed = capsys.readouterr().out
+    for text in ("20 hits per second", "peak force 0.57 N", "penetration 0.11 mm", "closed 8 %", "clamp 20 MPa"):
+        assert text in printed
+    assert names["change"] < 1e-7
+    assert names["result"].notes == []
+
+
+def test_a_tube_in_supports(capsys):
+    """Two methods agree on means, though not on histories; the energy that comes in goes out."""
+    names = run_page(DOCS / "tube-in-supports.md")
+    result, stepped = names["result"], names["stepped"]
+    assert result.notes[0].startswith("chaos: ")
+    assert names["mean_force"](stepped) == pytest.approx(names["mean_force"](result), rel=0.25)
+    assert names["hits"](stepped) == pytest.approx(names["hits"](result), rel=0.25)
+    assert names["energy"].dissipated[-1] == pytest.approx(names["energy"].work[-1], rel=0.1)
+    assert 9.0 < names["free"] < 9.1
+    assert 45.0 < names["held"] < 47.0
+
+
+def test_a_chain_of_wagons(capsys):
+    names = run_page(DOCS / "chain.md")
+    assert names["first"].closings[0] == pytest.approx(0.1 / 1.5, rel=1e-12)
+    assert names["result"].energy.balance_error < 1e-13
+    assert "14.3 of 22.5 kJ" in capsys.readouterr().out
+
+
+#: Pages whose Python is run, and where nothing more is asserted than what it writes.
+OTHERS = {
+    "recipes.md": ["run.vtkhdf", "tip.csv"],
+    "storage.md": ["run.vtkhdf"],
+    "hysteresis.md": [],
+    "fractional.md": [],
+    "performance.md": [],
+}
+#: Pages whose Python has a test of its own.
+OWN = {
+    *("README.md", "pictures.md", "steady-states.md", "sweeps.md"),
+    *("first-scene.md", "strip-on-a-stop.md", "tube-in-supports.md", "chain.md"),
+}
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_python_of_other_pages_runs(name, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    run_page(DOCS / name)
+    assert sorted(path.name for path in tmp_path.iterdir() if path.is_file()) == OTHERS[name]
+
+
+def test_no_page_with_python_is_left_out():
+    assert {page.name for page in PAGES if python_of(page)} == OWN | set(OTHERS)
+
+
+def test_scene_files_of_the_pages_are_read(tmp_path):
+    shown = [
+        block
+        for page in PAGES
+        for block in re.findall(r"```toml\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+        if "[[beam]]" in block
+    ]
+    assert len(shown) >= 2
+    for k, block in enumerate(shown):
+        path = tmp_path / f"{k}.toml"
+        path.write_text(block.replace('"../meshes/', f'"{(ROOT / "meshes").as_posix()}/'), encoding="utf-8")
+        assert vf.load_scene(path).simulate(t_end=0.1, times=[0.1]).counters.steps
+
+
+def test_the_reference_of_scene_files_is_that_of_the_schema():
+    spec = importlib.util.spec_from_file_location("scene_reference", ROOT / "tools" / "scene_reference.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    assert module.PAGE.read_text(encoding="utf-8") == module.page(), "run `python tools/scene_reference.py`"
+
+
+def test_every_public_name_is_in_the_reference():
+    """In that of the site, whose pages name what they document after three colons."""
+    text = "".join(page.read_text(encoding="utf-8") for page in (DOCS / "api").glob("*.md"))
+    named = set(re.findall(r"^::: vofem\.(\w+)$", text, re.MULTILINE))
+    assert named == set(vf.__all__) - {"__version__", "accuracy", "fractional"}
+
+
+def test_every_page_is_in_the_navigation():
+    text = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    listed = set(re.findall(r"([\w/-]+\.md)$", text, re.MULTILINE))
+    assert listed == {page.relative_to(DOCS).as_posix() for page in DOCS.rglob("*.md")} | {"gallery.md"}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())

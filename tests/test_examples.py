@@ -11,6 +11,8 @@ import pytest
 from scenes import LAWS, reference
 from scipy.optimize import brentq
 
+import vofem as vf
+
 EXAMPLES = Path(__file__).parent.parent / "examples"
 
 
@@ -177,8 +179,33 @@ def check_impact_oscillator(example, outcome, printed):
     assert "period_doubling at w = 0.91584097716" in printed
 
 
+def check_cantilever_map(example, found, printed):
+    """Where the tip does not reach the stop the amplitude is that of the linear beam; at resonance a close stop
+    makes it smaller.
+
+    Where the linear motion would not reach the stop, another motion beside it may, with a larger amplitude.
+    """
+    untouched = 0
+    for k, omega in enumerate(found.x):
+        scene = example.scene_at(omega, 1.0)
+        tip = scene.effects[0].a
+        response = vf.frequency_response(scene, [omega / (2.0 * np.pi)]).displacement(tip)
+        linear = example.FORCE * abs(response[0])
+        free = (found.y > linear) & ~(found.amplitude[k] > found.y)
+        assert found.amplitude[k, free] == pytest.approx(linear, rel=1e-9)
+        untouched += np.count_nonzero(free)
+        if abs(omega - 3.52) < 1.5:
+            near = found.amplitude[k, found.y < 0.5 * linear]
+            assert near.size > 0
+            assert np.all(near[np.isfinite(near)] < linear)
+    assert untouched > 10
+    assert np.count_nonzero(found.stable == 1.0) > 15
+    assert "% stable" in printed
+
+
 CHECKS = {
     "beam_shapes": check_beam_shapes,
+    "cantilever_map": check_cantilever_map,
     "cantilever_on_stop": check_cantilever,
     "chain_of_masses": check_chain_of_masses,
     "hysteresis": check_hysteresis,

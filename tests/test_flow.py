@@ -117,6 +117,53 @@ def test_volumes_shrink_as_the_dampers_say(case):
     assert np.linalg.det(one.monodromy) == pytest.approx(np.exp(exponent), rel=1e-9)
 
 
+def twins(acts_on, damping, mirrored):
+    """Two equal masses that meet equal stops at the same times, on one side or on opposite ones; and one of them."""
+    masses = [vf.Mass(1.0, stiffness=1.0, damping=0.1, name=name) for name in "ab"]
+    effects = []
+    for mass, sign in zip(masses, (1.0, -1.0 if mirrored else 1.0), strict=True):
+        side = "above" if sign > 0.0 else "below"
+        effects += [
+            vf.Contact(
+                mass, gap=0.3, stiffness=12.0, damping=damping, side=side, acts_on=acts_on, name=f"on {mass.name}"
+            ),
+            vf.PointLoad(mass, vf.Sine(sign, 1.1)),
+        ]
+    alone = vf.Scene(masses[:1], effects[:2])
+    if not mirrored:
+        # Nothing of these acts on the common motion.
+        effects += [vf.Spring(*masses, stiffness=0.7), vf.Dashpot(*masses, damping=0.2)]
+    return vf.Scene(masses, effects), alone
+
+
+@pytest.mark.parametrize("acts_on", ["penetration", "displacement"])
+@pytest.mark.parametrize("damping", [0.0, 0.4])
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_simultaneous_events(acts_on, damping, mirrored):
+    """Two contacts that switch at once: the motion of one alone, and a derivative along which they switch in turn.
+
+    Saltation matrices of contacts that switch at one time commute, so that no order is to be chosen.
+    """
+    both, alone = twins(acts_on, damping, mirrored)
+    system, single = both.model.system, alone.model.system
+    space = modes_of(system, Counters())
+    sign = np.array([1.0, -1.0 if mirrored else 1.0])
+    start = np.array([0.1, 0.8])
+    state = np.concatenate([space.shapes.T @ (sign * part) for part in start])
+    one, reference = monodromy(system, state, 12.0), monodromy(single, start, 12.0)
+    assert len(reference.events) >= 4
+    assert len(one.events) == 2 * len(reference.events)
+    assert [e.time for e in one.events[::2]] == pytest.approx([e.time for e in reference.events], abs=1e-13)
+    assert [e.time for e in one.events[1::2]] == pytest.approx([e.time for e in reference.events], abs=1e-13)
+    assert space.shapes @ one.displacement == pytest.approx(sign * reference.displacement[0], abs=1e-13)
+    # Perturbations of the common motion are those of one alone.
+    common = np.kron(np.eye(2), space.shapes.T @ sign[:, None] / np.sqrt(2.0))
+    size = np.abs(reference.monodromy).max()
+    assert common.T @ one.monodromy @ common == pytest.approx(reference.monodromy, abs=1e-12 * size)
+    # All others make one contact switch before the other.
+    assert differences(system, state, 12.0) == pytest.approx(one.monodromy, abs=2e-5 * np.abs(one.monodromy).max())
+
+
 def test_a_pinned_contact_projects():
     """A contact that comes to rest at its gap: perturbations across it die, those along it follow the flow."""
     a, b = vf.Mass(1.0, stiffness=1.0, damping=0.5, name="a"), vf.Mass(1.0, stiffness=2.0, damping=0.3, name="b")

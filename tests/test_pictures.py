@@ -11,7 +11,8 @@ import pytest
 import vofem as vf
 from vofem.files.whole import replacing
 from vofem.io import render as render_module
-from vofem.io.pictures import backend_matplotlib, histories, profiles
+from vofem.io.pictures import axes as picture_axes
+from vofem.io.pictures import backend_matplotlib
 from vofem.io.pictures.layout import arrange
 from vofem.io.pictures.places import along_beam, between_masses
 from vofem.io.pictures.sketch import sketch
@@ -251,8 +252,7 @@ def test_time_history_of_several_points_and_runs(tmp_path):
 def figures(monkeypatch):
     """Figures of matplotlib that were to be written."""
     found = []
-    for module in (histories, profiles):
-        monkeypatch.setattr(module, "save", lambda figure, goal: found.append(figure) or goal)
+    monkeypatch.setattr(picture_axes, "save", lambda figure, goal: found.append(figure) or goal)
     return found
 
 

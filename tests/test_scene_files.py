@@ -600,8 +600,8 @@ def test_files_that_are_no_toml(content, message, tmp_path):
     assert message in found[0][1]
 
 
-def test_the_readme_shows_a_scene_file(tmp_path):
-    text = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
+def test_the_first_scene_of_the_docs_comes_back(tmp_path):
+    text = (Path(__file__).parent.parent / "docs" / "first-scene.md").read_text(encoding="utf-8")
     (tmp_path / "s.toml").write_text(text.split("```toml\n")[1].split("```")[0])
     file = vf.load_scene(tmp_path / "s.toml")
     assert file.simulate(t_end=1.0).counters.steps

@@ -30,7 +30,7 @@ def figures(monkeypatch):
         figure.savefig(goal)
         return goal
 
-    monkeypatch.setattr("vofem.io.pictures.steady.save", save)
+    monkeypatch.setattr("vofem.io.pictures.axes.save", save)
     return kept
 
 

@@ -121,6 +121,7 @@ class Reversed(Executor):
 
 def test_every_executor_gives_the_same_bits():
     from distributed import Client, LocalCluster
+    from loky import ProcessPoolExecutor as LokyExecutor
 
     expected = vf.sweep(functions.amplitude, GRID, executor="serial")
     assert expected.failed == ()
@@ -132,6 +133,9 @@ def test_every_executor_gives_the_same_bits():
     assert same(own, expected)
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as processes:
         assert same(vf.sweep(functions.amplitude, GRID, executor=processes), expected)
+    # loky imports nothing of this folder by itself, as a worker elsewhere.
+    with LokyExecutor(1, env={"PYTHONPATH": os.pathsep.join([str(TESTS), *sys.path])}) as loky:
+        assert same(vf.sweep(functions.amplitude, GRID, executor=loky), expected)
     with (
         LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
         Client(cluster) as client,
@@ -153,6 +157,36 @@ def test_threads_of_linear_algebra_are_limited_in_the_sweep_and_restored_after_i
     with pytest.raises(RuntimeError, match="inside"), blas_threads(0):
         raise RuntimeError("inside")
     assert threads() == before
+
+
+def test_scenes_that_a_function_makes_anew_share_what_is_equal():
+    """Gaps and frequencies of the load change nothing that modes depend on; another length of the beam does."""
+    points = [{"length": 1.0, "gap": gap, "omega": omega} for gap in (0.01, 0.02) for omega in (1.0, 2.0)]
+    points += [{"length": 2.0, "gap": 0.01, "omega": 1.0}, {"length": 1.0, "gap": 0.03, "omega": 1.0}]
+    table = vf.sweep(functions.beam_at_stop, points, executor="serial", compiled=False)
+    assert table["eigensolves"].tolist() == [1, 0, 0, 0, 1, 0]
+    assert table["updates"].tolist() == [1, 0, 0, 0, 1, 0]
+    # Each point by itself gives the same bits, and outside of sweeps nothing is shared or held.
+    alone = [vf.sweep(functions.beam_at_stop, [point], executor="serial", compiled=False) for point in points]
+    assert [one["tip"][0] for one in alone] == table["tip"].tolist()
+    assert [one["eigensolves"][0] for one in alone] == [1] * 6
+    assert functions.beam_at_stop(1.0, 0.01, 1.0)["eigensolves"] == 1
+
+
+def test_beams_that_are_made_anew_share_their_matrices_only_where_all_numbers_agree():
+    from vofem.sharing import sharing_between_scenes
+
+    def matrices(length=1.0, elements=4, EI=1.0, **more):
+        return vf.Beam(length, EI, 1.0, elements, **({"supports": {"left": "clamped"}} | more)).matrices()
+
+    assert matrices() is not matrices()
+    with sharing_between_scenes():
+        first = matrices()
+        assert matrices() is first
+        others = [{"EI": 2.0}, {"length": 2.0}, {"elements": 5}, {"tension": 1.0}, {"supports": {"left": "pinned"}}]
+        others.append({"EI": lambda x: 1.0 + 0.0 * x})
+        assert all(matrices(**other) is not first for other in others)
+    assert matrices() is not first
 
 
 def test_small_points_travel_in_batches():

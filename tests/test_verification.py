@@ -14,7 +14,7 @@ import vofem as vf
 from vofem.cli import main
 from vofem.verification import FAILED, PASSED, REFUSED, STOPPED, TOLD, Case, How, Quantity, catalogue, select, verify
 from vofem.verification.case import DYNAMIC
-from vofem.verification.report import junit, markdown, summary
+from vofem.verification.report import junit, markdown, markdown_details, summary
 from vofem.verification.runner import judge
 
 DOCS = Path(__file__).parent.parent / "docs" / "verification.md"
@@ -140,6 +140,11 @@ def test_reports():
     text = markdown(outcomes)
     assert r"| 3. toy \| of &lt;all> \*things\* | passed 0.0e+00 |" in text
     assert "| 3. bad | FAILED 1.0e+00 |" in text
+    assert "| event_driven | 2 | 1 | 0 | 0 | 0 | 1 |" in text
+    assert "| hard cases of this package | 2 | 2 | 0 | 0 | 0 | 2 |" in text
+    details = markdown_details(outcomes)
+    assert details.count("\n## ") == 2
+    assert "- event_driven, **FAILED**: beyond its tolerance" in details
     root = ET.fromstring(junit(outcomes).split("\n", 1)[1])
     assert (root.get("tests"), root.get("failures")) == ("4", "2")
     assert [suite.get("name") for suite in root] == ["event_driven", "central_difference"]
@@ -156,6 +161,8 @@ def test_command_line(tmp_path, capsys):
     assert header == ["case", "source", "quantity", "reference", "got", "error", "tolerance", "method", "verdict"]
     assert "1 cases, 1 runs: 1 passed, 0 FAILED" in printed
     assert "12. preload across a gap of zero" in (tmp_path / "new" / "v.md").read_text()
+    assert "[The details](v-details.md)" in (tmp_path / "new" / "v.md").read_text()
+    assert "## 12. preload across a gap of zero" in (tmp_path / "new" / "v-details.md").read_text()
     assert ET.parse(tmp_path / "v.xml").getroot().get("failures") == "0"
 
 

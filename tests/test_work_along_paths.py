@@ -1,8 +1,12 @@
-"""The balance of work along paths of equilibria: closed where equilibria are right, told where they are not."""
+"""The balance of work along paths of equilibria: closed where equilibria are right, told where they are not.
+
+`python tests/test_work_along_paths.py FIRST LAST` runs many seeds and prints what it finds.
+"""
 
 from __future__ import annotations
 
 import random
+import sys
 
 import numpy as np
 
@@ -41,8 +45,11 @@ def path(seed):
 
 
 def test_work_is_taken_by_bodies_springs_and_contacts():
-    """Seed 1 has three stops of 12 to 1.3e7 N/m, one of them pinned beside a law that is curved."""
-    assert [seed for seed in range(40) if path(seed).notes] == []
+    """Seed 1 has three stops of 12 to 1.3e7 N/m, one of them pinned beside a law that is curved.
+
+    Seed 139 has three stops at one point beside a stiff law; it ended without an equilibrium.
+    """
+    assert [seed for seed in [*range(40), 139] if path(seed).notes] == []
 
 
 def test_an_equilibrium_that_is_not_one_is_told(monkeypatch):
@@ -78,3 +85,17 @@ def test_the_law_as_printed_gives_back_what_it_had_dissipated():
     assert notes["cyclic"] == []
     assert "from load factor 3 to 3.1" in notes["printed"][0]
     assert "memory='cyclic'" in notes["printed"][0]
+
+
+def campaign(first, last):
+    for seed in range(first, last):
+        try:
+            found = path(seed).notes
+        except vf.VofemError as error:
+            found = [f"{type(error).__name__}: {error}"]
+        if found:
+            print(seed, *found, sep="\n    ", flush=True)
+
+
+if __name__ == "__main__":
+    campaign(int(sys.argv[1]), int(sys.argv[2]))

@@ -1,8 +1,8 @@
 """vofem: finite elements for beams and masses that hit, rattle and yield.
 
-One equation with evolving stiffness describes contact: a variable-order
-Riemann-Liouville operator, applied to the constant K0, switches between 0 and
-K0 as a gap function changes sign. See the README for a first scene.
+Beams and masses hit stops, rattle in loose supports, and yield. Describe them by a
+`Scene`, run it with `simulate`, and ask the `Result`. See the README for a first
+scene.
 """
 
 from typing import TYPE_CHECKING, Any
@@ -61,6 +61,7 @@ if TYPE_CHECKING:
         MeshError,
         MethodError,
         MissingCallableError,
+        MissingPackageError,
         OutputError,
         SceneFileError,
         SingularSystemError,
@@ -119,6 +120,7 @@ __all__ = [
     "MeshError",
     "MethodError",
     "MissingCallableError",
+    "MissingPackageError",
     "ModalDamping",
     "Modes",
     "NonlinearSpring",
@@ -182,7 +184,7 @@ _MODULES = {
     ),
     "vofem.errors": (
         "ArgumentError ConvergenceError EventStormError ExecutorError InstabilityError LimitLoadError LoadError "
-        "MeshError MethodError MissingCallableError OutputError SceneFileError SingularSystemError "
+        "MeshError MethodError MissingCallableError MissingPackageError OutputError SceneFileError SingularSystemError "
         "StepSizeError StorageError VofemError"
     ),
     "vofem.fractional": "fractional",

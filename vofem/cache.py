@@ -1,4 +1,4 @@
-"""What was computed of an object once and serves again: by kind and key, within a bound on numbers."""
+"""A cache of values that were computed for an object, by kind and key, with a bound on their number."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ T = TypeVar("T")
 
 
 class Cache:
-    """Values by kind and key. Threads may share it: what one of them computes the others wait for."""
+    """Values by kind and key. Threads may share it: if one of them computes a value, the others wait for it."""
 
     def __init__(self) -> None:
         self._known: dict[str, dict[Hashable, object]] = {}

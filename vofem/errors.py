@@ -1,7 +1,7 @@
 """The errors that vofem raises: typed, and all derived from `VofemError`.
 
-A message names the thing, says what was found and what was expected, and
-where it helps the likely cause and the cure.
+A message names the thing at fault, and says what was found and what was expected.
+Where it helps, it also names the likely cause and the cure.
 """
 
 from __future__ import annotations
@@ -15,7 +15,11 @@ class VofemError(Exception):
 
 
 class ArgumentError(VofemError, ValueError):
-    """An argument has a wrong value: not finite, of the wrong sign, off the beam, of an unknown name."""
+    """An argument has a wrong value, such as a number that is not finite, a point off the beam or an unknown name."""
+
+
+class MissingPackageError(VofemError, ImportError):
+    """A package that only some functions need is not installed; the message says how to install it."""
 
 
 class MethodError(ArgumentError):
@@ -23,7 +27,7 @@ class MethodError(ArgumentError):
 
 
 class StepSizeError(ArgumentError):
-    """The step size lies beyond the stability limit; the message says the limit."""
+    """The step size is larger than the critical step, which the message gives."""
 
 
 class MeshError(VofemError, ValueError):
@@ -39,24 +43,24 @@ class SingularSystemError(VofemError):
 
 
 class ConvergenceError(VofemError):
-    """An iteration that should always end did not; the message says where and how far it came."""
+    """An iteration did not converge; the message says where, and how far it came."""
 
 
 class InstabilityError(VofemError):
-    """The energy of a run grew beyond what its loads can have done, or a state became non-finite."""
+    """The energy of a run grew by more than the work of its loads, or a state became infinite or NaN."""
 
 
 class LimitLoadError(VofemError):
-    """A load reached what a spring that softens can carry: beyond it there is no equilibrium.
+    """A load reached the limit load of a softening spring, beyond which there is no equilibrium.
 
     Attributes
     ----------
     load : float
-        In N.
+        The load in N.
     time : float
-        In s; of a quasi-static path the load factor.
+        Time in s; on a quasi-static path the load factor.
     limit : float
-        In N.
+        The limit load in N.
     """
 
     def __init__(self, message: str, load: float, time: float, limit: float) -> None:
@@ -68,7 +72,7 @@ class LimitLoadError(VofemError):
 
 
 class EventStormError(VofemError):
-    """More contact events than the run was allowed to treat."""
+    """A run had more contact events than ``max_events``."""
 
 
 class ExecutorError(VofemError):
@@ -80,23 +84,23 @@ class OutputError(VofemError, OSError):
 
 
 class StorageError(VofemError, ValueError):
-    """A file is no saved run, or a damaged one, or of a newer vofem; the message says which and what to do."""
+    """A file is not a saved run, is damaged, or is of a newer vofem; the message says which, and what to do."""
 
 
 class MissingCallableError(VofemError):
-    """Something that was read from a file needs a Python callable, which no file holds; the message names it."""
+    """An object that was read from a file needs a Python function, which files cannot hold; the message names it."""
 
 
 class SceneFileError(VofemError, ValueError):
-    """A scene file, or a scene to be written to one, has problems; all of them are listed, one a line.
+    """A scene file, or a scene that is to be written to one, has faults. The message lists all of them.
 
     Attributes
     ----------
     source : str
-        The file, or what was to be written.
+        Name of the file, or of the scene that was to be written.
     problems : tuple of (str, str)
-        The path of the key, such as ``"contact[2].stiffness"``, and what is
-        wrong. The path is empty where the file as a whole is meant.
+        Pairs of the path of a key, such as ``"contact[2].stiffness"``, and what is
+        wrong with it. The path is empty for faults of the whole file.
     """
 
     def __init__(self, source: str, problems: Iterable[tuple[str, str]]) -> None:

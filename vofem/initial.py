@@ -1,4 +1,4 @@
-"""What bodies start from: numbers and fields, or the state in which an earlier outcome ends."""
+"""Initial states of bodies: numbers, fields along beams, or the state at the end of an earlier outcome."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class StateSource(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class StoredState:
-    """A state by names, as the degrees of freedom of every body: what a start keeps of an earlier outcome.
+    """The state at the end of an earlier outcome: the degrees of freedom of every body, by name.
 
     Attributes
     ----------
@@ -65,12 +65,12 @@ class StoredState:
 
 
 def state_alone(source: Any) -> Any:
-    """Return the state that an outcome ends with, without the outcome; anything else as it is."""
+    """Return the state at the end of an outcome; return anything else unchanged."""
     return source.as_start() if hasattr(source, "as_start") else source
 
 
 class Initial:
-    """What the bodies of a scene start from, checked.
+    """The initial state of the bodies of a scene, checked.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ class Initial:
     Attributes
     ----------
     given : dict, StoredState or None
-        As it was given, but of outcomes only the state.
+        As it was given; of an outcome only the state is kept.
     """
 
     def __init__(self, what: str, bodies: Iterable[Body], given: Any, *, by_name: bool = False) -> None:
@@ -137,7 +137,7 @@ class Initial:
         return gathered_past(model.system.laws, known)
 
     def forgotten(self, model: Model, effects: Iterable[Effect]) -> tuple[str, ...]:
-        """Return the names of springpots whose past in the run that is started from is not carried on."""
+        """Return the names of springpots whose past in an earlier run is not carried on."""
         springpots = model.system.group(SpringpotLaws)
         if springpots is None or self.given is None:
             return ()

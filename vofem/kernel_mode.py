@@ -1,8 +1,8 @@
-"""How numerical kernels run where the program stands: as compiled code or as plain Python.
+"""Whether numerical kernels run as compiled code or as plain Python.
 
-It is decided once, at the start of a run or of another piece of work, and holds
-for all that belongs to it: results of both ways agree to rounding, not to the
-last bit. Work that nobody has decided for is compiled. The environment variable
+This is decided once, at the start of a run or of another piece of work, and holds
+for all of it, because results of both ways agree to rounding and not to the last
+bit. Without a decision kernels are compiled. The environment variable
 ``VOFEM_COMPILED`` decides for a whole process: 1 for compiled code, 0 for plain Python.
 """
 

@@ -1,7 +1,7 @@
-"""Where runs and branches are kept: what results and simulations ask of a store, and which one they find.
+"""The interface to the store of runs and branches, and the choice of that store.
 
-Results, simulations and studies know no file format. `vofem/__init__.py`, which stands
-above all rooms, names the store; it is opened when something is to be kept.
+Results, simulations and studies know no file format. `vofem/__init__.py` names the
+store. It is imported when something is to be saved.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class KeepSnapshots(Protocol):
 
 @dataclass(frozen=True)
 class Store:
-    """What keeps runs.
+    """Functions that save runs, snapshots and branches.
 
     Attributes
     ----------

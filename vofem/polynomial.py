@@ -1,4 +1,4 @@
-"""Polynomials in x: coefficients and initial fields that a scene file can hold, unlike any other callable."""
+"""Polynomials in x, for coefficients and initial fields. Unlike other callables they can be written to scene files."""
 
 from __future__ import annotations
 

@@ -1,8 +1,9 @@
-"""What a run returns: data, counters, events and energies. Plotting lives elsewhere."""
+"""The result of a run: histories, counters, events and energies. Plots are in `vofem.io.plot`."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import Named
 from vofem.assembly import Model
+from vofem.effects.two_points import units_of
 from vofem.errors import ArgumentError
 from vofem.histories import (
     ContactHistory,
@@ -20,9 +22,11 @@ from vofem.histories import (
     ProbeHistory,
     Reaction,
     SpringHistory,
+    Table,
     joint_force_of,
     reaction_of,
 )
+from vofem.histories.tables import dataframe_of, dataset_of, events_of, impacts_of, statistics_of
 from vofem.initial import StoredState
 from vofem.integrators.base import ContactSamples, ProbeSamples, Sensitivity, Solution, Truncation
 from vofem.integrators.registry import advice
@@ -37,29 +41,31 @@ Array = NDArray[np.float64]
 class Result(Motion):
     """The outcome of `vofem.simulate`.
 
-    Quantities are computed when first read. All arrays over time follow
-    `times`; methods that take t accept other times too: any with
-    ``event_driven``, those between neighbouring steps with a stepping method.
+    Quantities are computed when they are first read. All arrays over time belong
+    to `times`. Methods with an argument t accept other times within the run too.
+    For ``event_driven`` the values there are exact. For a stepping method they
+    are interpolated between neighbouring steps.
 
     Attributes
     ----------
     scene : Scene
+        The scene that was simulated.
     method : str
-        The integrator that ran.
+        Name of the method that ran.
     times : ndarray, shape (n_times,)
-        In s; t = 0 first where they were not asked for.
+        Times in s at which results are stored.
     counters : Counters
         Work done by the run.
     notes : list of str
-        What a user should know.
+        Sentences about the run that a user should read. The list is empty if there is nothing to say.
     recorded : ProbeSamples, optional
-        What ``probes=`` of `vofem.simulate` asked for.
+        Histories of the points that were named by ``probes=`` of `vofem.simulate`.
     t_start : float
-        Time of the loads at which the run began, s; `times` count from there.
+        Time of the loads in s at which the run began. `times` count from there.
     start : State, optional
-        What the run began with instead of the scene's own initial state.
+        State with which the run began, if it was not the scene's own initial state.
     compiled : bool
-        Whether kernels ran as machine code, or as plain Python; see `vofem.simulate`.
+        Whether kernels ran as machine code (True) or as plain Python; see `vofem.simulate`.
     """
 
     def __init__(
@@ -117,21 +123,23 @@ class Result(Motion):
         laws = self.model.system.contacts
         if laws is None:
             return Named({})
-        return Named({name: ContactHistory(self, laws, j) for j, name in enumerate(laws.names)})
+        effects = self.scene.effects
+        histories = [ContactHistory(self, laws, j, units_of(effects, name)) for j, name in enumerate(laws.names)]
+        return Named({history.name: history for history in histories})
 
     @cached_property
     def springs(self) -> Named[SpringHistory]:
-        """Histories of hysteretic springs and of springpots by name; empty where the scene has none."""
+        """Histories of hysteretic springs and springpots by name; empty if the scene has none."""
         names = [name for group in self.model.system.recorded for name in group.names]
         return Named({name: SpringHistory(self, j) for j, name in enumerate(names)}, "hysteretic spring")
 
     def spring_state(self, name: str) -> Array | None:
-        """Return the state of a hysteretic spring at the last time, with which another scene can start, or None."""
+        """Return the internal variables of a hysteretic spring at the last time, or None if there are none."""
         springs = self.solution.springs
         return None if springs is None else past_of(self.model.system.laws, springs.past, name)
 
     def as_start(self) -> StoredState:
-        """Return the state at the last time, with which another run can start, without the run."""
+        """Return the state at the last time, with which another run can start, without keeping this run in memory."""
         states = {body.name: self.state_of(body.name) for body in self.scene.bodies}
         system = self.model.system
         known = {name: self.spring_state(name) for group in system.recorded for name in group.names}
@@ -141,7 +149,7 @@ class Result(Motion):
 
     @cached_property
     def probes(self) -> Named[ProbeHistory]:
-        """Points of ``simulate(..., probes=)`` by name or as points; empty where none were asked for."""
+        """Histories of the points of ``simulate(..., probes=)``, by name or by point; empty if none were asked for."""
         record = self.recorded
         parts = () if record is None else zip(record.names, record.q, record.v, record.a, strict=True)
         histories = [ProbeHistory(name, record.times, *motion) for name, *motion in parts] if record else []
@@ -150,27 +158,31 @@ class Result(Motion):
     # -- reactions, energies, what the method tells -----------------------------------------------
 
     def reaction(self, body: Any, where: Any, t: ArrayLike | None = None) -> Reaction:
-        """Return what a support does to a body at `times`, or at times t.
+        """Return the force and the moment of a support on a body at `times`, or at times t.
 
-        It is what the equations of motion of the supported degrees of freedom
-        leave over, inertia and damping included.
+        They follow from the equations of motion of the supported degrees of
+        freedom, with inertia and damping.
 
         Parameters
         ----------
         body : Body or str
+            The body, or its name.
         where : "left", "right" or x
             The place of a support.
         """
         return reaction_of(self, self._body(body), where, t, self._at(t))
 
     def joint_force(self, joint: Any, t: ArrayLike | None = None) -> Reaction:
-        """Return what a joint does to the body of its point a at `times`, or at times t; to b it does the opposite.
+        """Return the force and the moment of a joint on the body of its point a, at `times` or at times t.
+
+        On the body of b act the opposite force and moment.
 
         Parameters
         ----------
         joint : Joint or str
+            The joint, or its name.
         t : array_like, optional
-            In s.
+            Times in s.
 
         Returns
         -------
@@ -193,7 +205,7 @@ class Result(Motion):
 
     @property
     def sensitivity(self) -> Sensitivity:
-        """How a perturbation grows along the run, of event_driven: `times`, `growth`, `horizon(tolerance)`.
+        """How a small perturbation grows along an event_driven run: `times`, `growth`, `horizon(tolerance)`.
 
         Raises
         ------
@@ -207,8 +219,87 @@ class Result(Motion):
 
     @property
     def truncation(self) -> Truncation | None:
-        """What an event_driven run in Ritz vectors left out: `vectors`, `error`, `rounding`; None for all modes."""
+        """The number of Ritz vectors of an event_driven run and its estimated errors; None if all modes were used."""
         return self.solution.truncation
+
+    # -- tables -----------------------------------------------------------------------------------
+
+    def to_dataframe(self, points: Mapping[str, Any] | Iterable[Any] | None = None) -> Any:
+        """Return histories as a `pandas.DataFrame`, one row a time of `times`, with units in the names of the columns.
+
+        The columns are displacement and velocity of points, force and K_eq of contacts, and energies.
+
+        Parameters
+        ----------
+        points : dict of str to point, or points, optional
+            Where not given, those of the contacts, or of other effects where there are none; at most six.
+
+        Raises
+        ------
+        MissingPackageError
+            If pandas is not installed; it comes with the extra ``vofem[table]``.
+        ArgumentError
+            For what is not a point.
+        """
+        return dataframe_of(self, points)
+
+    def to_xarray(self, points: Mapping[str, Any] | Iterable[Any] | None = None) -> Any:
+        """Return histories as an `xarray.Dataset` over time, point and contact, with units as attributes.
+
+        Its variables are displacement, velocity and acceleration of points; force, stiffness (K_eq), gap function and
+        closed state of contacts; and energies.
+
+        Parameters
+        ----------
+        points
+            As of `to_dataframe`.
+
+        Raises
+        ------
+        MissingPackageError
+            If xarray is not installed; it comes with the extra ``vofem[table]``.
+        ArgumentError
+            For what is not a point.
+        """
+        return dataset_of(self, points)
+
+    def contact_events(self) -> Table:
+        """Return all contact events in the order of time as a table: time in s, contact, and what it does."""
+        return events_of(self)
+
+    def impacts(self, window: ArrayLike | None = None) -> Table:
+        """Return the impacts of all contacts in the order of time as a table.
+
+        The columns are those of `Impacts`, which ``contacts[...].impacts`` gives for one contact.
+
+        Parameters
+        ----------
+        window : (float, float), optional
+            Only those that begin between two times in s.
+
+        Raises
+        ------
+        ArgumentError
+            If the window does not lie within the run.
+        """
+        return impacts_of(self, window)
+
+    def contact_statistics(self, window: ArrayLike | None = None) -> Table:
+        """Return the statistics of all contacts as a table, one contact a row.
+
+        The columns are those of `ContactStatistics`, which ``contacts[...].statistics(...)`` gives for one contact.
+
+        Parameters
+        ----------
+        window : (float, float), optional
+            Begin and end in s; the whole run where not given.
+
+        Raises
+        ------
+        ArgumentError
+            If the window does not lie within the run.
+        """
+        return statistics_of(self, window)
 
     # -- files ------------------------------------------------------------------------------------
 
@@ -217,18 +308,19 @@ class Result(Motion):
     ) -> Path:
         """Write the run to one file, for ParaView, for xarray, and for `vofem.load`, which gives it back whole.
 
-        The file appears whole or not at all: it is written under a hidden name
-        in the same folder, forced to disk, and renamed.
+        The file is written under a hidden name in the same folder, forced to disk
+        and then renamed. So there is never an incomplete file of that name.
 
         Parameters
         ----------
         path : path
-            Ends in .vtkhdf (or .h5, .hdf).
+            Name of the file; it ends in .vtkhdf (or .h5, .hdf).
         overwrite : bool
             Whether a file of that name is replaced.
         frames : int or array_like, optional
-            How many of the run's times, or which times in s, become frames for
-            ParaView; 1000 where there are more. All else is kept at all `times`.
+            Frames for ParaView: how many of the run's times, or which times in s.
+            The default is all times, but at most 1000. Everything else is stored
+            at all `times`.
 
         Returns
         -------
@@ -238,8 +330,8 @@ class Result(Motion):
         Raises
         ------
         ArgumentError
-            For another suffix, frames outside the run, or things of other
-            packages in the scene that have no form in a file.
+            For another suffix, for frames outside the run, or if the scene holds
+            objects of other packages that cannot be stored.
         OutputError
             If the file exists and is not to be overwritten, or cannot be
             written. What was there stays as it was.

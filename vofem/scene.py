@@ -1,4 +1,4 @@
-"""A scene: bodies, effects and an initial state. It compiles to a System with nothing that was not declared."""
+"""A scene: bodies, effects and an initial state. Only what is declared becomes part of the system of equations."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from vofem.effects.base_motion import BaseMotion
 from vofem.effects.contact import Contact
 from vofem.errors import ArgumentError, VofemError
 from vofem.initial import Initial, StateSource
+from vofem.sharing import share_with_recent
 from vofem.system import State
 
 #: Threads that run one scene compile it once. A scene holds no lock of its own, so that it can be copied and pickled.
@@ -30,26 +31,28 @@ def as_scene(what: str, value: Any) -> Scene:
 
 
 class Scene:
-    """What is simulated.
+    """Bodies, the effects that act on them, and their initial state.
 
     Parameters
     ----------
     bodies : iterable of Beam and Mass
+        The bodies.
     effects : iterable of effects
-        Contacts, attachments, loads, damping. All their points must lie on
-        bodies of the scene.
+        Contacts, springs, dashpots, joints, loads, damping. All their points must
+        lie on bodies of the scene.
     initial : dict or outcome, optional
-        ``{body: (displacement, velocity)}``: numbers for a mass, callables of
-        an array x (of any shape) for a beam. Zero where silent. The outcome of
-        `vofem.equilibrium` or of an earlier run, of bodies with the same names,
-        serves for all bodies, or for one: ``{beam: outcome}``. Hysteretic
-        springs of the same names keep their internal variables, springpots start without a history.
+        A dict ``{body: (displacement, velocity)}`` with numbers for a mass, and
+        with callables of an array x, or numbers, for a beam. Bodies that are not
+        named start from zero. The outcome of `vofem.equilibrium` or of an earlier
+        run gives the state of all bodies with the same names, or of one body:
+        ``{beam: outcome}``. Hysteretic springs of the same names keep their
+        internal variables. Springpots start without a past.
 
     Raises
     ------
     ArgumentError
-        For an unknown thing, a name used twice, a point on a body that is not
-        in the scene.
+        For something that is neither body nor effect, a name that is used twice,
+        or a point on a body that is not in the scene.
     """
 
     def __init__(
@@ -122,7 +125,7 @@ class Scene:
 
     @property
     def model(self) -> Model:
-        """The scene compiled: assembled once, when first needed."""
+        """The assembled scene. It is assembled once, when it is first needed."""
         if self._model is None:
             with _COMPILING:
                 self._model = self._model or self._compiled()
@@ -132,19 +135,21 @@ class Scene:
         builder = SystemBuilder(self.bodies)
         for effect in self.effects:
             effect.compile(builder)
-        return builder.build()
+        model = builder.build()
+        share_with_recent(model.system)
+        return model
 
     def compiled_as(self, model: Model) -> Scene:
-        """Return the same scene with a model that was compiled before, or with other equations in place of its own."""
+        """Return the same scene with a given model in place of its own."""
         same = copy.copy(self)
         same._model = model
         return same
 
     def replace(self, effect: Any, other: Any = None, /, **changes: Any) -> Scene:
-        """Return the same scene with one effect replaced; what does not depend on it is not computed again.
+        """Return the same scene with one effect replaced. What does not depend on it is not computed again.
 
-        Where the new scene differs in numbers only, such as a gap, a stiffness of a contact or the function of a load,
-        runs of both share vibration modes, and eigensystems of contact statuses where these are the same::
+        If the new scene differs only in numbers, such as a gap, the stiffness of a contact or the function of a load,
+        runs of both scenes share vibration modes. They also share eigensystems of contact statuses that are equal::
 
             for gap in np.linspace(0.01, 0.03, 100):
                 result = vf.simulate(scene.replace(stop, gap=gap), 20.0)
@@ -152,11 +157,11 @@ class Scene:
         Parameters
         ----------
         effect : effect or str
-            One of the scene, itself or by its name.
+            An effect of the scene, or its name.
         other : effect, optional
-            What takes its place. Without it a copy does.
+            The effect that takes its place. Without it a copy with changed arguments does.
         **changes
-            Arguments of the copy's constructor that differ.
+            Arguments of the effect's constructor that change.
 
         Raises
         ------
@@ -191,7 +196,7 @@ class Scene:
 
     @property
     def initial(self) -> Any:
-        """What bodies start from, as it was given; of earlier outcomes the state that they end with."""
+        """The initial state as it was given; for an earlier run or an equilibrium, the state at its end."""
         return self._initial.given
 
     def initial_state(self, initial: Initial | None = None) -> State:
@@ -200,12 +205,12 @@ class Scene:
         Parameters
         ----------
         initial : Initial, optional
-            What bodies start from instead.
+            Another initial state.
         """
         return (initial or self._initial).state(self.model, self.effects)
 
     def forgotten(self, initial: Initial | None = None) -> tuple[str, ...]:
-        """Return the names of springpots whose past in the run that is started from is not carried on."""
+        """Return the names of springpots whose past in an earlier run is not carried on into this one."""
         return (initial or self._initial).forgotten(self.model, self.effects)
 
 

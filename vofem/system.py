@@ -1,4 +1,4 @@
-"""What an integrator sees: matrices, load vectors and scalar laws on rows. It knows of nothing else."""
+"""The equations of motion as integrators see them: matrices, load vectors, and scalar laws on rows."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Load:
 class System:
     """``M q'' + C q' + K q = sum_l F_l f_l(t) - sum_j b_j R_j(b_j.q, b_j.q')`` over the free degrees of freedom.
 
-    What a scene does not declare is None or empty here, never a zero matrix.
+    Parts that the scene does not declare are None or empty, and never zero matrices.
 
     Attributes
     ----------
@@ -135,10 +135,11 @@ class System:
         """Return whether the contacts act at the same places as those of another system, or both have none."""
         return _equal(*(None if one.contacts is None else one.contacts.rows for one in (self, other)))
 
-    def share_what_is_equal(self, other: System) -> None:
+    def share_what_is_equal(self, other: System) -> bool:
         """Use of another system's cache what depends on equal things alone; for systems that nobody has run yet.
 
         Modes depend on matrices, rows and load vectors, those with contacts closed on the contacts' stiffness too.
+        Returns whether anything is shared.
         """
         if not (
             self.has_matrices_of(other)
@@ -146,13 +147,13 @@ class System:
             and [type(group) for group in self.laws] == [type(group) for group in other.laws]
             and all(_equal(a.rows, b.rows) for a, b in zip(self.laws, other.laws, strict=True))
         ):
-            return
+            return False
         mine, theirs = self.contacts, other.contacts
         if all(group is mine for group in self.laws) and (
             mine is None or theirs is None or np.array_equal(mine.numbers(), theirs.numbers())
         ):
             self.share(other)
-            return
+            return True
         kinds = [
             "modal space",
             "magnitudes of contact rows",
@@ -163,6 +164,7 @@ class System:
         if mine is not None and theirs is not None and np.array_equal(mine.stiffness, theirs.stiffness):
             kinds += ["closed modes", "refined modes"]
         self.cache.adopt(kinds, other.cache)
+        return True
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != "_cache"}
@@ -258,7 +260,11 @@ def _equal(one: Any, two: Any) -> bool:
     """Return whether two sparse matrices, each of which may be missing, are the same to the last bit."""
     if one is None or two is None:
         return one is two
-    return one.shape == two.shape and (one != two).nnz == 0
+    if one.shape != two.shape:
+        return False
+    if one.format == two.format and np.array_equal(one.indptr, two.indptr) and np.array_equal(one.indices, two.indices):
+        return bool(np.array_equal(one.data, two.data))
+    return (one != two).nnz == 0
 
 
 @dataclass(frozen=True)
@@ -272,11 +278,11 @@ class State:
 
 @dataclass
 class Counters:
-    """Work done by a run. What a scene does not call for stays exactly zero.
+    """Counts of the work done by a run. Counts of effects that the scene does not contain are exactly zero.
 
     Work that is done once for a scene, such as eigenvalue problems and
-    factorisations, is counted in the run that did it: runs that follow on the
-    same scene find it done, and count none.
+    factorisations, is counted in the run that did it. Later runs of the same
+    scene reuse it and count zero.
 
     Attributes
     ----------
@@ -291,7 +297,7 @@ class Counters:
     eigensolves : int
         Full eigenvalue problems.
     rank_one_updates : int
-        Eigensystems gained from another one by closing one contact.
+        Eigensystems that were computed from another one by closing one contact.
     statuses : int
         Distinct sets of closed contacts that were visited.
     load_evaluations : int
@@ -303,13 +309,13 @@ class Counters:
     law_evaluations : int
         Evaluations of nonlinear springs.
     memory_updates : int
-        Hysteretic springs, times the steps over which their past was carried on.
+        Number of hysteretic springs times the number of steps that updated their internal variables.
     history_terms : int
-        Numbers in which all springpots keep their past; they grow like the logarithm of the number of steps.
+        Count of the numbers that describe the past of all springpots. It grows like the logarithm of the steps.
     history_updates : int
-        Springpots, times the steps over which their past was carried on.
+        Number of springpots times the number of steps that updated their past.
     rejected : int
-        Steps that were tried and taken back.
+        Steps that were tried and rejected.
     """
 
     steps: int = 0

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem._validate import nearest
+from vofem._validate import nearest, whole
 from vofem.assembly import Model
 from vofem.bodies.base import Body
 from vofem.bodies.beam import Beam
@@ -23,12 +23,12 @@ _DENSE = 1500
 
 
 class Modes:
-    """Undamped vibration modes in ascending order, rigid ones first.
+    """Undamped vibration modes in ascending order of frequency; rigid motions come first.
 
     Attributes
     ----------
     omega : ndarray, shape (count,)
-        In rad/s; exactly 0 for rigid motions.
+        Angular frequencies in rad/s; exactly 0 for rigid motions.
     """
 
     def __init__(self, model: Model, omega: Array, shapes: Array) -> None:
@@ -42,19 +42,20 @@ class Modes:
 
     @property
     def frequencies(self) -> Array:
-        """In Hz, shape (count,)."""
+        """Frequencies in Hz, shape (count,)."""
         return self.omega / (2.0 * np.pi)
 
     def shape(self, k: int, x: ArrayLike | None = None, body: Any = None) -> Array:
-        """Return the k-th mode shape (from 0), of unit modal mass.
+        """Return the shape of a mode, scaled to unit modal mass.
 
         Parameters
         ----------
         k : int
+            Number of the mode, counted from 0.
         x : array_like, optional
-            Points along a beam in m; not for a mass.
+            Places along a beam in m. It has no meaning for a mass.
         body : Beam or Mass, optional
-            Needed where the scene has several bodies.
+            The body. It must be given if the scene has several.
 
         Returns
         -------
@@ -85,13 +86,15 @@ class Modes:
 def modes(scene: Scene, count: int = 6, closed: Sequence[Any] = ()) -> Modes:
     """Return the lowest vibration modes, undamped, with the named contacts closed.
 
-    Dampers and springpots are left out, though a springpot stiffens what moves fast.
+    Dampers and springpots are left out. In motion a springpot also stiffens the
+    structure, the more the faster it moves.
 
     Parameters
     ----------
     scene : Scene
+        The scene.
     count : int
-        How many; fewer are returned where the system has fewer.
+        Number of modes. Fewer are returned if the system has fewer.
     closed : sequence of str or Contact
         Contacts that act as linear springs; all others are open.
 
@@ -103,8 +106,7 @@ def modes(scene: Scene, count: int = 6, closed: Sequence[Any] = ()) -> Modes:
     from vofem.linalg.eigen import modal_basis
     from vofem.linalg.null_space import null_space
 
-    if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 1:
-        raise ArgumentError(f"modes: count is {count!r}, expected a positive whole number")
+    count = whole("modes: count", count)
     system = as_scene("modes", scene).model.system
     stiffness, rigid, strain = system.stiffness, system.rigid, system.strain
     for group in system.laws:

@@ -1,6 +1,7 @@
-"""Where bodies and effects are gathered into one System.
+"""Assembly: the contributions of bodies and effects are gathered into one System.
 
-Effects call the ``add_*`` methods; what none of them calls is never built.
+Effects call the ``add_*`` methods of `SystemBuilder`. Parts that no effect asks
+for are never built.
 """
 
 from vofem.assembly.builder import SystemBuilder

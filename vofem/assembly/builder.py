@@ -1,4 +1,4 @@
-"""Collects what bodies and effects contribute, and builds the System of it."""
+"""Collects the contributions of bodies and effects, and builds the System."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class SystemBuilder:
-    """Collects what bodies and effects contribute.
+    """Collects the contributions of bodies and effects.
 
     Parameters
     ----------

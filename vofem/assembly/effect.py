@@ -1,4 +1,4 @@
-"""What an effect offers."""
+"""The protocol of effects."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class Effect(Protocol):
     """Something that acts on bodies. Effects compare and hash by identity."""
 
     def compile(self, builder: SystemBuilder) -> None:
-        """Add to the system what the effect is, by the builder's ``add_*`` methods."""
+        """Add the contributions of the effect to the system, by the ``add_*`` methods of the builder."""
 
     def points(self) -> tuple[Point, ...]:
         """Return the points that the effect touches; their bodies must be in the scene."""

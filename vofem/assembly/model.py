@@ -1,4 +1,4 @@
-"""A System and the way back to the bodies."""
+"""A System, and the relation of its unknowns to the degrees of freedom of the bodies."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _SAME, _FAR = 1e-12, (1e-2, 5e-2)
 
 @dataclass(frozen=True)
 class Model:
-    """A System and the way back to the bodies.
+    """A System, and the relation of its unknowns to the degrees of freedom of the bodies.
 
     Attributes
     ----------
@@ -127,7 +127,7 @@ class Model:
         return np.asarray(spsolve(self.system.mass.tocsc(), chosen.T @ (self.mass @ full)))
 
     def of_body(self, body: Body, q: Array) -> Array:
-        """Return one body's values, shape (body.size, ...), out of free values (n, ...)."""
+        """Return the values of one body, shape (body.size, ...), from free values (n, ...)."""
         start = self.offsets[body]
         if self.transform is not None:
             return np.asarray(self.transform[start : start + body.size][:, self.free] @ q)

@@ -1,4 +1,4 @@
-"""Strains of bodies and of what is attached to them, and the motions that strain nothing."""
+"""Strains of bodies and attachments, and the rigid motions, which cause no strain."""
 
 from __future__ import annotations
 
@@ -67,10 +67,11 @@ def rigid_motions(
     supported: IntArray,
     size: int,
 ) -> Array:
-    """Return a basis, shape (N, r), of the motions that strain nothing and violate no support and no joint.
+    """Return a basis, shape (N, r), of the rigid motions that supports and joints permit.
 
-    They are sought among the rigid motions of the bodies, a problem of a
-    few unknowns: the large matrices cannot tell a soft body from a free one.
+    They are found among the rigid motions of the bodies, which is a problem of a
+    few unknowns. With the large matrices a soft body could not be distinguished
+    from a free one.
     """
     blocks: list[tuple[int, Array]] = []
     for body, start in offsets.items():

@@ -1,4 +1,4 @@
-"""The unknowns of a System among all degrees of freedom: what supports and joints leave over."""
+"""The unknowns of a System: the degrees of freedom that neither supports nor joints eliminate."""
 
 from __future__ import annotations
 

@@ -21,6 +21,7 @@ from vofem.bodies.initial_field import project
 from vofem.bodies.mesh import LineMesh
 from vofem.bodies.supports import SUPPORTS, supported_nodes
 from vofem.errors import ArgumentError
+from vofem.sharing import recent
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -35,37 +36,37 @@ __all__ = ["SUPPORTS", "Beam", "BeamPoint"]
 class Beam:
     """A straight Euler-Bernoulli beam: ``rhoA eta_tt + (EI eta'')'' - (T eta')' = p``.
 
-    Degrees of freedom are the displacement eta (m, positive upward) and the
-    slope d(eta)/dx of every node, interleaved along the axis. Element matrices
-    are Eq. 19 of the paper for constant coefficients, with the slope positive
-    as the derivative of eta.
+    The degrees of freedom of every node are the displacement eta in m, positive
+    upward, and the slope d(eta)/dx. For constant EI and rhoA the element matrices
+    are those of Eq. 19 of the paper, with the slope as the derivative of eta.
 
     Parameters
     ----------
     length : float
-        In m.
+        Length in m.
     EI : float, callable of x, array_like of shape (n_elements,) or dict
-        Bending stiffness in N m^2; positive. A callable is given an array of x.
-        A dict gives a number for every named subdomain of a mesh.
+        Bending stiffness in N m^2, positive: a number, a callable of an array x,
+        one number for each element, or a dict with a number for every named
+        subdomain of a mesh.
     rhoA : float, callable of x, array_like of shape (n_elements,) or dict
-        Mass per length in kg/m; positive.
+        Mass per length in kg/m, positive, given like EI.
     elements : int or array_like
-        The number of equal elements, or the x of all nodes, increasing, with
-        ``x[-1] - x[0]`` equal to `length`. With a number, x runs from 0. For a
-        mesh file use `Beam.from_mesh`.
+        The number of equal elements, with x from 0; or the increasing x of all
+        nodes in m, with ``x[-1] - x[0]`` equal to `length`. `Beam.from_mesh` reads
+        a mesh file.
     supports : dict
         Maps "left", "right", a named point of a mesh or the x of a node to
         "clamped" (eta = eta' = 0), "pinned" (eta = 0) or "guided" (eta' = 0).
-        Empty: a free beam.
+        Without supports the beam is free.
     tension : float
-        Axial force in N, positive in tension, constant in time.
+        Axial force in N, constant in time, positive in tension.
     name : str, optional
-        Unique in a scene; automatic where none is given.
+        Unique in a scene. Without it a name is chosen.
 
     Raises
     ------
     ArgumentError
-        For lengths, coefficients, nodes or supports that make no beam.
+        For a length, a coefficient, nodes or supports that are not valid.
 
     Notes
     -----
@@ -107,17 +108,17 @@ class Beam:
     ) -> Beam:
         """Return a beam on the nodes of a mesh file.
 
-        The file holds one straight, open chain of two-node lines, its nodes in
-        any order; lines of higher order are refused, as the Hermite element
-        needs end nodes only. The left end is the one with the smaller x; where
-        these agree the smaller y, then z. An axis along x keeps the x of the
-        file; on any other, in the plane or in space, x is the arc length from
-        the left end, from 0.
+        The file holds one straight, open chain of two-node lines; the nodes may
+        be in any order. Lines of higher order are refused, because the Hermite
+        element needs end nodes only. The left end is the one with the smaller x;
+        if these are equal, the smaller y, then z. A beam along the x axis keeps
+        the x of the file. For any other direction x is the distance from the
+        left end.
 
-        Named sets of nodes serve in `supports` (all nodes of the set) and
-        `at` (a set of one node), named sets of elements in `EI` and `rhoA` as
-        dicts such as ``{"thick": 2.0, "thin": 1.0}``, which together must give
-        every element one value. "left" and "right" are always the ends.
+        Names of sets of nodes can be used in `supports` (for all nodes of the set)
+        and in `at` (for a set of one node). Names of sets of elements can be used
+        in dicts for `EI` and `rhoA`, such as ``{"thick": 2.0, "thin": 1.0}``; each
+        element must get one value. "left" and "right" are always the ends.
 
         =========  =====================================================================
         file       names come from
@@ -131,7 +132,7 @@ class Beam:
         Parameters
         ----------
         path : str or path
-            With the extension .msh, .vtu or .med; lengths in m.
+            A file that ends in .msh, .vtu or .med, with lengths in m.
         EI, rhoA, supports, tension, name
             As for `Beam`.
 
@@ -192,7 +193,7 @@ class Beam:
 
     @property
     def element_lengths(self) -> Array:
-        """In m, shape (n_elements,)."""
+        """Lengths of the elements in m, shape (n_elements,)."""
         return self._axis.element_lengths
 
     @property
@@ -261,7 +262,15 @@ class Beam:
 
     @cached_property
     def _matrices(self) -> BodyMatrices:
-        return beam_matrices(self._axis, self._EI, self._rhoA, self.tension, self.supports)
+        def make() -> BodyMatrices:
+            return beam_matrices(self._axis, self._EI, self._rhoA, self.tension, self.supports)
+
+        if callable(self._EI.value) or callable(self._rhoA.value):
+            return make()
+        axis = self._axis
+        numbers = (axis.origin, axis.arc, axis.element_lengths, self._EI.value, self._rhoA.value, self.tension)
+        key = tuple(np.asarray(value, dtype=float).tobytes() for value in numbers)
+        return recent(("beam", *key, tuple(sorted(self.supports.items()))), make)
 
     def matrices(self) -> BodyMatrices:
         """Return mass and stiffness over all nodes, and the supported degrees of freedom."""

@@ -18,18 +18,18 @@ _BLOCK = Shape("block", np.zeros(1), np.ones((1, 1)))
 class Mass:
     """A mass on a spring and a dashpot to ground: ``m u'' + c u' + k u = f``.
 
-    It is a body with one degree of freedom, and a point itself.
+    It is a body with one degree of freedom. Where a point is asked for, the mass itself is given.
 
     Parameters
     ----------
     mass : float
-        In kg, positive.
+        Mass in kg, positive.
     stiffness : float
-        Of the spring to ground, N/m.
+        Stiffness of the spring to ground in N/m. With 0 there is no spring.
     damping : float
-        Of the dashpot to ground, N s/m.
+        Damping of the dashpot to ground in N s/m. With 0 there is no dashpot.
     name : str, optional
-        Unique in a scene; automatic where none is given.
+        Unique in a scene. Without it a name is chosen.
 
     Raises
     ------
@@ -65,7 +65,7 @@ class Mass:
 
     @property
     def degrees_of_freedom(self) -> DegreesOfFreedom:
-        """One displacement, at no place."""
+        """One displacement; a mass has no place along an axis."""
         return _FREEDOM
 
     @property
@@ -82,7 +82,7 @@ class Mass:
         return self.row()
 
     def supported_at(self, where: Any) -> IntArray:
-        """Refuse: no support holds a mass."""
+        """Raise an error, because a mass has no supports."""
         raise ArgumentError(f"{self.label} has no supports; it rests on its spring and on effects")
 
     def matrices(self) -> BodyMatrices:
@@ -100,7 +100,7 @@ class Mass:
         return Row(np.zeros(1, dtype=np.int64), np.ones(1))
 
     def slope_row(self) -> Row:
-        """Refuse: a mass has no slope."""
+        """Raise an error, because a mass has no slope."""
         raise ArgumentError(f"Mass {self.name!r} has no slope; moments and rotational springs need a beam")
 
     def strain_rows(self) -> Array:

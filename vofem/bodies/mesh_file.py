@@ -21,6 +21,7 @@ import numpy as np
 
 from vofem.bodies.base import Array, IntArray
 from vofem.bodies.mesh import LineMesh, chain
+from vofem.bodies.mesh_size import check_content, check_size
 from vofem.errors import ArgumentError, MeshError
 
 #: Extension to meshio's name of the format. Others are refused: nothing tests them.
@@ -85,7 +86,7 @@ def _add(sets: dict[str, IntArray], name: str, members: IntArray) -> None:
 def _read(source: str, file: Path) -> Any:
     try:
         exists, regular = file.exists(), file.is_file()
-        empty = regular and file.stat().st_size == 0
+        size = file.stat().st_size if regular else 0
     except (OSError, ValueError) as error:
         raise MeshError(f"{source} cannot be read: {error}") from error
     if not exists:
@@ -98,10 +99,15 @@ def _read(source: str, file: Path) -> Any:
             f"{source} has the extension {file.suffix!r}, expected {', '.join(FORMATS)}; "
             "`meshio convert` turns other formats into these"
         )
-    if empty:
+    if size == 0:
         raise MeshError(f"{source} is empty; the program that wrote it may have failed or not ended")
+    check_size(source, size)
     if kind == "gmsh":
         _check_gmsh(source, file)
+    try:
+        check_content(source, file, kind)
+    except OSError as error:
+        raise MeshError(f"{source} cannot be read: {error}") from error
     printed = io.StringIO()
     with (
         _OUTPUT,

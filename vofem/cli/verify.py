@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from vofem.cli.common import FAULT, FINE, Commands
@@ -17,7 +19,9 @@ def add_verify(commands: Commands) -> None:
     methods = ", ".join((*method_names(), "equilibrium", "modes", "shooting", "harmonic_balance"))
     verify.add_argument("--method", help=f"only {methods}")
     verify.add_argument("--case", metavar="PATTERN", help="number of a hard case, or a part of a name or a source")
-    verify.add_argument("--markdown", type=Path, metavar="FILE", help="write the tables there, .md")
+    verify.add_argument(
+        "--markdown", type=Path, metavar="FILE", help="write a summary there, .md, and tables beside it"
+    )
     verify.add_argument("--junit", type=Path, metavar="FILE", help="write JUnit XML there, .xml")
     verify.add_argument("--quick", action="store_true", help="leave out runs that take long")
     verify.set_defaults(command=_verify)
@@ -26,12 +30,15 @@ def add_verify(commands: Commands) -> None:
 def _verify(arguments: argparse.Namespace) -> int:
     from vofem.files.whole import target, write_text
     from vofem.verification import FAILED, catalogue, select, verify
-    from vofem.verification.report import junit, markdown, summary, text_header, text_lines
+    from vofem.verification.report import junit, markdown, markdown_details, summary, text_header, text_lines
 
     # Checked first: minutes of runs shall not end in a file that cannot be.
-    files = [(file, suffix, form) for file, suffix, form in (
-        (arguments.markdown, ".md", markdown), (arguments.junit, ".xml", junit)
-    ) if file is not None]  # fmt: skip
+    files: list[tuple[Path, str, Callable[..., str]]]
+    files = [] if arguments.junit is None else [(arguments.junit, ".xml", junit)]
+    if arguments.markdown is not None:
+        beside = arguments.markdown.with_name(f"{arguments.markdown.stem}-details.md")
+        files.append((arguments.markdown, ".md", partial(markdown, details=beside.name)))
+        files.append((beside, ".md", markdown_details))
     for file, suffix, _ in files:
         made(target(file, (suffix,)).parent)
     outcomes = []

@@ -1,4 +1,4 @@
-"""Linear attachments: springs, rotational springs, dashpots and point masses. Each is a rank-one term."""
+"""Linear attachments: springs, rotational springs, dashpots and point masses. Each adds a rank-one term to a matrix."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ class Spring(TwoPoints):
     Parameters
     ----------
     a, b : points
+        ``beam.at(x)`` or a `Mass`. Without b it acts between a and the ground.
     stiffness : float
-        In N/m (N m/rad), not negative.
+        In N/m, not negative; in N m/rad where it acts on rotations.
     of : {"displacement", "rotation"}
         Whether it acts on displacements (m, N) or on rotations of beams (rad, N m).
     """
@@ -39,8 +40,9 @@ class Dashpot(TwoPoints):
     Parameters
     ----------
     a, b : points
+        ``beam.at(x)`` or a `Mass`. Without b it acts between a and the ground.
     damping : float
-        In N s/m (N m s/rad), not negative.
+        In N s/m, not negative; in N m s/rad where it acts on rotations.
     of : {"displacement", "rotation"}
         Whether it acts on displacements (m, N) or on rotations of beams (rad, N m).
     """
@@ -66,8 +68,9 @@ class RotationalSpring:
     Parameters
     ----------
     point : point of a beam
+        ``beam.at(x)``.
     other : point of a beam, optional
-        The spring then acts on the difference of both slopes.
+        With it the spring acts on the difference of both slopes, otherwise on the slope at `point`.
     stiffness : float
         In N m/rad, not negative.
     """
@@ -99,10 +102,11 @@ class PointMass:
     Parameters
     ----------
     point : point
+        ``beam.at(x)`` or a `Mass`.
     mass : float
         In kg, not negative.
     inertia : float
-        Rotary inertia in kg m^2, for a point of a beam.
+        Rotary inertia in kg m^2, not negative. Only points of beams can have one.
     """
 
     def __init__(self, point: Point, *, mass: float, inertia: float = 0.0) -> None:

@@ -11,14 +11,15 @@ from vofem.time_functions import Load, as_time_function
 class BaseMotion:
     """A body whose base accelerates: its supports, its springs to ground and the stops beside it.
 
-    Displacements of the body are then counted from the base, and the motion
-    acts as a load ``-M r a(t)`` with the unit translation r. Whatever joins
-    bodies must join bodies on the same base: a contact or spring between
-    bodies of which only one moves with this base is refused.
+    Displacements of the body are then counted from the base. The motion acts
+    as a load ``-M r a(t)``, where r is the unit translation. A contact or a
+    spring between two bodies is refused unless both stand on bases with the
+    same acceleration.
 
     Parameters
     ----------
     body : Beam or Mass
+        The body that stands on the base.
     acceleration : float, TimeFunction or callable of t
         Of the base, in m/s^2, positive upward.
     """

@@ -15,10 +15,11 @@ from vofem.errors import ArgumentError
 
 
 class Resolved:
-    """The variable-order switch at a finite scaling factor s0 (Eq. 5), frozen at unit time.
+    """The variable-order switch at a finite scaling factor s0 (Eq. 5), with the time in Eq. 4 set to 1 s.
 
-    For ``s > 0`` the contact stiffness is ``K0 / Gamma(1 - beta)`` with
-    ``beta = exp(-s0 s)``; for ``s <= 0`` it is exactly 0.
+    The contact stiffness grows over a finite penetration instead of jumping.
+    For ``s > 0`` it is ``K0 / Gamma(1 - beta)`` with ``beta = exp(-s0 s)``; for
+    ``s <= 0`` it is exactly 0.
 
     Parameters
     ----------
@@ -36,35 +37,37 @@ class Resolved:
 class Contact(TwoPoints):
     """A contact between two points, or between a point and a stop that is fixed in space.
 
-    With ``s = u_a - u_b - gap`` (two points), ``s = -eta - gap`` (a stop
-    below) or ``s = eta - gap`` (a stop above), the contact is closed exactly
-    while ``s > 0`` and its force pushes the bodies apart (Eqs. 8-13, 15-18
-    of the paper). With a damper it opens at zero penetration, not at zero
-    force, so the force of a damped contact can be negative for a while.
+    Let eta be the displacement of point a, positive upward. The gap function is
+    ``s = u_a - u_b - gap`` between two points, ``s = -eta - gap`` for a stop
+    below, and ``s = eta - gap`` for a stop above. The contact is closed while
+    ``s > 0``, and s is then the penetration. A closed contact pushes the bodies
+    apart (Eqs. 8-13 and 15-18 of the paper). A contact with a damper opens at
+    zero penetration and not at zero force; its force can therefore be negative
+    shortly before it opens.
 
     Parameters
     ----------
     a, b : points
-        ``beam.at(x)`` or a `Mass`. With b, a is the lower one: the contact
-        closes where a has risen against b by more than the gap, and never the
-        other way. Without b: a stop fixed in space.
+        ``beam.at(x)`` or a `Mass`. With b, a is the lower point: the contact
+        closes when a has risen relative to b by more than the gap. Without b
+        the contact is a stop that is fixed in space.
     gap : float
-        In m. Negative, a preload, for ``acts_on="penetration"`` only.
+        In m. A negative gap is a preload; it needs ``acts_on="penetration"``.
     stiffness : float
         K0 in N/m, positive.
     damping : float
-        C0 in N s/m, active while closed.
+        C0 in N s/m, not negative. The damper acts while the contact is closed.
     side : {"below", "above"}
-        For a stop: closes when ``eta < -gap``, or when ``eta > gap``.
+        Of a stop: below, it closes when ``eta < -gap``; above, when ``eta > gap``.
     acts_on : {"displacement", "penetration"}
-        "displacement" is the paper's law: the force is K0 times the whole
-        displacement and jumps by ``K0 gap`` at closing. "penetration" is an
-        elastic stop behind a gap: the force is K0 times ``s``. There is no default.
+        "penetration" is an elastic stop behind a gap: the force is K0 times
+        ``s``. "displacement" is the paper's law: the force is K0 times the whole
+        displacement and jumps by ``K0 gap`` when the contact closes. There is no default.
     switch : "ideal" or Resolved
-        Eq. 8, or the operator at a finite s0.
+        "ideal" switches the stiffness at once (Eq. 8). `Resolved` is the operator at a finite scaling factor s0.
     of : {"displacement", "rotation"}
-        What u and eta above are: displacements in m, or rotations of beams in rad, positive as
-        the slope; with rotations forces are moments in N m.
+        Whether u and eta above are displacements in m, or rotations of beams in rad, positive like
+        the slope. With rotations forces are moments in N m.
     name : str, optional
         Unique in a scene.
 

@@ -1,4 +1,4 @@
-"""Damping of the contact-free system. Contact status never changes it; a contact brings its own damper."""
+"""Damping of the structure without its contacts, be these open or closed. A contact has a damper of its own."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from vofem.errors import ArgumentError
 
 
 class RayleighDamping:
-    """``C = alpha M + beta K`` with the contact-free matrices, all linear attachments included.
+    """Rayleigh damping ``C = alpha M + beta K``. M and K include linear attachments, and no contacts.
 
     Parameters
     ----------
@@ -40,17 +40,16 @@ class RayleighDamping:
 
 
 class ModalDamping:
-    """Ratios of critical damping in the vibration modes of the contact-free system.
+    """Ratios of critical damping in the vibration modes of the structure with all contacts open.
 
     Parameters
     ----------
     ratio : float or array_like, shape (k,)
         Not negative; 1 is critical. A number holds for every vibration mode.
-        Several give one ratio for each mode in ascending order of frequency,
-        and modes beyond the k-th take the last one: no mode is left undamped
-        by a list that is short, and a list that ends with 0 leaves the high
-        modes undamped. Rigid motions are not counted and stay undamped. Modes
-        of equal frequency should have equal ratios, as their order is arbitrary.
+        A list gives one ratio for each mode in ascending order of frequency.
+        Modes beyond the end of the list take its last ratio. Rigid motions are
+        not counted and stay undamped. Modes of equal frequency should have equal
+        ratios, because their order is arbitrary.
 
     Raises
     ------

@@ -28,21 +28,23 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(7)
 class Foundation:
     """A Winkler foundation along a whole beam: a force ``-k(x) eta`` per length.
 
-    One-sided, it is a contact below every node (``acts_on="penetration"``)
-    with the stiffness of the node's share of the length: the beam may lift
-    off. This is the paper's remark on contact everywhere along the length.
+    From a one-sided foundation the beam may lift off. It is modelled by a
+    contact below every node (``acts_on="penetration"``), with the stiffness of
+    the length that belongs to the node. The paper mentions such contact along
+    the whole length at the end of section 4.2.
 
     Parameters
     ----------
     beam : Beam
+        The beam that rests on the foundation.
     stiffness : float or callable of an array x
         k in N/m per m, not negative.
     one_sided : bool
-        Whether the foundation can only push.
+        Whether the foundation can only push, so that the beam may lift off.
     gap : float
-        Of the one-sided foundation, in m; negative where it is preloaded.
+        Gap below the beam in m, for a one-sided foundation only. A negative gap is a preload.
     name : str, optional
-        Contacts of a one-sided foundation are called ``name[0]``, ``name[1]``, ... from the left.
+        Unique in a scene. Contacts of a one-sided foundation are called ``name[0]``, ``name[1]``, ... from the left.
 
     Raises
     ------

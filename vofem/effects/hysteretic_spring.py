@@ -1,4 +1,4 @@
-"""Springs that soften and remember: as the paper prints it, and for cyclic loads."""
+"""Hysteretic springs with the backbone of Eq. 24: the law that the paper prints, and one for cyclic loads."""
 
 from __future__ import annotations
 
@@ -16,36 +16,39 @@ from vofem.laws import PrintedLaw
 class HystereticSpring(TwoPoints):
     """A spring between two points, or from a point to ground, that softens and keeps a residual elongation.
 
-    Up to `linear_limit` it is linear. Beyond, a first loading follows the
-    backbone ``F = K (1 - softening(F)) u``, and unloading is elastic at K.
-    `memory` says what the spring knows of its past:
+    The spring is linear up to `linear_limit`. Beyond it, a first loading follows
+    the backbone ``F = K (1 - softening(F)) u``, and unloading is elastic with
+    stiffness K. `memory` chooses what the spring keeps of its past:
 
-    - "printed": Eqs. 22-25 as they stand. The spring forgets its residual
+    - "printed" is Eqs. 22-25 as they stand. The spring loses its residual
       elongation as soon as the load rises again: loaded to 7 N and unloaded to
-      3 N it jumps from 10 m to 3 m at the first step of reloading. The applied
-      force drives the law, so it holds for a spring that alone carries a single
-      loaded mass.
-    - "cyclic": elastic between unloading and reloading up to the largest force
-      reached, then on along the backbone; the same in compression, with a
-      largest force of its own.
+      3 N, it jumps from 10 m to 3 m at the first step of reloading. The law is
+      driven by the applied force. It therefore holds only for a spring that
+      is the single support of a single loaded mass.
+    - "cyclic" keeps the largest force reached. Unloading and reloading are
+      elastic up to this force; beyond it the spring follows the backbone.
+      Compression has a largest force of its own.
 
     Parameters
     ----------
     a, b : points
+        ``beam.at(x)`` or a `Mass`. Without b it acts between a and the ground.
     stiffness : float
         K in N/m, positive.
     linear_limit : float
-        d0 in m, positive.
+        Largest elongation d0 up to which the spring is linear, in m, positive.
     softening : LinearSoftening or callable, optional
-        The number by which the secant stiffness has fallen, as a function of
-        the force's magnitude in N: 0 at ``K d0``, not decreasing; where it is 1
-        lies the limit load. Eq. 24, ``(|F| - K d0)/(4 N)``, where not given. A
-        callable is tabulated once, to 1e-11, up to 1e4 linear limits.
+        The share by which the secant stiffness has fallen, as a function of the
+        magnitude of the force in N. It is 0 at ``K d0`` and does not decrease.
+        It reaches 1 at the limit load. The default is Eq. 24,
+        ``(|F| - K d0)/(4 N)``. A callable is tabulated once, up to 1e4 linear
+        limits, with an error of 1e-11.
     memory : {"printed", "cyclic"}
-        There is no default.
+        What the spring keeps of its past, see above. There is no default.
     of : {"displacement", "rotation"}
         Whether it acts on displacements (m, N) or on rotations of beams (rad, N m).
     name : str, optional
+        Unique in a scene.
 
     Raises
     ------
@@ -82,27 +85,30 @@ class HystereticSpring(TwoPoints):
 
     @property
     def limit_load(self) -> float:
-        """The force in N that the spring never reaches; inf where there is none."""
+        """The limit load in N, which the spring approaches and never reaches; inf where there is none."""
         return self._backbone.limit
 
     def operator_stiffness(self, elongation: float, force: float, rising: bool) -> float:
-        """Return K of Eqs. 22 and 25 in N/m: two variable-order operators on constants, multiplied and taken from K.
+        """Return the stiffness of Eqs. 22 and 25 in N/m: K minus the product of two variable-order operators.
 
         Parameters
         ----------
         elongation : float
             In m.
         force : float
-            The applied one, N.
+            The applied force in N.
         rising : bool
-            Whether it rises; while it is held, whether it rose before.
+            Whether the force rises; while it is held, whether it rose before.
         """
         softened = ideal(self._backbone.level(abs(force)), abs(elongation) - self.linear_limit)
         loading = ideal(self.stiffness, 1.0 if rising else -1.0)
         return float(self.stiffness - softened * loading)
 
     def integer_stiffness(self, elongation: float, force: float, rising: bool) -> float:
-        """Return K of Eq. 26 in N/m, the integer-order law of the paper; arguments as in `operator_stiffness`."""
+        """Return the stiffness of Eq. 26 in N/m, the integer-order law of the paper.
+
+        The arguments are those of `operator_stiffness`.
+        """
         if rising and elongation > self.linear_limit:
             return self.stiffness * (1.0 - self._backbone.level(abs(force)))
         return self.stiffness
@@ -128,22 +134,24 @@ class HystereticSpring(TwoPoints):
 class CrushingStop(TwoPoints):
     """A stop behind a gap that yields under force and keeps its dent.
 
-    With the approach s (as of `Contact`: ``u_a - u_b``, ``-eta`` for a stop
-    below, ``eta`` above) it pushes back where s exceeds the gap: along the
-    backbone of `HystereticSpring` when it is first crushed, elastically at
-    `stiffness` when it unloads and is hit again, and it never pulls.
+    The approach s is ``u_a - u_b`` between two points, ``-eta`` for a stop below,
+    and ``eta`` for a stop above. The stop pushes back when s exceeds the gap.
+    While it is crushed further than before, its force follows the backbone of
+    `HystereticSpring`. When it unloads and is hit again, it is elastic with
+    `stiffness`. It never pulls.
 
     Parameters
     ----------
     a, b : points
-        With b, a is the lower one. Without: a stop fixed in space.
+        ``beam.at(x)`` or a `Mass`. With b, a is the lower point. Without b the stop is fixed in space.
     gap : float
-        In m.
+        Gap before the stop is touched, in m.
     side : {"below", "above"}
-        For a stop fixed in space.
+        Where a stop stands that is fixed in space.
     stiffness, linear_limit, softening, of
         As of `HystereticSpring`.
     name : str, optional
+        Unique in a scene.
 
     Raises
     ------
@@ -178,7 +186,7 @@ class CrushingStop(TwoPoints):
 
     @property
     def limit_load(self) -> float:
-        """The force in N that the stop never reaches; inf where there is none."""
+        """The limit load in N, which the stop approaches and never reaches; inf where there is none."""
         return self._law.limit
 
     def compile(self, builder: SystemBuilder) -> None:

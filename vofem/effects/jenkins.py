@@ -1,4 +1,7 @@
-"""Springs of parallel Jenkins elements, each a spring that slips at a force: bilinear, and Prandtl and Iwan's."""
+"""Springs of parallel Jenkins elements: the bilinear spring, and that of Prandtl and Iwan.
+
+A Jenkins element is a spring in series with a slider that slips at a given force.
+"""
 
 from __future__ import annotations
 
@@ -16,24 +19,26 @@ Array = NDArray[np.float64]
 
 
 class IwanSpring(TwoPoints):
-    """A spring that follows a measured first loading, and Masing's rules after every reversal.
+    """A spring that follows a measured curve of first loading, and Masing's rules after every reversal.
 
-    The curve of the first loading, piecewise linear from the origin through
-    the given points, is that of parallel Jenkins elements, one for each bend,
-    beside a spring of the last slope. After a reversal the curve is the first
-    one, doubled in both directions; closed loops are the same in every cycle.
+    The curve is piecewise linear from the origin through the given points. It is
+    reproduced by parallel Jenkins elements, one for each bend, beside a spring
+    of the last slope. After a reversal the force follows the same curve, doubled
+    in both directions. Closed loops are therefore the same in every cycle.
 
     Parameters
     ----------
     a, b : points
+        ``beam.at(x)`` or a `Mass`. Without b it acts between a and the ground.
     elongation : array_like, shape (n,)
         Points of the first loading in m, positive, increasing.
     force : array_like, shape (n,)
-        In N. Slopes decrease and are not negative. Beyond the last point the
-        curve goes on with the last slope.
+        Force at these points in N. The slopes decrease and are not negative.
+        Beyond the last point the curve continues with the last slope.
     of : {"displacement", "rotation"}
         Whether it acts on displacements (m, N) or on rotations of beams (rad, N m).
     name : str, optional
+        Unique in a scene.
 
     Raises
     ------
@@ -65,7 +70,7 @@ class IwanSpring(TwoPoints):
 
     @property
     def limit_load(self) -> float:
-        """The largest force in N; inf where the last slope is not zero."""
+        """The largest force of the spring in N; inf if the last slope is not zero."""
         return self._law.limit
 
     def compile(self, builder: SystemBuilder) -> None:
@@ -81,20 +86,22 @@ class IwanSpring(TwoPoints):
 
 
 class BilinearSpring(IwanSpring):
-    """A spring of two slopes: one Jenkins element beside a spring, which is kinematic hardening.
+    """A spring with two slopes and kinematic hardening: one Jenkins element beside a linear spring.
 
     Parameters
     ----------
     a, b : points
+        ``beam.at(x)`` or a `Mass`. Without b it acts between a and the ground.
     stiffness : float
-        Before yielding, N/m, positive.
+        Stiffness before yielding in N/m, positive.
     linear_limit : float
-        Elongation at which it first yields, m, positive.
+        Elongation in m at which the spring first yields, positive.
     hardening : float
-        Slope after yielding over `stiffness`, from 0 (elastic, perfectly plastic) to below 1.
+        Slope after yielding divided by `stiffness`; at least 0 (elastic, perfectly plastic) and below 1.
     of : {"displacement", "rotation"}
         Whether it acts on displacements (m, N) or on rotations of beams (rad, N m).
     name : str, optional
+        Unique in a scene.
 
     Raises
     ------

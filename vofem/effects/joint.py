@@ -1,4 +1,4 @@
-"""Joints: points of two bodies that move together, exactly."""
+"""Joints: constraints that make points of two bodies move together."""
 
 from __future__ import annotations
 
@@ -13,15 +13,16 @@ class Joint:
 
     The tie is a condition on the degrees of freedom, not a stiff spring: one
     unknown is eliminated for each condition. The points may lie anywhere on
-    the bodies, between nodes too. `Result.joint_force` is what a joint transmits.
+    the bodies, also between nodes. `Result.joint_force` returns the force that a
+    joint transmits.
 
     Parameters
     ----------
     a, b : points
-        Of two different bodies. A mass can be hinged to a beam.
+        Points of two different bodies. A mass can be hinged to a beam.
     kind : {"rigid", "hinge"}
-        "hinge": equal displacements. "rigid": equal displacements and
-        rotations, so that two beams joined at their ends are one beam.
+        A hinge makes displacements equal. A rigid joint makes displacements and
+        rotations equal, so that two beams joined at their ends behave as one beam.
     name : str, optional
         Unique in a scene.
 

@@ -1,4 +1,4 @@
-"""What effects do along a beam: loads per length, and bedding in proportion to the deflection."""
+"""Loads per length on a beam, and its elastic bedding, collected from the effects of a scene."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ class LineLoads:
     Attributes
     ----------
     loads : list of (callable, callable)
-        Functions of x in N/m, shape (k,), and of time.
+        Pairs of a function of an array x, which returns N/m, shape (k,), and a function of time.
     bedding : list of callable
-        Functions of x in N/m per m, shape (k,).
+        Functions of an array x, which return the bedding stiffness in N/m per m, shape (k,).
     """
 
     loads: list[tuple[Callable[[Array], Array], Callable[[ArrayLike], Any]]]
@@ -51,7 +51,7 @@ def line_loads(effects: Iterable[Any], beam: Beam) -> LineLoads:
     Raises
     ------
     MissingCallableError
-        In a loaded run, for a load of which only the name is known.
+        In a run that was loaded from a file, for a load whose values along the beam the file does not hold.
     """
     loads: list[tuple[Callable[[Array], Array], Callable[[ArrayLike], Any]]] = []
     bedding: list[Callable[[Array], Array]] = []

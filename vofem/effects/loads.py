@@ -23,8 +23,9 @@ class PointLoad:
     Parameters
     ----------
     point : point
+        ``beam.at(x)`` or a `Mass`.
     f : float, TimeFunction or callable of t
-        In N.
+        The force in N. A callable takes an array of times in s.
     """
 
     def __init__(self, point: Point, f: Load) -> None:
@@ -45,13 +46,14 @@ class PointLoad:
 
 
 class PointMoment:
-    """A moment at a point of a beam, positive where it does work on a growing slope.
+    """A moment at a point of a beam. A positive moment does positive work when the slope grows.
 
     Parameters
     ----------
     point : point of a beam
+        ``beam.at(x)``.
     f : float, TimeFunction or callable of t
-        In N m.
+        The moment in N m. A callable takes an array of times in s.
     """
 
     def __init__(self, point: Point, f: Load) -> None:
@@ -78,10 +80,11 @@ class DistributedLoad:
     Parameters
     ----------
     beam : Beam
+        The beam on which the load acts.
     p : float or callable of an array x
-        In N/m.
+        The load along the beam in N/m.
     f : float, TimeFunction or callable of t
-        Without unit.
+        A factor over time, without unit.
     """
 
     def __init__(self, beam: Beam, p: float | Callable[[Any], Any], f: Load = 1.0) -> None:
@@ -118,13 +121,14 @@ class DistributedLoad:
 class Gravity:
     """The weight of everything that has mass, point masses included, acting downward from t = 0 on.
 
-    A scene that starts at rest and unloaded is dropped into it and sags twice
-    as far as in equilibrium; ``initial=vofem.equilibrium(...)`` starts it at rest.
+    A scene that starts undeformed is dropped into its own weight: it swings to
+    twice the deflection of the equilibrium. ``initial=vofem.equilibrium(scene)``
+    starts it in equilibrium.
 
     Parameters
     ----------
     g : float
-        In m/s^2, downward; a negative number acts upward.
+        Acceleration in m/s^2, positive downward.
     """
 
     def __init__(self, g: float = 9.81) -> None:

@@ -1,4 +1,4 @@
-"""Springs with any smooth law: cubic, bistable, softening."""
+"""Springs with a smooth law that is given as Python functions, such as cubic, bistable or softening springs."""
 
 from __future__ import annotations
 
@@ -17,21 +17,23 @@ _SAMPLES = (-1.0, -0.1, -1e-2, -1e-3, 1e-3, 1e-2, 0.1, 1.0)
 
 
 class NonlinearSpring(TwoPoints):
-    """A spring between two points, or from a point to ground, with a potential.
+    """An elastic spring with a law written in Python, between two points or from a point to ground.
 
-    Only methods that step in time take it.
+    Only methods that step in time accept it.
 
     Parameters
     ----------
     a, b : points
+        ``beam.at(x)`` or a `Mass`. Without b it acts between a and the ground.
     potential : callable
-        V(u) in J of the elongation ``u = u_a - u_b`` in m.
+        The energy V(u) in J, as a function of the elongation ``u = u_a - u_b`` in m.
     force : callable
-        ``F(u) = dV/du`` in N; it acts on a as -F and on b as +F, so a linear
+        The derivative ``F(u) = dV/du`` in N. The spring acts on a with -F and on b with +F; a linear
         spring has ``F = k u``.
     of : {"displacement", "rotation"}
         Whether it acts on displacements (m, N) or on rotations of beams (rad, N m).
     name : str, optional
+        Unique in a scene.
 
     Raises
     ------
@@ -62,12 +64,12 @@ class NonlinearSpring(TwoPoints):
 
     @property
     def potential(self) -> Callable[[float], float]:
-        """V in J of the elongation in m."""
+        """The energy V in J, as a function of the elongation in m."""
         return self.law.potential
 
     @property
     def force(self) -> Callable[[float], float]:
-        """dV/du in N of the elongation in m."""
+        """The force dV/du in N, as a function of the elongation in m."""
         return self.law.force
 
     def _check(self, label: str) -> None:

@@ -1,4 +1,4 @@
-"""The side on which a stop fixed in space stands, and the two points of one that is not."""
+"""Checks of the arguments of contacts: the side of a stop that is fixed in space, and two points that differ."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ def side_of(label: str, between: str, b: Any, side: Any) -> str | None:
     Raises
     ------
     ArgumentError
-        For a side that is missing, wrong, or has no meaning between two points; `between` names what stands there.
+        If the side is missing, is wrong, or is given for a contact between two points. `between` names the kind of
+        contact in the message.
     """
     if b is not None:
         if side is not None:
@@ -31,7 +32,7 @@ def side_of(label: str, between: str, b: Any, side: Any) -> str | None:
 
 
 def distinct(label: str, a: Point, b: Point | None) -> None:
-    """Raise `ArgumentError` where the points of a contact are one point."""
+    """Raise `ArgumentError` if both points of a contact are the same point."""
     if (
         b is not None
         and a.body is b.body

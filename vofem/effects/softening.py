@@ -15,15 +15,16 @@ from vofem.laws.softening_curve import checked_level, limit_load, tabulate
 
 @dataclass(frozen=True)
 class LinearSoftening:
-    """A secant stiffness that falls linearly with force: Eq. 24, with 4 N.
+    """A secant stiffness that falls linearly with the force, as in Eq. 24, where the span is 4 N.
 
-    Beyond the linear limit the secant stiffness is ``K (1 - (|F| - F_Y)/span)``,
-    ``F_Y = K d0``: a hyperbola with the asymptote ``F_Y + span``.
+    Beyond the linear limit the secant stiffness is ``K (1 - (|F| - F_Y)/span)``
+    with ``F_Y = K d0``. The curve of force over elongation is then a hyperbola
+    with the asymptote ``F_Y + span``.
 
     Parameters
     ----------
     span : float
-        In N, positive.
+        Increase of the force in N over which the secant stiffness falls from K to 0, positive.
     """
 
     span: float = 4.0

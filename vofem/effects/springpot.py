@@ -1,4 +1,4 @@
-"""Springpots: fractional dashpots, between a spring and a dashpot."""
+"""Springpots: fractional dashpots, whose behaviour lies between that of a spring and that of a dashpot."""
 
 from __future__ import annotations
 
@@ -19,26 +19,29 @@ from vofem.time_functions import Constant
 class Springpot(TwoPoints):
     """A fractional dashpot between two points, or from a point to ground: ``force = coefficient D^order u``.
 
-    u is the elongation, ``u_a - u_b``, and D^order Caputo's derivative from
-    t = 0, the mean of the velocity's past under the weight
-    ``t^-order/Gamma(1 - order)``. Order 1 is a dashpot; towards order 0 it
-    becomes a spring. Everything was at rest before t = 0 in the place where
-    it starts: an elongation at t = 0 is one without force, however large. A
-    springpot of an order above 0 yields to every lasting force.
+    Here u is the elongation ``u_a - u_b``, and D^order is Caputo's derivative
+    from t = 0: the past rates of elongation, weighted with
+    ``age^-order/Gamma(1 - order)`` and integrated. Order 1 is a dashpot; as the
+    order tends to 0 the springpot becomes a spring. The structure is taken to
+    have been at rest, in its initial place, before t = 0. An elongation at
+    t = 0 therefore causes no force. Under a constant force a springpot of an
+    order above 0 creeps without end.
 
     Parameters
     ----------
     a, b : points
+        ``beam.at(x)`` or a `Mass`. Without b it acts between a and the ground.
     coefficient : float
         In N s^order/m, not negative.
     order : float or callable
-        In (0, 1]; or a function of time with values in [0, 1]: any callable
-        that takes an array of times in s, such as a law of
-        `vofem.fractional`. An order that varies is frozen at the present:
-        the force at t is that of the whole past under the order at t.
+        A number in (0, 1], or a function of time with values in [0, 1]. Such a
+        function is a callable that takes an array of times in s, for example a
+        law of `vofem.fractional`. The force at t is computed from the whole past
+        with the order at t.
     of : {"displacement", "rotation"}
         Whether it acts on displacements (m, N) or on rotations of beams (rad, N m).
     name : str, optional
+        Unique in a scene.
 
     Raises
     ------

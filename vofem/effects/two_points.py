@@ -13,14 +13,14 @@ from vofem.bodies.base import Point, Row, as_point
 
 @dataclass(frozen=True)
 class Units:
-    """Units of a coordinate u and of what belongs to it.
+    """Units of the coordinate u of an effect, and of its force, stiffness, damping and impulse.
 
     Attributes
     ----------
     coordinate, force, stiffness, damping : str
-        Of u, of the force that does work on it, of ``force/u`` and of ``force/u'``.
+        Units of u, of the force that does work on it, of ``force/u`` and of ``force/u'``.
     impulse : str
-        Of the force's integral over time.
+        Unit of the integral of the force over time.
     """
 
     coordinate: str
@@ -38,7 +38,7 @@ UNITS = {
 
 
 class TwoPoints:
-    """An effect on ``u_a - u_b``, or on ``u_a`` where b is None: displacements or rotations."""
+    """An effect on ``u_a - u_b``, or on ``u_a`` if b is None, where u is a displacement or a rotation."""
 
     a: Point
     b: Point | None
@@ -56,7 +56,7 @@ class TwoPoints:
 
     @property
     def units(self) -> Units:
-        """The units of what the effect acts on."""
+        """The units of the coordinate on which the effect acts."""
         return UNITS[self.of]
 
     def points(self) -> tuple[Point, ...]:
@@ -75,7 +75,7 @@ class TwoPoints:
 
 
 def units_of(effects: Iterable[Any], name: str) -> Units:
-    """Return the units of a contact or a spring that is known by its name; those of displacements where unknown."""
+    """Return the units of the contact or spring of that name; those of displacements if there is none."""
     return next(
         (UNITS[effect.of] for effect in effects if getattr(effect, "name", None) == name and hasattr(effect, "of")),
         UNITS["displacement"],

@@ -39,7 +39,7 @@ class FileLock:
                     f"{path} cannot be written: {error.strerror or error}; check the folder {path.parent}"
                 ) from error
             if not _lock(descriptor):
-                holder = os.read(descriptor, 32).decode("ascii", "replace").strip()
+                holder = _content(descriptor)
                 os.close(descriptor)
                 raise OutputError(
                     f"{path} is being written by another process{f' ({holder})' if holder else ''}; "
@@ -63,10 +63,23 @@ class FileLock:
     def release(self) -> None:
         """Let other processes write."""
         if self._descriptor is not None:
+            # Removed while it is still locked, so that no other process locks a file that is about to go. Windows does
+            # not remove open files; there the next process takes over the file that is left.
             with contextlib.suppress(OSError):
                 self._file.unlink()
             os.close(self._descriptor)
             self._descriptor = None
+
+
+#: The byte that is locked on Windows. It lies beyond the content, because a locked byte cannot be read there.
+_LOCKED_BYTE = 1 << 20
+
+
+def _content(descriptor: int) -> str:
+    try:
+        return os.read(descriptor, 32).decode("ascii", "replace").strip()
+    except OSError:
+        return ""
 
 
 def _lock(descriptor: int) -> bool:
@@ -76,10 +89,13 @@ def _lock(descriptor: int) -> bool:
     except ImportError:  # Windows
         import msvcrt
 
+        os.lseek(descriptor, _LOCKED_BYTE, os.SEEK_SET)
         try:
             msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
         except OSError:
             return False
+        finally:
+            os.lseek(descriptor, 0, os.SEEK_SET)
         return True
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

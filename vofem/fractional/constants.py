@@ -1,8 +1,8 @@
 """The operator applied to a constant (Eqs. 4-8), as three named laws.
 
-The operator is the one with the order frozen at the present time. Definition
-1 of the paper keeps a time derivative outside the integral; with an order
-that varies it would add an impulse at every closing.
+The order of the operator is frozen at the present time. Definition 1 of the paper
+has a time derivative in front of the integral. With an order that varies, this
+derivative would add an impulse whenever a contact closes.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _UNRESOLVED = 2.0**52
 
 
 def gap_function(what: str, s: ArrayLike) -> Array:
-    """Return values of a gap function, infinity allowed; raise `ArgumentError` for a NaN or what is no number."""
+    """Return values of a gap function, which may be infinite; raise `ArgumentError` for a NaN or another type."""
     try:
         values = np.asarray(s, dtype=float)
     except (TypeError, ValueError):
@@ -63,7 +63,7 @@ def resolved(C0: ArrayLike, s: ArrayLike, s0: float, tau: float = 1.0) -> Array:
     s0 : float
         Scaling factor in 1/m.
     tau : float
-        Time over reference time; frozen at 1, where the law has a potential.
+        Time divided by a reference time. At the default of 1 the law has a potential.
 
     Raises
     ------
@@ -85,8 +85,8 @@ def resolved(C0: ArrayLike, s: ArrayLike, s0: float, tau: float = 1.0) -> Array:
 def literal(C0: ArrayLike, s: ArrayLike, s0: float, t: ArrayLike) -> tuple[Array, Array]:
     """Return sign and natural logarithm of the magnitude of Eq. 4 as printed, at order ``exp(-s0 s)``.
 
-    For s < 0 it alternates in sign and grows without bound, far beyond the
-    range of double precision: to look at, never to simulate with.
+    For s < 0 it alternates in sign and grows without bound, far beyond the range
+    of double precision. It is meant to be looked at, and not for simulations.
 
     Parameters
     ----------
@@ -102,11 +102,11 @@ def literal(C0: ArrayLike, s: ArrayLike, s0: float, t: ArrayLike) -> tuple[Array
     Returns
     -------
     sign, log_magnitude : ndarray
-        Never NaN. Sign 0 with -inf where the value is exactly zero (integer
-        orders). Sign 0 with any other logarithm where the order is above
-        2**52 and the sign is beyond double precision: the logarithm is then
-        that of the envelope ``C0 Gamma(beta) t^-beta / pi``, inf where even
-        that overflows.
+        They are never NaN. Where the value is exactly zero (integer orders) the
+        sign is 0 and the logarithm is -inf. Where the order is above 2**52 the
+        sign cannot be computed in double precision. It is then 0, and the
+        logarithm is that of the envelope ``C0 Gamma(beta) t^-beta / pi``, or inf
+        if that overflows.
 
     Raises
     ------

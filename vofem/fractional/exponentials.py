@@ -1,11 +1,12 @@
 """The kernel ``t^-order / Gamma(1 - order)`` as a sum of exponentials that are the same for all orders in [0, 1].
 
-``t^-a / Gamma(1 - a) = sin(pi a)/pi`` times the integral of ``exp(a x - t e^x)``
-over all x. The trapezoidal rule in x converges exponentially, and its nodes
-``e^x`` do not depend on the order. Its infinitely many nodes far below ``1/t_end``,
-where the exponentials hardly bend, are replaced by a few that have the same
-moments: without that a small order would need very many. All weights are
-positive, so that the sum is a chain of springs and dashpots: it makes no energy.
+``t^-a / Gamma(1 - a)`` is ``sin(pi a)/pi`` times the integral of
+``exp(a x - t e^x)`` over all x. The trapezoidal rule in x converges
+exponentially, and its nodes ``e^x`` do not depend on the order. Infinitely many
+nodes lie far below ``1/t_end``, where the exponentials are nearly straight lines.
+They are replaced by a few nodes with the same moments; otherwise a small order
+would need very many nodes. All weights are positive. The sum therefore describes
+springs and dashpots in series, and creates no energy.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ METHODS = ("cq", "gl", "l1")
 
 
 def check(function: Sampled, method: str, start: Sequence[float], what: str = "samples") -> None:
-    """Raise `ArgumentError` where a method cannot treat these samples."""
+    """Raise `ArgumentError` if a method cannot treat these samples."""
     if method == "l1":
         return
     if function.step is None:
@@ -94,10 +94,10 @@ def _corrected(values: Array, orders: Array, start: Sequence[float], fast: bool)
 def at_lower_limit(function: Sampled, order: float, method: str) -> float:
     """Return the limit towards the lower limit.
 
-    0 for integrals; for integer orders the one-sided derivative; otherwise,
-    where g is not zero there, an infinity of the sign of its singular term.
-    NaN where samples do not decide: an order between 1 and 2 of what begins
-    at zero with unknown slope.
+    For integrals it is 0, and for integer orders the one-sided derivative. For
+    other orders it is infinite if g is not zero there, with the sign of the
+    singular term. It is NaN where samples cannot tell: for an order between 1 and
+    2 of a function that begins at zero with an unknown slope.
     """
     t, g = function.t, function.values
     if order < 0.0:

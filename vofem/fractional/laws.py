@@ -1,4 +1,4 @@
-"""Order laws as objects: how the order of an operator follows from time or from a state."""
+"""Order laws: the order of an operator as a function of time or of a state."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 class OrderLaw(Protocol):
-    """What an order law offers: orders, shape (n,), at times or states x, shape (n,). Any such callable is one."""
+    """A callable that returns orders, shape (n,), at times or states x, shape (n,). Any such callable will do."""
 
     def __call__(self, x: Array, /) -> ArrayLike:
         """Return the orders at x."""
@@ -26,7 +26,7 @@ class OrderLaw(Protocol):
 
 @dataclass(frozen=True)
 class ConstantOrder:
-    """The same order always.
+    """A constant order.
 
     Parameters
     ----------
@@ -46,15 +46,15 @@ class ConstantOrder:
 
 @dataclass(frozen=True)
 class ExponentialOrder:
-    """``exp(-s0 s)`` (Eq. 5): towards 0 for s > 0, 1 at s = 0, towards infinity for s < 0.
+    """The order ``exp(-s0 s)`` of Eq. 5. It tends to 0 for s > 0, is 1 at s = 0, and tends to infinity for s < 0.
 
     Parameters
     ----------
     s0 : float
         Scaling factor in 1/m, positive; `scaling_factor` computes one.
     gap : callable, optional
-        The gap function s in m, of time or of a state, array to array. Where
-        not given the law is called with s itself.
+        The gap function s in m, as a function of time or of a state, of arrays.
+        Without it the law is called with s itself.
     """
 
     s0: float
@@ -75,7 +75,7 @@ class ExponentialOrder:
 
 @dataclass(frozen=True, eq=False)
 class TabulatedOrder:
-    """Orders given at some times or states, linear between them and constant beyond the ends.
+    """A table of orders over time or state, linear between its points and constant beyond its ends.
 
     Parameters
     ----------

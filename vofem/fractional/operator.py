@@ -50,22 +50,22 @@ def rl_derivative(
         Letnikov; first order. "l1": g taken as linear between samples; order
         ``2 - order``, on any grid.
     reading : {"frozen", "outside"}
-        What an order that varies in time means. "frozen": at each time the
-        operator of the order at that time; Eq. 4 is that one. "outside": the
-        derivative in front of the integral acts on the order too, as
-        Definition 1 is printed. They agree where the order is constant.
+        The meaning of an order that varies in time. With "frozen" the operator
+        at each time has the order of that time, as in Eq. 4. With "outside" the
+        derivative in front of the integral acts on the order too, as Definition 1
+        is printed. Both agree if the order is constant.
     history : (times, samples), optional
-        g on ``[a0, t[0]]``, on a grid of its own: adds the derivative of the
-        initialisation function psi (Eq. 2), which moves the lower limit to
-        a0. Taken as linear between samples.
+        Values of g on ``[a0, t[0]]``, on a grid of their own, linear between
+        samples. They add the derivative of the initialisation function psi
+        (Eq. 2), which moves the lower limit to a0.
     start : sequence of float, optional
-        Exponents of the powers of ``t - t[0]`` with which g begins, for which
-        "cq" is made exact: (0, 1) where not given, (0, 1, 2) for derivatives
-        where an order exceeds 1. For what begins like ``(t - a)^0.5`` use
+        Exponents of the powers of ``t - t[0]`` with which g begins. "cq" is made
+        exact for them. The default is (0, 1), and (0, 1, 2) for derivatives of an
+        order above 1. For a function that begins like ``(t - a)^0.5`` use
         (0, 0.5, 1).
     fast : bool
-        Whether sums are formed by Fourier transforms, ``O(n log n)``, with
-        rounding relative to the largest sample; else directly, ``O(n^2)``.
+        Whether sums are computed by Fourier transforms in ``O(n log n)``, with
+        rounding relative to the largest sample, or directly in ``O(n^2)``.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Order laws: how the order of an operator follows from a gap function."""
+"""The order of the operator as a function of the gap function, and its scaling factor."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 
 def exponential_order(s: ArrayLike, s0: float) -> Array:
-    """Return ``beta = exp(-s0 s)`` (Eq. 5): towards 0 for s > 0, towards infinity for s < 0.
+    """Return the order ``beta = exp(-s0 s)`` of Eq. 5, which tends to 0 for s > 0 and to infinity for s < 0.
 
     Parameters
     ----------
@@ -34,11 +34,11 @@ def scaling_factor(gap: float, resolution: float = 0.01, delta: float = 1e-3) ->
     Parameters
     ----------
     gap : float
-        In m, positive.
+        The gap in m, positive.
     resolution : float
-        P0, the fraction of the gap within which the switch shall happen.
+        P0, the fraction of the gap within which the switch takes place.
     delta : float
-        The order reached there, below 1.
+        The order at the end of this range, below 1.
 
     Returns
     -------

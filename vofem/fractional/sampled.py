@@ -1,4 +1,4 @@
-"""What an operator is applied to: samples on a grid, checked, with what is known before the lower limit."""
+"""The functions to which an operator is applied: checked samples on a grid, and their history before it."""
 
 from __future__ import annotations
 

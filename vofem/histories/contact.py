@@ -1,12 +1,17 @@
-"""A contact: when it closed, what it did."""
+"""The history of a contact: when it closed and opened, and its force."""
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from functools import cached_property
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vofem.effects.two_points import UNITS, Units
 from vofem.fractional.orders import exponential_order
+from vofem.histories.impacts import ContactStatistics, ImpactRecord, Impacts
 from vofem.histories.run import Run
+from vofem.histories.touches import RESOLVED
 from vofem.integrators.base import ContactSamples
 from vofem.system import CLOSED, PINNED, ContactLaws
 
@@ -16,21 +21,24 @@ Array = NDArray[np.float64]
 class ContactHistory:
     """One contact along a run.
 
-    Events are `closings`, `openings` and `pinned` intervals, at their own
-    times; `closed`, `stiffness`, `force`, `gap_function` and `order` are
-    histories at the run's times, each of shape (n_times,). Of a contact that
-    acts on rotations m stands for rad and N for N m.
+    `closings`, `openings` and `pinned` hold the times of events. `closed`,
+    `stiffness`, `force`, `gap_function` and `order` are histories at the times of
+    the run, each of shape (n_times,). For a contact that acts on rotations read
+    rad for m, and N m for N.
 
     Attributes
     ----------
     name : str
+    units : Units
+        Of force, stiffness and impulse.
     """
 
-    def __init__(self, run: Run, laws: ContactLaws, index: int) -> None:
+    def __init__(self, run: Run, laws: ContactLaws, index: int, units: Units = UNITS["displacement"]) -> None:
         self._run = run
         self._laws = laws
         self._index = index
         self.name = laws.names[index]
+        self.units = units
 
     def __repr__(self) -> str:
         return f"ContactHistory({self.name!r}, {self.closings.size} closings, {self.openings.size} openings)"
@@ -45,22 +53,71 @@ class ContactHistory:
 
     @property
     def closings(self) -> Array:
-        """Times at which the contact closes, s; 0.0 first where it starts closed."""
+        """Times in s at which the contact closes. The first is 0.0 if it starts closed."""
         return self._times(True)
 
     @property
     def openings(self) -> Array:
-        """Times at which the contact ceases to be closed, s."""
+        """Times in s at which the contact opens."""
         return self._times(False)
 
     @property
     def pinned(self) -> Array:
-        """Intervals in which the contact is pinned at its gap, s, shape (k, 2)."""
+        """Intervals in s in which the contact is pinned, so rests exactly at its gap, shape (k, 2)."""
         events = self._run.solution.events
         mine = events.contact == self._index
         times = np.concatenate([[0.0], events.time[mine], [self._run.solution.t_end]])
         held = np.flatnonzero(np.append(events.initial[self._index], events.status[mine]) == PINNED)
         return np.stack([times[held], times[held + 1]], axis=1)
+
+    @cached_property
+    def _record(self) -> ImpactRecord:
+        return ImpactRecord(self._run, self._laws, self._index, self.units)
+
+    @cached_property
+    def impacts(self) -> Impacts:
+        """The impacts one by one: when, how fast, for how long, peak force, impulse and work.
+
+        In a run of ``event_driven`` the numbers are exact but for rounding: they are integrals and extremes of the
+        motion between events, whatever `times` are. In a run of a stepping method they belong to the motion as
+        interpolated between its steps, so they are as exact as the steps are. Where `times` of such a run are more
+        than two steps apart, forces and work are NaN, and `Impacts.why` says so.
+        """
+        return self._record.impacts()
+
+    def first_impacts(self, count: int, tolerance: float = RESOLVED) -> Impacts:
+        """Return the first impacts alone, to a tolerance, which may take much less time than `impacts`.
+
+        Parameters
+        ----------
+        count : int
+            How many.
+        tolerance : float
+            Of forces between events, over the largest force.
+        """
+        return ImpactRecord(self._run, self._laws, self._index, self.units, count, tolerance).impacts()
+
+    def statistics(self, window: ArrayLike | None = None) -> ContactStatistics:
+        """Return count, rate, forces, impulse, work and speeds over a window of time.
+
+        The numbers are as exact as those of `impacts`.
+
+        Parameters
+        ----------
+        window : (float, float), optional
+            Begin and end in s; the whole run where not given. A window that leaves the transient out, and spans whole
+            periods of the loads, gives means of the steady motion.
+
+        Returns
+        -------
+        ContactStatistics
+
+        Raises
+        ------
+        ArgumentError
+            If the window does not lie within the run.
+        """
+        return self._record.statistics(window)
 
     @property
     def _samples(self) -> ContactSamples:
@@ -73,7 +130,7 @@ class ContactHistory:
 
     @property
     def stiffness(self) -> Array:
-        """K_eq in N/m, shape (n_times,)."""
+        """The contact stiffness K_eq in N/m, shape (n_times,)."""
         return self._samples.stiffness[self._index]
 
     @property
@@ -91,7 +148,8 @@ class ContactHistory:
     def order(self) -> Array:
         """The order beta of the operator, shape (n_times,).
 
-        Under the ideal switch 0 while closed and inf while open; NaN while pinned.
+        Under the ideal switch it is 0 while the contact is closed and inf while it is open. It is NaN while the contact
+        is pinned.
         """
         s0 = float(self._laws.resolution[self._index])
         status = self._samples.status[self._index]

@@ -17,25 +17,25 @@ class Energy:
     Attributes
     ----------
     kinetic, strain : ndarray
-        Of bodies and springs, those with memory and those of springpots included.
+        Kinetic energy of bodies; strain energy of bodies and springs, also of hysteretic springs and springpots.
     contact : ndarray
-        Stored in closed contacts: ``K0 (u^2 - gap^2)/2`` for ``acts_on="displacement"``.
+        Energy stored in closed contacts; ``K0 (u^2 - gap^2)/2`` for ``acts_on="displacement"``.
     dissipated : ndarray
-        Taken by all dampers, hysteretic springs and springpots since t = 0.
+        Energy dissipated by dampers, hysteretic springs and springpots since t = 0.
     work : ndarray
-        Done by all loads since t = 0.
+        Work done by all loads since t = 0.
     start : float
         Total energy at t = 0.
 
     Notes
     -----
-    `total` is the sum of the first three, `balance` what is missing from
-    their balance with dissipation and work, `balance_error` its largest
-    magnitude over the largest energy.
+    `total` is the sum of the first three. `balance` is the energy that is missing,
+    and `balance_error` is its largest magnitude divided by the largest energy.
 
-    At times between the steps of a stepping method states are interpolated,
-    and the balance holds as far as they are: name `times` on the steps, or
-    none, to see the method's own. Steps that follow ``tol=`` have times of their own.
+    Between the steps of a stepping method states are interpolated, and the
+    balance there contains the error of the interpolation. To see the balance of
+    the method itself, give `times` that lie on steps, or none. Steps that follow
+    ``tol=`` have times of their own.
     """
 
     kinetic: Array
@@ -52,12 +52,12 @@ class Energy:
 
     @property
     def balance(self) -> Array:
-        """What is missing from the balance, J: ``total - start + dissipated - work``."""
+        """The energy that is missing from the balance in J: ``total - start + dissipated - work``."""
         return self.total - self.start + self.dissipated - self.work
 
     @property
     def balance_error(self) -> float:
-        """The largest magnitude of `balance` over the largest energy in it."""
+        """The largest magnitude of `balance`, divided by the largest energy."""
         parts = (self.total, self.dissipated, self.work)
         scale = max((float(np.max(np.abs(part), initial=0.0)) for part in parts), default=0.0)
         return float(np.max(np.abs(self.balance), initial=0.0)) / scale if scale > 0 else 0.0

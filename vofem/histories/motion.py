@@ -1,4 +1,4 @@
-"""The motion of a scene: points of bodies, fields of beams, at the times of a run and others."""
+"""The motion of a scene: points of bodies and fields of beams over time."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ Array = NDArray[np.float64]
 
 
 class Motion:
-    """How the bodies of a scene moved.
+    """The motion of the bodies of a scene.
 
     Attributes
     ----------
     scene : Scene
     solution : Solution
-        What the integrator left behind.
+        The solution of the equations of motion.
     model : Model
-        The compiled scene, loads counted from the beginning of the run.
+        The assembled scene, with loads that count time from the beginning of the run.
     times : ndarray, shape (n_times,)
-        In s.
+        Times in s at which results are stored.
     """
 
     def __init__(self, scene: Scene, solution: Solution, model: Model | None = None) -> None:
@@ -88,7 +88,7 @@ class Motion:
         return self._along(point, t, "a")
 
     def state_of(self, body_name: str) -> tuple[Array, Array]:
-        """Return a body's degrees of freedom and rates at the last time, each (size,); starts another scene."""
+        """Return the degrees of freedom of a body and their rates at the last time, each (size,)."""
         body = body_named(self.scene.bodies, body_name)
         q, v = self._last
         return self.model.of_body(body, q), self.model.of_body(body, v)
@@ -126,11 +126,11 @@ class Motion:
         Parameters
         ----------
         x : array_like
-            Points on the axis in m.
+            Places along the axis in m.
         t : array_like, optional
-            Times in s; `times` where not given.
+            Times in s. The default is `times`.
         body : Beam, optional
-            Needed where the scene has several beams.
+            The beam. It must be given if the scene has several.
         """
         return self._field(x, t, body, 0)
 
@@ -148,14 +148,14 @@ class Motion:
         x, t, body
             As for `deflection`.
         recovered : bool
-            False: the moment of the cubics. Within an element of length h under
-            a distributed load q (weight and inertia included) it is off by up
-            to ``q h^2/12``, which refining the mesh removes quadratically.
-            True: the moment that balances distributed loads, weight, inertia,
-            foundations and tension within every element, from the forces at
-            its ends. It converges with the fourth power of h where the motion
-            is smooth; accelerations that jump, at a start or an impact, enter
-            it. Damping forces inside elements are left out.
+            With False, the default, the moment is that of the cubics. In an
+            element of length h under a distributed load q, weight and inertia
+            included, its error is up to ``q h^2/12``. With True the moment is
+            computed from the forces at the ends of each element, such that it
+            balances distributed loads, weight, inertia, foundations and tension.
+            It converges with the fourth power of h if the motion is smooth.
+            It contains accelerations, which jump at starts and impacts. Damping
+            forces inside elements are left out.
         """
         beam = self._beam(body)
         if recovered:
@@ -167,10 +167,10 @@ class Motion:
     ) -> Array:
         """Return ``V = (EI eta'')'`` in N, shape (len(x), len(t)); constant within an element where EI is.
 
-        It is the mean over the element of the shear force: under a distributed
-        load q it differs by up to ``q h/2`` at the ends of an element of length
-        h; with ``recovered=True`` it balances the load, as `bending_moment`.
-        At a support `reaction` is exact.
+        It is the mean of the shear force over the element. Under a distributed
+        load q its error is up to ``q h/2`` at the ends of an element of length h.
+        With ``recovered=True`` it balances the load, as in `bending_moment`. At a
+        support, `reaction` is exact.
         """
         beam = self._beam(body)
         if recovered:

@@ -12,15 +12,15 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class ProbeHistory:
-    """A point along a run, at every step of a stepping method; of a method without steps, at the run's times.
+    """The motion of a point at every step of a stepping method, or at the times of the run for other methods.
 
     Attributes
     ----------
     name : str
     times : ndarray, shape (n_steps + 1,)
-        In s.
+        Times of the steps in s.
     displacement, velocity, acceleration : ndarray, shape (n_steps + 1,)
-        In m, m/s and m/s^2.
+        Motion of the point in m, m/s and m/s^2.
     """
 
     name: str

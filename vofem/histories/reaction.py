@@ -1,4 +1,4 @@
-"""What a support or a joint does to a body along a run."""
+"""The forces of supports and joints on bodies along a run."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ Array = NDArray[np.float64]
 
 
 class Reaction(NamedTuple):
-    """What a support or a joint does to a body: force in N (positive upward) and moment in N m, each (n_times,).
+    """Force in N, positive upward, and moment in N m of a support or a joint on a body, each (n_times,).
 
-    The moment is positive where it does work on a growing slope. The one that
-    the support does not hold is zero.
+    A positive moment does positive work when the slope grows. A force or moment
+    that the support cannot exert is zero.
     """
 
     force: Array
@@ -37,7 +37,7 @@ def reaction_of(run: Run, body: Body, where: Any, t: ArrayLike | None, samples: 
     body : Body
     where : "left", "right" or x
     t : array_like, optional
-        Times in s; those of the run where not given.
+        Times in s. The default is those of the run.
     samples : Sampled
         The motion at these times.
     """
@@ -45,7 +45,7 @@ def reaction_of(run: Run, body: Body, where: Any, t: ArrayLike | None, samples: 
 
 
 def joint_force_of(run: Run, name: str, t: ArrayLike | None, samples: Sampled) -> Reaction:
-    """Return what a joint does to its body a; see `vofem.Result.joint_force`.
+    """Return the force and the moment of a joint on its body a; see `vofem.Result.joint_force`.
 
     Raises
     ------

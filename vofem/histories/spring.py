@@ -1,4 +1,4 @@
-"""A hysteretic spring, or a springpot: its force, its loops."""
+"""The history of a hysteretic spring or a springpot."""
 
 from __future__ import annotations
 
@@ -12,21 +12,22 @@ Array = NDArray[np.float64]
 
 
 class SpringHistory:
-    """One hysteretic spring, or springpot, along a run; histories at the run's times, each of shape (n_times,).
+    """The history of a hysteretic spring or a springpot at the times of the run, each array of shape (n_times,).
 
     Attributes
     ----------
     name : str
     elongation : ndarray
-        ``u_a - u_b`` in m, in rad of a spring in rotation; of a crushing stop the approach.
+        Elongation ``u_a - u_b`` in m, or in rad for a spring that acts on rotations; for a crushing stop the approach.
     force : ndarray
-        In N (N m in rotation), positive in tension; of a crushing stop positive where it pushes back.
+        Force in N (N m for rotations), positive in tension; for a crushing stop positive when it pushes back.
     stored : ndarray
-        Energy that would be given back, J. Of a springpot, which is a row of
-        springs and dashpots in series: that of its springs.
+        Recoverable energy in J. A springpot consists of springs and dashpots in
+        series; the energy is that of the springs.
     dissipated : ndarray
-        Energy lost since t = 0, J: the area of the loops. Of a springpot whose
-        order varies, work absorbed less `stored`: it may fall.
+        Energy dissipated since t = 0 in J, which is the area of the loops. For a
+        springpot whose order varies it is the absorbed work minus `stored`, which
+        may fall.
     """
 
     def __init__(self, run: Run, index: int) -> None:
@@ -62,5 +63,5 @@ class SpringHistory:
 
     @property
     def dissipated(self) -> Array:
-        """Energy lost since t = 0, J, shape (n_times,)."""
+        """Energy dissipated since t = 0 in J, shape (n_times,)."""
         return self._samples.dissipated[self._index]

@@ -17,9 +17,9 @@ _STABLE = {True: "1", False: "0", None: ""}
 
 
 def write_branch(branch: Branch, point: Any, path: str | os.PathLike[str], parameter: str = "parameter") -> Path:
-    """Write a branch: parameter, amplitude of a point, stability and largest multiplier, a line for each orbit.
+    """Write a branch as CSV: a line for each orbit, with parameter, amplitude, stability and largest multiplier.
 
-    Special points stand among the orbits, with their kind. Stability (1 or 0) and multipliers are empty where they
+    Special points are lines among the orbits, with their kind. Stability (1 or 0) and multipliers are empty if they
     are not known.
 
     Parameters

@@ -1,4 +1,4 @@
-"""Histories as a CSV file: one line per time, a header with units, numbers that read back bit for bit."""
+"""Histories as CSV files: a header with units and a line for each time. Numbers are written with all digits."""
 
 from __future__ import annotations
 
@@ -8,21 +8,20 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from vofem.bodies.base import as_point
-from vofem.effects.two_points import units_of
 from vofem.errors import ArgumentError
 from vofem.files.whole import replacing, target
+from vofem.histories.tables import history_columns, named_points
 from vofem.result import Result
 
 
 def write_csv(result: Result, points: Mapping[str, Any] | Iterable[Any], path: str | os.PathLike[str]) -> Path:
-    """Write displacement and velocity of points, and force and K_eq of contacts, at the run's times.
+    """Write displacement and velocity of points, and force and K_eq of contacts, at the times of the run.
 
     Parameters
     ----------
     result : Result
     points : dict of str to point, or iterable of points
-        By the names that the header gives them.
+        The points; the keys of a dict are their names in the header.
     path : path of a .csv
 
     Returns
@@ -36,18 +35,9 @@ def write_csv(result: Result, points: Mapping[str, Any] | Iterable[Any], path: s
         If the file cannot be written.
     """
     goal = target(path, (".csv",))
-    if isinstance(points, Mapping):
-        named = {name: as_point(f"write_csv: {name}", point) for name, point in points.items()}
-    else:
-        named = {found.name: found for found in (as_point("write_csv: a point", point) for point in points)}
+    found = history_columns(result, named_points("write_csv", result.scene, points))
     columns: dict[str, Any] = {"t [s]": result.times}
-    for name, point in named.items():
-        columns[f"{name} displacement [m]"] = result.displacement(point)
-        columns[f"{name} velocity [m/s]"] = result.velocity(point)
-    for name, history in result.contacts.items():
-        units = units_of(result.scene.effects, name)
-        columns[f"{name} force [{units.force}]"] = history.force
-        columns[f"{name} stiffness [{units.stiffness}]"] = history.stiffness
+    columns |= {f"{name} [{unit}]": values for name, (values, unit) in found.items()}
     return write_columns(columns, goal)
 
 

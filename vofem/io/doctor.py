@@ -16,15 +16,15 @@ REQUIRED = ("numpy", "scipy", "scikit-fem", "numba", "matplotlib", "pyvista", "v
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What was found.
+    """What `vofem doctor` has found.
 
     Attributes
     ----------
     versions : dict of str to str or None
-        None where a package is not installed.
+        Versions of packages; None for a package that is not installed.
     rendering : Probe
     compiled : str
-        Where compiled code is kept, and for what it is there.
+        Where compiled code is kept, and which methods it covers.
     """
 
     versions: dict[str, str | None]
@@ -59,7 +59,7 @@ class Diagnosis:
 
 
 def diagnose() -> Diagnosis:
-    """Look at this machine; takes about a second."""
+    """Examine this machine; this takes about a second."""
     versions: dict[str, str | None] = {}
     for name in REQUIRED:
         try:
@@ -70,7 +70,7 @@ def diagnose() -> Diagnosis:
 
 
 def compiled_code() -> str:
-    """Return where compiled code is kept, and for what it is there."""
+    """Return where compiled code is kept, and which methods it covers."""
     from vofem.linalg.jit_cache import cache_folder, kinds_on_disk, size_on_disk
     from vofem.simulate.ahead import KINDS
 

@@ -1,4 +1,8 @@
-"""Pictures with matplotlib: histories in time, shapes, maps of the motion, side views, steady states."""
+"""Pictures with matplotlib: histories, spectra, impacts, shapes, maps of the motion, side views, steady states.
+
+Every function writes a file where it is given a path, and returns the path. Without one it draws into the axes given as
+``ax=``, or into a figure of ``matplotlib.pyplot``, and returns the axes. Style sheets of matplotlib restyle them all.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +13,11 @@ from vofem.files.whole import replacing
 from vofem.io.pictures.axes import goal_of
 from vofem.io.pictures.diagrams import basin_map, bifurcation
 from vofem.io.pictures.histories import time_history
+from vofem.io.pictures.impacts import event_raster, force_histogram, impact_statistics
+from vofem.io.pictures.maps import state_map
 from vofem.io.pictures.profiles import shapes
 from vofem.io.pictures.space_time import space_time
+from vofem.io.pictures.spectra import spectrum
 from vofem.io.pictures.steady import backbone_curve, multipliers, phase_portrait, poincare_section, response_curve
 from vofem.io.pictures.sweeps import sweep_curves
 from vofem.io.pictures.work_precision import work_precision
@@ -23,12 +30,17 @@ __all__ = [
     "basin_map",
     "bifurcation",
     "draw_scene",
+    "event_raster",
+    "force_histogram",
+    "impact_statistics",
     "multipliers",
     "phase_portrait",
     "poincare_section",
     "response_curve",
     "shapes",
     "space_time",
+    "spectrum",
+    "state_map",
     "sweep_curves",
     "time_history",
     "work_precision",
@@ -74,6 +86,7 @@ def draw_scene(
     from vofem.io.pictures.snapshot import snapshot
 
     goal = goal_of(path)
+    assert goal is not None
     drawing = sketch(snapshot(outcome, t, scene), size, magnification)
     with replacing(goal) as temporary:
         draw(drawing, temporary)

@@ -1,8 +1,8 @@
 """Whether VTK can draw off-screen on this machine.
 
 Without a working graphics driver VTK ends the process with a segmentation
-fault, which no Python code can catch. So a child process draws the first picture on a
-machine; what came of it is remembered until VTK or the drivers change.
+fault, which no Python code can catch. Therefore a child process draws the first
+picture on a machine. The outcome is stored until VTK or the drivers change.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _KNOWN = "graphics.json"
 
 @dataclass(frozen=True)
 class Probe:
-    """The verdict: whether VTK works, and the name of its window or the cause of the failure."""
+    """Whether VTK works, and the name of its window or the cause of the failure."""
 
     works: bool
     detail: str
@@ -40,19 +40,19 @@ def prepare_environment() -> None:
 
 @functools.cache
 def probe() -> Probe:
-    """Return whether VTK can draw off-screen; tried once a process, which takes about a second."""
+    """Return whether VTK can draw off-screen. The first call in a process takes about a second."""
     return try_out(None, None)
 
 
 def try_out(drawing: Any, path: Path | None) -> Probe:
-    """Let a process of its own draw a picture, and return whether that worked; what was found is remembered.
+    """Let a child process draw a picture, return whether it succeeded, and store the outcome.
 
     Parameters
     ----------
     drawing : Drawing, optional
         Drawn after a small trial picture.
     path : Path, optional
-        Where its PNG goes.
+        Name of its PNG file.
     """
     prepare_environment()
     try:
@@ -79,14 +79,14 @@ def child_code(call: str) -> str:
 
 
 def remember(found: Probe) -> None:
-    """Keep what was found for other processes, and for this one."""
+    """Store what was found, for this process and others."""
     write_entry(user_caches("vofem") / _KNOWN, _machine(), [found.works, found.detail])
     remembered.cache_clear()
 
 
 @functools.cache
 def remembered() -> Probe | None:
-    """Return what was found on this machine, by any process, as long as its drivers are the same; else None."""
+    """Return what any process found on this machine with the same drivers, or None."""
     known = read_entries(user_caches("vofem") / _KNOWN).get(_machine())
     return Probe(bool(known[0]), str(known[1])) if isinstance(known, list) and len(known) == 2 else None
 
@@ -117,7 +117,7 @@ def _status(file: str) -> os.stat_result | None:
 
 
 def verdict(code: int, output: str, errors: str) -> Probe:
-    """Return what the exit code and the output of the child process mean."""
+    """Return the meaning of the exit code and the output of the child process."""
     words = [line.split()[1] for line in output.splitlines() if line.startswith("vofem-probe ")]
     if words and words[0] == "blank":
         return Probe(False, "a trial picture came out blank")

@@ -6,34 +6,15 @@ from typing import Any
 
 import numpy as np
 
+from vofem.histories.tables import MOST, telling_points
 from vofem.io.scenes.settings import OutputSettings
 from vofem.result import Result
 from vofem.scene import Scene
 
-#: Points that are chosen.
-_MOST = 6
-
-
-def telling_points(scene: Scene) -> tuple[Any, ...]:
-    """Return the points of the contacts and, where there are none, of the other effects.
-
-    A body that none of them touches gives its own: a mass itself, a line its right end.
-    """
-    points: dict[tuple[str, float], Any] = {}
-    contacts = scene.contacts
-    for effect in (*contacts, *(() if contacts else scene.effects)):
-        for point in effect.points():
-            points.setdefault((point.body.name, getattr(point, "x", 0.0)), point)
-    touched = {name for name, _ in points}
-    for body in scene.bodies:
-        if body.name not in touched:
-            points[body.name, 0.0] = body.at("right") if hasattr(body, "at") else body
-    return tuple(points.values())
-
 
 def history_points(scene: Scene, output: OutputSettings) -> tuple[Any, ...]:
     """Return the points that the settings name, or some telling ones."""
-    return output.history or telling_points(scene)[:_MOST]
+    return output.history or telling_points(scene)[:MOST]
 
 
 def picture_times(result: Result, output: OutputSettings) -> tuple[float, ...]:

@@ -1,4 +1,4 @@
-"""`vofem.load` and `vofem.resume`: HDF5 is imported when they are called, not when they are named."""
+"""`vofem.load` and `vofem.resume`. HDF5 is imported when they are called."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ if TYPE_CHECKING:
 
 
 def load(path: str | os.PathLike[str]) -> Any:
-    """Return the Result that `Result.save` has written, or the Branch that `Branch.save` has written, whole.
+    """Read a file that `Result.save` or `Branch.save` has written, and return the Result or the Branch.
 
-    Every quantity at `times` is the same to the last bit, and of an
-    event-driven run those at other times too, on a machine with the same
-    libraries. Points are found by the name of their body and x, so points of
-    the original bodies serve.
+    Every quantity at `times` is the same as before, to the last bit. For an
+    event-driven run this also holds at other times, on a machine with the same
+    libraries. Points are found by the name of their body and x, so points of the
+    original bodies can be used.
 
-    Where the scene held Python callables, the values that the run has taken
-    stand for them: what needs another value raises `MissingCallableError`,
-    which names the callable.
+    A file cannot hold Python functions. If the scene contained some, the file
+    holds the values that the run needed of them. Whatever needs another value
+    raises `MissingCallableError`, which names the function.
 
     Parameters
     ----------
     path : path
-        Of a file that `Result.save` or `Branch.save` has written.
+        Name of the file.
 
     Returns
     -------
@@ -51,17 +51,17 @@ def resume(
     progress: Progress = None,
     checkpoint_every: float = 60.0,
 ) -> Result:
-    """Go on with a run from its checkpoint, to the same outcome, bit for bit, as if it had never stopped.
+    """Continue a run from its checkpoint. The result is the same, bit for bit, as without the interruption.
 
-    The checkpoint is kept up to date on the way.
+    The checkpoint is updated while the run continues.
 
     Parameters
     ----------
     path : path
-        What was given as ``checkpoint`` to `vofem.simulate`.
+        The file that was given as ``checkpoint`` to `vofem.simulate`.
     scene : Scene, optional
-        Needed where the scene holds Python callables, which no file can hold:
-        the same scene again.
+        The same scene again. It is needed if the scene contains Python
+        functions, which a file cannot hold.
     progress : bool or callable, optional
         As in `vofem.simulate`.
     checkpoint_every : float
@@ -76,7 +76,7 @@ def resume(
     StorageError
         If the file is missing, of another kind, damaged, or of a newer vofem.
     ArgumentError
-        If the scene is another one.
+        If the scene is not the same.
     MissingCallableError
         If the scene holds callables and was not given.
     """

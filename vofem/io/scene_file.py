@@ -1,4 +1,4 @@
-"""Scene files: TOML that says the same things as Python, with the same names."""
+"""Scene files: TOML files that describe a scene, with the names of the arguments in Python."""
 
 from __future__ import annotations
 
@@ -36,17 +36,17 @@ __all__ = [
 
 @dataclass(frozen=True)
 class SceneFile:
-    """What a scene file holds.
+    """The content of a scene file.
 
     Attributes
     ----------
     scene : Scene
     run : RunSettings, optional
-        None where the file has no ``[run]``.
+        None if the file has no ``[run]``.
     output : OutputSettings
     path : Path
     respond : RespondSettings, optional
-        None where the file has no ``[respond]``.
+        None if the file has no ``[respond]``.
     content : dict
         The parsed file.
     """
@@ -59,14 +59,14 @@ class SceneFile:
     content: dict[str, Any] = field(default_factory=dict, repr=False)
 
     def at(self, value: float) -> Scene:
-        """Return the scene with the parameter that ``[respond]`` names at a value.
+        """Return the scene with a value for the parameter that ``[respond]`` names.
 
         Raises
         ------
         ArgumentError
             If the file has no ``[respond]``.
         SceneFileError
-            If the scene cannot be at this value.
+            If there is no valid scene with this value.
         """
         if self.respond is None:
             raise ArgumentError(
@@ -80,7 +80,7 @@ class SceneFile:
         return scene
 
     def simulate(self, **changes: Any) -> Result:
-        """Run the scene as the file says, other arguments of `vofem.simulate` given here aside."""
+        """Run the scene as the file says. Arguments of `vofem.simulate` given here replace those of the file."""
         arguments = (self.run.arguments() if self.run is not None else {}) | changes
         if "t_end" not in arguments:
             raise ArgumentError(f"{self.path} does not say how long to run; add t_end to a table [run], or give t_end")
@@ -93,7 +93,7 @@ def load_scene(path: str | os.PathLike[str]) -> SceneFile:
     Parameters
     ----------
     path : path
-        TOML in UTF-8. Paths of meshes in it start at its folder.
+        A TOML file in UTF-8. Paths of meshes in it are relative to its folder.
 
     Returns
     -------
@@ -102,15 +102,15 @@ def load_scene(path: str | os.PathLike[str]) -> SceneFile:
     Raises
     ------
     SceneFileError
-        With all problems of the file: key path, what was expected, what was
-        found, and the nearest valid name.
+        With all faults of the file: the path of the key, what was expected, what
+        was found, and the nearest valid name.
     """
     file, text, content = scene_text(path)
     return read_content(content, text, file)
 
 
 def scene_text(path: str | os.PathLike[str]) -> tuple[Path, str, dict[str, Any]]:
-    """Return the path of a scene file, its text and its tables; raise `SceneFileError` where it is no TOML."""
+    """Return the path of a scene file, its text and its tables; raise `SceneFileError` if it is not valid TOML."""
     file = _path(path)
     text = _text(file)
     try:
@@ -127,16 +127,16 @@ def read_content(content: dict[str, Any], text: str, file: Path) -> SceneFile:
     Parameters
     ----------
     content : dict
-        As TOML reads it.
+        The parsed file.
     text : str
-        Of the file: the order of its headers is that of the bodies.
+        The text of the file. The order of its headers is that of the bodies.
     file : Path
-        Relative paths start at its folder.
+        Name of the file. Relative paths start at its folder.
 
     Raises
     ------
     SceneFileError
-        With all problems.
+        With all faults.
     """
     book = Book(file.parent)
     scene, run, output = read_tables(content, text, book)
@@ -152,7 +152,7 @@ def dump_scene(
     run: RunSettings | None = None,
     output: OutputSettings | None = None,
 ) -> Path:
-    """Write a scene to a scene file, whole or not at all.
+    """Write a scene to a scene file. The file is written completely or not at all.
 
     Reading it gives the same scene, bit for bit.
 
@@ -171,7 +171,7 @@ def dump_scene(
     Raises
     ------
     SceneFileError
-        If something has no form in TOML, such as a callable.
+        If the scene contains something that a scene file cannot hold, such as a Python function.
     OutputError
         If the file cannot be written.
     """
@@ -186,7 +186,7 @@ def dump_scene(
 
 
 def point_named(scene: Scene, text: str) -> Any:
-    """Return the point that a text such as 'beam@1.0' names, as scene files do; `ArgumentError` where there is none."""
+    """Return the point of a text such as 'beam@1.0', as in scene files; raise `ArgumentError` if there is none."""
     book = Book(Path.cwd(), {body.name: body for body in scene.bodies})
     point = PointByName().read(text, Place(book))
     if book.problems:

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vofem.effects.two_points import units_of
-from vofem.errors import ArgumentError
-from vofem.histories import ContactHistory
 from vofem.result import Result
 
-#: Times at which a contact's force is looked at, per closed interval.
-_SAMPLES = 2000
+#: Of forces, which are printed with six digits.
+_TOLERANCE = 1e-7
 
 
 def contact_tables(result: Result, most: int = 8) -> str:
@@ -27,7 +23,7 @@ def contact_tables(result: Result, most: int = 8) -> str:
 
 
 def contact_table(result: Result, name: str, most: int = 20) -> str:
-    """Return a line per closed interval of a contact: when it closes and opens, peak force and impulse.
+    """Return a line per impact of a contact: when it closes and opens, approach speed, peak force and impulse.
 
     Parameters
     ----------
@@ -35,53 +31,38 @@ def contact_table(result: Result, name: str, most: int = 20) -> str:
     name : str
         Of the contact.
     most : int
-        How many intervals are shown; the rest is counted.
+        How many impacts are shown; the rest is counted.
     """
     history = result.contacts[name]
-    closings, openings = history.closings, history.openings
-    if not closings.size:
+    impacts = history.first_impacts(most, _TOLERANCE)
+    if not len(impacts):
         return f"Contact {name!r} does not close"
-    units = units_of(result.scene.effects, name)
+    units = history.units
     lines = [
         f"Contact {name!r}",
-        f"{'':>7}   {'closes [s]':>14}   {'opens [s]':>14}   {'lasts [s]':>11}"
+        f"{'':>7}   {'closes [s]':>14}   {'opens [s]':>14}   {'lasts [s]':>11}   {f'at [{units.coordinate}/s]':>11}"
         f"   {f'peak force [{units.force}]':>14}   {f'impulse [{units.impulse}]':>14}",
     ]
-    for k, closing in enumerate(closings[:most]):
-        ended = k < openings.size
-        opening = float(openings[k]) if ended else float(result.times[-1])
-        peak, impulse = _peak_and_impulse(result, history, closing, max(closing, opening))
+    columns = (impacts.approach_speed, impacts.peak_force, impacts.impulse)
+    for k, (closing, opening) in enumerate(zip(impacts.closing, impacts.opening, strict=True)):
+        speed, peak, impulse = (float(column[k]) for column in columns)
         lines.append(
-            f"{k + 1:7d}   {closing:14.9f}   {opening:14.9f}{' ' if ended else '+'}  {opening - closing:11.6f}"
-            f"   {_number(peak)}   {_number(impulse)}"
+            f"{k + 1:7d}   {closing:14.9f}   {opening:14.9f}{' ' if impacts.ended[k] else '+'}  "
+            f"{opening - closing:11.6f}   {_number(speed, 11)}   {_number(peak)}   {_number(impulse)}"
         )
-    if closings.size > most:
-        lines.append(f"{'...':>7}   and {closings.size - most} more")
-    if openings.size < closings.size <= most:
+    count = history.closings.size
+    if count > most:
+        lines.append(f"{'...':>7}   and {count - most} more")
+    if not np.all(impacts.ended):
         lines.append(f"{'+':>7}   still closed at the end")
+    if impacts.why:
+        lines.append(f"{'-':>7}   not known: {impacts.why}")
     return "\n".join(lines)
 
 
-def _number(value: float) -> str:
-    """Return a number for a column; what the stored times are too few for is a dash."""
-    return f"{value:14.6g}" if np.isfinite(value) else f"{'-':>14}"
-
-
-def _peak_and_impulse(result: Result, history: ContactHistory, closing: float, opening: float) -> tuple[float, float]:
-    """Return the largest force and the impulse of a closed interval; NaN where the run did not store enough of it."""
-    # Midpoints: at the ends the force of the jump law has jumped, and the contact may already count as open.
-    step = (opening - closing) / _SAMPLES
-    try:
-        force = _force(result, history, closing + step * (np.arange(_SAMPLES, dtype=float) + 0.5))
-    except ArgumentError:
-        # A stepping method that was asked for few times knows its contacts at those times only.
-        return np.nan, np.nan
-    return float(force[np.argmax(np.abs(force))]), float(step * np.sum(force))
-
-
-def _force(result: Result, history: ContactHistory, times: NDArray[np.float64]) -> NDArray[np.float64]:
-    index = list(result.contacts).index(history.name)
-    return np.asarray(result.solution.contacts(times).force[index])
+def _number(value: float, width: int = 14) -> str:
+    """Return a number for a column; what is not known is a dash."""
+    return f"{value:{width}.6g}" if np.isfinite(value) else f"{'-':>{width}}"
 
 
 def energy_table(result: Result, rows: int = 6) -> str:

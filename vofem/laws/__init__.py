@@ -1,9 +1,9 @@
 """Scalar laws on rows: contacts, smooth and hysteretic springs, springpots, the law that the paper prints.
 
-One module states one law: its force, its mean force over a step, its tangent,
-stored energy, dissipation and internal variables, and what it needs of a
-method. `evaluate` is what compiled loops call, `group.LawGroup` what all else
-calls.
+Each module states one law: its force, its mean force over a step, its tangent,
+its stored energy, its dissipation, its internal variables, and what it requires
+of a method. Compiled loops call the functions of `evaluate`. All other code
+calls `group.LawGroup`.
 """
 
 from vofem.laws.contact import ContactLaws, initial_status

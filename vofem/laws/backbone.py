@@ -1,4 +1,4 @@
-"""Backbones of cyclic laws in compiled form: force, slope, and mean over a stretch without cancellation."""
+"""Backbones of cyclic laws in compiled form: force, slope, and the mean force between two elongations."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def _cubic(laws: Laws, a: int, n: int, k: int, w: float) -> tuple[float, float]:
 
 @jit
 def backbone(laws: Laws, j: int, w: float) -> tuple[float, float]:
-    """Return force and slope of the backbone at an elongation w, counted along it."""
+    """Return force and slope of the backbone at an elongation w, counted from the start of the backbone."""
     law = laws.table[j]
     if law["kind"] == HYPERBOLIC:
         k, limit, span = (

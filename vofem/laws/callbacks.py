@@ -43,10 +43,11 @@ call: Any = Intrinsic(_call_address, lambda address, what, u0, u1: _PROTOTYPE(in
 
 
 class Callbacks:
-    """Laws written in Python as addresses; keep the object as long as they are in use.
+    """Laws written in Python as addresses of C functions, which compiled loops can call.
 
-    An exception cannot cross compiled code: it is kept, the law returns NaN,
-    and `complain` raises it again.
+    The object must live as long as the addresses are in use. An exception cannot
+    pass through compiled code. It is therefore stored, the law returns NaN, and
+    `complain` raises the stored exception afterwards.
     """
 
     def __init__(self, laws: Sequence[ScalarLaw]) -> None:
@@ -86,7 +87,7 @@ class Callbacks:
         return _PROTOTYPE(guarded)
 
     def complain(self, dt: float) -> None:
-        """Raise what a law raised, or what it returned that is not finite.
+        """Raise the exception that a law has raised, or an error if it returned a number that is not finite.
 
         Raises
         ------

@@ -1,10 +1,9 @@
 """Contacts: both force laws, with the ideal and the resolved switch.
 
 A contact is closed exactly while ``s = u - gap > 0`` (Eq. 8 of the paper).
-While it is closed its force is ``K (u - offset) + C0 u'`` with K = K0 under
-the ideal switch, and with offset = 0 where the force acts on the whole
-displacement (Eqs. 9b, 13, 18c), or offset = gap where it acts on the
-penetration.
+The force of a closed contact is ``K (u - offset) + C0 u'``, with K = K0 under
+the ideal switch. The offset is 0 under the displacement law, whose force acts on
+the whole displacement (Eqs. 9b, 13, 18c). It is the gap under the penetration law.
 """
 
 from __future__ import annotations
@@ -81,7 +80,7 @@ class ContactLaws(LawGroup):
 
     @property
     def offset(self) -> Array:
-        """The displacement that the spring force is counted from: 0 for the jump law, else the gap."""
+        """The coordinate at which the spring force is zero: 0 under the displacement law, else the gap."""
         return np.where(self.jump, 0.0, self.gap)
 
     @property
@@ -114,17 +113,19 @@ class ContactLaws(LawGroup):
     # -- the laws on arrays: u and s of shape (n_contacts,) or (n_contacts, n_times) ------------------
 
     def column(self, values: Array, like: Array) -> Array:
-        """Return numbers of the contacts in a shape that goes with that of `like`."""
+        """Return numbers of the contacts, one for each, in a shape that broadcasts with that of `like`."""
         return values.reshape(values.shape + (1,) * (like.ndim - 1))
 
     def elastic(self, u: Array) -> Array:
-        """Return the force in N that the springs have at coordinates u, as if all contacts were closed."""
+        """Return the spring forces in N at coordinates u if all contacts were closed."""
         return np.asarray(self.column(self.stiffness, u) * (u - self.column(self.offset, u)))
 
     def force(self, s: Array, rate: Array, status: Status) -> Array:
-        """Return the contact forces of the ideal switch; pinned ones, which the structure decides, as zero.
+        """Return the contact forces under the ideal switch.
 
-        From the gap functions, which keep the digits of small penetrations.
+        They are computed from the gap functions, so that small penetrations keep
+        their digits. The force of a pinned contact follows from the structure and
+        is returned as zero here.
         """
         elastic = self.column(self.stiffness, s) * (s + self.column(self.gap - self.offset, s))
         return np.where(status == CLOSED, elastic + self.column(self.damping, s) * rate, 0.0)
@@ -134,14 +135,15 @@ class ContactLaws(LawGroup):
         return np.asarray(np.sum(np.where(status == CLOSED, self.closed_energies(s), 0.0), axis=0))
 
     def closed_energies(self, s: Array) -> Array:
-        """Return the energy of every contact with an ideal switch were it closed, J, like s.
+        """Return the energy in J that every contact would hold if it were closed, for an ideal switch.
 
-        It is ``K0 (u^2 - gap^2)/2`` under the jump law and ``K0 s^2/2`` under the other.
+        It is ``K0 (u^2 - gap^2)/2`` under the displacement law and ``K0 s^2/2`` under the penetration law. The
+        shape is that of s.
         """
         return 0.5 * self.column(self.stiffness, s) * s * (s + 2.0 * self.column(self.gap - self.offset, s))
 
     def shares(self, s: Array) -> Array:
-        """Return ``K_eq/K0``: how far every contact is switched on at gap functions s (Eqs. 8, 12a, 17)."""
+        """Return ``K_eq/K0`` at gap functions s, from 0 (open) to 1 (closed) (Eqs. 8, 12a, 17)."""
         share = np.where(s > 0.0, 1.0, 0.0)
         for j in np.flatnonzero(np.isfinite(self.resolution)):
             share[j] = np.reshape([switch(self.resolution[j] * x) for x in np.ravel(s[j])], np.shape(s[j]))
@@ -152,11 +154,19 @@ class ContactLaws(LawGroup):
         return np.where(u > self.column(self.gap, u), CLOSED, OPEN).astype(np.int64)
 
     def potential(self, u: Array) -> Array:
-        """Return the energy in J stored in closed contacts, shape (n_times,)."""
+        """Return the energy in J stored in closed contacts, shape (n_times,).
+
+        It is that of the force in compiled loops, whose jump has a width.
+        """
         s, status = u - self.gap[:, None], self.status(u)
         resolved = np.flatnonzero(np.isfinite(self.resolution))
         status[resolved] = OPEN
         total = self.closed_potential(s, status)
+        for j in np.flatnonzero(self.jump & np.isinf(self.resolution) & (self.gap > 0.0)):
+            lever, ramp = self.gap[j], _RAMP * self.gap[j]
+            within = np.clip(s[j], 0.0, ramp)
+            # What the force on its way up leaves out of the potential of a force that jumps.
+            total = total - self.stiffness[j] * lever * within * (1.0 - 0.5 * within / ramp)
         for j in resolved:
             lever, k, s0 = self.gap[j] - self.offset[j], self.stiffness[j], self.resolution[j]
             parts = np.array([resolved_integrals(0.0, max(x, 0.0), s0) for x in s[j].tolist()])
@@ -177,7 +187,7 @@ class ContactLaws(LawGroup):
         return replace(self, stiffness=factor * self.stiffness, damping=factor * self.damping)
 
     def respond(self, u: Array, width: float) -> tuple[Array, Array, Status]:
-        """Return reaction, tangent and status of ideal switches, jumps spread over a width, a fraction of the gap."""
+        """Return reaction, tangent and status of ideal switches; jumps are spread over `width` times the gap."""
         s, ramp = u - self.gap, np.where(self.jump, width * self.gap, 0.0)
         beyond = s > ramp
         within = (s > 0.0) & ~beyond
@@ -195,7 +205,7 @@ class ContactLaws(LawGroup):
 
 
 def initial_status(laws: ContactLaws, q: Array, v: Array, size: Array | None = None) -> Status:
-    """Return the status at t = 0: closed where ``s > 0``, or where ``s = 0`` and the contact moves in.
+    """Return the status at t = 0: closed if ``s > 0``, or if ``s = 0`` and the contact is closing.
 
     Parameters
     ----------
@@ -289,7 +299,7 @@ def ideal_mean_slope(law: Any, u0: float, u1: float, mean: float) -> float:
 
 
 def contact_kinks(law: Any) -> list[float]:
-    """Return the coordinates at which force or tangent jumps, and of a resolved switch those between which it rises."""
+    """Return the coordinates at which the force or the tangent jumps; for a resolved switch, the ends of its rise."""
     gap = float(law["gap"])
     if law["kind"] != RESOLVED:
         return [gap]

@@ -1,13 +1,14 @@
 """The laws of a system in compiled loops: force, mean force over a step, energy, loss, and the commit of a step.
 
-Every law is a force over a monotone path of its coordinate from u0 to u1;
-that of a law with internal variables depends on them at u0 too. The mean force
-over the path, work over length, is the discrete gradient of the law's
-potential: a step that uses it conserves energy whatever its size. All laws of
-contacts are monotone in u1, so a step has one solution.
+A law gives the force along a monotone path of its coordinate from u0 to u1.
+The force of a law with internal variables also depends on their values at u0.
+The mean force over the path is the work divided by the length of the path. This
+is the discrete gradient of the law's potential, so a step that uses it conserves
+energy whatever its size. The forces of contacts are monotone in u1, so a step
+has one solution.
 
-This is the only place that asks for the kind of a law; the formulas stand in
-the module of each law.
+This is the only module that asks for the kind of a law. The formulas are in the
+module of each law.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ Array = NDArray[np.float64]
 
 @jit
 def force_and_tangent(laws: Laws, j: int, u: float) -> tuple[float, float]:
-    """Return force and tangent at u, contact dampers left out."""
+    """Return force and tangent at u, without contact dampers."""
     law = laws.table[j]
     kind = law["kind"]
     if kind <= RESOLVED:
@@ -68,7 +69,7 @@ def force_at(laws: Laws, j: int, u: float) -> float:
 
 @jit
 def mean_force(laws: Laws, j: int, u0: float, u1: float) -> float:
-    """Return the mean force over the path from u0 to u1, contact dampers left out."""
+    """Return the mean force over the path from u0 to u1, without contact dampers."""
     law = laws.table[j]
     kind = law["kind"]
     if kind <= RESOLVED:
@@ -110,7 +111,7 @@ def closed_share(laws: Laws, j: int, u0: float, u1: float) -> float:
 
 @jit
 def stored(laws: Laws, j: int, u: float) -> float:
-    """Return the energy in J that a law with internal variables holds at u and would give back."""
+    """Return the recoverable energy in J that a law with internal variables stores at u."""
     if laws.table[j]["kind"] == CALLED:
         return call(laws.table[j]["address"], STORED, u, u)
     return hysteretic_stored(laws, j, u)
@@ -118,19 +119,19 @@ def stored(laws: Laws, j: int, u: float) -> float:
 
 @jit
 def lost(laws: Laws, j: int, u: float) -> float:
-    """Return the energy in J that a law with internal variables has dissipated when its path has come to u."""
+    """Return the energy in J that a law with internal variables has dissipated when its path has reached u."""
     return laws.state[laws.table[j]["start"] + LOST] + hysteretic_loss(laws, j, u)
 
 
 @jit
 def commit(laws: Laws, j: int, u: float) -> None:
-    """Make the path of law j to u part of its past."""
+    """Update the internal variables of law j to the end u of its path."""
     hysteretic_commit(laws, j, u)
 
 
 @jit
 def commit_all(laws: Laws, u: Array) -> None:
-    """Make the paths to all u part of the past of the laws with internal variables."""
+    """Update the internal variables of all laws to the ends u of their paths."""
     for j in range(u.size):
         if laws.table[j]["kind"] >= HYPERBOLIC:
             commit(laws, j, u[j])
@@ -150,7 +151,7 @@ def response(group: LawGroup, laws: Laws, first: int, u: Array, width: float) ->
 
 
 def loaded(laws: Laws, u: Array, past: Array | None) -> Laws:
-    """Return laws that come from a past to the coordinates u at the start of a run; nothing is lost yet."""
+    """Return the laws at the start of a run: internal variables as given, coordinates u, nothing dissipated yet."""
     if laws.state.size:
         if past is not None:
             laws.state[:] = past
@@ -168,7 +169,7 @@ def kinks(laws: Laws, j: int) -> list[float]:
 
 
 def force_jump(laws: Laws, j: int) -> float:
-    """Return by how much the force of law j jumps at its first kink where its coordinate rises, N, dampers left out."""
+    """Return the jump in N of the force of law j at its first kink as its coordinate rises, without dampers."""
     law = laws.table[j]
     return float(law["stiffness"] * law["gap"]) if law["kind"] == JUMP else 0.0
 

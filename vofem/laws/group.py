@@ -1,4 +1,4 @@
-"""What every group of scalar laws states once, for all methods, statics, energies and pictures."""
+"""The base of all groups of scalar laws: what methods, statics, energies and pictures ask of a group."""
 
 from __future__ import annotations
 
@@ -19,23 +19,24 @@ OPEN, CLOSED, PINNED = 0, 1, 2
 
 
 class LawGroup:
-    """Scalar laws of one kind, one for each row b: the force on the structure is ``-b R``, R a law of ``u = b.q``.
+    """Scalar laws of one kind, one for each row b.
 
-    A group states its numbers for compiled loops (`fill`, `parameters`,
-    `virgin`), its response for statics (`respond`), and what it needs of a
-    method (its refusals). The defaults are those of laws without
-    internal variables.
+    The coordinate of a law is ``u = b.q``. Its reaction R acts on the structure
+    as the force ``-b R``. A group gives its numbers to compiled loops (`fill`,
+    `parameters`, `virgin`) and its response to statics (`respond`). Its refusals
+    say which methods cannot treat it, and why. The defaults are those of laws
+    without internal variables.
 
     Attributes
     ----------
     kind : str
-        What a reader calls the laws of this group.
+        Name of the kind of law, for readers.
     place : int
-        Where the group stands among those of a system.
+        Position of the group among those of a system.
     rows : csr_matrix, shape (n_laws, n)
         Over the free degrees of freedom.
     names, labels : tuple of str
-        The names alone, and with the class of the effect, for messages.
+        Names of the laws, and names with the class of the effect in front for messages.
     """
 
     kind: ClassVar[str] = "laws"
@@ -73,15 +74,15 @@ class LawGroup:
     bounded: ClassVar[bool] = True
 
     def nonlinearity(self, method: str) -> str | None:
-        """Return why a method that needs forces which are piecewise linear cannot treat the group, or None."""
+        """Return why methods for piecewise linear forces cannot treat the group, or None if they can."""
         raise NotImplementedError
 
     def statics_refusal(self, path: bool) -> str | None:
-        """Return why the group has no equilibrium of its own, or none along a path of loads; None where it has."""
+        """Return why statics cannot treat the group, alone or along a load path, or None if it can."""
         return None
 
     def modes_refusal(self) -> str | None:
-        """Return why the group has no natural modes, and the way out, or None."""
+        """Return why the group has no natural modes, and what to do instead, or None if it has."""
         return None
 
     # -- the law in compiled loops ------------------------------------------------------------------
@@ -101,25 +102,25 @@ class LawGroup:
         return [np.zeros(0)] * len(self)
 
     def virgin(self) -> list[Array]:
-        """Return the internal variables of every law before any load, the energy dissipated (J) first."""
+        """Return the internal variables of every law before any load; the first is the dissipated energy in J."""
         return [np.zeros(0)] * len(self)
 
     def numbers(self) -> Array:
-        """Return all numbers that the laws are made of, by which two groups are told apart; functions have none."""
+        """Return all numbers that define the laws, by which two groups are compared; Python functions have none."""
         return np.concatenate([np.zeros(0), *self.parameters()])
 
     def shifted(self, start: float) -> LawGroup:
-        """Return the laws as a run sees them that begins at a time in s; they are the same unless they vary in time."""
+        """Return the laws for a run that begins at a time in s; they differ only if they vary in time."""
         return self
 
     def scaled(self, factor: float) -> LawGroup | None:
-        """Return the same laws with all forces and energies times a factor, or None where that is not known."""
+        """Return the laws with all forces and energies multiplied by a factor, or None if this is not possible."""
         return None
 
     # -- the law at rest ----------------------------------------------------------------------------
 
     def limits(self) -> Array:
-        """Return the forces in N that the laws never exceed, inf where there is none."""
+        """Return the limit loads in N, which the forces never exceed; inf where there is none."""
         return np.full(len(self), np.inf)
 
     def units(self) -> tuple[str, ...]:
@@ -127,7 +128,7 @@ class LawGroup:
         return ("N",) * len(self)
 
     def steepest(self, u: Array) -> Array:
-        """Return bounds of the tangents in N/m, near the coordinates u where nothing bounds them everywhere."""
+        """Return bounds of the tangents in N/m; some hold only near the coordinates u."""
         raise NotImplementedError
 
     def potential(self, u: Array) -> Array:
@@ -142,7 +143,7 @@ class LawGroup:
         raise NotImplementedError
 
     def respond(self, u: Array, width: float) -> tuple[Array, Array, NDArray[np.int64]] | None:
-        """Return reaction (N), tangent (N/m) and status at u, each (n_laws,), or None where the compiled laws tell.
+        """Return reaction (N), tangent (N/m) and status at u, each (n_laws,), or None if the compiled laws give them.
 
         Jumps are spread over a width, a fraction of their gap.
         """
@@ -174,7 +175,7 @@ class ListedLaws(LawGroup):
 
 
 def past_of(groups: Sequence[LawGroup], states: Array, name: str) -> Array | None:
-    """Return the internal variables of the law of a name among those of all, one after the other, or None."""
+    """Return the internal variables of the law of that name from the flat array of all laws, or None."""
     start = 0
     for group in groups:
         for mine, virgin in zip(group.names, group.virgin(), strict=True):
@@ -185,7 +186,7 @@ def past_of(groups: Sequence[LawGroup], states: Array, name: str) -> Array | Non
 
 
 def gathered_past(groups: Sequence[LawGroup], known: Callable[[str], Array | None]) -> Array | None:
-    """Return the internal variables of all laws, those of a past that is known by name, or None where none is."""
+    """Return the internal variables of all laws, taken by name from an earlier run, or None if there are none."""
     states, found = [np.zeros(0)], False
     for group in groups:
         for name, virgin in zip(group.names, group.virgin(), strict=True):

@@ -1,18 +1,19 @@
 """Laws with internal variables: cyclic laws on a backbone, and springs of Jenkins elements.
 
-A cyclic law is elastic between two forces, the largest that tension and
-compression have reached, and follows its backbone beyond either of them. Its
-internal variables are six numbers, `HystereticLaw.virgin` says which. A spring
-of Jenkins elements is a spring beside elements of a spring and a slider each;
-its internal variables are the places of the sliders. Both are rate independent:
-the force follows from the internal variables and the elongation.
+A cyclic law is elastic between the largest forces that tension and compression
+have reached, and follows its backbone beyond either of them. Its internal
+variables are six numbers, which are listed at `HystereticLaw.virgin`. A law of
+Jenkins elements is a linear spring in parallel with elements, each of which is a
+spring in series with a slider. Its internal variables are the positions of the
+sliders. Both laws are rate independent: the force follows from the internal
+variables and the elongation.
 
-The internal variables of all laws are one flat array that only `commit`
-changes; forces, means and losses of a path take it as it is at the path's
-start. So a step that is tried and rejected leaves no trace. A path is a
-monotone change of the elongation from u0, where the internal variables hold,
-to u1. Forces grow along rising paths and fall along falling ones, so mean and
-end force are monotone in u1.
+The internal variables of all laws are one flat array. Only `commit` changes it.
+Forces, mean forces and losses along a path are computed from the values at the
+start of the path, so a rejected step changes nothing. A path is a monotone
+change of the elongation from u0 to u1, where u0 belongs to the present internal
+variables. Forces grow along rising paths and fall along falling ones. Mean force
+and end force are therefore monotone functions of u1.
 """
 
 from __future__ import annotations
@@ -52,23 +53,23 @@ class HystereticLaw:
     kind : int
         HYPERBOLIC, TABULATED or JENKINS.
     stiffness : float
-        That of the virgin law in N/m, the largest it ever has.
+        Stiffness before any load in N/m, which is the largest that the law ever has.
     onset : float
-        Force at which it first yields, N.
+        Force in N at which the law first yields.
     limit : float
-        Force that it never reaches, N; inf where there is none.
+        Limit load in N, which the force never reaches; inf where there is none.
     one_sided : bool
-        Whether it cannot pull, as a stop.
+        Whether the force cannot pull, as that of a stop.
     gap : float
-        Elongation from which the law counts, m.
+        Elongation in m at which the force begins.
     parameters : ndarray
-        Of HYPERBOLIC the range of forces over which the secant stiffness falls
-        to zero, N. Of TABULATED elongation, force, slope and work at the knots
-        of the backbone, one after the other. Of JENKINS the stiffness of the
-        spring beside, then those of the elements, then their slip forces.
+        For HYPERBOLIC: the range of forces in N over which the secant stiffness
+        falls to zero. For TABULATED: elongation, force, slope and work at the
+        knots of the backbone, one array after the other. For JENKINS: the
+        stiffness of the parallel spring, those of the elements, and their slip forces.
     unit : str
-        Of its force, for messages: "N m" where it acts on a rotation, and then
-        the numbers above are in rad, N m and N m/rad.
+        Unit of the force, for messages. It is "N m" for a law that acts on a
+        rotation; the numbers above are then in rad, N m and N m/rad.
     """
 
     label: str
@@ -84,7 +85,7 @@ class HystereticLaw:
 
     @staticmethod
     def from_earlier(fields: dict[str, Any]) -> dict[str, Any]:
-        """Return the fields of a law that an earlier version has saved, which counted its kinds from 0."""
+        """Return the fields of a law that was saved by an earlier version, whose kinds were numbered from 0."""
         kind = fields["kind"]
         return fields | {"kind": kind + HYPERBOLIC if kind < HYPERBOLIC else kind}
 
@@ -96,9 +97,9 @@ class HystereticLaw:
     def virgin(self) -> Array:
         """Return the internal variables before any load: energy dissipated (J), then those of the kind.
 
-        A cyclic law: elongation on the backbone and force where tension goes
-        on, both where compression goes on, residual elongation. A Jenkins law:
-        the sliders' places.
+        For a cyclic law these are: the elongation on the backbone and the force at
+        which tension yields again, the same two for compression, and the residual
+        elongation. For a law of Jenkins elements: the positions of the sliders.
         """
         if self.kind == JENKINS:
             return np.zeros(1 + (self.parameters.size - 1) // 2)
@@ -146,7 +147,7 @@ class HystereticLaws(ListedLaws):
         return tuple(law.unit for law in self.laws)
 
     def steepest(self, u: Array) -> Array:
-        """Return the stiffness before the first load: no law of this kind is ever stiffer."""
+        """Return the stiffness before any load, which is the largest."""
         return np.array([law.stiffness for law in self.laws])
 
     def fill(self, table: NDArray[np.void]) -> None:
@@ -184,7 +185,7 @@ def _edges(laws: Laws, j: int) -> tuple[float, float]:
 
 @jit
 def hysteretic_force(laws: Laws, j: int, u: float) -> tuple[float, float]:
-    """Return force in N and tangent in N/m where the elongation changes to u on a monotone path."""
+    """Return force in N and tangent in N/m after the elongation has changed to u on a monotone path."""
     law = laws.table[j]
     u -= law["gap"]
     s, k = law["start"], law["stiffness"]
@@ -227,7 +228,7 @@ def _clipped_mean(k: float, place: float, slip: float, a: float, b: float) -> fl
 
 @jit
 def hysteretic_mean(laws: Laws, j: int, u0: float, u1: float) -> float:
-    """Return work over length of the path from u0, where the state holds, to u1: a mean force in N."""
+    """Return the mean force in N over the path from u0 to u1, where u0 belongs to the internal variables."""
     law = laws.table[j]
     a, b = min(u0, u1) - law["gap"], max(u0, u1) - law["gap"]
     if a == b:
@@ -264,7 +265,7 @@ def hysteretic_mean(laws: Laws, j: int, u0: float, u1: float) -> float:
 
 @jit
 def hysteretic_loss(laws: Laws, j: int, u: float) -> float:
-    """Return the energy in J that the way to u dissipates."""
+    """Return the energy in J that is dissipated on the path to u."""
     law = laws.table[j]
     u -= law["gap"]
     s, k = law["start"], law["stiffness"]
@@ -289,7 +290,7 @@ def hysteretic_loss(laws: Laws, j: int, u: float) -> float:
 
 @jit
 def hysteretic_stored(laws: Laws, j: int, u: float) -> float:
-    """Return the energy in J that the law holds at u and would give back."""
+    """Return the recoverable energy in J that the law stores at u."""
     law = laws.table[j]
     force = hysteretic_force(laws, j, u)[0]
     s, k = law["start"], law["stiffness"]
@@ -307,7 +308,7 @@ def hysteretic_stored(laws: Laws, j: int, u: float) -> float:
 
 @jit
 def hysteretic_commit(laws: Laws, j: int, u: float) -> None:
-    """Make the way to u part of the past."""
+    """Update the internal variables to the end u of the path."""
     law = laws.table[j]
     laws.state[law["start"] + LOST] += hysteretic_loss(laws, j, u)
     s, k = law["start"], law["stiffness"]

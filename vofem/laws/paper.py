@@ -1,4 +1,4 @@
-"""The hysteresis of the paper as it is printed: Eqs. 22-25, a secant stiffness that follows the applied force."""
+"""The hysteretic law of Eqs. 22-25 as they are printed: a secant stiffness that depends on the applied force."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class LinearLevel:
-    """The softening number that grows linearly with the force: ``(F - onset)/span``, both in N."""
+    """The softening ``(F - onset)/span``, which grows linearly with the force; F, onset and span are in N."""
 
     onset: float
     span: float
@@ -31,7 +31,7 @@ class LinearLevel:
 
 @dataclass(frozen=True)
 class PrintedLaw:
-    """Eqs. 22-25 as they stand: a secant stiffness that follows the applied force.
+    """The law of Eqs. 22-25 as they stand: a secant stiffness that depends on the applied force.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class PrintedLaw:
     linear_limit : float
         d0 in m.
     level : callable
-        The softening number of a force's magnitude in N.
+        The softening, without unit, as a function of the magnitude of the force in N.
     limit : float
         Force in N at which the secant stiffness is zero; inf where there is none.
     """
@@ -107,7 +107,7 @@ class PrintedLaws(ListedLaws):
 
 
 def path_needed(label: str) -> str:
-    """Return why a law with a past has no equilibrium of its own."""
+    """Return why a law with internal variables has no equilibrium without a load path."""
     return (
         f"equilibrium: {label} has equilibria that depend on the path to them; "
         "use vofem.quasi_static(scene, load_factors)"
@@ -115,5 +115,5 @@ def path_needed(label: str) -> str:
 
 
 def no_modes(label: str) -> str:
-    """Return why a law with a past has no modes."""
+    """Return why a law with internal variables has no modes."""
     return f"{label} has no modes; put a Spring of its initial stiffness there"

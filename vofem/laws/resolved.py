@@ -1,9 +1,9 @@
-"""The resolved switch of the variable-order operator: its stiffness, and its integrals to rounding.
+"""The resolved switch of the variable-order operator: its stiffness, and integrals that are exact to rounding.
 
 With ``x = s0 s`` the contact stiffness over K0 is ``1/Gamma(1 - exp(-x))``,
 an entire function of x that is 1 to rounding beyond x = 40. Its integrals
-over unit panels are tabulated once; within a panel they come from Gauss's
-rule, so that differences of the potential over short steps keep all digits.
+over panels of unit length are tabulated once. Within a panel they are computed
+by Gauss's rule, so that differences of the potential over short steps keep all digits.
 `vofem.fractional.resolved` is the operator on arrays.
 """
 

@@ -19,7 +19,7 @@ IntArray = NDArray[np.int64]
 
 
 class Rows(NamedTuple):
-    """Row j holds the entries `start[j]` to `start[j + 1]` of `column` and `weight`."""
+    """Rows in compressed form: row j consists of the entries `start[j]` to `start[j + 1]` of `column` and `weight`."""
 
     start: IntArray
     column: IntArray
@@ -27,7 +27,7 @@ class Rows(NamedTuple):
 
 
 def compressed(rows: csr_matrix | None, order: IntArray) -> Rows:
-    """Return rows over unknowns taken in the given order; None stands for no rows."""
+    """Return rows over the unknowns in the given order; None means that there are no rows."""
     if rows is None:
         return Rows(np.zeros(1, dtype=np.int64), np.empty(0, dtype=np.int64), np.empty(0))
     place = np.empty(order.size, dtype=np.int64)

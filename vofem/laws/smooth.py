@@ -1,8 +1,9 @@
 """Laws written in Python: a smooth force with a potential, and the base of laws with internal variables.
 
-A law of this kind states its numbers as plain methods of one coordinate. All
-methods that step in time, statics (where its force grows with the coordinate)
-and energies take it, at the price of a call of Python each time.
+A law of this kind gives its force, energy and tangent as plain Python methods of
+one coordinate. All methods that step in time accept it, and so do energies.
+Statics accepts it if its force grows with the coordinate. Every evaluation costs
+a call of Python.
 """
 
 from __future__ import annotations
@@ -30,14 +31,14 @@ _LONG = 1e-3
 
 @runtime_checkable
 class ScalarLaw(Protocol):
-    """What a law written in Python states; u is its coordinate in m, a path is a monotone change of u.
+    """What a law written in Python must offer. Its coordinate is u in m.
 
     Attributes
     ----------
     name, label : str
-        The name alone, and with the class of its effect, for messages.
+        The name, and the name with the class of its effect in front for messages.
     monotone : bool
-        Whether the force never falls where u rises, so that an equilibrium is the only one.
+        Whether the force never falls as u rises. An equilibrium is then unique.
     """
 
     @property
@@ -46,7 +47,7 @@ class ScalarLaw(Protocol):
 
     @property
     def monotone(self) -> bool:
-        """Whether the force never falls where u rises."""
+        """Whether the force never falls as u rises."""
 
     @property
     def label(self) -> str:
@@ -83,7 +84,7 @@ class SmoothLaw:
 
     @property
     def monotone(self) -> bool:
-        """Nothing is known of the functions of a user: the spring may soften, and have several equilibria."""
+        """False, because nothing is known of a user's functions: the spring may have several equilibria."""
         return False
 
     @property
@@ -122,7 +123,7 @@ class SmoothLaw:
 
 
 def mean_reaction(law: ScalarLaw, u0: float, u1: float) -> float:
-    """Return work over length of a path: by the potential over long paths, else by quadrature, which keeps digits."""
+    """Return the mean force over a path: from the potential over long paths, by quadrature over short ones."""
     if abs(u1 - u0) > _LONG * max(abs(u0), abs(u1)):
         return (law.energy(u1) - law.energy(u0)) / (u1 - u0)
     middle, reach = 0.5 * (u0 + u1), 0.5 * (u1 - u0) * _GAUSS
@@ -164,7 +165,7 @@ class SmoothLaws(ListedLaws):
         return f"{self.labels[0]} has no modes; put a Spring of its tangent there"
 
     def steepest(self, u: Array) -> Array:
-        """Return the tangents at u: no other bound is known."""
+        """Return the tangents at u, because no other bound is known."""
         return np.array([law.tangent(x) for law, x in zip(self.laws, u.tolist(), strict=True)])
 
     def potential(self, u: Array) -> Array:

@@ -1,4 +1,4 @@
-"""The backbone of a spring that softens as a function of force: its limit load, and its inverse as cubics."""
+"""The backbone of a spring whose softening is a function of force: its limit load, and a table of cubics for it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _MOST_KNOTS = 20_000
 
 
 def checked_level(label: str, level: Callable[[float], float], force: float) -> float:
-    """Return the softening number at a force; raise `ArgumentError` for what is no finite number."""
+    """Return the softening at a force; raise `ArgumentError` if it is not a finite number."""
     try:
         value = float(level(force))
     except (TypeError, ValueError, ArithmeticError) as error:
@@ -36,12 +36,12 @@ def checked_level(label: str, level: Callable[[float], float], force: float) -> 
 
 
 def limit_load(label: str, level: Callable[[float], float], onset: float) -> float:
-    """Return the force at which the softening number reaches 1, inf where it never does.
+    """Return the force at which the softening reaches 1, or inf if it never does.
 
     Raises
     ------
     ArgumentError
-        If the number does not begin at 0, falls, or is not finite.
+        If the softening does not begin at 0, decreases, or is not finite.
     """
     begin = checked_level(label, level, onset)
     if abs(begin) > 1e-9:
@@ -79,8 +79,8 @@ def _where(function: Callable[[float], float], value: float, low: float, high: f
 def tabulate(label: str, level: Callable[[float], float], stiffness: float, onset: float, limit: float) -> Array:
     """Return elongation, force, slope and work at the knots of the backbone, one after the other.
 
-    The force is a monotone cubic between knots; knots are added until it is
-    right to 1e-11 between them, or they lie together at a kink.
+    The force is a monotone cubic between knots. Knots are added until its error
+    between them is below 1e-11, or until they coincide at a kink.
     """
     curve = _Curve(label, level, stiffness, onset, limit)
     reach = onset / stiffness

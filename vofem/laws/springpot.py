@@ -1,13 +1,13 @@
 """Springpots: a force proportional to a fractional derivative of the elongation.
 
-The kernel of a springpot is a sum of exponentials with positive weights, so a
-springpot is a row of Maxwell elements, springs and dashpots in series, of which
-number k holds the force ``weight y_k``, ``y_k' = u' - rate_k y_k``. Elements
-that are faster than any step act through two sums. Over a step the rate of
-elongation is taken to be constant, p; the mean force over the step is then
-``slope p + rest``, without error but for that, and the work ``mean p dt`` is
-what the elements take: some of it they hold, the rest they lose, and no step
-makes any. So a springpot over one step is an affine law, and only `carry_on`
+The kernel of a springpot is a sum of exponentials with positive weights. A
+springpot is therefore a set of parallel Maxwell elements, each a spring and a
+dashpot in series. Element k carries the force ``weight y_k``, where
+``y_k' = u' - rate_k y_k``. Elements that are faster than any step enter through
+two sums. The rate of elongation p is taken to be constant over a step, which is
+the only approximation. The mean force over the step is then ``slope p + rest``,
+and its work ``mean p dt`` is what the elements store and dissipate. No step
+creates energy. A springpot is thus an affine law over one step; only `carry_on`
 changes its past.
 """
 
@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ShiftedOrder:
-    """The order of a springpot as a run sees it that begins at `start`, in s."""
+    """The varying order of a springpot for a run that begins at the time `start`, in s."""
 
     order: Callable[[Array], Any]
     start: float
@@ -48,8 +48,9 @@ class ShiftedOrder:
 class SpringpotLaw:
     """``R = coefficient D^order u`` on a row; the force on the structure is ``-b R``.
 
-    D is Caputo's derivative from t = 0: the system was at rest before, in
-    whatever place. An order that varies is frozen at the present.
+    D is Caputo's derivative from t = 0: the system is taken to have been at rest
+    before, in its initial place. An order that varies is applied to the whole
+    past with its value at the present time.
 
     Attributes
     ----------
@@ -118,18 +119,18 @@ class SpringpotLaws(ListedLaws):
     laws: tuple[SpringpotLaw, ...]
 
     def nonlinearity(self, method: str) -> str:
-        """Return why the present displacement does not decide the force."""
+        """Return why the force does not follow from the present displacement."""
         return (
             f"{self.labels[0]} has a force that its whole past decides, and {method} needs systems whose future "
             "follows from their present displacements and velocities"
         )
 
     def steepest(self, u: Array) -> Array:
-        """Return zeros: springpots enter every step implicitly and leave its limit as it is."""
+        """Return zeros: springpots enter every step implicitly and do not change the critical step."""
         return np.zeros(len(self))
 
     def shifted(self, start: float) -> SpringpotLaws:
-        """Return springpots whose varying orders are those from a time on, in s."""
+        """Return the springpots for a run that begins at a time in s; orders that vary are shifted."""
         laws = tuple(
             replace(law, order=ShiftedOrder(law.order, start)) if callable(law.order) else law for law in self.laws
         )
@@ -145,9 +146,9 @@ class SpringpotLaws(ListedLaws):
 
 
 class Pace(NamedTuple):
-    """What a step of size dt does to the numbers y that keep a past; arrays of shape (k,).
+    """Coefficients by which a step of size dt advances the numbers y of a past; arrays of shape (k,).
 
-    ``decay y + gain p`` is y at its end, ``old y + new p`` its mean.
+    ``decay y + gain p`` is y at the end of the step, and ``old y + new p`` is its mean over the step.
     """
 
     dt: float
@@ -158,14 +159,14 @@ class Pace(NamedTuple):
 
 
 class Springpots(NamedTuple):
-    """Springpots at some steps.
+    """The numbers of all springpots at some steps.
 
     Attributes
     ----------
     row : int
         Number of the first one among all laws.
     weight : ndarray, shape (n, n_steps, k)
-        From y to forces, at the orders of the steps; one step stands for all where no order varies.
+        Factors from y to forces, at the orders of the steps. There is one step if no order varies.
     """
 
     row: int
@@ -173,15 +174,15 @@ class Springpots(NamedTuple):
 
 
 class History(NamedTuple):
-    """What springpots know of their past.
+    """The past of all springpots.
 
     Attributes
     ----------
     y : ndarray, shape (n, k)
-        The last one is the rate of elongation over the last step, m/s.
+        Past of each springpot; the last number is the rate of elongation over the last step in m/s.
     told : ndarray, shape (n, 7)
-        Mean force over the last step; force (N), energy held and work absorbed (J) at the last time; the same at the
-        time before, up to which results are stored.
+        Mean force over the last step in N; force in N, stored energy and absorbed work in J at the last time; the
+        same three at the time before it.
     """
 
     y: Array
@@ -227,7 +228,7 @@ def impose(
 
 @jit
 def carry_on(springpots: Springpots, pace: Pace, history: History, i: int, s: int, rate: float, mean: float) -> None:
-    """Make step s, of a rate of elongation and a mean force, part of the past of springpot i."""
+    """Advance the past of springpot i by step s, given the rate of elongation and the mean force of the step."""
     s = min(s, springpots.weight.shape[1] - 1)
     held = 0.0
     for k in range(pace.decay.size):

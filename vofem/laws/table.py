@@ -25,7 +25,7 @@ RECORD = np.dtype(
 
 
 class Laws(NamedTuple):
-    """One law a row, in the order of the groups of a system.
+    """All laws, one record each, in the order of the groups of a system.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class Laws(NamedTuple):
 
 
 def build_laws(groups: Sequence[LawGroup], callbacks: Callbacks | None = None) -> Laws:
-    """Return the laws of some groups as records, their internal variables those before any load."""
+    """Return the laws of some groups as records, with the internal variables that they have before any load."""
     table = np.zeros(sum(len(group) for group in groups), dtype=RECORD)
     table["resolution"], table["history"] = np.inf, -1
     parameters, states = [np.zeros(0)], [np.zeros(0)]

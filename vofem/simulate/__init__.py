@@ -1,4 +1,4 @@
-"""Simulations: methods and their choice, arguments, plans, explanations. Imported when first asked for."""
+"""Simulations: the choice of a method, checks of arguments, runs and explanations."""
 
 from typing import TYPE_CHECKING, Any
 

@@ -1,4 +1,4 @@
-"""Compiles all kernels ahead, by short runs of small scenes that call for them."""
+"""Compiles all kernels ahead of use, by short runs of small scenes that need them."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ KINDS = tuple(kind for kind, _ in _WORK)
 
 
 def compile_ahead() -> Iterator[tuple[str, float]]:
-    """Compile the kernels of all methods, or find them on disk; yield kind and seconds as each is done.
+    """Compile the kernels of all methods, or find them on disk; yield the kind and the seconds of each.
 
     The machine code goes where `vofem.linalg.jit_cache.cache_folder` says.
     """

@@ -16,18 +16,18 @@ from vofem.system import System
 
 @dataclass(frozen=True, repr=False)
 class Explanation:
-    """What will be simulated, by which method and why, and what will not; print it.
+    """What will be simulated, by which method and why, and what is left out. Print it to read it.
 
     Attributes
     ----------
     bodies, effects : tuple of str
-        One line each.
+        A line for each body and each effect.
     unknowns : int
-        Free degrees of freedom.
+        Number of free degrees of freedom.
     method, why : str
-        What ``method="auto"`` takes, and the reason.
+        The method that ``method="auto"`` takes, and the reason.
     absent : tuple of str
-        Kinds of effects that the scene does not call for: nothing is built or evaluated for them.
+        Kinds of effects that the scene does not contain. Nothing is built or evaluated for them.
     """
 
     bodies: tuple[str, ...]
@@ -66,13 +66,14 @@ _KINDS: tuple[tuple[str, Callable[[System], bool]], ...] = (
 
 
 def explain(scene: Scene, t_end: float | None = None, tol: float | None = None) -> Explanation:
-    """Return what will be simulated, by which method and why, and what will not.
+    """Return what will be simulated, by which method and why, and what is left out.
 
     Parameters
     ----------
     scene : Scene
+        The scene; it is assembled but not run.
     t_end, tol : float, optional
-        As of `vofem.simulate`: a tolerance lets method="auto" choose by cost.
+        As in `vofem.simulate`. With a tolerance ``method="auto"`` compares the cost of methods.
     """
     system = as_scene("explain", scene).model.system
     if t_end is not None:

@@ -14,14 +14,14 @@ from vofem.system import System
 
 
 def hint(method: object, names: tuple[str, ...]) -> str:
-    """Return what a name that is no method may stand for, for a message, or an empty string."""
+    """Return a suggestion for a misspelt name of a method, for a message, or an empty string."""
     if str(method).lower().startswith(("newmark", "hht", "hilber", "trapezoidal")):
         return f"; Newmark's method, the trapezoidal rule and HHT are settings of {GENERALIZED_ALPHA.name!r}"
     return nearest(method, names)
 
 
 def option_names(method: str = "auto") -> tuple[str, ...]:
-    """Return the names of the options that a method takes, or some method for "auto"."""
+    """Return the names of the options of a method; for "auto" those of all methods."""
     if method in method_names():
         return tuple(method_named(method).options)
     return tuple(sorted({name for known in methods() for name in known.options}))
@@ -36,7 +36,7 @@ class Choice:
 
     @property
     def description(self) -> Method:
-        """What the method is."""
+        """The description of the method."""
         return method_named(self.method)
 
 
@@ -47,8 +47,8 @@ _SOON = 0.5
 def choose(system: System, t_end: float | None = None, tol: float | None = None) -> Choice:
     """Return the method that ``method="auto"`` takes: the first in rank that does not refuse the system.
 
-    With a tolerance, steps that follow it take the place of an exact method whose loads have so many breakpoints that
-    it would take longer.
+    With a tolerance, steps that follow it are preferred to the exact method if the loads have so many breakpoints that
+    the exact method would take longer.
 
     Raises
     ------
@@ -92,7 +92,7 @@ _ROUGH = 1e-3
 
 
 def cheaper(system: System, t_end: float) -> list[str]:
-    """Return a note where an exact run takes much longer than steps would for an ordinary accuracy."""
+    """Return a note if an exact run takes much longer than steps of an ordinary accuracy would."""
     why = _steps_are_faster(system, t_end, _ROUGH)
     if not why:
         return []

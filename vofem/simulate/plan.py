@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Plan:
-    """What is to be run, arguments checked.
+    """The checked arguments of a run.
 
     Attributes
     ----------
@@ -43,13 +43,13 @@ class Plan:
     options : dict
     probes : ProbeRows, optional
     start : State, optional
-        What the run begins with instead of the scene's initial state.
+        State with which the run begins instead of the scene's initial state.
     t_start : float
-        Time of the loads at which the run begins, s.
+        Time of the loads in s at which the run begins.
     forgotten : tuple of str
         Names of springpots whose past is not carried on.
     compiled : bool, optional
-        Whether kernels are compiled; decided when the run begins where not given.
+        Whether kernels are compiled. Without it this is decided when the run begins.
     """
 
     method: str
@@ -72,7 +72,7 @@ def run_plan(
     every: float,
     snapshot: dict[str, Any] | None,
 ) -> Result:
-    """Run a plan from the start or from a snapshot, watched as asked for.
+    """Run a plan from its start or from a snapshot, with progress and checkpoints as asked for.
 
     Parameters
     ----------

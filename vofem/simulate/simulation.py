@@ -37,73 +37,79 @@ def simulate(
 ) -> Result:
     """Simulate a scene from t = 0 to t_end.
 
-    What does not depend on the start or on time, such as matrices, vibration
-    modes and factorisations, is computed in the first run of a scene and kept
-    with it: runs of the same scene that follow begin at once.
+    Matrices, vibration modes and factorisations do not depend on the initial
+    state or on time. They are computed in the first run of a scene and kept with
+    the scene, so that later runs of the same scene start faster.
 
     Parameters
     ----------
     scene : Scene
+        What is simulated.
     t_end : float
-        Duration in s, positive.
+        Duration of the run in s, positive.
     initial : dict, Equilibrium or Result, optional
-        What the run begins with instead of the scene's own ``initial``: a dict
-        as in `Scene`, the outcome of `vofem.equilibrium`, or an earlier run,
-        whose state at its last time is taken, not its time. Bodies and springs
-        are matched by name, so that the outcome may be that of another scene.
+        Initial state that is used instead of the scene's own ``initial``: a dict
+        as in `Scene`, the outcome of `vofem.equilibrium`, or an earlier run. Of
+        an earlier run the state at its last time is taken, but not the time.
+        Bodies and springs are matched by name, so the outcome may belong to
+        another scene.
     t_start : float
-        Time of the loads at which the run begins, s: a load is
-        ``function(t_start + t)``, and so is an order of a springpot that varies.
-        Times of the run and of its result count from 0 all the same.
+        Time in s at which the loads begin: a load is ``function(t_start + t)``.
+        The same holds for varying orders of springpots. Times of the run and of
+        its result still count from 0.
     method : {"auto", "event_driven", "energy_conserving", "generalized_alpha", "central_difference", "force_driven"}
-        "auto" takes event_driven, which is exact up to rounding, where it
-        applies, and else energy_conserving, which is stable at any step;
-        force_driven is for ``HystereticSpring(memory="printed")`` alone;
-        `vofem.explain` says what it chooses and why.
+        "auto" takes event_driven where it applies, because it is exact up to
+        rounding, and otherwise energy_conserving, which is stable at any step.
+        force_driven is for ``HystereticSpring(memory="printed")`` only.
+        `vofem.explain` says which method is chosen and why.
     dt : float, optional
-        Step size in s of a stepping method; chosen where not given.
+        Step size in s of a stepping method. Without it a step is chosen.
     tol : float, optional
-        Of energy_conserving and generalized_alpha: chooses the steps. The errors of displacements
-        that all steps make together, estimated, stay below this fraction of
-        the largest displacement; impacts may magnify what was made before
-        them. Steps resolve every impact, however stiff the stop, but
-        velocities, accelerations and contact forces are not bounded. "auto"
-        accepts it with event_driven too, which has no error of steps.
+        Tolerance of energy_conserving and generalized_alpha, from which the steps
+        are chosen. The estimated error of displacements that all steps make
+        together stays below this fraction of the largest displacement. Impacts
+        may magnify errors that were made before them. Steps resolve every
+        impact, however stiff the stop is. The errors of velocities,
+        accelerations and contact forces are not bounded. "auto" also accepts a
+        tolerance when it takes event_driven, which has no error of steps.
     times : array_like, shape (n_times,), optional
-        Where results are wanted, increasing, within [0, t_end]. Without it:
-        1001 uniform times for event_driven and with `tol`, else every step.
+        Times in s at which results are stored, increasing, within [0, t_end].
+        Without it there are 1001 uniform times for event_driven and with `tol`;
+        other runs store every step.
     progress : bool or callable, optional
-        A bar on the standard error stream: True always, False never, None
-        (the default) where that is a terminal and the run takes longer than a
+        Whether a progress bar is shown on the standard error stream. None, the
+        default, shows it if that is a terminal and the run takes longer than a
         second. A function is called with the time reached and t_end, in s.
     probes : points, or dict of str to point, optional
-        Their motion is recorded at every step, however few `times` there are:
-        `Result.probes`. Methods without steps record it at `times`.
+        Points whose motion is recorded at every step, however few `times` there
+        are; see `Result.probes`. Methods without steps record it at `times`.
     checkpoint : path, optional
-        File, ending in .checkpoint, to which the run is saved at intervals;
-        `vofem.resume` goes on from it. Runs in Ritz vectors, which take
-        seconds, save none.
+        A file whose name ends in .checkpoint, to which the run is saved at
+        intervals. `vofem.resume` continues from it. Runs in Ritz vectors take
+        seconds and write no checkpoints.
     checkpoint_every : float
         Seconds of wall time between two checkpoints.
     compiled : bool, optional
         Whether the numerical kernels run as machine code (True) or as plain
-        Python (False). Results agree to rounding. Without it plain Python is
-        taken while the work is small, and machine code where it is there
-        already or pays for being compiled, which takes up to a minute once on
-        a machine; `Result.compiled` tells what was taken. Give it where two
-        processes shall return the same bits.
+        Python (False). Results agree to rounding. Without it, plain Python is
+        taken for small work. Machine code is taken if it exists already, or if
+        the work is worth compiling, which takes up to a minute once on a
+        machine. `Result.compiled` says what was taken. Give it if two processes
+        must return the same bits.
     **options
-        Of event_driven: ``max_events`` (a million); ``pin_fraction``, the
-        fraction of the gap below which chatter counts as rest (1e-7); and
-        ``truncation``, the relative error of displacements for which few Ritz
-        vectors may stand for a large system (1e-6 above 1000 degrees of
-        freedom; 0 keeps all modes, which small systems do anyway). Of
-        generalized_alpha: ``rho_infinity`` in [0, 1] (0.8), or ``alpha_m``,
-        ``alpha_f``, ``gamma``, ``newmark_beta`` in place of what it implies.
+        Options of the method. For event_driven: ``max_events`` (default 1e6), the
+        largest number of events; ``pin_fraction`` (1e-7), the fraction of the gap
+        below which chatter counts as rest; ``truncation`` (1e-6 above 1000
+        degrees of freedom, otherwise 0), the relative error of displacements
+        up to which a few Ritz vectors replace all modes. For generalized_alpha:
+        ``rho_infinity`` in [0, 1] (0.8), the damping of the highest frequencies,
+        or the parameters ``alpha_m``, ``alpha_f``, ``gamma`` and ``newmark_beta``
+        that follow from it.
 
     Returns
     -------
     Result
+        Histories, contacts, energies and notes of the run.
 
     Raises
     ------
@@ -112,15 +118,17 @@ def simulate(
     MethodError
         If the method cannot treat the scene; the message names one that can.
     StepSizeError
-        If dt is beyond the critical step.
-    InstabilityError, EventStormError
-        If the run goes wrong.
+        If dt is larger than the critical step.
+    InstabilityError
+        If the motion or the energy grows without a physical cause.
+    EventStormError
+        If there are more than ``max_events`` contact events.
     OutputError
         If the checkpoint exists already or cannot be written.
 
     Notes
     -----
-    Ctrl-C ends a run between two steps: what was computed until then is
+    Ctrl-C ends a run between two steps. The part of the run that was computed is
     returned, and a note says so. A second Ctrl-C interrupts at once.
     """
     plan = checked_plan(scene, t_end, method, dt, tol, times, probes, options, initial, t_start, compiled)

@@ -1,4 +1,4 @@
-"""Runs that begin at another time of their loads than zero."""
+"""Runs whose loads begin at another time than zero."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ Array = NDArray[np.float64]
 
 
 def model_at(model: Model, t_start: float) -> Model:
-    """Return a model whose loads and varying orders are those from a time on, in s; the same one for 0.
+    """Return a model whose loads and varying orders begin at a time in s; for 0 the same model.
 
-    What has been computed of the system serves for both, because it does not depend on time.
+    Both models share what was computed of the system, because it does not depend on time.
     """
     if t_start == 0.0:
         return model

@@ -17,15 +17,17 @@ from vofem.system import CLOSED, OPEN, PINNED
 def equilibrium(scene: Scene, t: float = 0.0) -> Equilibrium:
     """Return the static equilibrium of a scene under its loads at time t.
 
-    Under ``acts_on="displacement"`` a load between the open and the closed
-    equilibrium pins the contact; it is returned so, with its reaction. Dampers and
-    springpots yield to every lasting force, and are left out.
+    Under ``acts_on="displacement"`` there are loads for which the contact is in
+    equilibrium neither open nor closed. It then rests exactly at its gap: its
+    status is "pinned", and its reaction is returned. Dampers and springpots carry
+    no constant force and are left out.
 
     Parameters
     ----------
     scene : Scene
+        The scene.
     t : float
-        In s.
+        Time in s at which the loads are taken.
 
     Raises
     ------
@@ -65,6 +67,7 @@ def _equilibrium(scene: Scene, t: float) -> Equilibrium:
     names = {OPEN: "open", CLOSED: "closed", PINNED: "pinned"}
     contacts = {}
     if laws is not None:
+        reaction = solver.borne(reaction)
         for j, name in enumerate(laws.names):
             contacts[name] = StaticContact(float(reaction[j]), names[int(status[j])], float(solver.u[j] - laws.gap[j]))
     return Equilibrium(model, q, contacts, solver.iterations, scene.effects, t)

@@ -1,4 +1,4 @@
-"""Whether supports and contacts hold a structure."""
+"""A check whether supports and contacts hold a structure."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 
 def check_held(model: Model, rows: Array | None) -> None:
-    """Raise where a rigid motion is resisted neither by supports nor by the given contact rows."""
+    """Raise `SingularSystemError` if neither supports nor the given contact rows resist some rigid motion."""
     rigid = model.system.rigid
     if not rigid.shape[1]:
         return

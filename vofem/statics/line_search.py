@@ -1,4 +1,4 @@
-"""How far to go along a direction in which a convex energy falls."""
+"""The length of a step along a direction in which a convex energy falls."""
 
 from __future__ import annotations
 

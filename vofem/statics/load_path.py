@@ -28,29 +28,32 @@ _AT_LIMIT = 1.0 - 1e-12
 def quasi_static(scene: Scene, load_factors: ArrayLike) -> QuasiStatic:
     """Return the equilibria of a scene along a path of loads, hysteretic springs and contacts together.
 
-    The path begins without load, with springs that have no past. From one
-    factor to the next all elongations are taken to change monotonically:
-    give as many factors as turning points ask for, and more where springs and
-    contacts interact. A path takes for ever: dampers and springpots are left out.
-    The work of the loads is compared with what bodies, springs and contacts take;
-    `notes` of the outcome says where both do not agree.
+    The path begins without load, and with springs that were never loaded. From one
+    factor to the next all elongations are taken to change monotonically. So give
+    every turning point of the load, and factors between them where springs and
+    contacts interact. The load changes infinitely slowly: dampers and springpots
+    carry no force and are left out. The work of the loads is compared with the
+    energy that bodies, springs and contacts store and dissipate; `notes` of the
+    outcome says where they differ.
 
     Parameters
     ----------
     scene : Scene
+        The scene.
     load_factors : array_like, shape (n_factors,)
-        They multiply the loads' values at t = 0.
+        Factors that multiply the values of all loads at t = 0.
 
     Returns
     -------
     QuasiStatic
+        Displacements, contacts and springs at each factor.
 
     Raises
     ------
     ArgumentError
         For factors that are not numbers, loads that are zero at t = 0, nonlinear springs, resolved switches.
     LimitLoadError
-        If a load is reached that springs which soften cannot carry.
+        If the load reaches the limit load of a softening spring.
     SingularSystemError
         If the structure can move freely.
     """
@@ -122,6 +125,7 @@ def _path(model: Model, force: Array, factors: Array) -> QuasiStatic:
             )
         check_held(model, solver.bearing(status[:, k]))
         u[:, k], q[:, k] = solver.u, solver.displacement(factor, reactions[:, k])
+        reactions[:, k] = solver.borne(reactions[:, k])
         energies[:, :, k] = solver.accept()
     contacts, springs = {}, {}
     for group in solver.groups:

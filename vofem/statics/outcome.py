@@ -28,11 +28,11 @@ class StaticContact:
     Attributes
     ----------
     force : float
-        In N, positive pushes the bodies apart.
+        Contact force in N; positive pushes the bodies apart.
     status : str
-        "open", "closed" or "pinned": held at the gap between both force laws.
+        "open", "closed", or "pinned" for a contact that rests exactly at its gap.
     gap_function : float
-        s in m; positive is penetration.
+        The gap function s in m; positive is penetration.
     """
 
     force: float
@@ -56,9 +56,11 @@ class Equilibrium:
     Attributes
     ----------
     contacts : dict of str to StaticContact
+        The contacts by name.
     iterations : int
-        Newton steps of the contact solution.
+        Number of Newton steps.
     notes : list of str
+        Sentences about the outcome that a user should read.
     """
 
     def __init__(
@@ -90,13 +92,13 @@ class Equilibrium:
         return f"Equilibrium({held})"
 
     def state_of(self, body_name: str) -> tuple[Array, Array]:
-        """Return a body's degrees of freedom and their rates (zero), each (size,); starts a scene from rest."""
+        """Return the degrees of freedom of a body and their rates, which are zero, each (size,)."""
         cure = "; as the start of a scene give the outcome for the bodies that it holds: initial={body: outcome}"
         values = self._model.of_body(body_named(self._model.offsets, body_name, cure), self._q)
         return values, np.zeros_like(values)
 
     def as_start(self) -> StoredState:
-        """Return the state with which a run can start, without the outcome."""
+        """Return the state, with which a run can start, without keeping this outcome in memory."""
         return StoredState({b.name: self.state_of(b.name) for b in self._model.offsets}, {}, source="Equilibrium")
 
     def displacement(self, point: Any) -> float:
@@ -121,9 +123,10 @@ class Equilibrium:
     def bending_moment(self, x: ArrayLike, body: Any = None) -> Array:
         """Return ``M = EI eta''`` in N m, in the shape of x; at a node, that of the element to its right.
 
-        Within elements it balances distributed loads, weight, foundations and
-        tension: it is exact where the displacements of nodes are. Point loads
-        and springs between nodes are counted as at the ends of their element.
+        Within an element the moment balances distributed loads, weight,
+        foundations and tension. It is as exact as the displacements of the nodes.
+        Point loads and springs between nodes are replaced by forces and moments
+        at the ends of their element.
         """
         return self._sections(x, body)[0]
 

@@ -24,11 +24,11 @@ class ContactPath:
     Attributes
     ----------
     force : ndarray
-        In N, positive pushes the bodies apart.
+        Contact force in N; positive pushes the bodies apart.
     closed, pinned : ndarray of bool
-        Pinned: held at the gap between both force laws.
+        Whether the contact is closed, and whether it rests exactly at its gap.
     gap_function : ndarray
-        s in m; positive is penetration.
+        The gap function s in m; positive is penetration.
     """
 
     force: Array
@@ -44,13 +44,13 @@ class SpringPath:
     Attributes
     ----------
     elongation : ndarray
-        In m; of a crushing stop the approach.
+        Elongation in m; for a crushing stop the approach.
     force : ndarray
-        In N, positive in tension; of a crushing stop positive where it pushes back.
+        Force in N, positive in tension; for a crushing stop positive when it pushes back.
     stored : ndarray
-        Energy that would be given back, J.
+        Recoverable energy in J.
     dissipated : ndarray
-        Energy lost since the path began, J.
+        Energy dissipated since the path began, in J.
     """
 
     elongation: Array
@@ -60,18 +60,20 @@ class SpringPath:
 
 
 class QuasiStatic:
-    """The outcome of `quasi_static`; a scene can start from it, at rest in the last equilibrium.
+    """The outcome of `quasi_static`. A run can start from it, at rest in the last equilibrium.
 
     Attributes
     ----------
     load_factors : ndarray, shape (n_factors,)
+        The factors of the loads.
     contacts : dict of str to ContactPath
+        The contacts by name.
     springs : dict of str to SpringPath
-        Hysteretic springs.
+        The hysteretic springs by name.
     iterations : int
-        Newton steps in all.
+        Number of Newton steps in total.
     notes : list of str
-        Where the balance of work does not close.
+        Sentences that say where the work of the loads is not balanced.
     """
 
     def __init__(
@@ -99,17 +101,17 @@ class QuasiStatic:
         return f"QuasiStatic({self.load_factors.size} load factors, {self.iterations} iterations{told})"
 
     def state_of(self, body_name: str) -> tuple[Array, Array]:
-        """Return a body's degrees of freedom at the last factor and zero rates, each (size,); starts a scene."""
+        """Return the degrees of freedom of a body at the last factor and their rates, which are zero, each (size,)."""
         values = self._model.of_body(body_named(self._model.offsets, body_name), self._q[:, -1])
         return values, np.zeros_like(values)
 
     def spring_state(self, name: str) -> Array | None:
-        """Return the state of a hysteretic spring at the last factor, with which a scene can start, or None."""
+        """Return the internal variables of a hysteretic spring at the last factor, or None if there are none."""
         groups = [group for group in self._model.system.laws if group.static and self._past.size]
         return past_of(groups, self._past, name)
 
     def as_start(self) -> StoredState:
-        """Return the state with which a run can start, without the outcome."""
+        """Return the state, with which a run can start, without keeping this outcome in memory."""
         springs = {name: self.spring_state(name) for name in self.springs}
         known = {name: state for name, state in springs.items() if state is not None}
         return StoredState({b.name: self.state_of(b.name) for b in self._model.offsets}, known, source="QuasiStatic")

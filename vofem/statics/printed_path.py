@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 
 def limit_reached(law: PrintedLaw, load: float, time: float, when: str) -> LimitLoadError:
-    """Return the error of a load at or beyond the limit."""
+    """Return the error for a load at or beyond the limit load."""
     return LimitLoadError(
         f"{law.label}: the load reaches {load:.6g} N at {when}, and the spring carries less than {law.limit:.6g} N: "
         "there its secant stiffness falls to zero, and no equilibrium exists. Load it less, or change its softening",
@@ -23,8 +23,8 @@ def limit_reached(law: PrintedLaw, load: float, time: float, when: str) -> Limit
 def printed_path(law: PrintedLaw, forces: Array, factors: Array) -> Array:
     """Return the elongations of Eq. 25 under applied forces in N, shape (n_factors,), from the unloaded state on.
 
-    The force rises while it does not fall: where it is held, the sign of its
-    rate stays the last one. `sup` runs from the unloaded state.
+    While the force is held, the sign of its rate stays what it was before. The
+    supremum in Eq. 25 is taken over the path since the unloaded state.
 
     Raises
     ------

@@ -2,9 +2,9 @@
 
 The energy of a structure on laws whose forces never fall is convex, under both
 force laws of contacts. It is minimised by Newton's method with an exact line
-search. The vertical part of the jump law (the reaction may lie anywhere in
-[0, K0 gap] at the gap) is given a steep slope on the way and treated exactly
-at the end.
+search. Under the displacement law the reaction may take any value in
+[0, K0 gap] at the gap. This vertical part of the law is replaced by a steep slope
+during the iterations, and treated exactly at the end.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from vofem.laws import CLOSED, OPEN, PINNED
 from vofem.laws.evaluate import commit_all, lost, response, stored
 from vofem.laws.rows import all_rows
 from vofem.laws.table import build_laws
+from vofem.statics.coordinates import Coordinates
 from vofem.statics.line_search import lowest
 from vofem.system import System
 
@@ -39,6 +40,15 @@ _BEYOND = 1e40
 #: Change of a coordinate over the terms that it is a sum of, at which Newton's method stands still.
 _STILL = 8.0 * float(np.finfo(float).eps)
 
+#: Distance from a gap, over the terms it is a difference of, that is rounding.
+_EPS = 2.0 * float(np.finfo(float).eps)
+
+#: Difference of forces, over the terms that make them up, that is rounding.
+_AGREE = 16.0 * float(np.finfo(float).eps)
+
+#: Newton steps with pinned contacts held, in which the status of others settles.
+_MOST_CORRECTIONS = 8
+
 #: Widths, as fractions of the gap, over which the jump of a contact that acts on the displacement is spread.
 _RAMPS = (1e-6, 1e-9, 1e-12)
 
@@ -48,7 +58,7 @@ _LAW, _STRAIN = 3e-3, 5e-3
 
 
 def effort(system: System, count: int = 1) -> float:
-    """Return the seconds that some equilibria take in plain Python, about."""
+    """Return an estimate of the seconds that some equilibria take in plain Python."""
     laws = sum(len(group) for group in system.laws if group.static)
     strains = _STRAIN * system.size if system.strain is not None and system.size > _MANY_UNKNOWNS else 0.0
     return strains + _LAW * laws * count
@@ -67,10 +77,10 @@ def _factorize(matrix: Any) -> Any:
 def solver_of(system: System) -> Solve:
     """Return a function that solves with K, shapes (n,) or (n, k).
 
-    Where the structure is loose without its laws, it is held at as many
-    degrees of freedom as it has rigid motions, and forces there balance the
-    load: the response is one of those that differ by rigid motions. Large
-    systems and graded meshes are solved by the strains, as K holds too few digits of them.
+    If the structure can move freely without its laws, it is held at as many
+    degrees of freedom as it has rigid motions. The response is then one of many
+    that differ by rigid motions. Large systems and graded meshes are solved with
+    their strains, because the entries of K hold too few digits.
     """
     from scipy.sparse import vstack
 
@@ -99,23 +109,18 @@ def solver_of(system: System) -> Solve:
 
 
 class EquilibriumSolver:
-    """Equilibrium of a system under multiples of a load, in the coordinates of its laws; R is a law of u.
-
-        u = factor u_f - G R + D a,    D' R = factor r' f
-
-    r are the rigid motions of what is loose without laws, ``D = B r``, a their
-    amplitudes, and G the compliance with these taken out.
+    """Equilibrium of a system under multiples of a load, in the coordinates u of its laws; R is a law of u.
 
     Attributes
     ----------
     rows : csr_matrix, shape (m, n)
-        B, of all laws that take part in statics.
+        The rows B of all laws that take part in statics.
     u : ndarray, shape (m,)
         Coordinates in the last equilibrium.
     laws : Laws
         With the internal variables that the last accepted equilibrium has left.
     iterations : int
-        Newton steps in all.
+        Number of Newton steps in total.
     """
 
     def __init__(self, system: System, force: Array) -> None:
@@ -132,20 +137,13 @@ class EquilibriumSolver:
         self._linear_pieces = np.concatenate(
             [np.full(len(group), group.nonlinearity("") is None) for group in self.groups]
         )
-        self._rigid = system.rigid
-        solve = solver_of(system)
-        self._columns = np.reshape(solve(rows.T.toarray()), (force.size, -1))
-        self._compliance = np.asarray(rows @ self._columns)
-        self._load = solve(force)
-        self._free = np.asarray(rows @ self._load)
-        self._moves = np.asarray(rows @ self._rigid)
-        self._push = self._rigid.T @ force
-        self._amplitude = np.zeros(self._push.size)
+        self._coordinates = Coordinates(system, rows, force, solver_of(system))
+        self._amplitude = np.zeros(system.rigid.shape[1])
         self.u = np.zeros(self.stiffness.size)
         self.iterations = 0
 
     def part(self, group: Any) -> slice:
-        """Return where the laws of a group stand among all."""
+        """Return the positions of the laws of a group among all laws."""
         return self._parts[self.groups.index(group)]
 
     def _law(self, u: Array, width: float) -> tuple[Array, Array, Array, Status]:
@@ -157,33 +155,74 @@ class EquilibriumSolver:
         reaction, tangent, status = (np.concatenate(parts) for parts in zip(*found, strict=True))
         return reaction, tangent, reaction - tangent * u, status
 
+    def _near(self, u: Array) -> NDArray[np.int64]:
+        """Return the numbers of contacts whose coordinate is their gap to rounding."""
+        if self._contacts is None:
+            return np.zeros(0, dtype=np.int64)
+        gap = self._contacts.gap
+        here = u[self._parts[0]]
+        return np.flatnonzero(np.abs(here - gap) <= _EPS * (np.abs(here) + np.abs(gap)))
+
+    def _branch(
+        self, u: Array, w: Array, width: float, pushed: NDArray[np.bool_] | None = None
+    ) -> tuple[Array, Array, Status]:
+        """Return tangent, intercept and status where u follows from forces w.
+
+        Where u is a gap to rounding, the force says whether the contacts there are closed: behind stiff stops
+        a penetration is less than the rounding of u. `pushed` says it instead, for all laws.
+        """
+        _, tangent, intercept, status = self._law(u, width)
+        near = self._near(u)
+        if near.size and self._contacts is not None:
+            laws = self._contacts
+            if pushed is None:
+                pushed = self._coordinates.left_over(w, tangent * u, intercept, near) > 0.0
+            inside = laws.gap + np.where(laws.jump, 0.5 * width * laws.gap, 1.0 + np.abs(laws.gap))
+            _, steep, closed = laws.respond(inside, width)
+            tangent[near] = np.where(pushed[near], steep[near], 0.0)
+            intercept[near] = -tangent[near] * laws.gap[near]
+            status[near] = np.where(pushed[near], closed[near], OPEN)
+        return tangent, intercept, status
+
+    def _step(self, factor: float, u: Array, w: Array, width: float) -> tuple[Array, Array, Array, Array, Status]:
+        """Return u and w of a step of Newton's method, with the tangent, intercept and status that it was made from.
+
+        Contacts at their gap are closed where the step would lead behind it, and open where it would pull on them.
+        """
+        tangent, intercept, status = self._branch(u, w, width)
+        near = self._near(u)
+        for _ in range(_MOST_CORRECTIONS):
+            u_new, w_new = self._linear(factor, tangent, intercept)
+            if not near.size or self._contacts is None:
+                break
+            gap = self._contacts.gap[near]
+            behind = u_new[near] - gap > _EPS * (np.abs(u_new[near]) + np.abs(gap))
+            pushed = status != OPEN
+            pushed[near] = np.where(pushed[near], w_new[near] >= 0.0, behind)
+            if np.array_equal(pushed, status != OPEN):
+                break
+            tangent, intercept, status = self._branch(u, w, width, pushed)
+        return u_new, w_new, tangent, intercept, status
+
     def _linear(self, factor: float, tangent: Array, intercept: Array) -> tuple[Array, Array]:
         """Return u and the forces w for ``R = tangent u + intercept``."""
-        m, k = self._moves.shape
-        right = [factor * self._free - self._compliance @ intercept, factor * self._push - self._moves.T @ intercept]
         # Where a structure is loose, what carries nothing is given a trace of stiffness.
         for slope in (tangent, np.where(tangent == 0.0, 1e-12 * self.stiffness, tangent)):
-            matrix = np.zeros((m + k, m + k))
-            matrix[:m, :m] = np.eye(m) + self._compliance * slope
-            matrix[:m, m:] = -self._moves
-            matrix[m:, :m] = self._moves.T * slope
-            try:
-                solution = np.linalg.solve(matrix, np.concatenate(right))
-            except np.linalg.LinAlgError:
-                continue
-            u: Array = solution[:m]
-            self._amplitude = solution[m:]
-            return u, slope * u + intercept
+            found = self._coordinates.linear(factor, slope, intercept)
+            if found is not None:
+                u, w, self._amplitude = found
+                return u, w
+        m = self.u.size
         return np.full(m, np.inf), np.full(m, np.inf)
 
     def solve(self, factor: float, start: Status | None = None) -> tuple[Status, Array, bool]:
-        """Find the equilibrium at a load factor, without making it part of the past.
+        """Find the equilibrium at a load factor, without changing internal variables.
 
         Parameters
         ----------
         factor : float
         start : ndarray of int, shape (m,), optional
-            Status from which the search begins; that of the last equilibrium where not given.
+            Status from which the search begins. The default is that of the last equilibrium.
 
         Returns
         -------
@@ -194,18 +233,21 @@ class EquilibriumSolver:
         u, found = self.u, False
         status, reaction = np.zeros(0, dtype=np.int64), np.zeros(0)
         for width in _RAMPS:
-            u, found = self._newton(factor, u, width, start)
+            u, reaction, status, found = self._newton(factor, u, width, start)
             start = None
-            reaction, tangent, intercept, status = self._law(u, width)
-            if PINNED not in status:
+            if PINNED not in status or not found:
                 break
-            u, reaction = self._pinned(factor, tangent, intercept, status)
-            if self._consistent(u, reaction, status):
+            amplitude = self._amplitude
+            held = self._pinned(factor, u, reaction, status, width)
+            if self._consistent(*held):
+                u, reaction, status = held
                 break
+            self._amplitude = amplitude
         self.u = u
         return status, reaction, found
 
-    def _newton(self, factor: float, u: Array, width: float, start: Status | None) -> tuple[Array, bool]:
+    def _newton(self, factor: float, u: Array, width: float, start: Status | None) -> tuple[Array, Array, Status, bool]:
+        """Return coordinates, forces, status and whether they were found, with jumps spread over a width."""
         _, tangent, intercept, status = self._law(u, width)
         if start is not None and self._contacts is not None:
             part, laws = self._parts[0], self._contacts
@@ -217,38 +259,35 @@ class EquilibriumSolver:
             self.iterations += 1
             a, before = self._amplitude, status
             settled = self._settled(u, w, before, width)
-            _, tangent, intercept, status = self._law(u, width)
             if settled and self._linear_pieces.all():
-                return u, True
-            u_new, w_new = self._linear(factor, tangent, intercept)
+                return u, w, before, True
+            u_new, w_new, tangent, intercept, status = self._step(factor, u, w, width)
             if not np.all(np.abs(u_new) < _BEYOND * (1.0 + np.abs(self.u))):
                 self._amplitude = a
-                return u, settled
+                return u, w, status, settled
             # One more step where the forces agree: soft springs turn their last digits into many of u. Where
             # nothing resists any more it would lead away.
             if settled and np.max(np.abs(u_new - u)) > 1e-6 * np.max(np.abs(u)):
                 self._amplitude = a
-                return u, True
+                return u, w, status, True
             # u is a sum of terms that may cancel, and is no more accurate than these. Among them are forces of steep
             # laws, such as a jump on its ramp, as they follow from coordinates that are known to rounding.
             forces = np.abs(w) + np.abs(tangent * u) + np.abs(intercept)
-            terms = np.abs(u) + np.abs(factor * self._free) + np.abs(self._compliance) @ forces
+            terms = self._coordinates.terms(factor, u, forces)
             still = np.array_equal(before, status) and bool(np.all(np.abs(u_new - u) <= _STILL * terms))
             if settled or still or self._settled(u_new, w_new, status, width):
-                return u_new, True
+                return u_new, w_new, status, True
             du, dw = u_new - u, w_new - w
             length = self._line_search(u, w, du, dw, width)
             u, w = u + length * du, w + length * dw
             self._amplitude = a + length * (self._amplitude - a)
-        return u, False
+        return u, w, status, False
 
-    def _settled(self, u: Array, w: Array, status: Status, width: float) -> bool:
-        """Return whether forces w belong to u; of laws that are piecewise linear the status says all."""
-        reaction, tangent, _, now = self._law(u, width)
-        curved = ~self._linear_pieces
-        miss = np.abs(reaction - w)[curved]
-        scale = (np.abs(reaction) + np.abs(w) + np.abs(tangent * u))[curved]
-        return bool(np.all(miss <= 4e-15 * scale)) and np.array_equal(now, status)
+    def _settled(self, u: Array, w: Array, before: Status, width: float, held: Any = False) -> bool:
+        """Return whether forces w belong to u, and the status is that from which both were computed."""
+        tangent, intercept, status = self._branch(u, w, width)
+        miss, scale = np.abs(tangent * u + intercept - w), np.abs(tangent * u) + np.abs(intercept) + np.abs(w)
+        return bool(np.all(((before == status) & (miss <= _AGREE * scale)) | held))
 
     def _line_search(self, u: Array, w: Array, du: Array, dw: Array, width: float) -> float:
         """Return how far to go along a direction to where the energy is least."""
@@ -259,37 +298,41 @@ class EquilibriumSolver:
 
         return lowest(derivative)
 
-    def _pinned(self, factor: float, tangent: Array, intercept: Array, status: Status) -> tuple[Array, Array]:
-        """Return u and reactions with pinned contacts held at their gap exactly; other laws by their tangents."""
+    def _pinned(self, factor: float, u: Array, w: Array, status: Status, width: float) -> tuple[Array, Array, Status]:
+        """Return u, reactions and status with pinned contacts held at their gap exactly.
+
+        Pinned contacts whose rows depend on each other, such as two at one point, share their force in proportion
+        to their stiffnesses, as they do while their jumps have a width.
+        """
         assert self._contacts is not None
-        m, pinned = status.size, np.flatnonzero(status == PINNED)
-        g, gap = self._compliance, self._contacts.gap[pinned]
-        slope, part = tangent.copy(), intercept.copy()
-        slope[pinned], part[pinned] = 0.0, 0.0
-        k, held = self._push.size, pinned.size
-        matrix = np.zeros((m + k + held, m + k + held))
-        matrix[:m, :m] = np.eye(m) + g * slope
-        matrix[:m, m : m + k] = -self._moves
-        matrix[:m, m + k :] = g[:, pinned]
-        matrix[m : m + k, :m] = self._moves.T * slope
-        matrix[m : m + k, m + k :] = self._moves[pinned].T
-        matrix[m + k + np.arange(held), pinned] = 1.0
-        push = factor * self._push - self._moves.T @ part
-        solution = np.linalg.solve(matrix, np.concatenate([factor * self._free - g @ part, push, gap]))
-        u = solution[:m]
-        self._amplitude = solution[m : m + k]
-        reaction = slope * u + part
-        reaction[pinned], u[pinned] = solution[m + k :], gap
-        return u, reaction
+        pinned = status == PINNED
+        held = np.full(u.size, np.nan)
+        held[pinned] = self._contacts.gap[np.flatnonzero(pinned)]
+        beside = self._coordinates.beside(pinned) & ~pinned
+        for _ in range(_MOST_CORRECTIONS):
+            # Others that touch where one is pinned have no penetration.
+            touching = beside & np.isin(np.arange(u.size), self._near(u))
+            tangent, intercept, now = self._branch(u, w, width)
+            now[pinned], now[touching] = PINNED, OPEN
+            tangent[pinned | touching], intercept[pinned | touching] = 0.0, 0.0
+            found = self._coordinates.linear(factor, tangent, intercept, held, self.stiffness)
+            if found is None:
+                break
+            (u, w, self._amplitude), status = found, now
+            fixed = pinned | touching
+            if not np.any(beside[self._near(u)] & ~fixed[self._near(u)]) and self._settled(u, w, status, width, fixed):
+                break
+        return u, w, status
 
     def _consistent(self, u: Array, reaction: Array, status: Status) -> bool:
         """Return whether a solution with pinned contacts agrees with their law, to rounding."""
         assert self._contacts is not None
         part, laws = self._parts[0], self._contacts
         s, most = u[part] - laws.gap, laws.stiffness * laws.gap
-        slack = 1e-10 * (np.abs(laws.gap) + np.abs(u).max(initial=0.0))
-        fine = np.where(status[part] == CLOSED, s >= -slack, s <= slack)
-        held = (reaction[part] >= -1e-10 * most) & (reaction[part] <= most * (1.0 + 1e-10))
+        slack = 32.0 * _EPS * (np.abs(laws.gap) + np.abs(u).max(initial=0.0))
+        pushed = reaction[part] >= -1e-10 * np.max(np.abs(reaction), initial=0.0)
+        fine = np.where(status[part] == CLOSED, (s >= -slack) & pushed, s <= slack)
+        held = pushed & (reaction[part] <= most * (1.0 + 1e-10))
         return bool(np.all(np.where(status[part] == PINNED, held, fine)))
 
     def bearing(self, status: Status) -> Array | None:
@@ -299,7 +342,7 @@ class EquilibriumSolver:
         return self.rows[bears].toarray() if np.any(bears) else None
 
     def accept(self) -> tuple[Array, Array]:
-        """Make the present part of the past; return what the laws store and have lost, J, each (m,).
+        """Update the internal variables; return the energy stored and dissipated by each law in J, each (m,).
 
         Both are zero for laws without internal variables.
         """
@@ -312,6 +355,13 @@ class EquilibriumSolver:
                 energies[:, j] = stored(self.laws, j, u), lost(self.laws, j, u)
         return energies[0], energies[1]
 
+    def borne(self, reaction: Array) -> Array:
+        """Return reactions without the rounding that would make contacts pull, shape (m,)."""
+        if self._contacts is None:
+            return reaction
+        part = self._parts[0]
+        return np.concatenate([np.maximum(reaction[part], 0.0), reaction[part.stop :]])
+
     def displacement(self, factor: float, reaction: Array) -> Array:
         """Return all free degrees of freedom, shape (n,)."""
-        return np.asarray(factor * self._load - self._columns @ reaction + self._rigid @ self._amplitude)
+        return self._coordinates.displacement(factor, reaction, self._amplitude)

@@ -1,4 +1,4 @@
-"""Whether the work of the loads along a path of equilibria is what bodies, springs and contacts have taken."""
+"""A check of load paths: the work of the loads against the energy stored and dissipated."""
 
 from __future__ import annotations
 
@@ -15,33 +15,33 @@ _WORTH = 1e-6
 
 
 def taken(system: System, q: Array, energies: Array) -> Array:
-    """Return the energy in J that bodies, springs and contacts have taken at each factor, shape (n_factors,).
+    """Return the energy in J stored and dissipated by bodies, springs and contacts at each factor, (n_factors,).
 
     Parameters
     ----------
     system : System
     q : ndarray, shape (n, n_factors)
     energies : ndarray, shape (2, m, n_factors)
-        What laws with internal variables store and have lost, J.
+        Energy stored and energy dissipated by laws with internal variables, J.
     """
     whole = strain_energy(system, q) + contact_energy(system.contacts, q) + energies.sum(axis=(0, 1))
     return np.asarray(whole)
 
 
 def work_notes(factors: Array, way: Array, energy: Array) -> list[str]:
-    """Return a note where the balance of work does not close along a path from the unloaded state.
+    """Return a note if the work is not balanced along a path from the unloaded state.
 
-    Every law's force rises along rising elongations and falls along falling ones, and so does the load's along
-    its own way, whatever its course within a step. So the work of a step lies between the way times the load at its
-    two ends, exactly: an equilibrium that is not one is outside.
+    The force of every law rises along rising elongations and falls along falling ones. The same holds for the load over
+    the displacement on which it does work. The work of a step therefore lies between the products of this displacement
+    with the load at the two ends of the step. A wrong equilibrium lies outside these bounds.
 
     Parameters
     ----------
     factors : ndarray, shape (n_factors,)
     way : ndarray, shape (n_factors,)
-        Way of the loads: their vector at factor 1 times the displacements, J.
+        Product of the load vector at factor 1 with the displacements, J.
     energy : ndarray, shape (n_factors,)
-        What has been taken since the path began, J.
+        Energy stored and dissipated since the path began, J.
     """
     load, far, held = (np.concatenate([[0.0], part]) for part in (factors, way, energy))
     ends = np.diff(far) * np.stack([load[:-1], load[1:]])
@@ -60,7 +60,7 @@ def work_notes(factors: Array, way: Array, energy: Array) -> list[str]:
 
 
 def printed_notes(name: str, factors: Array, lost: Array) -> list[str]:
-    """Return a note where the law of Eq. 22 gives back what it had dissipated, J, shape (n_factors,)."""
+    """Return a note if the law of Eq. 22 returns energy that it had dissipated; energies in J, shape (n_factors,)."""
     steps = np.diff(lost, prepend=0.0)
     worst = int(np.argmin(steps))
     if not steps[worst] < -_WORTH * float(np.max(np.abs(lost))):

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem._validate import whole
 from vofem.bodies.base import Body
 from vofem.bodies.beam import Beam, BeamPoint
 from vofem.errors import ArgumentError
@@ -66,19 +67,18 @@ def remeshed(scene: Scene, elements: int) -> Scene:
 
 def _counts(scene: Scene, elements: int) -> dict[Beam, int]:
     """Return the number of elements of every beam."""
-    whole = element_count(scene)
-    if not whole:
+    known = element_count(scene)
+    if not known:
         raise ArgumentError("the scene has no beam, so its mesh cannot be refined; leave elements out")
-    if isinstance(elements, bool) or not isinstance(elements, (int, np.integer)) or elements < 1:
-        raise ArgumentError(f"elements is {elements!r}, expected a positive whole number")
+    elements = whole("elements", elements)
     counts = {}
     for beam in (body for body in scene.bodies if isinstance(body, Beam)):
         has = beam.element_lengths.size
-        count, rest = divmod(has * int(elements), whole)
+        count, rest = divmod(has * elements, known)
         if rest or not count:
             raise ArgumentError(
                 f"{elements} elements cannot be shared among the beams in the proportion that they have, {has} of "
-                f"{whole} for {beam.label}; give multiples of {whole}, or a function that builds the scene"
+                f"{known} for {beam.label}; give multiples of {known}, or a function that builds the scene"
             )
         uniform = _uniform(beam)
         if not uniform and count % has:

@@ -1,9 +1,9 @@
 """Functions of time for loads: closed forms with exact derivatives.
 
-A named function is, between its breakpoints, a sum of harmonics and a
-polynomial of degree one. `TimeFunction.piece` returns exactly that, and the
-event-driven method integrates it in closed form. A plain callable has no
-pieces: only the stepping methods take it.
+Between its breakpoints a named function is a sum of harmonics and a polynomial of
+degree one. `TimeFunction.piece` returns this sum, and the event-driven method
+integrates it in closed form. A plain callable has no such form. Only methods that
+step in time accept it.
 """
 
 from vofem.time_functions.approximated import Approximated

@@ -1,4 +1,4 @@
-"""Any callable of time as a closed form, to a stated tolerance."""
+"""Any callable of time, approximated by closed forms within a stated tolerance."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem._validate import array, number
+from vofem._validate import array, number, whole
 from vofem.errors import ArgumentError, ConvergenceError
 from vofem.time_functions.base import TimeFunction, as_time_function
 from vofem.time_functions.moments import straight, wave
@@ -49,42 +49,44 @@ _CHECK = _basis(_CHECKS, 1.0)
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
 class Approximated(TimeFunction):
-    """A callable of time, replaced by closed forms on pieces, within a tolerance on [0, t_end].
+    """A callable of time, approximated by closed forms on pieces, within a tolerance on [0, t_end].
 
-    A piece is ``c0 + c1 tau`` plus two slow harmonics, which integrate in
-    closed form. It takes the function's values at six points, among them its
-    ends, and is halved until values at six other points agree within the
-    tolerance: an estimate, no proof. Jumps are narrowed down to the resolution of time and become
-    breakpoints. Beside these points the function is looked at ``8192`` evenly spread times: what is narrower than
-    their distance may go unseen, and the notes of a run say so. `breaks` at its edges show it.
+    A piece is ``c0 + c1 tau`` plus two slow harmonics, which can be integrated in
+    closed form. It interpolates the function at six points, among them its ends.
+    A piece is halved until it agrees with the function at six other points within
+    the tolerance. This is an estimate of the error and not a bound. Jumps are
+    located to the resolution of time and become breakpoints. The function is also
+    evaluated at 8192 equally spaced times. A feature that is narrower than their
+    distance may be missed, and the notes of a run say so; name its edges in
+    `breaks` to resolve it.
 
     Parameters
     ----------
     function : callable of t
-        Takes one time in s, returns a finite number in the unit of the load.
+        Takes one time in s and returns a finite number in the unit of the load.
     t_end : float
-        In s; a run beyond it is refused.
+        End of the approximation in s. A longer run is refused.
     tolerance : float
         Largest error, relative to the largest magnitude of the function.
     absolute : float
-        Added to the largest error, in the unit of the load.
+        Absolute error in the unit of the load that is allowed in addition.
     breaks : array_like, shape (k,)
-        Times of known corners, jumps and short features, s; fewer pieces then do.
+        Times in s of known corners, jumps and short features. They save pieces.
     max_pieces : int
-        After so many pieces the approximation gives up.
+        Largest number of pieces.
 
     Attributes
     ----------
     name : str
-        Of the callable, which is not kept.
+        Name of the callable, which itself is not kept.
     error : float
         Estimate of the largest error, in the unit of the load.
     starts : ndarray, shape (n,)
-        Where the pieces begin, s.
+        Times in s at which the pieces begin.
     lengths : ndarray, shape (n,)
-        In s.
+        Durations of the pieces in s.
     coefficients : ndarray, shape (n, 6)
-        Of 1, tau/length, and cosine and sine of one and of two harmonics.
+        Coefficients of 1, of tau/length, and of cosine and sine of the first and the second harmonic.
 
     Raises
     ------
@@ -131,8 +133,7 @@ class Approximated(TimeFunction):
             raise ArgumentError(
                 f"Approximated: tolerance is {self.tolerance:g}, expected 1e-13 or more: below is rounding"
             )
-        if isinstance(max_pieces, bool) or not isinstance(max_pieces, (int, np.integer)) or max_pieces < 1:
-            raise ArgumentError(f"Approximated: max_pieces is {max_pieces!r}, expected a positive whole number")
+        max_pieces = whole("Approximated: max_pieces", max_pieces)
         known = np.atleast_1d(array("Approximated: breaks", breaks)) if np.size(breaks) else np.empty(0)
         if known.ndim != 1:
             raise ArgumentError(f"Approximated: breaks has shape {known.shape}, expected a list of times")

@@ -1,4 +1,4 @@
-"""What every function of time offers, and what arithmetic makes: sums and multiples, of numbers and callables too."""
+"""The base of all functions of time, and their sums and multiples."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 
 class TimeFunction(ABC):
-    """A scalar function of time, t in seconds. Sums and multiples by numbers are functions too."""
+    """A scalar function of time t in s. Sums (``f + g``) and multiples (``2 * f``) are functions of time too."""
 
     #: Whether `piece` and `derivative` are available.
     closed_form = True
@@ -56,11 +56,11 @@ class TimeFunction(ABC):
 
     @property
     def looked(self) -> float:
-        """Distance in s of the times at which a callable was looked at; 0 where the shape is known, inf where not."""
+        """Distance in s of the times at which a callable was evaluated; 0 if the shape is known, inf if nothing is."""
         return 0.0
 
     def shortest(self, t_end: float) -> float:
-        """Return the shortest time in s within [0, t_end] over which the function changes its course."""
+        """Return the shortest time in s within [0, t_end] over which the function changes noticeably."""
         points = self.breakpoints(t_end)
         if not points.size:
             return np.inf
@@ -138,7 +138,7 @@ class PiecewiseStraight(TimeFunction):
 
 @dataclass(frozen=True)
 class Sum(TimeFunction):
-    """A sum of time functions; made by ``+``."""
+    """A sum of functions of time, written ``f + g``."""
 
     terms: tuple[TimeFunction, ...]
 
@@ -161,7 +161,7 @@ class Sum(TimeFunction):
 
     @property
     def looked(self) -> float:
-        """The largest of the terms'."""
+        """The largest distance among the terms."""
         return max(term.looked for term in self.terms)
 
     def shortest(self, t_end: float) -> float:
@@ -196,7 +196,7 @@ class Sum(TimeFunction):
 
 @dataclass(frozen=True)
 class Scaled(TimeFunction):
-    """A time function times a number; made by ``*``."""
+    """A function of time multiplied by a number, written ``2 * f``."""
 
     function: TimeFunction
     factor: float
@@ -220,11 +220,11 @@ class Scaled(TimeFunction):
 
     @property
     def looked(self) -> float:
-        """The function's."""
+        """The distance of the function."""
         return self.function.looked
 
     def shortest(self, t_end: float) -> float:
-        """Return the function's."""
+        """Return the time of the function."""
         return self.function.shortest(t_end)
 
     def corners(self, left: float, right: float) -> Array:
@@ -260,7 +260,7 @@ def order_of(order: int) -> int:
 
 @dataclass(frozen=True)
 class Constant(PiecewiseStraight):
-    """The same value at all times t >= 0."""
+    """A constant: the same value at all times t >= 0."""
 
     value: float
 
@@ -282,7 +282,7 @@ class Constant(PiecewiseStraight):
 
 @dataclass(frozen=True)
 class Arbitrary(TimeFunction):
-    """A plain callable of t in s, wrapped and watched: a value that is not a finite number raises `LoadError`."""
+    """A plain callable of t in s. A value that is not a finite number raises `LoadError`."""
 
     function: Callable[[Any], Any]
 
@@ -324,16 +324,16 @@ class Arbitrary(TimeFunction):
         return repr(getattr(self.function, "__name__", self.function))
 
     def derivative(self, t: ArrayLike, order: int = 1) -> Array:
-        """Refuse: a plain callable has no known derivative."""
+        """Raise an error, because the derivative of a plain callable is not known."""
         raise ArgumentError(f"load function {self._name} has no derivative; use Sine, Ramp, Tabulated, ...")
 
     def piece(self, t0: float) -> Piece:
-        """Refuse: a plain callable has no closed form."""
+        """Raise an error, because a plain callable has no closed form."""
         raise ArgumentError(f"load function {self._name} has no closed form; use Sine, Ramp, Tabulated, ...")
 
 
 def as_time_function(value: Any) -> TimeFunction:
-    """Return `value` as a `TimeFunction`: one already, a number, or any callable of t."""
+    """Return a number, a callable of t or a `TimeFunction` as a `TimeFunction`."""
     if isinstance(value, TimeFunction):
         return value
     if callable(value):

@@ -23,13 +23,13 @@ class Sine(TimeFunction):
     Parameters
     ----------
     amplitude : float
-        In the unit of the load.
+        Amplitude in the unit of the load.
     omega : float, optional
         Angular frequency in rad/s.
     phase : float
-        In rad.
+        Phase in rad.
     frequency : float, optional
-        In Hz; omega is ``2 pi`` times it.
+        Frequency in Hz; omega is ``2 pi frequency``.
 
     Raises
     ------
@@ -88,16 +88,16 @@ class Sine(TimeFunction):
 
 @dataclass(frozen=True)
 class Ramp(PiecewiseStraight):
-    """Zero until `start`, then growing with `slope` until `stop`, then held.
+    """A ramp: zero until `start`, then growing with `slope` until `stop`, then constant.
 
     Parameters
     ----------
     slope : float
-        Per second, in the unit of the load.
+        Slope in the unit of the load per second.
     start : float
-        In s.
+        Time in s at which the ramp begins.
     stop : float, optional
-        In s; without it the ramp never ends.
+        Time in s from which the value stays constant. Without it the ramp never ends.
     """
 
     slope: float
@@ -136,7 +136,17 @@ class Ramp(PiecewiseStraight):
 
 @dataclass(frozen=True)
 class Pulse(PiecewiseStraight):
-    """A rectangular pulse: `amplitude` for start <= t < start + duration, zero elsewhere."""
+    """A rectangular pulse: `amplitude` for start <= t < start + duration, zero elsewhere.
+
+    Parameters
+    ----------
+    amplitude : float
+        Value during the pulse, in the unit of the load.
+    start : float
+        Time in s at which the pulse begins.
+    duration : float
+        Length of the pulse in s, positive.
+    """
 
     amplitude: float
     start: float

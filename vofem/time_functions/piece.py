@@ -1,4 +1,4 @@
-"""What a function of time is between two breakpoints."""
+"""The closed form of a function of time between two breakpoints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Functions of time that begin later."""
+"""Functions of time for runs that begin at a later time."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Shifted(TimeFunction):
-    """``function(start + t)``: a function of time as a run sees it that begins at `start`, in s."""
+    """``function(start + t)``: a function of time for a run that begins at the time `start`, in s."""
 
     function: TimeFunction
     start: float
@@ -36,7 +36,8 @@ class Shifted(TimeFunction):
     def breakpoints(self, t_end: float) -> Array:
         """Return the function's breakpoints in (start, start + t_end), counted from start.
 
-        Each is the first number that, added to start, is not before the breakpoint: there the next piece holds.
+        Each is the smallest number that, added to start, does not lie before the breakpoint, so that the next piece
+        holds there.
         """
         known = self.function.breakpoints(self.start + t_end)
         times = known - self.start

@@ -17,14 +17,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Tabulated(PiecewiseStraight):
-    """Linear interpolation of a table; held constant before the first and after the last time.
+    """A table of values over time, interpolated linearly, and constant before the first and after the last time.
 
     Parameters
     ----------
     t : array_like, shape (n,)
         Strictly increasing times in s.
     values : array_like, shape (n,)
-        In the unit of the load.
+        Values in the unit of the load.
 
     Raises
     ------

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from xml.etree import ElementTree
 
+from vofem.integrators.registry import method_names
 from vofem.verification.case import FAILED, PASSED, REFUSED, STOPPED, TOLD, subjects
 from vofem.verification.runner import Measured, Outcome
 
@@ -60,42 +61,123 @@ def summary(outcomes: Iterable[Outcome]) -> str:
     return f"{cases} cases, {len(outcomes)} runs: {said}"
 
 
-def markdown(outcomes: Iterable[Outcome]) -> str:
-    """Return the table of methods by cases, and all quantities, as Markdown."""
+def markdown(outcomes: Iterable[Outcome], details: str = "") -> str:
+    """Return a summary by method and by source, and the table of methods by cases, as Markdown.
+
+    Parameters
+    ----------
+    outcomes : iterable of Outcome
+    details : str
+        Name of the file with the details, for a link to it; no link where empty.
+    """
     outcomes = tuple(outcomes)
     lines = [
         "# Verification",
         "",
         "Written by `vofem verify --markdown docs/verification.md`; do not edit it. `vofem verify` runs the same",
-        "catalogue on your machine, and the tests run it too. Hard cases carry their number; the others are published.",
+        "catalogue on your machine, and the tests run it too. A case states a problem whose right answer is known from",
+        "a closed form, an independent integration or a publication. Every method that applies is run on it.",
         "",
-        "- **passed**: every quantity is within its tolerance. The figure is the error of the quantity that comes",
-        "  nearest to its tolerance, relative unless it is marked abs.",
-        "- **told**: beyond the tolerance at this step, and `result.notes` says so.",
-        "- **refused**: an error before the first step, which names a method that can where one can.",
-        "- **stopped**: a typed error on the way: energy out of nothing, no convergence, a load that is no number.",
-        "",
+        *([f"[The details]({details}) list every quantity, its reference and what came out.", ""] if details else []),
         f"{summary(outcomes)}.",
+        "",
+        "## Summary",
+        "",
+        "A run has one of these outcomes:",
+        "",
+        "- **passed**: every quantity is within its tolerance.",
+        "- **told**: a quantity is beyond its tolerance at this step, and `result.notes` says so.",
+        "- **refused**: an error before the first step. It names a method that can treat the case where there is one.",
+        "- **stopped**: a typed error on the way: energy out of nothing, no convergence, a load that is no number.",
+        "- **FAILED**: anything else.",
+        "",
+        *_counts("method", subjects(), outcomes, lambda outcome: outcome.method),
+        "",
+        *_counts("cases from", _ORIGINS, outcomes, _origin),
         "",
         "## Methods and cases",
         "",
-        "| case | " + " | ".join(subjects()) + " |",
-        "| --- |" + " --- |" * len(subjects()),
+        "The number beside a verdict is the error of the quantity that comes nearest to its tolerance. It is relative",
+        "unless it is marked abs. Hard cases carry a number; the others are published.",
+        "",
+    ]
+    dynamic = [name for name in subjects() if name in method_names()]
+    for heading, names in (
+        ("### Motion in time", dynamic),
+        ("### Statics, modes and steady states", [name for name in subjects() if name not in dynamic]),
+    ):
+        lines += _matrix(heading, names, outcomes)
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _matrix(heading: str, names: Sequence[str], outcomes: Sequence[Outcome]) -> list[str]:
+    """Return a table of cases by methods, of those that were run."""
+    mine = [o for o in outcomes if o.method in names]
+    if not mine:
+        return []
+    names = [name for name in names if any(o.method == name for o in mine)]
+    lines = [heading, "", "| case | " + " | ".join(names) + " |", "| --- |" + " --- |" * len(names)]
+    for case in dict.fromkeys(o.case for o in mine):
+        cells = {o.method: _cell(o) for o in mine if o.case is case}
+        lines.append(f"| {_escaped(case.label)} | " + " | ".join(cells.get(name, "") for name in names) + " |")
+    return [*lines, ""]
+
+
+_VERDICTS = (PASSED, TOLD, REFUSED, STOPPED, FAILED)
+_HARD = "hard cases of this package"
+_PROGRAMS = ("code_aster", "VPCS", "ANSYS", "NLvib")
+_ORIGINS = (_HARD, *_PROGRAMS, "other publications")
+
+
+def _origin(outcome: Outcome) -> str:
+    if outcome.case.number is not None:
+        return _HARD
+    return next((name for name in _PROGRAMS if name in outcome.case.source), _ORIGINS[-1])
+
+
+def _counts(
+    heading: str, names: Iterable[str], outcomes: Sequence[Outcome], name_of: Callable[[Outcome], str]
+) -> list[str]:
+    """Return a table of how many runs came to which verdict; names without runs are left out."""
+    lines = [f"| {heading} | cases | " + " | ".join(_VERDICTS) + " |", "| --- |" + " ---: |" * (len(_VERDICTS) + 1)]
+    for name in names:
+        mine = [outcome for outcome in outcomes if name_of(outcome) == name]
+        if mine:
+            counts = [sum(outcome.verdict == verdict for outcome in mine) for verdict in _VERDICTS]
+            cases = len({outcome.case.name for outcome in mine})
+            lines.append(f"| {name} | {cases} | " + " | ".join(str(count) for count in counts) + " |")
+    return lines
+
+
+def markdown_details(outcomes: Iterable[Outcome]) -> str:
+    """Return a section for every case as Markdown: its source, all quantities, and what users are told."""
+    outcomes = tuple(outcomes)
+    lines = [
+        "# Verification in detail",
+        "",
+        "Written by `vofem verify --markdown docs/verification.md`; do not edit it. Errors are relative unless they",
+        "are marked abs.",
     ]
     for case in dict.fromkeys(o.case for o in outcomes):
-        mine = {o.method: o for o in outcomes if o.case is case}
-        cells = [_cell(mine[method]) if method in mine else "" for method in subjects()]
-        lines.append(f"| {_escaped(case.label)} | " + " | ".join(cells) + " |")
-    lines += ["", "## Quantities", "", "| " + " | ".join((*HEADINGS[:-1], "options", HEADINGS[-1])) + " |"]
-    lines.append("|" + " --- |" * (len(HEADINGS) + 1))
-    for outcome in outcomes:
-        options = ", ".join(f"{k} = {v:.4g}" for k, v in outcome.case.hows()[outcome.method].options.items())
-        for row in rows(outcome):
-            lines.append("| " + " | ".join(_escaped(text) for text in (*row[:-1], options, row[-1])) + " |")
-    said = [o for o in outcomes if o.message and o.verdict != PASSED]
-    lines += ["", "## What users are told", ""]
-    lines += [f"- {_escaped(o.case.label)}, {o.method}, {o.verdict}: {_escaped(o.message)}" for o in said]
+        mine = [o for o in outcomes if o.case is case]
+        lines += ["", f"## {_escaped(case.label)}", "", f"Source: {_escaped(case.source)}", ""]
+        measured = [(o, m) for o in mine for m in o.measured]
+        if measured:
+            lines += ["| quantity | reference | method | got | error | tolerance |", "| --- |" + " --- |" * 5]
+        for outcome, m in measured:
+            name, reference, got, error, tolerance = _numbers(m)
+            cells = (name, reference, _run(outcome), got, error, tolerance)
+            lines.append("| " + " | ".join(_escaped(text) for text in cells) + " |")
+        said = [o for o in mine if o.verdict != PASSED]
+        lines += [""] if measured and said else []
+        lines += [f"- {_run(o)}, **{o.verdict}**: {_escaped(o.message)}" for o in said]
     return "\n".join(lines) + "\n"
+
+
+def _run(outcome: Outcome) -> str:
+    """Return the method and its options."""
+    options = outcome.case.hows()[outcome.method].options.items()
+    return ", ".join((outcome.method, *(f"{name} = {value:.4g}" for name, value in options)))
 
 
 def _cell(outcome: Outcome) -> str:

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.integrators.event_driven.clusters import Cluster
-from vofem.integrators.event_driven.invariant import Group, groups_of
+from vofem.integrators.event_driven.invariant import Group, Roots, own_modes, split, well_conditioned
+from vofem.linalg.low_rank_damping import CoupledDamping, coupled_modes
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -26,6 +27,10 @@ _ROUNDING = 2.0 * float(np.finfo(float).eps)
 
 #: Least frequency, over the lowest one of the other motions, by which velocities of rigid motions are scaled.
 _SLOWEST = 1e-3
+
+#: Number of motions from which on updates of complex modes are cheaper than a full eigenproblem, and the largest
+#: deviation of their rows from the inverse of their columns.
+_FEW, _LOST = 24, 1e-10
 
 #: Sine of the angle between a row and its rate above which two coordinates form a block.
 _TURNING = 1e-2
@@ -51,7 +56,7 @@ class Blocks(NamedTuple):
     clusters: tuple[Cluster, ...] = ()
 
 
-def damped_blocks(stiffness: Array, damping: Array) -> Blocks:
+def damped_blocks(stiffness: Array, damping: Array, terms: CoupledDamping | None = None) -> Blocks:
     """Split ``x'' + C x' + diag(k) x = f`` into blocks.
 
     Rigid motions that C does not resist have a defective double root 0. They
@@ -64,6 +69,8 @@ def damped_blocks(stiffness: Array, damping: Array) -> Blocks:
         k, not negative.
     damping : ndarray, shape (m, m)
         C, symmetric and positive semi-definite.
+    terms : CoupledDamping, optional
+        C once more, where few of its terms couple motions. The complex modes then take O(m^2), and not O(m^3).
     """
     m = stiffness.size
     frame, loose = _loose_motions(stiffness, damping)
@@ -75,7 +82,8 @@ def damped_blocks(stiffness: Array, damping: Array) -> Blocks:
     out[free, free], into[free, free] = 1.0, 1.0
     clusters: list[Cluster] = []
     for part in _parts(c, loose):
-        inner = _part_blocks(k[part], c[np.ix_(part, part)])
+        few = terms if frame is None else None
+        inner = _part_blocks(k[part], c[np.ix_(part, part)], few and few.part(part))
         both = np.concatenate([part, m + part])
         delta[part], p[part] = inner.delta, inner.p
         out[np.ix_(both, both)], into[np.ix_(both, both)] = inner.out, inner.into
@@ -140,7 +148,7 @@ def _parts(damping: Array, loose: int) -> list[IntArray]:
     return parts
 
 
-def _part_blocks(k: Array, c: Array) -> Blocks:
+def _part_blocks(k: Array, c: Array, terms: CoupledDamping | None) -> Blocks:
     """Split a part without loose rigid motions, by its complex modes."""
     n = k.size
     if n == 1:
@@ -148,18 +156,23 @@ def _part_blocks(k: Array, c: Array) -> Blocks:
         return Blocks(0.5 * c[0], k.copy(), np.eye(2), np.eye(2))
     # Velocities are divided by a frequency, so that both halves of the state have one unit.
     omega = state_scale(k, c.diagonal())
-    state = np.zeros((2 * n, 2 * n))
-    state[:n, n:] = np.diag(omega)
-    state[n:, :n] = np.diag(-k / omega)
-    state[n:, n:] = -c
-    groups = groups_of(state)
-    unscale = np.concatenate([1.0 / omega, np.ones(n)])
+    roots, groups = _updated(k, omega, terms), list[Group]()
+    if roots is None:
+        state = np.zeros((2 * n, 2 * n))
+        state[:n, n:] = np.diag(omega)
+        state[n:, :n] = np.diag(-k / omega)
+        state[n:, n:] = -c
+        roots, groups = split(state)
+    roots = roots.scaled(np.concatenate([1.0 / omega, np.ones(n)]))
+    scale = np.concatenate([omega, np.ones(n)])
+    groups = [Group(group.right / scale[:, None], group.left * scale, group.motion) for group in groups]
+    roots, more = roots.taken(*_turning(roots, groups))
     delta, p = np.zeros(n), np.zeros(n)
     out, into = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, 2 * n))
+    at = _own_blocks(roots, delta, p, out, into)
     clusters: list[Cluster] = []
-    at = 0
-    for group in _even(groups):
-        right, left = group.right * unscale[:, None], group.left / unscale[None, :]
+    for group in _even(groups + more):
+        right, left = group.right, group.left
         size = right.shape[1] // 2
         best = _companion(group.motion) if size == 1 else None
         if best is not None:
@@ -173,6 +186,68 @@ def _part_blocks(k: Array, c: Array) -> Blocks:
         out[:, places], into[places] = right, left
         at += size
     return Blocks(delta, p, out, into, tuple(clusters))
+
+
+def _updated(k: Array, omega: Array, terms: CoupledDamping | None) -> Roots | None:
+    """Return all roots and modes of a part whose damping has few terms that couple; None where they are not certain.
+
+    Rows and columns are computed apart from each other. Whether they are each other's inverse shows whether a root was
+    lost, found twice, or is nearly defective.
+    """
+    n = k.size
+    if terms is None or n < _FEW or terms.weights.size**2 > n or not np.all(k > 0.0):
+        return None
+    found = coupled_modes(k, terms)
+    if found is None:
+        return None
+    s, x = found
+    right = np.concatenate([omega[:, None] * x, s * x])
+    # The pencil is symmetric, so that the rows hold the same vectors: (s + C) x = -k x / s.
+    left = np.concatenate([-(k / omega)[:, None] * x / s, x])
+    size = np.linalg.norm(right, axis=0)
+    modes = own_modes(s, right / size, (left / (np.sum(left * right, axis=0) / size)).T)
+    if not well_conditioned(modes):
+        return None
+    probe = np.cos(np.arange(2 * n) ** 2)
+    lost = max(
+        float(np.abs(modes.left @ (modes.right @ probe) - probe).max()),
+        float(np.abs(modes.right @ (modes.left @ probe) - probe).max()),
+    )
+    return modes if lost < _LOST else None
+
+
+def _turning(roots: Roots, groups: list[Group]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which pairs of roots form blocks of their own, and which real roots do, two by two."""
+    pairs = roots.pairs.imag > _TURNING * np.abs(roots.pairs)
+    real = np.ones(roots.real.size, dtype=bool)
+    if sum(group.right.shape[1] % 2 for group in groups) % 2:
+        # One group is left with an odd number of coordinates, and takes the slowest.
+        real[-1] = False
+    half = int(np.sum(real)) // 2
+    quick, slow = roots.real[:half], roots.real[half : 2 * half]
+    real[: 2 * half] = np.tile(slow - quick > np.sqrt(2.0) * _TURNING * np.hypot(slow, quick), 2)
+    return pairs, real
+
+
+def _own_blocks(roots: Roots, delta: Array, p: Array, out: Array, into: Array) -> int:
+    """Fill in the blocks of pairs of roots, and of real roots two by two; return their number."""
+    m, n, half = roots.pairs.size, delta.size, roots.real.size // 2
+    a, b = roots.pairs.real, roots.pairs.imag
+    one, two = roots.right[:, :m], roots.right[:, m : 2 * m]
+    out[:, :m], out[:, n : n + m] = one + two * (a / b), -two / b
+    first, second = roots.left[:m], roots.left[m : 2 * m]
+    into[:m], into[n : n + m] = first, a[:, None] * first - b[:, None] * second
+    delta[:m], p[:m] = -a, a**2 + b**2
+    quick, slow = roots.real[:half], roots.real[half:]
+    one, two = roots.right[:, 2 * m : 2 * m + half], roots.right[:, 2 * m + half :]
+    end = m + half
+    out[:, m:end] = (one * slow - two * quick) / (slow - quick)
+    out[:, n + m : n + end] = (two - one) / (slow - quick)
+    first, second = roots.left[2 * m : 2 * m + half], roots.left[2 * m + half :]
+    into[m:end] = first + second
+    into[n + m : n + end] = quick[:, None] * first + slow[:, None] * second
+    delta[m:end], p[m:end] = -0.5 * (quick + slow), quick * slow
+    return end
 
 
 def _companion(motion: Array) -> Array | None:

@@ -13,6 +13,9 @@ IntArray = NDArray[np.int64]
 #: Condition number of a basis that costs hardly any digits, and the largest that is put up with.
 _WELL, _BEARABLE = 30.0, 1e3
 
+#: Steps of the power method for a norm that decides, and is not computed with.
+_POWERS = 6
+
 #: Modes whose overlap is closer to one than this are kept together: as many as it takes, all of them at last.
 _OVERLAPS = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 0.3, 0.6, 2.0)
 
@@ -41,7 +44,83 @@ class Group(NamedTuple):
         return Group(np.hstack([self.right, other.right]), np.vstack([self.left, other.left]), motion)
 
 
-def groups_of(state: Array) -> list[Group]:
+class Roots(NamedTuple):
+    """Roots that have a mode of their own, and these modes as real columns and rows.
+
+    Attributes
+    ----------
+    pairs : ndarray of complex, shape (m,)
+        Of each pair of conjugates the root with the positive imaginary part.
+    real : ndarray, shape (r,)
+        Ascending.
+    right : ndarray, shape (n, 2m + r)
+        First columns of the pairs, then their second ones, then those of the real roots. On the columns of a pair the
+        motion is ``xi' = [[a, -b], [b, a]] xi``, where the root is ``a + i b``.
+    left : ndarray, shape (2m + r, n)
+        Rows that take a state to its coordinates.
+    """
+
+    pairs: NDArray[np.complex128]
+    real: Array
+    right: Array
+    left: Array
+
+    def scaled(self, scale: Array) -> Roots:
+        """Return the modes where every entry of the state is multiplied by a factor, shape (n,)."""
+        return self._replace(right=self.right * scale[:, None], left=self.left / scale)
+
+    def taken(self, pairs: NDArray[np.bool_], real: NDArray[np.bool_]) -> tuple[Roots, list[Group]]:
+        """Return some of the roots, and the others as groups, each by itself."""
+        m = self.pairs.size
+        kept = np.flatnonzero(np.concatenate([pairs, pairs, real]))
+        groups = [
+            Group(
+                self.right[:, [k, m + k]],
+                self.left[[k, m + k]],
+                np.array([[s.real, -s.imag], [s.imag, s.real]]),
+            )
+            for k, s in enumerate(self.pairs)
+            if not pairs[k]
+        ]
+        groups += [
+            Group(self.right[:, [2 * m + k]], self.left[[2 * m + k]], self.real[[k]][:, None])
+            for k in np.flatnonzero(~real)
+        ]
+        return Roots(self.pairs[pairs], self.real[real], self.right[:, kept], self.left[kept]), groups
+
+
+def own_modes(roots: NDArray[np.complex128], right: Any, left: Any = None) -> Roots:
+    """Return roots with modes of their own, one of each conjugate pair, from complex columns (n, m) and rows (m, n).
+
+    Without rows these are the inverse of the columns, which then are all of them.
+    """
+    single = np.flatnonzero(roots.imag == 0.0)
+    single = single[np.argsort(roots[single].real, kind="stable")]
+    upper = np.flatnonzero(roots.imag > 0.0)
+    double = np.sqrt(2.0)
+    columns = np.hstack([double * right[:, upper].real, -double * right[:, upper].imag, right[:, single].real])
+    if left is None:
+        rows = np.linalg.inv(columns)
+    else:
+        rows = np.vstack([double * left[upper].real, double * left[upper].imag, left[single].real])
+    return Roots(roots[upper], roots[single].real, columns, rows)
+
+
+def well_conditioned(roots: Roots) -> bool:
+    """Return whether modes that span the whole space cost hardly any digits."""
+    return bool(np.all(np.isfinite(roots.left))) and _norm(roots.right) * _norm(roots.left.T) < _WELL
+
+
+def _norm(matrix: Array) -> float:
+    """Return the 2-norm of a matrix to some percent, from below."""
+    size = np.sum(matrix**2, axis=0)
+    vector = matrix[:, int(np.argmax(size))]
+    for _ in range(_POWERS):
+        vector = matrix @ (matrix.T @ (vector / np.linalg.norm(vector)))
+    return float(np.sqrt(np.linalg.norm(vector)))
+
+
+def split(state: Array) -> tuple[Roots, list[Group]]:
     """Split ``x' = state x`` into as small subspaces as a well-conditioned basis allows.
 
     Parameters
@@ -50,9 +129,14 @@ def groups_of(state: Array) -> list[Group]:
         Of which the symmetric part is not positive, or nearly so.
     """
     roots, right = np.linalg.eig(state)
-    if np.linalg.cond(right) < _WELL:
-        left = np.linalg.inv(right)
-        return [_modes(roots, right, left, np.array([k])) for k in np.flatnonzero(roots.imag >= 0)]
+    upper = np.flatnonzero(roots.imag >= 0.0)
+    try:
+        alone = own_modes(roots[upper], right[:, upper])
+        if well_conditioned(alone):
+            return alone, []
+    except np.linalg.LinAlgError:
+        # Columns of a multiple root coincide.
+        pass
     from scipy.linalg import schur
 
     triangle, vectors = schur(state, output="real")
@@ -75,27 +159,14 @@ def groups_of(state: Array) -> list[Group]:
             break
     labels, parts, basis = kept
     inverse = np.linalg.inv(basis)
-    groups: list[Group] = []
+    groups, single = [], []
     for k, part in enumerate(parts):
         mine = np.flatnonzero(labels == k)
         if mine.size > 1 and part is not None:
             groups.append(Group(part[0], inverse[mine].real, part[1]))
         elif roots[mine[0]].imag >= 0.0:
-            groups.append(_modes(roots, basis, inverse, mine))
-    return groups
-
-
-def _modes(roots: Any, right: Any, left: Any, k: IntArray) -> Group:
-    """Return the group of a real root, or of a pair of conjugate ones by the first of them."""
-    s = complex(roots[k[0]])
-    if s.imag == 0.0:
-        return Group(right[:, k].real.copy(), left[k].real.copy(), np.array([[s.real]]))
-    column, row = right[:, k[0]], left[k[0]]
-    double = np.sqrt(2.0)
-    motion = np.array([[s.real, -s.imag], [s.imag, s.real]])
-    return Group(
-        double * np.stack([column.real, -column.imag], axis=1), double * np.stack([row.real, row.imag]), motion
-    )
+            single.append(mine[0])
+    return own_modes(roots[single], basis[:, single], inverse[single]), groups
 
 
 def _together(close: NDArray[np.bool_], roots: NDArray[np.complex128]) -> IntArray:

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem._validate import number
-from vofem.errors import ArgumentError, EventStormError, MethodError
+from vofem._validate import number, whole
+from vofem.errors import EventStormError, MethodError
 from vofem.integrators.event_driven.follow import Follower
 from vofem.integrators.event_driven.lifted import TruncatedSolution
 from vofem.integrators.event_driven.modal_space import modal_space
@@ -116,8 +116,7 @@ def run(
     EventStormError
         If events follow each other without end.
     """
-    if isinstance(max_events, bool) or not isinstance(max_events, (int, np.integer)) or max_events < 1:
-        raise ArgumentError(f"simulate: max_events is {max_events!r}, expected a positive whole number")
+    max_events = whole("simulate: max_events", max_events)
     pin_fraction = number("simulate: pin_fraction", pin_fraction, positive=True)
     if truncation is not None:
         truncation = number("simulate: truncation", truncation, minimum=0)

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from vofem.cache import Cache
 from vofem.integrators.event_driven.complex_modes import Blocks, damped_blocks, state_scale
 from vofem.integrators.event_driven.modal_space import ModalSpace
+from vofem.linalg.low_rank_damping import CoupledDamping
 from vofem.linalg.secular import constrain, rank_one, rank_one_less, refine
 from vofem.system import CLOSED, PINNED, ContactLaws, Counters
 
@@ -312,13 +313,39 @@ class Spectra:
             return Spectrum(delta=0.5 * space.damping[: real.p.size], p=real.p, real=real)
         self._counters.eigensolves += 1
         self._counters.damping_evaluations += 1
-        full = np.diag(space.damping) if space.coupling is None else np.diag(space.damping) + space.coupling
-        damping = np.asarray(real.down(real.down(full).T))
-        rows = space.contacts if real.modes is None else space.contacts @ real.modes
-        damping = damping + (rows.T * dampers) @ rows
+        terms = self._damping_terms(status, real, mixed=mixed)
+        if terms is None:
+            full = np.diag(space.damping) if space.coupling is None else np.diag(space.damping) + space.coupling
+            damping = np.asarray(real.down(real.down(full).T))
+            rows = space.contacts if real.modes is None else space.contacts @ real.modes
+            damping = damping + (rows.T * dampers) @ rows
+        else:
+            damping = terms.matrix()
         damping = 0.5 * (damping + damping.T)
-        blocks = damped_blocks(real.p, damping)
+        blocks = damped_blocks(real.p, damping, terms)
         return Spectrum(blocks.delta, blocks.p, real, blocks, damping)
+
+    def _damping_terms(self, status: Status, real: RealModes, *, mixed: bool) -> CoupledDamping | None:
+        """Return the damping of a status as a diagonal and a few terms; None where it is not of this form.
+
+        Damping in proportion to the stiffness, ``a1 K``, does not act on the springs of contacts: in the modes of the
+        status, which diagonalise both together, it is diagonal less ``a1 K0`` for each closed contact.
+        """
+        space, laws = self._space, self._laws
+        coupling = space.coupling_terms
+        if coupling is None or (mixed and space.proportional is None):
+            return None
+        rows, weights = coupling
+        own = space.damping[: real.p.size]
+        a1 = space.proportional[1] if space.proportional is not None and mixed else 0.0
+        if mixed and space.proportional is not None:
+            own = space.proportional[0] + a1 * real.p
+        if laws is not None:
+            closed = np.flatnonzero(status == CLOSED)
+            weight = laws.damping[closed] - a1 * laws.stiffness[closed]
+            rows = np.vstack([rows, space.contacts[closed[weight != 0.0]]])
+            weights = np.concatenate([weights, weight[weight != 0.0]])
+        return CoupledDamping(own, rows if real.modes is None else rows @ real.modes, weights)
 
     def _closed_modes(self, closed: NDArray[np.bool_]) -> tuple[tuple[int, ...], RealModes]:
         """Return the modes with some contacts closed, and the changes by which they were gained.

@@ -1,36 +1,193 @@
-"""What all pictures with axes share: colours, panels, legends and saving."""
+"""What all pictures with axes share: where they are drawn, colours, legends and saving.
+
+A figure of vofem has a look of its own, unless the user has chosen one: where a style sheet of matplotlib is in use, or
+``rcParams`` of axes, grids, lines, fonts or legends are not matplotlib's own, colours, fonts and lines follow these.
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+import weakref
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
+import numpy as np
+
+from vofem.errors import ArgumentError
 from vofem.files.whole import replacing, target
 
+#: Where a picture goes: a file, or nowhere.
+Where = str | os.PathLike[str] | None
+
 INK = "#16181d"
-COLORS = ("#e07b21", "#2f6fae", "#3f8f5b", "#8a5aa8", "#b23a48", "#6b7280")
+_COLORS = ("#e07b21", "#2f6fae", "#3f8f5b", "#8a5aa8", "#b23a48", "#6b7280")
 
 _SUFFIXES = (".png", ".pdf", ".svg")
 
+#: Beginnings of the names of parameters by which users choose a look.
+_LOOKS = ("axes.", "grid.", "lines.", "font.", "legend.", "xtick.", "ytick.")
 
-def goal_of(path: str | os.PathLike[str]) -> Path:
-    """Return where a picture is to be written; raise `OutputError` where it cannot be."""
-    return target(path, _SUFFIXES)
+#: Figures that were made here, whose legends have room beside the axes.
+_OWN: weakref.WeakSet[Any] = weakref.WeakSet()
+
+
+def goal_of(path: Where) -> Path | None:
+    """Return where a picture is to be written, None for nowhere; raise `OutputError` where it cannot be."""
+    return None if path is None else target(path, _SUFFIXES)
+
+
+# -- the look -----------------------------------------------------------------------------------------
+
+
+def restyled() -> bool:
+    """Return whether the user has chosen a look of matplotlib's, such as a style sheet."""
+    from matplotlib import rcParams, rcParamsDefault
+
+    return any(rcParams[key] != value for key, value in rcParamsDefault.items() if key.startswith(_LOOKS))
+
+
+def _cycle() -> list[str]:
+    """Return the colours of lines: the first for what a picture is about."""
+    if not restyled():
+        return [INK, *_COLORS]
+    from matplotlib import rcParams
+
+    return list(rcParams["axes.prop_cycle"].by_key().get("color", [INK]))
+
+
+def ink() -> str:
+    """Return the colour of what a picture is about."""
+    return _cycle()[0]
+
+
+class _Colors(Sequence[str]):
+    """The other colours, those of the user's look where there is one; looked up when asked for."""
+
+    def __len__(self) -> int:
+        return len(_COLORS)
+
+    @overload
+    def __getitem__(self, index: int) -> str: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[str]: ...
+
+    def __getitem__(self, index: int | slice) -> str | list[str]:
+        cycle = _cycle()
+        found = [cycle[(k + 1) % len(cycle)] for k in range(len(_COLORS))]
+        return found[index]
+
+
+COLORS = _Colors()
+
+
+def stroke(width: float) -> float:
+    """Return the width of a line in points, which follows that of the user's look."""
+    from matplotlib import rcParams, rcParamsDefault
+
+    return float(width * rcParams["lines.linewidth"] / rcParamsDefault["lines.linewidth"])
+
+
+def text_size(points: float) -> float:
+    """Return the size of a text, which follows that of the user's look."""
+    from matplotlib import rcParams, rcParamsDefault
+
+    return float(points * rcParams["font.size"] / rcParamsDefault["font.size"])
+
+
+# -- where it is drawn --------------------------------------------------------------------------------
+
+
+class Canvas:
+    """Where a picture is drawn: into axes of the user, or into a figure of its own.
+
+    Without a file and without axes the figure is one of ``matplotlib.pyplot``, so that notebooks and
+    ``pyplot.show()`` show it.
+
+    Parameters
+    ----------
+    what : str
+        The function that draws, for messages.
+    goal : Path, optional
+        The file.
+    ax : axes, or several of them, optional
+        In the order of rows.
+    size : (float, float)
+        Of a figure of its own, inches.
+    rows, columns : int
+    options
+        Further ones of ``Figure.subplots``.
+
+    Attributes
+    ----------
+    figure : Figure
+    grid : ndarray of axes, shape (rows, columns)
+
+    Raises
+    ------
+    ArgumentError
+        If `ax` is something else than so many axes.
+    """
+
+    def __init__(
+        self, what: str, goal: Path | None, ax: Any, size: tuple[float, float], rows: int = 1, columns: int = 1,
+        **options: Any,
+    ) -> None:  # fmt: skip
+        self._goal = goal
+        if ax is not None:
+            self.grid = _given(what, ax, rows * columns).reshape(rows, columns)
+            self.figure = self.grid[0, 0].figure
+            return
+        own_look = restyled()
+        look: dict[str, Any] = {} if own_look else {"dpi": 140, "facecolor": "white"}
+        self.figure = _new_figure(goal, figsize=size, layout="constrained", **look)
+        _OWN.add(self.figure)
+        self.grid = self.figure.subplots(rows, columns, squeeze=False, **options)
+        if own_look:
+            return
+        for axes in self.grid.flat:
+            axes.grid(color="#e3e5e9", linewidth=0.7)
+            axes.set_axisbelow(True)
+            axes.spines[["top", "right"]].set_visible(False)
+
+    def done(self) -> Any:
+        """Write the file; return its path, or without one the axes: one, or an array of them."""
+        if self._goal is None:
+            return self.grid[0, 0] if self.grid.size == 1 else np.squeeze(self.grid)
+        return save(self.figure, self._goal)
+
+
+def _new_figure(goal: Path | None, **options: Any) -> Any:
+    if goal is None:
+        from matplotlib import pyplot
+
+        return pyplot.figure(**options)
+    from matplotlib.figure import Figure
+
+    return Figure(**options)
+
+
+def _given(what: str, ax: Any, count: int) -> Any:
+    """Return the axes that a user has given as an array."""
+    listed = np.ravel(np.asarray(ax, dtype=object))
+    if listed.size != count or not all(hasattr(one, "plot") and hasattr(one, "figure") for one in listed):
+        expected = "matplotlib axes" if count == 1 else f"{count} matplotlib axes in a sequence"
+        raise ArgumentError(f"{what}: ax is {ax!r}, expected {expected}; leave it out for a figure of its own")
+    return listed
 
 
 def panels(size: tuple[float, float], rows: int = 1, columns: int = 1, **options: Any) -> tuple[Any, Any]:
-    """Return a figure, size in inches, and its axes, shape (rows, columns)."""
-    from matplotlib.figure import Figure
+    """Return a figure of its own for a file, size in inches, and its axes, shape (rows, columns)."""
+    canvas = Canvas("panels", Path(), None, size, rows, columns, **options)
+    return canvas.figure, canvas.grid
 
-    figure = Figure(figsize=size, dpi=140, layout="constrained", facecolor="white")
-    grid = figure.subplots(rows, columns, squeeze=False, **options)
-    for axes in grid.flat:
-        axes.grid(color="#e3e5e9", linewidth=0.7)
-        axes.set_axisbelow(True)
-        axes.spines[["top", "right"]].set_visible(False)
-    return figure, grid
+
+def save(figure: Any, goal: Path) -> Path:
+    """Write a figure to its place, whole or not at all."""
+    with replacing(goal) as temporary:
+        figure.savefig(temporary)
+    return goal
 
 
 def plain(text: str) -> str:
@@ -39,7 +196,7 @@ def plain(text: str) -> str:
 
 
 def legend(axes: Any, sources: Iterable[Any] | None = None, most: int = len(COLORS)) -> None:
-    """Add a legend beside the axes, where no curve runs under it, of at most so many lines.
+    """Add a legend, beside the axes where there is room for it, of at most so many lines.
 
     Lines of several axes, `sources`, are named once.
     """
@@ -53,11 +210,13 @@ def legend(axes: Any, sources: Iterable[Any] | None = None, most: int = len(COLO
     more = len(names) - most
     if more > 0:
         handles, names = handles[:most], [*names[: most - 1], f"{names[most - 1]}, and {more} more"]
-    axes.legend(handles, map(plain, names), loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=9)
+    beside(axes, handles, [plain(name) for name in names])
 
 
-def save(figure: Any, goal: Path) -> Path:
-    """Write a figure to its place, whole or not at all."""
-    with replacing(goal) as temporary:
-        figure.savefig(temporary)
-    return goal
+def beside(axes: Any, handles: list[Any], names: list[str]) -> None:
+    """Add a legend of these entries: beside the axes in a figure of vofem, within them in one of the user."""
+    place: dict[str, Any] = {}
+    if axes.figure in _OWN:
+        place = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
+    look = {} if restyled() else {"frameon": False}
+    axes.legend(handles, names, **place, **look, fontsize=text_size(9))

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from typing import Any
 
 from numpy.typing import ArrayLike
 
-from vofem.io.pictures.axes import COLORS, INK, goal_of, panels, plain, save
+from vofem.io.pictures.axes import COLORS, Canvas, Where, goal_of, ink, plain, stroke, text_size
 
 
 @dataclass(frozen=True)
@@ -47,18 +46,21 @@ class Panel:
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 
 
-def log_curves(pictures: Sequence[Panel], path: str | os.PathLike[str]) -> Path:
+def log_curves(pictures: Sequence[Panel], path: Where = None, *, ax: Any = None) -> Any:
     """Draw panels side by side, each with its own legend below, all axes logarithmic.
 
     Parameters
     ----------
     pictures : sequence of Panel
-    path : path of a .png, .pdf or .svg
+    path : path of a .png, .pdf or .svg, optional
+        The file to write.
+    ax : sequence of matplotlib axes, optional
+        One a panel, to draw into; by default a figure of its own.
 
     Returns
     -------
-    Path
-        `path`.
+    Path or matplotlib axes
+        `path` where one is given, else the axes.
 
     Raises
     ------
@@ -66,24 +68,29 @@ def log_curves(pictures: Sequence[Panel], path: str | os.PathLike[str]) -> Path:
         If the file cannot be written.
     """
     goal = goal_of(path)
-    figure, grid = panels((5.6 * len(pictures), 6.0), 1, len(pictures))
+    canvas = Canvas("log_curves", goal, ax, (5.6 * len(pictures), 6.0), 1, len(pictures))
     names = list(dict.fromkeys(c.name for panel in pictures for c in panel.curves if not c.strong))
-    for panel, axes in zip(pictures, grid[0], strict=True):
+    for panel, axes in zip(pictures, canvas.grid[0], strict=True):
         shown: set[str] = set()
         for curve in panel.curves:
             index = names.index(curve.name) if curve.name in names else 0
-            color = INK if curve.strong else COLORS[index % len(COLORS)]
+            color = ink() if curve.strong else COLORS[index % len(COLORS)]
             axes.loglog(
                 curve.x, curve.y, "--" if curve.dashed else "-", marker=None if curve.dashed else _mark(curve, index),
-                color=color, linewidth=1.3, markersize=5, label=None if curve.name in shown else plain(curve.name),
+                color=color, linewidth=stroke(1.3), markersize=5,
+                label=None if curve.name in shown else plain(curve.name),
             )  # fmt: skip
             shown.add(curve.name)
         axes.set(xlabel=panel.xlabel, ylabel=panel.ylabel)
-        axes.set_title(plain(panel.title), fontsize=11)
+        axes.set_title(plain(panel.title), fontsize=text_size(11))
         axes.legend(
-            loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=1 if len(shown) < 5 else 2, frameon=False, fontsize=8
+            loc="upper center",
+            bbox_to_anchor=(0.5, -0.13),
+            ncols=1 if len(shown) < 5 else 2,
+            frameon=False,
+            fontsize=text_size(8),
         )
-    return save(figure, goal)
+    return canvas.done()
 
 
 def _mark(curve: Curve, index: int) -> str:

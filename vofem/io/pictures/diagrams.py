@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import ArgumentError
-from vofem.io.pictures.axes import COLORS, INK, goal_of, legend, panels, plain, save
+from vofem.io.pictures.axes import COLORS, Canvas, Where, beside, goal_of, ink, legend, plain, stroke
 from vofem.studies.diagrams import Basins, BifurcationDiagram
 from vofem.studies.steady import Branch
 
@@ -22,7 +20,7 @@ _STARTS = {"rest": "from the initial state", "up": "along rising values", "down"
 _MARKS = {"grazing": "v", "fold": "o", "period_doubling": "D"}
 
 #: Size of the points of a diagram of one value, in points; of many values it is divided among them.
-_INK = 240.0
+_AREA = 240.0
 
 #: Most attractors that have a colour of their own.
 _MOST = len(COLORS)
@@ -30,19 +28,21 @@ _MOST = len(COLORS)
 
 def bifurcation(
     diagram: BifurcationDiagram,
-    path: str | os.PathLike[str],
+    path: Where = None,
     *,
     point: Any = None,
     branches: Sequence[Branch] = (),
     label: str = "parameter",
     ylim: tuple[float, float] | None = None,
-) -> Path:
+    ax: Any = None,
+) -> Any:
     """Draw where motions are once a period, over a parameter, with continued branches of orbits over them.
 
     Parameters
     ----------
     diagram : BifurcationDiagram
-    path : path of a .png, .pdf or .svg
+    path : path of a .png, .pdf or .svg, optional
+        The file to write.
     point : point, optional
         Whose displacement is drawn; the first of the diagram where not given.
     branches : sequence of Branch
@@ -51,11 +51,13 @@ def bifurcation(
         Of the parameter, with its unit.
     ylim : tuple of float, optional
         Limits of the displacement, m.
+    ax : matplotlib axes, optional
+        To draw into; by default a figure of its own.
 
     Returns
     -------
-    Path
-        `path`.
+    Path or matplotlib axes
+        `path` where one is given, else the axes.
 
     Raises
     ------
@@ -65,8 +67,9 @@ def bifurcation(
         If the file cannot be written.
     """
     goal = goal_of(path)
-    figure, ((axes,),) = panels((9.0, 5.2))
-    size = float(np.clip(_INK / diagram.values.size, 0.8, 3.5))
+    canvas = Canvas("bifurcation", goal, ax, (9.0, 5.2))
+    axes = canvas.grid[0, 0]
+    size = float(np.clip(_AREA / diagram.values.size, 0.8, 3.5))
     for color, start in zip((COLORS[1], COLORS[0], COLORS[2]), diagram.looks, strict=False):
         samples = diagram.displacement(point, start)
         values = np.broadcast_to(diagram.values[:, None], samples.shape)
@@ -79,20 +82,24 @@ def bifurcation(
         for stable, along, positions in _pieces(branch, diagram, point):
             style = "-" if stable else "--"
             name = "stable orbits" if stable else "unstable orbits"
-            axes.plot(along, positions, style, color=INK, linewidth=1.1, label=None if name in named else name)
+            axes.plot(
+                along, positions, style, color=ink(), linewidth=stroke(1.1), label=None if name in named else name
+            )
             named.add(name)
         for special in branch.special:
             position = _positions(special.orbit, branch.periods, diagram, point)
             values = np.full(position.shape, special.value)
             name = special.kind.replace("_", " ")
             once = None if name in named else name
-            axes.plot(values, position, _MARKS.get(special.kind, "s"), color=INK, mfc="white", markersize=6, label=once)
+            axes.plot(
+                values, position, _MARKS.get(special.kind, "s"), color=ink(), mfc="white", markersize=6, label=once
+            )
             named.add(name)
     axes.set(xlabel=plain(label), ylabel="displacement once a period [m]")
     if ylim is not None:
         axes.set_ylim(*ylim)
     legend(axes)
-    return save(figure, goal)
+    return canvas.done()
 
 
 def _pieces(branch: Branch, diagram: BifurcationDiagram, point: Any) -> list[tuple[bool, list[float], NDArray]]:
@@ -136,21 +143,24 @@ def _place(scene: Any, name: Any) -> Any:
     raise ArgumentError(f"bifurcation: the scenes of the branch have no point named {name!r}; give point=")
 
 
-def basin_map(basins: Basins, path: str | os.PathLike[str], *, labels: tuple[str, str] | None = None) -> Path:
+def basin_map(basins: Basins, path: Where = None, *, labels: tuple[str, str] | None = None, ax: Any = None) -> Any:
     """Draw which attractor each initial state leads to, a colour each.
 
     Parameters
     ----------
     basins : Basins
         Over a grid of two parameters.
-    path : path of a .png, .pdf or .svg
+    path : path of a .png, .pdf or .svg, optional
+        The file to write.
     labels : tuple of str, optional
         Of the two parameters, with their units.
+    ax : matplotlib axes, optional
+        To draw into; by default a figure of its own.
 
     Returns
     -------
-    Path
-        `path`.
+    Path or matplotlib axes
+        `path` where one is given, else the axes.
 
     Raises
     ------
@@ -170,7 +180,8 @@ def basin_map(basins: Basins, path: str | os.PathLike[str], *, labels: tuple[str
     names = [one.name for one in basins.attractors]
     colors = [*COLORS[: min(len(names), _MOST)], "#d7dade"]
     index = np.where(basins.index < 0, len(colors) - 1, np.minimum(basins.index, len(colors) - 1))
-    figure, ((axes,),) = panels((7.4, 5.2))
+    canvas = Canvas("basin_map", goal, ax, (7.4, 5.2))
+    axes = canvas.grid[0, 0]
     norm = BoundaryNorm(np.arange(len(colors) + 1) - 0.5, len(colors))
     axes.grid(False)
     axes.pcolormesh(rows, columns, index.T, shading="nearest", cmap=ListedColormap(colors), norm=norm)
@@ -179,5 +190,5 @@ def basin_map(basins: Basins, path: str | os.PathLike[str], *, labels: tuple[str
     handles = [Patch(color=color, label=plain(name)) for color, name in zip(colors[:-1], names, strict=False)]
     if np.any(index == len(colors) - 1):
         handles.append(Patch(color=colors[-1], label="others, or failed" if len(names) > _MOST else "failed"))
-    axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=9)
-    return save(figure, goal)
+    beside(axes, handles, [str(handle.get_label()) for handle in handles])
+    return canvas.done()

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Mapping
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,9 @@ from numpy.typing import NDArray
 from vofem.bodies.base import Point
 from vofem.effects import Contact
 from vofem.errors import ArgumentError
-from vofem.io.pictures.axes import COLORS, INK, goal_of, legend, panels, plain, save
+from vofem.histories.impacts import window_of
+from vofem.io.pictures.axes import COLORS, Canvas, Where, goal_of, ink, legend, plain, stroke, text_size
+from vofem.io.pictures.envelope import envelope_of
 from vofem.io.pictures.layout import place_of
 from vofem.io.pictures.places import all_contacts
 from vofem.io.pictures.units import length, prefixed
@@ -21,21 +22,34 @@ from vofem.result import Result
 
 Array = NDArray[np.float64]
 
-#: Times at which a run of event_driven, which knows its motion at any time, is drawn.
-_DENSE = 4001
+#: Times at which a run of event_driven, known at any time, is drawn: as many at least, so many for each
+#: contact event, and as many at most unless the run has more.
+_DENSE, _EACH, _MOST = 4001, 20, 60_000
+
+#: Crossings of its mean beyond which a motion is drawn as its envelope.
+_CROSSINGS = 300
+
+#: Crossings in each part of an envelope, and fewest and most parts of a window.
+_CROSSINGS_EACH, _FEWEST, _PARTS = 6, 20, 400
 
 
 def time_history(
     result: Result | Mapping[str, Result],
     point: Any,
-    path: str | os.PathLike[str],
+    path: Where = None,
     *,
     contact: Contact | str | Iterable[Contact | str] | None = None,
-) -> Path:
+    window: tuple[float, float] | None = None,
+    envelope: bool | None = None,
+    ax: Any = None,
+) -> Any:
     """Draw the displacement of points over time, and K_eq of contacts under it.
 
     Times at which a contact is closed are shaded; the displacement at which
-    it closes is a dashed line.
+    it closes is a dashed line. Of a motion with very many oscillations, which
+    would be a solid block, the envelope is drawn: the least and the largest
+    displacement in each of up to 400 parts of the window, and under it the
+    share of each part in which contacts are closed.
 
     Parameters
     ----------
@@ -44,82 +58,140 @@ def time_history(
         where stiffnesses differ by more than ten times.
     point : point, or several of them
         ``beam.at(x)`` or a Mass; found in every result by its body's name.
-    path : path of a .png, .pdf or .svg
+    path : path of a .png, .pdf or .svg, optional
+        The file to write.
     contact : contact, name or several of them, optional
         Those to show, ``name[node]`` of a one-sided foundation among them; where
         not given, the contacts at the points, and where there are none, the
         nearest of their bodies, at most six.
+    window : (float, float), optional
+        Begin and end in s; the whole run where not given.
+    envelope : bool, optional
+        Whether the envelope is drawn; where not given, if the motion crosses its
+        mean more than 300 times.
+    ax : matplotlib axes, optional
+        To draw into: for each result one, for displacements alone, or two, the
+        second for K_eq; those for displacements come first. By default a figure of its own.
 
     Returns
     -------
-    Path
-        `path`.
+    Path or matplotlib axes
+        `path` where one is given, else the axes.
 
     Raises
     ------
     ArgumentError
-        For what is not a point, or no contact of the run.
+        For what is not a point, or no contact of the run, or a window outside the run.
     OutputError
         If the file cannot be written.
     """
     goal = goal_of(path)
     points = _points(point)
     runs = result if isinstance(result, Mapping) else {points[0].describe() if len(points) == 1 else "": result}
-    shown = {title: _contacts(run, points, contact) for title, run in runs.items()}
-    below = any(shown.values())
-    peaks = [np.max(np.abs(run.displacement(p, _times(run, shown[t])))) for t, run in runs.items() for p in points]
-    scale = length(float(max(peaks)))
+    views = [_view(run, points, contact, window, envelope) for run in runs.values()]
+    below = any(view.contacts for view in views) and (ax is None or np.size(np.asarray(ax, dtype=object)) > len(runs))
+    scale = length(max(float(np.max(np.abs(view.motion))) for view in views))
     size = (10.0 if len(runs) == 1 else 2.0 + 4.4 * len(runs), 6.4 if below else 4.2)
     heights = (2.2, 1.0) if below else (1.0,)
-    figure, grid = panels(size, len(heights), len(runs), sharex="col", height_ratios=heights)
-    _share(grid[0])
-    stiffest = [_stiffest(run, shown[title]) for title, run in runs.items()]
+    canvas = Canvas("time_history", goal, ax, size, len(heights), len(runs), sharex="col", height_ratios=heights)
+    grid = canvas.grid
+    if ax is None:
+        _share(grid[0])
+    stiffest = [_stiffest(view) for view in views]
     # Beside a stop more than ten times as stiff another one would be a line along the axis.
     alike = max(stiffest) <= 10.0 * min(filter(None, stiffest), default=0.0)
     if below and alike:
-        _share(grid[1])
+        if ax is None:
+            _share(grid[1])
         stiffest = [max(stiffest)] * len(runs)
-    for (title, run), column, most in zip(runs.items(), grid.T, stiffest, strict=True):
-        _draw_motion(run, points, shown[title], scale, column)
+    for title, view, column, most in zip(runs, views, grid.T, stiffest, strict=True):
+        _draw_motion(view, points, scale, column)
         if below:
-            _draw_stiffness(run, shown[title], len(points), most, column[1])
-            if not alike or column[1].get_subplotspec().is_first_col():
-                column[1].set_ylabel(rf"$K_\mathrm{{eq}}$ [{_unit(run, shown[title], most)}]")
-        column[0].set_title(plain(title), fontsize=11)
+            (_draw_shares if view.enveloped else _draw_stiffness)(view, len(points), most, column[1])
+            if not alike or column[1] is grid[1, 0]:
+                label = "closed share [-]" if view.enveloped else rf"$K_\mathrm{{eq}}$ [{_unit(view, most)}]"
+                column[1].set_ylabel(label)
+        column[0].set_title(plain(title), fontsize=text_size(11))
         column[-1].set_xlabel("time [s]")
-        column[-1].set_xlim(0.0, _end(run))
+        column[-1].set_xlim(*view.window)
     grid[0, 0].set_ylabel(f"displacement [{scale[1]}]")
     for row in grid:
         legend(row[-1], row)
-    return save(figure, goal)
+    return canvas.done()
 
 
-def _unit(run: Result, contacts: list[Contact], most: float) -> str:
+@dataclass(frozen=True)
+class _View:
+    """What is drawn of a run: contacts, a window, times in it, and displacements there, shape (n_points, n_times)."""
+
+    run: Result
+    contacts: list[Contact]
+    window: tuple[float, float]
+    times: Array
+    motion: Array
+    parts: int
+
+    @property
+    def enveloped(self) -> bool:
+        """Whether the envelope is drawn, in so many `parts`."""
+        return self.parts > 0
+
+
+def _view(run: Result, points: list[Point], contact: Any, window: Any, envelope: bool | None) -> _View:
+    contacts = _contacts(run, points, contact)
+    begin, end = window_of("time_history", window, _end(run))
+    times = _times(run, contacts, begin, end)
+    motion = np.array([run.displacement(point, times) for point in points])
+    crossings = int(np.count_nonzero(np.diff(motion[0] > motion[0].mean())))
+    enveloped = crossings > _CROSSINGS if envelope is None else bool(envelope)
+    # Each part holds a few periods: in shorter ones the envelope would go up and down with the motion.
+    parts = int(np.clip(crossings // _CROSSINGS_EACH, _FEWEST, _PARTS)) if enveloped else 0
+    return _View(run, contacts, (begin, end), times, motion, parts)
+
+
+def _unit(view: _View, most: float) -> str:
     """Return the unit of K_eq with its prefix; both where some contacts act on rotations."""
-    units = dict.fromkeys(contact.units.stiffness for contact in contacts) or {"N/m": None}
+    units = dict.fromkeys(contact.units.stiffness for contact in view.contacts) or {"N/m": None}
     return ", ".join(prefixed(most, unit)[1] for unit in units)
 
 
-def _draw_motion(
-    run: Result, points: list[Point], contacts: list[Contact], scale: tuple[float, str], column: Array
-) -> None:
+def _draw_motion(view: _View, points: list[Point], scale: tuple[float, str], column: Array) -> None:
     """Draw displacements into the first axes, and shade all of them where a contact is closed."""
-    upper, factor, times = column[0], scale[0], _times(run, contacts)
+    upper, factor, run = column[0], scale[0], view.run
     for k, point in enumerate(points):
         label = {} if len(points) == 1 else {"label": point.describe()}
-        eta = run.displacement(point, times) / factor
-        upper.plot(times, eta, color=INK if k == 0 else COLORS[k % len(COLORS)], linewidth=1.3, **label)
+        color = ink() if k == 0 else COLORS[k % len(COLORS)]
+        if view.enveloped:
+            middle, low, high = envelope_of(view.times, view.motion[k] / factor, view.window, view.parts)
+            upper.fill_between(middle, low, high, color=color, alpha=0.85 if k == 0 else 0.5, linewidth=0.3, **label)
+        else:
+            upper.plot(view.times, view.motion[k] / factor, color=color, linewidth=stroke(1.3), **label)
     # Intervals of several contacts lie on each other.
-    shade = 0.14 / max(1, len(contacts)) ** 0.7
-    for index, item in enumerate(contacts):
+    shade = 0.14 / max(1, len(view.contacts)) ** 0.7
+    for index, item in enumerate(view.contacts):
         color = _color(index, len(points))
         touched = next((point for point in points if _at(item, point)), None)
-        if touched is not None and item.of == "displacement":
-            surface = np.broadcast_to(_surface(run, item, touched, times), times.shape)
-            upper.plot(times, surface / factor, color=color, linewidth=1.0, linestyle="--", label=f"{item.name} closes")
-        for start, end in closed_intervals(run, item.name):
-            for axes in column:
-                axes.axvspan(start, end, color=color, alpha=shade, linewidth=0)
+        if touched is not None and item.of == "displacement" and (item.b is None or not view.enveloped):
+            surface = np.broadcast_to(_surface(run, item, touched, view.times), view.times.shape)
+            name = f"{item.name} closes"
+            upper.plot(view.times, surface / factor, color=color, linewidth=stroke(1.0), linestyle="--", label=name)
+        if not view.enveloped:
+            for start, end in closed_intervals(run, item.name):
+                if end >= view.window[0] and start <= view.window[1]:
+                    for axes in column:
+                        axes.axvspan(start, end, color=color, alpha=shade, linewidth=0)
+
+
+def _draw_shares(view: _View, points: int, most: float, axes: Any) -> None:
+    """Draw the share of time in which contacts are closed, part by part of the window."""
+    edges = np.linspace(*view.window, view.parts + 1)
+    for index, contact in enumerate(view.contacts):
+        start, end = np.array(closed_intervals(view.run, contact.name)).reshape(-1, 2).T
+        # Closed time before each edge: whole intervals, and what has passed of the present one.
+        total = np.array([np.sum(np.clip(np.minimum(end, edge) - start, 0.0, None)) for edge in edges])
+        share = np.diff(total) / np.diff(edges)
+        axes.stairs(share, edges, color=_color(index, points), linewidth=stroke(1.2), label=contact.name)
+    axes.set_ylim(0.0, 1.05)
 
 
 def _share(row: Array) -> None:
@@ -129,25 +201,24 @@ def _share(row: Array) -> None:
         axes.tick_params(labelleft=False)
 
 
-def _stiffest(run: Result, contacts: list[Contact]) -> float:
-    laws = run.model.system.contacts
-    if laws is None or not contacts:
+def _stiffest(view: _View) -> float:
+    laws = view.run.model.system.contacts
+    if laws is None or not view.contacts:
         return 0.0
-    return float(np.max(laws.stiffness[[laws.names.index(contact.name) for contact in contacts]]))
+    return float(np.max(laws.stiffness[[laws.names.index(contact.name) for contact in view.contacts]]))
 
 
-def _draw_stiffness(run: Result, contacts: list[Contact], points: int, most: float, axes: Any) -> None:
+def _draw_stiffness(view: _View, points: int, most: float, axes: Any) -> None:
     """Draw K_eq of contacts, in the unit of the stiffest."""
-    laws = run.model.system.contacts
-    if laws is None or not contacts:
+    laws = view.run.model.system.contacts
+    if laws is None or not view.contacts:
         return
-    times = _times(run, contacts)
-    samples = run.solution.contacts(times).stiffness
-    rows = [laws.names.index(contact.name) for contact in contacts]
+    samples = view.run.solution.contacts(view.times).stiffness
     factor, _ = prefixed(most, "N/m")
-    for index, (contact, row) in enumerate(zip(contacts, rows, strict=True)):
-        color = _color(index, points)
-        axes.plot(times, samples[row] / factor, drawstyle="steps-post", color=color, linewidth=1.4, label=contact.name)
+    for index, contact in enumerate(view.contacts):
+        values, color = samples[laws.names.index(contact.name)] / factor, _color(index, points)
+        line = {"drawstyle": "steps-post", "linewidth": stroke(1.4)}
+        axes.plot(view.times, values, color=color, label=contact.name, **line)
     axes.set_ylim(0.0, 1.1 * most / factor)
 
 
@@ -197,14 +268,20 @@ def _end(result: Result) -> float:
     return min(float(result.times[-1]), result.solution.t_end)
 
 
-def _times(result: Result, contacts: list[Contact]) -> Array:
-    end = _end(result)
+def _times(result: Result, contacts: list[Contact], begin: float, end: float) -> Array:
     if not result.solution.continuous:
-        return result.times[result.times <= end]
-    dense = np.linspace(0.0, end, max(_DENSE, result.times.size))
+        stored = result.times[(result.times >= begin) & (result.times <= end)]
+        if stored.size < 2:
+            raise ArgumentError(
+                f"time_history: the run stored {stored.size} times between {begin:g} and {end:g} s, expected two or "
+                "more; choose a longer window, or name more times in times= when simulating"
+            )
+        return stored
+    many = min(_EACH * result.counters.events, _MOST)
+    dense = np.linspace(begin, end, max(_DENSE, result.times.size, many))
     events = [np.concatenate([result.contacts[c.name].closings, result.contacts[c.name].openings]) for c in contacts]
     times = np.unique(np.concatenate([dense, *events]))
-    return times[times <= end]
+    return times[(times >= begin) & (times <= end)]
 
 
 def _surface(result: Result, contact: Contact, point: Point, times: Array) -> float | Array:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vofem.bodies import Beam
 from vofem.errors import ArgumentError
-from vofem.io.pictures.axes import COLORS, INK, goal_of, legend, panels, plain, save
+from vofem.io.pictures.axes import COLORS, Canvas, Where, goal_of, ink, legend, plain, stroke, text_size
 from vofem.io.pictures.places import Place, along_beam, one_beam
 from vofem.io.pictures.units import length
 from vofem.result import Result
@@ -26,7 +24,6 @@ Others = tuple[str, ArrayLike, ArrayLike]
 
 #: Points along a beam at which its shape is drawn, and marks of another result along it.
 _POINTS, _MARKS = 401, 26
-_LINES = (INK, COLORS[1], COLORS[2], COLORS[3], COLORS[4], COLORS[5])
 #: Lines of a legend that fit beside the axes.
 _LEGEND = 16
 
@@ -34,12 +31,13 @@ _LEGEND = 16
 def shapes(
     outcome: Outcome | Mapping[str, Outcome],
     times: ArrayLike | None,
-    path: str | os.PathLike[str],
+    path: Where = None,
     *,
     scene: Scene | None = None,
     body: Beam | str | None = None,
     beside: Others | Mapping[str, Others] | None = None,
-) -> Path:
+    ax: Any = None,
+) -> Any:
     """Draw the deflection along a beam at given times, and where its contacts are closed.
 
     Parameters
@@ -48,7 +46,8 @@ def shapes(
         Several are drawn side by side, with the same axes.
     times : array_like or None
         In s, one line each; None for an equilibrium.
-    path : path of a .png, .pdf or .svg
+    path : path of a .png, .pdf or .svg, optional
+        The file to write.
     scene : Scene, optional
         That of an equilibrium.
     body : Beam or name, optional
@@ -57,11 +56,13 @@ def shapes(
         Another result, drawn with markers: x in m, shape (n,), and eta in m,
         shape (n, n_times) or (n,); a mapping by the titles of `outcome` where
         that is one.
+    ax : matplotlib axes, optional
+        One for each outcome, to draw into; by default a figure of its own.
 
     Returns
     -------
-    Path
-        `path`.
+    Path or matplotlib axes
+        `path` where one is given, else the axes.
 
     Raises
     ------
@@ -78,14 +79,15 @@ def shapes(
     drawn = {title: _Shapes(run, at, scene, body) for title, run in runs.items()}
     factor, unit = length(max(float(np.max(np.abs(shape.eta))) for shape in drawn.values()))
     width = 9.0 if len(runs) == 1 else 2.0 + 4.6 * len(runs)
-    figure, grid = panels((width, 4.6), 1, len(runs), sharey=True)
+    canvas = Canvas("shapes", goal, ax, (width, 4.6), 1, len(runs), sharey=True)
+    grid = canvas.grid
     for axes, (title, shape) in zip(grid[0], drawn.items(), strict=True):
         shape.draw(axes, factor, others.get(title))
-        axes.set_title(plain(title), fontsize=11)
+        axes.set_title(plain(title), fontsize=text_size(11))
         axes.set_xlabel("x [m]")
     grid[0, 0].set_ylabel(f"deflection [{unit}]")
     legend(grid[0, -1], grid[0], _LEGEND)
-    return save(figure, goal)
+    return canvas.done()
 
 
 class _Shapes:
@@ -117,7 +119,7 @@ class _Shapes:
         lines = _colors(len(self.times))
         for k, t in enumerate(self.times):
             label = "deflection" if t is None else f"t = {t:g} s"
-            axes.plot(self.x, self.eta[:, k] / factor, color=lines[k], linewidth=1.6, label=label)
+            axes.plot(self.x, self.eta[:, k] / factor, color=lines[k], linewidth=stroke(1.6), label=label)
             if self.places and np.any(self.closed[:, k]):
                 on = self.closed[:, k]
                 dots = {"color": COLORS[0], "linestyle": "", "marker": "o", "markersize": 6.0, "zorder": 3}
@@ -136,8 +138,8 @@ class _Shapes:
 
 def _colors(count: int) -> list[Any]:
     """Return colours of lines: such as can be told apart, and of more than there are of these, a scale in time."""
-    if count <= len(_LINES):
-        return list(_LINES)
+    if count <= len(COLORS):
+        return [ink(), *COLORS[1:]]
     from matplotlib import colormaps
 
     return [colormaps["viridis"](0.92 * k / (count - 1)) for k in range(count)]
@@ -151,4 +153,4 @@ def _draw_stops(axes: Any, places: list[Place], size: float, factor: float) -> N
         near = 0.02 * size
         for group in np.split(at, np.flatnonzero(np.diff(at) > 5.0 * near) + 1):
             ends = (group[0] - near, group[-1] + near)
-            axes.plot(ends, [surface / factor] * 2, color="#8d929b", linewidth=2.5, label="untouched surface")
+            axes.plot(ends, [surface / factor] * 2, color="#8d929b", linewidth=stroke(2.5), label="untouched surface")

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from vofem.bodies import Beam
 from vofem.errors import ArgumentError
-from vofem.io.pictures.axes import INK, goal_of, panels, save
+from vofem.histories.impacts import window_of
+from vofem.io.pictures.axes import Canvas, Where, goal_of, ink, stroke, text_size
 from vofem.io.pictures.histories import closed_intervals
 from vofem.io.pictures.layout import is_line
 from vofem.io.pictures.places import along_beam, between_masses, one_line
@@ -21,7 +20,10 @@ from vofem.result import Result
 _TIMES, _POINTS = 1201, 201
 
 
-def space_time(result: Result, path: str | os.PathLike[str], *, body: Beam | str | None = None) -> Path:
+def space_time(
+    result: Result, path: Where = None, *, body: Beam | str | None = None, ax: Any = None,
+    window: tuple[float, float] | None = None,
+) -> Any:  # fmt: skip
     """Draw displacements as colours over time and place, and closed contacts as lines.
 
     The place is x along a beam. In a scene of masses only it is their number,
@@ -32,14 +34,19 @@ def space_time(result: Result, path: str | os.PathLike[str], *, body: Beam | str
     Parameters
     ----------
     result : Result
-    path : path of a .png, .pdf or .svg
+    path : path of a .png, .pdf or .svg, optional
+        The file to write.
     body : Beam or name, optional
         Needed where the scene has several beams, or beams and masses.
+    ax : matplotlib axes, optional
+        To draw into; by default a figure of its own.
+    window : (float, float), optional
+        Begin and end in s; the whole run where not given.
 
     Returns
     -------
-    Path
-        `path`.
+    Path or matplotlib axes
+        `path` where one is given, else the axes.
 
     Raises
     ------
@@ -50,8 +57,11 @@ def space_time(result: Result, path: str | os.PathLike[str], *, body: Beam | str
     """
     goal = goal_of(path)
     end = min(float(result.times[-1]), result.solution.t_end)
-    stored = result.times[result.times <= end]
-    times = np.linspace(0.0, end, _TIMES) if result.solution.continuous else stored
+    begin, end = window_of("space_time", window, end)
+    stored = result.times[(result.times >= begin) & (result.times <= end)]
+    times = np.linspace(begin, end, _TIMES) if result.solution.continuous else stored
+    if times.size < 2:
+        raise ArgumentError(f"space_time: the run stored {times.size} times in this window, expected two or more")
     lines = [b for b in result.scene.bodies if is_line(b)]
     masses = body is None and not lines
     if body is None and lines and len(lines) < len(result.scene.bodies):
@@ -71,8 +81,8 @@ def space_time(result: Result, path: str | os.PathLike[str], *, body: Beam | str
     peak = float(np.max(np.abs(eta)))
     bound = min(peak, 3.0 * float(np.sqrt(np.mean(eta**2))))
     factor, unit = length(bound)
-    figure, grid = panels((10.0, 5.2))
-    axes = grid[0, 0]
+    canvas = Canvas("space_time", goal, ax, (10.0, 5.2))
+    axes = canvas.grid[0, 0]
     axes.grid(False)
     limit = bound / factor or 1.0
     style: dict[str, Any] = {"cmap": "RdBu_r", "vmin": -limit, "vmax": limit, "rasterized": True}
@@ -81,14 +91,14 @@ def space_time(result: Result, path: str | os.PathLike[str], *, body: Beam | str
     spans = [(p.x, start, stop) for p in places for start, stop in closed_intervals(result, p.name)]
     if spans:
         at, start, stop = np.array(spans).T
-        axes.hlines(at, start, stop, color=INK, linewidth=2.4 if masses else 1.4, label="closed contact")
-        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=9)
+        axes.hlines(at, start, stop, color=ink(), linewidth=stroke(2.4) if masses else 1.4, label="closed contact")
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=text_size(9))
     if masses:
         axes.yaxis.get_major_locator().set_params(integer=True)
     axes.set_xlabel("time [s]")
-    axes.set_ylabel("mass number" if masses else "x [m]")
+    axes.set_ylabel("mass number [-]" if masses else "x [m]")
     axes.set_xlim(times[0], times[-1])
     axes.set_ylim((0.5, x[-1] + 0.5) if masses else (x[0], x[-1]))
     extend = "both" if bound < peak else "neither"
-    figure.colorbar(colors, ax=axes, label=f"displacement [{unit}]", pad=0.02, extend=extend)
-    return save(figure, goal)
+    canvas.figure.colorbar(colors, ax=axes, label=f"displacement [{unit}]", pad=0.02, extend=extend)
+    return canvas.done()

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
 from itertools import groupby
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,19 +11,19 @@ from numpy.typing import NDArray
 
 from vofem.bodies.base import as_point
 from vofem.errors import ArgumentError
-from vofem.io.pictures.axes import COLORS, INK, goal_of, legend, panels, plain, save
+from vofem.io.pictures.axes import COLORS, Canvas, Where, goal_of, ink, legend, plain, stroke, text_size
 from vofem.io.pictures.units import length
 from vofem.studies.steady import Branch, PeriodicOrbit, PoincareSection
 
 Array = NDArray[np.float64]
 
-#: How special points are marked and named.
+#: How special points are marked and named; their colours are numbers among those of the picture.
 MARKS = {
-    "fold": ("o", COLORS[4], "fold"),
-    "period_doubling": ("D", COLORS[1], "period doubling"),
-    "neimark_sacker": ("s", COLORS[3], "Neimark-Sacker"),
-    "grazing": ("^", COLORS[2], "grazing"),
-    "branch_point": ("P", COLORS[5], "branch point"),
+    "fold": ("o", 4, "fold"),
+    "period_doubling": ("D", 1, "period doubling"),
+    "neimark_sacker": ("s", 3, "Neimark-Sacker"),
+    "grazing": ("^", 2, "grazing"),
+    "branch_point": ("P", 5, "branch point"),
 }
 
 #: Lines of orbits by their stability: width, style, what it says.
@@ -42,11 +40,12 @@ _DENSE = 2001
 def response_curve(
     branch: Branch | Sequence[Branch],
     point: Any,
-    path: str | os.PathLike[str],
+    path: Where = None,
     *,
     parameter: str = "parameter",
     title: str = "",
-) -> Path:
+    ax: Any = None,
+) -> Any:
     """Draw the amplitude of a point along branches: stable orbits solid, unstable ones dashed, special points marked.
 
     Parameters
@@ -54,15 +53,18 @@ def response_curve(
     branch : Branch, or several of them
         Further ones are drawn in colours.
     point : point of a body
-    path : path of a .png, .pdf or .svg
+    path : path of a .png, .pdf or .svg, optional
+        The file to write.
+    ax : matplotlib axes, optional
+        To draw into; by default a figure of its own.
     parameter : str
         Name and unit of the parameter, for the axis.
     title : str
 
     Returns
     -------
-    Path
-        `path`.
+    Path or matplotlib axes
+        `path` where one is given, else the axes.
 
     Raises
     ------
@@ -81,26 +83,26 @@ def response_curve(
     heights = [one.amplitude(place) for one in branches]
     marked = [[(s, s.orbit.amplitude(place)) for s in one.special] for one in branches]
     scale = length(float(max(part.max() for part in heights)))
-    figure, grid = panels((9.0, 5.4))
-    axes = grid[0, 0]
+    canvas = Canvas("response_curve", goal, ax, (9.0, 5.4))
+    axes = canvas.grid[0, 0]
     for k, (one, amplitude) in enumerate(zip(branches, heights, strict=True)):
-        color = INK if k == 0 else COLORS[(k - 1) % len(COLORS)]
+        color = ink() if k == 0 else COLORS[(k - 1) % len(COLORS)]
         for stable, part in _runs(one):
             style, width, name = _LINES[stable]
             values, line = one.values[part], amplitude[part] / scale[0]
             axes.plot(values, line, style, color=color, linewidth=width, label=name)
     for points in marked:
         for special, height in points:
-            mark, color, name = MARKS[special.kind]
+            mark, number, name = MARKS[special.kind]
             axes.plot(
-                special.value, height / scale[0], mark, color=color, markersize=9, markerfacecolor="none",
+                special.value, height / scale[0], mark, color=COLORS[number], markersize=9, markerfacecolor="none",
                 markeredgewidth=1.8, linestyle="none", label=name,
             )  # fmt: skip
     axes.set(xlabel=plain(parameter), ylabel=f"amplitude [{scale[1]}]")
     axes.set_ylim(bottom=0.0)
-    axes.set_title(plain(title or place.describe()), fontsize=11)
+    axes.set_title(plain(title or place.describe()), fontsize=text_size(11))
     legend(axes, most=12)
-    return save(figure, goal)
+    return canvas.done()
 
 
 def _runs(branch: Branch) -> Iterator[tuple[bool | None, slice]]:
@@ -112,19 +114,22 @@ def _runs(branch: Branch) -> Iterator[tuple[bool | None, slice]]:
         start += count
 
 
-def multipliers(orbit: PeriodicOrbit | Sequence[PeriodicOrbit] | Branch, path: str | os.PathLike[str]) -> Path:
+def multipliers(orbit: PeriodicOrbit | Sequence[PeriodicOrbit] | Branch, path: Where = None, *, ax: Any = None) -> Any:
     """Draw Floquet multipliers in the complex plane, with the unit circle.
 
     Parameters
     ----------
     orbit : PeriodicOrbit, several of them, or Branch
         Of several orbits the multipliers change from light to dark in their order.
-    path : path of a .png, .pdf or .svg
+    path : path of a .png, .pdf or .svg, optional
+        The file to write.
+    ax : matplotlib axes, optional
+        To draw into; by default a figure of its own.
 
     Returns
     -------
-    Path
-        `path`.
+    Path or matplotlib axes
+        `path` where one is given, else the axes.
 
     Raises
     ------
@@ -140,50 +145,55 @@ def multipliers(orbit: PeriodicOrbit | Sequence[PeriodicOrbit] | Branch, path: s
         raise ArgumentError(
             "multipliers: the multipliers of an orbit are not known; orbits found by shooting have them"
         )
-    figure, grid = panels((6.4, 5.6))
-    axes = grid[0, 0]
+    canvas = Canvas("multipliers", goal, ax, (6.4, 5.6))
+    axes = canvas.grid[0, 0]
     turn = np.exp(2j * np.pi * np.linspace(0.0, 1.0, 361))
-    axes.fill(turn.real, turn.imag, color="#eef1f6", linewidth=0.0, zorder=0)
-    axes.plot(turn.real, turn.imag, color="#9aa0aa", linewidth=1.2, label="unit circle")
+    axes.fill(turn.real, turn.imag, color="#eef1f6", linewidth=stroke(0.0), zorder=0)
+    axes.plot(turn.real, turn.imag, color="#9aa0aa", linewidth=stroke(1.2), label="unit circle")
     values = np.concatenate(known)
     order = np.concatenate([np.full(part.size, k) for k, part in enumerate(known)])
     outside = np.abs(values) > 1.0
     if len(known) == 1:
-        for part, color, name in ((~outside, INK, "inside"), (outside, COLORS[4], "outside: unstable")):
+        for part, color, name in ((~outside, ink(), "inside"), (outside, COLORS[4], "outside: unstable")):
             if np.any(part):
                 axes.plot(values[part].real, values[part].imag, "o", color=color, markersize=7, label=name)
     else:
         dots = axes.scatter(values.real, values.imag, c=order, s=12, cmap="viridis_r", zorder=3)
-        figure.colorbar(dots, ax=axes, label="number of the orbit", shrink=0.8)
+        canvas.figure.colorbar(dots, ax=axes, label="number of the orbit [-]", shrink=0.8)
     reach = 1.15 * max(1.0, float(np.abs(values).max(initial=0.0)))
     # Far multipliers would make a dot of the circle.
     reach = min(reach, 3.0)
-    axes.set(xlim=(-reach, reach), ylim=(-reach, reach), xlabel="real part", ylabel="imaginary part")
+    axes.set(xlim=(-reach, reach), ylim=(-reach, reach), xlabel="real part [-]", ylabel="imaginary part [-]")
     axes.set_box_aspect(1.0)
     beyond = int(np.sum(np.abs(values) > reach))
     if beyond:
         largest = values[np.argmax(np.abs(values))]
         text = f"{beyond} beyond this frame, the largest {largest.real:.4g}"
         text += f" {largest.imag:+.4g}i" if largest.imag else ""
-        axes.text(0.02, 0.02, text, transform=axes.transAxes, fontsize=9)
+        axes.text(0.02, 0.02, text, transform=axes.transAxes, fontsize=text_size(9))
     if len(known) == 1:
         legend(axes)
-    return save(figure, goal)
+    return canvas.done()
 
 
-def phase_portrait(orbit: PeriodicOrbit | Sequence[PeriodicOrbit], point: Any, path: str | os.PathLike[str]) -> Path:
+def phase_portrait(
+    orbit: PeriodicOrbit | Sequence[PeriodicOrbit], point: Any, path: Where = None, *, ax: Any = None
+) -> Any:
     """Draw velocity over displacement of a point, with the events of contacts.
 
     Parameters
     ----------
     orbit : PeriodicOrbit, or several of them
     point : point of a body
-    path : path of a .png, .pdf or .svg
+    path : path of a .png, .pdf or .svg, optional
+        The file to write.
+    ax : matplotlib axes, optional
+        To draw into; by default a figure of its own.
 
     Returns
     -------
-    Path
-        `path`.
+    Path or matplotlib axes
+        `path` where one is given, else the axes.
 
     Raises
     ------
@@ -199,15 +209,15 @@ def phase_portrait(orbit: PeriodicOrbit | Sequence[PeriodicOrbit], point: Any, p
         raise ArgumentError(
             f"phase_portrait: orbit is {orbit!r}, expected what vf.periodic returns, or several of these"
         )
-    figure, grid = panels((7.6, 5.4))
-    axes = grid[0, 0]
+    canvas = Canvas("phase_portrait", goal, ax, (7.6, 5.4))
+    axes = canvas.grid[0, 0]
     drawn = []
     for one in orbits:
         times = np.unique(np.concatenate([np.linspace(0.0, one.period, _DENSE), _events(one)[0]]))
         drawn.append((one.result.displacement(place, times), one.result.velocity(place, times)))
     scale = length(float(max(np.abs(u).max() for u, _ in drawn)))
     for k, (one, (u, v)) in enumerate(zip(orbits, drawn, strict=True)):
-        color = INK if k == 0 else COLORS[(k - 1) % len(COLORS)]
+        color = ink() if k == 0 else COLORS[(k - 1) % len(COLORS)]
         style, width, name = _LINES[one.stable]
         label = name if len(orbits) == 1 else f"orbit {k + 1}: {one.omega:.6g} rad/s, {name}"
         axes.plot(u / scale[0], v / scale[0], style, color=color, linewidth=width, label=label)
@@ -222,9 +232,9 @@ def phase_portrait(orbit: PeriodicOrbit | Sequence[PeriodicOrbit], point: Any, p
                 x, y = one.result.displacement(place, part), one.result.velocity(place, part)
                 axes.plot(x / scale[0], y / scale[0], mark, color=color, markersize=7, linestyle="none", label=name)
     axes.set(xlabel=f"displacement [{scale[1]}]", ylabel=f"velocity [{scale[1]}/s]")
-    axes.set_title(plain(place.describe()), fontsize=11)
+    axes.set_title(plain(place.describe()), fontsize=text_size(11))
     legend(axes, most=8)
-    return save(figure, goal)
+    return canvas.done()
 
 
 def _events(orbit: PeriodicOrbit) -> tuple[Array, NDArray[np.bool_]]:
@@ -235,7 +245,7 @@ def _events(orbit: PeriodicOrbit) -> tuple[Array, NDArray[np.bool_]]:
     return np.asarray(events.time, dtype=float), np.asarray(events.status == CLOSED)
 
 
-def poincare_section(section: PoincareSection, point: Any, path: str | os.PathLike[str]) -> Path:
+def poincare_section(section: PoincareSection, point: Any, path: Where = None, *, ax: Any = None) -> Any:
     """Draw stroboscopic samples of a run: velocity over displacement of a point, once a period.
 
     Parameters
@@ -243,12 +253,15 @@ def poincare_section(section: PoincareSection, point: Any, path: str | os.PathLi
     section : PoincareSection
         What `vofem.poincare` returns.
     point : point of a body
-    path : path of a .png, .pdf or .svg
+    path : path of a .png, .pdf or .svg, optional
+        The file to write.
+    ax : matplotlib axes, optional
+        To draw into; by default a figure of its own.
 
     Returns
     -------
-    Path
-        `path`.
+    Path or matplotlib axes
+        `path` where one is given, else the axes.
 
     Raises
     ------
@@ -263,27 +276,32 @@ def poincare_section(section: PoincareSection, point: Any, path: str | os.PathLi
     place = as_point("poincare_section: point", point)
     u, v = section.displacement(place), section.velocity(place)
     scale = length(float(np.abs(u).max()))
-    figure, grid = panels((6.8, 5.4))
-    axes = grid[0, 0]
-    axes.plot(u / scale[0], v / scale[0], ".", color=INK, markersize=3.0 if len(section) > 200 else 6.0)
+    canvas = Canvas("poincare_section", goal, ax, (6.8, 5.4))
+    axes = canvas.grid[0, 0]
+    axes.plot(u / scale[0], v / scale[0], ".", color=ink(), markersize=3.0 if len(section) > 200 else 6.0)
     axes.set(xlabel=f"displacement [{scale[1]}]", ylabel=f"velocity [{scale[1]}/s]")
-    axes.set_title(plain(f"{place.describe()}: {len(section)} samples, one every {section.period:.6g} s"), fontsize=11)
-    return save(figure, goal)
+    axes.set_title(
+        plain(f"{place.describe()}: {len(section)} samples, one every {section.period:.6g} s"), fontsize=text_size(11)
+    )
+    return canvas.done()
 
 
-def backbone_curve(branch: Branch | Sequence[Branch], path: str | os.PathLike[str]) -> Path:
+def backbone_curve(branch: Branch | Sequence[Branch], path: Where = None, *, ax: Any = None) -> Any:
     """Draw nonlinear normal modes: energy over frequency.
 
     Parameters
     ----------
     branch : Branch, or several of them
         What `vofem.backbone` returns, with `omega` and `energy`.
-    path : path of a .png, .pdf or .svg
+    path : path of a .png, .pdf or .svg, optional
+        The file to write.
+    ax : matplotlib axes, optional
+        To draw into; by default a figure of its own.
 
     Returns
     -------
-    Path
-        `path`.
+    Path or matplotlib axes
+        `path` where one is given, else the axes.
 
     Raises
     ------
@@ -296,12 +314,12 @@ def backbone_curve(branch: Branch | Sequence[Branch], path: str | os.PathLike[st
     branches = [branch] if isinstance(branch, Branch) else list(branch)
     if not branches or not all(isinstance(one, Branch) for one in branches):
         raise ArgumentError("backbone_curve: expected one or more branches, as vf.backbone returns")
-    figure, grid = panels((7.6, 5.2))
-    axes = grid[0, 0]
+    canvas = Canvas("backbone_curve", goal, ax, (7.6, 5.2))
+    axes = canvas.grid[0, 0]
     for k, one in enumerate(branches):
-        color = INK if k == 0 else COLORS[(k - 1) % len(COLORS)]
+        color = ink() if k == 0 else COLORS[(k - 1) % len(COLORS)]
         label = None if len(branches) == 1 else f"backbone {k + 1}"
-        axes.plot(one.omega / (2.0 * np.pi), one.energy, color=color, linewidth=1.6, label=label)
+        axes.plot(one.omega / (2.0 * np.pi), one.energy, color=color, linewidth=stroke(1.6), label=label)
     axes.set(xlabel="frequency [Hz]", ylabel="energy [J]", yscale="log")
     legend(axes)
-    return save(figure, goal)
+    return canvas.done()

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from vofem.errors import ArgumentError
-from vofem.io.pictures.axes import COLORS, goal_of, panels, plain, save
+from vofem.io.pictures.axes import COLORS, Canvas, Where, goal_of, plain, stroke
 from vofem.studies.sweep import Sweep
 
 #: Width and height of one panel, inches.
 _PANEL = (6.4, 3.6)
 
 
-def sweep_curves(sweep: Sweep, path: str | os.PathLike[str], names: tuple[str, ...] | None = None) -> Path:
+def sweep_curves(
+    sweep: Sweep,
+    path: Where = None,
+    names: tuple[str, ...] | None = None,
+    *,
+    units: Mapping[str, str] | None = None,
+    ax: Any = None,
+) -> Any:
     """Draw quantities of a sweep over its parameters.
 
     A grid of one parameter gives curves, a grid of two gives maps; one panel
@@ -26,14 +32,19 @@ def sweep_curves(sweep: Sweep, path: str | os.PathLike[str], names: tuple[str, .
     ----------
     sweep : Sweep
         A grid of one or two parameters that are numbers.
-    path : path of a .png, .pdf or .svg
+    path : path of a .png, .pdf or .svg, optional
+        The file to write.
     names : tuple of str, optional
         Of the quantities; all that are numbers where not given.
+    units : dict of str to str, optional
+        Units of parameters and quantities by their names, for the axes.
+    ax : matplotlib axes, optional
+        One for each quantity, to draw into; by default a figure of its own.
 
     Returns
     -------
-    Path
-        `path`.
+    Path or matplotlib axes
+        `path` where one is given, else the axes.
 
     Raises
     ------
@@ -58,22 +69,27 @@ def sweep_curves(sweep: Sweep, path: str | os.PathLike[str], names: tuple[str, .
     chosen = [name for name in names or sweep if sweep[name].ndim == dimensions and sweep[name].dtype.kind in "biuf"]
     if not chosen:
         raise ArgumentError(f"sweep_curves: {sweep!r} has no quantity that is one number a point")
-    figure, grid = panels((_PANEL[0], _PANEL[1] * len(chosen)), len(chosen), 1)
-    for axes, name in zip(grid[:, 0], chosen, strict=True):
-        (_curve if dimensions == 1 else _map)(figure, axes, sweep, name)
-    return save(figure, goal)
+    canvas = Canvas("sweep_curves", goal, ax, (_PANEL[0], _PANEL[1] * len(chosen)), len(chosen), 1)
+    for axes, name in zip(canvas.grid[:, 0], chosen, strict=True):
+        (_curve if dimensions == 1 else _map)(canvas.figure, axes, sweep, name, units or {})
+    return canvas.done()
 
 
-def _curve(figure: Any, axes: Any, sweep: Sweep, name: str) -> None:
+def _curve(figure: Any, axes: Any, sweep: Sweep, name: str, units: Mapping[str, str]) -> None:
     ((parameter, values),) = (sweep.points.axes or {}).items()
-    axes.plot(values, sweep[name], ".-", color=COLORS[1], linewidth=1.2, markersize=4)
-    axes.set(xlabel=plain(parameter), ylabel=plain(name))
+    axes.plot(values, sweep[name], ".-", color=COLORS[1], linewidth=stroke(1.2), markersize=4)
+    axes.set(xlabel=_named(parameter, units), ylabel=_named(name, units))
 
 
-def _map(figure: Any, axes: Any, sweep: Sweep, name: str) -> None:
+def _map(figure: Any, axes: Any, sweep: Sweep, name: str, units: Mapping[str, str]) -> None:
     (first, rows), (second, columns) = (sweep.points.axes or {}).items()
     values = np.ma.masked_invalid(np.asarray(sweep[name], dtype=float))
     image = axes.pcolormesh(columns, rows, values, shading="nearest", cmap="viridis")
     axes.grid(False)
-    axes.set(xlabel=plain(second), ylabel=plain(first))
-    figure.colorbar(image, ax=axes, label=plain(name))
+    axes.set(xlabel=_named(second, units), ylabel=_named(first, units))
+    figure.colorbar(image, ax=axes, label=_named(name, units))
+
+
+def _named(name: str, units: Mapping[str, str]) -> str:
+    """Return a name with its unit, where that is known."""
+    return plain(f"{name} [{units[name]}]" if name in units else name)

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import os
 from itertools import groupby
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from vofem.integrators.registry import method_named
-from vofem.io.pictures.axes import COLORS, INK, goal_of, panels, plain, save
+from vofem.io.pictures.axes import COLORS, Canvas, Where, beside, goal_of, ink, plain, stroke, text_size
 from vofem.studies.accuracy import Study
 from vofem.studies.accuracy.study import Setting
 
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 
 
-def work_precision(study: Study, path: str | os.PathLike[str], title: str = "") -> Path:
+def work_precision(study: Study, path: Where = None, title: str = "", *, ax: Any = None) -> Any:
     """Draw the error of all runs of a study against their time and their steps.
 
     A colour per method, a mark per mesh. Dashed lines are the errors of the
@@ -27,13 +25,16 @@ def work_precision(study: Study, path: str | os.PathLike[str], title: str = "") 
     Parameters
     ----------
     study : Study
-    path : path of a .png, .pdf or .svg
+    path : path of a .png, .pdf or .svg, optional
+        The file to write.
     title : str
+    ax : two matplotlib axes, optional
+        To draw into; by default a figure of its own.
 
     Returns
     -------
-    Path
-        `path`.
+    Path or matplotlib axes
+        `path` where one is given, else the axes.
 
     Raises
     ------
@@ -41,10 +42,11 @@ def work_precision(study: Study, path: str | os.PathLike[str], title: str = "") 
         If the file cannot be written.
     """
     goal = goal_of(path)
-    figure, grid = panels((11.0, 5.2), 1, 2, sharey=True)
+    canvas = Canvas("work_precision", goal, ax, (11.0, 5.2), 1, 2, sharey=True)
+    figure, grid = canvas.figure, canvas.grid
     meshes = sorted({run.setting.elements for run in study.runs})
     methods = list(dict.fromkeys(run.setting.method for run in study.runs))
-    colors = {name: INK if method_named(name).exact else COLORS[k % len(COLORS)] for k, name in enumerate(methods)}
+    colors = {name: ink() if method_named(name).exact else COLORS[k % len(COLORS)] for k, name in enumerate(methods)}
     marks = {n: _MARKERS[k % len(_MARKERS)] for k, n in enumerate(meshes)}
     # What is exact is drawn at rounding, not at minus infinity.
     lowest = max(study.floor, 1e-16)
@@ -54,15 +56,15 @@ def work_precision(study: Study, path: str | os.PathLike[str], title: str = "") 
             x = [getattr(run, what) for run in part]
             y = [max(study.relative(run), 0.5 * lowest) for run in part]
             line = "-" if part[0].setting.tol is None else ":"
-            axes.plot(x, y, line, marker=marks[n], color=colors[method], markersize=6, linewidth=1.3, alpha=0.9)
+            axes.plot(x, y, line, marker=marks[n], color=colors[method], markersize=6, linewidth=stroke(1.3), alpha=0.9)
         _limits(axes, study, meshes)
         axes.set(xscale="log", yscale="log")
-    grid[0, 0].set(xlabel="wall time [s]", ylabel="largest error / largest displacement")
-    grid[0, 1].set(xlabel="steps, or segments between events")
+    grid[0, 0].set(xlabel="wall time [s]", ylabel="largest error / largest displacement [-]")
+    grid[0, 1].set(xlabel="steps, or segments between events [-]")
     _legend(grid[0, 1], study, colors, marks)
     if title:
-        figure.suptitle(plain(title), fontsize=11)
-    return save(figure, goal)
+        figure.suptitle(plain(title), fontsize=text_size(11))
+    return canvas.done()
 
 
 def _series(setting: Setting) -> tuple[str, int, bool]:
@@ -75,7 +77,7 @@ def _limits(axes: Any, study: Study, meshes: list[int]) -> None:
     space = {run.setting.elements: run.space / scale for run in study.runs}
     for n in meshes:
         if space[n] > 0.0:
-            axes.axhline(space[n], color="#9aa0aa", linewidth=1.0, linestyle="--", zorder=1)
+            axes.axhline(space[n], color="#9aa0aa", linewidth=stroke(1.0), linestyle="--", zorder=1)
     floor = max(study.floor, 1e-16)
     values = [study.relative(run) for run in study.runs] + list(space.values())
     bottom = 0.3 * min([floor, *(value for value in values if value > 0.0)])
@@ -90,7 +92,7 @@ def _legend(axes: Any, study: Study, colors: dict[str, str], marks: dict[int, st
     scale = study.reference.scale or 1.0
     handles: list[Any] = [Line2D([], [], color=color, label=name) for name, color in colors.items()]
     if any(run.setting.tol is not None for run in study.runs):
-        handles.append(Line2D([], [], color=INK, linestyle=":", label="by tolerance"))
+        handles.append(Line2D([], [], color=ink(), linestyle=":", label="by tolerance"))
     for n, mark in marks.items():
         if n:
             space = next(run.space for run in study.runs if run.setting.elements == n) / scale
@@ -98,4 +100,4 @@ def _legend(axes: Any, study: Study, colors: dict[str, str], marks: dict[int, st
             label = f"{n} elements (mesh error {known})"
             handles.append(Line2D([], [], color="#9aa0aa", linestyle="--", marker=mark, label=label))
     handles.append(Patch(color="#eceef1", label=f"reference known to {study.floor:.0e}"))
-    axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=9)
+    beside(axes, handles, [handle.get_label() for handle in handles])

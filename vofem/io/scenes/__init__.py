@@ -1,1 +1,1 @@
-"""Scene files from the inside: the table of what may stand in one, reading and writing."""
+"""Implementation of scene files: their schema, reading and writing."""

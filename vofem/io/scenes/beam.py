@@ -1,4 +1,4 @@
-"""How a beam stands in a scene file: on equal elements, on given nodes, or on a mesh file."""
+"""Beams in scene files: on equal elements, on given nodes, or on a mesh file."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def build_beam(
     supports: Mapping[str, str] | None = None,
     tension: float = 0.0,
 ) -> Beam:
-    """Return a beam; places of supports are names, or x as strings."""
+    """Return a beam. The places of supports are names, or x as strings."""
     label = f"Beam {name!r}: "
     if mesh is not None:
         for key, value in (("length", length), ("elements", elements)):

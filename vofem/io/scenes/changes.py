@@ -1,8 +1,8 @@
-"""Keys of a scene file by their paths, as parameters of studies: what stands there, and other values for them.
+"""Keys of a scene file by their paths, which are parameters of studies: reading and replacing their values.
 
-A path names a table, then in an array of tables one of them, then the keys:
-``run.dt``, ``contact.stop.gap``, ``point_load[0].f.sine.omega``. One of an
-array is named by its ``name`` or by its position, counted from 0.
+A path consists of the name of a table and of keys, such as ``run.dt``. In an
+array of tables one of them is named after the table, by its ``name`` or by its
+position counted from 0: ``contact.stop.gap``, ``point_load[0].f.sine.omega``.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ def changed(content: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str,
     Parameters
     ----------
     content : dict
-        As TOML reads it. It stays as it is.
+        The parsed file; it is not changed.
     changes : dict
         New values by path.
 
     Raises
     ------
     ArgumentError
-        If a path leads nowhere; the message says where it ends and what there is.
+        If there is no such key. The message says where the path ends, and which names there are.
     """
     result = copy.deepcopy(dict(content))
     for path, value in changes.items():
@@ -47,12 +47,12 @@ def changed(content: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str,
 
 
 def number_at(content: Mapping[str, Any], path: str) -> float:
-    """Return the number that stands at a path.
+    """Return the number at a path.
 
     Raises
     ------
     ArgumentError
-        If the path leads nowhere, or to something else.
+        If there is no such key, or its value is not a number.
     """
     value, _ = _at(content, _parts(path), path)
     if isinstance(value, bool) or not isinstance(value, (int, float)):

@@ -31,21 +31,21 @@ def _turned(name: str, text: str) -> str:
 
 @dataclass(frozen=True)
 class Entry:
-    """How a class stands in a scene file.
+    """The form of a class in a scene file.
 
     Attributes
     ----------
     name : str
-        Of its table, such as "point_load".
+        Name of the table, such as "point_load".
     made : type
-        What it describes; an object of exactly this class is written so.
+        The class that the table describes. Objects of exactly this class are written in this form.
     keys : dict of str to Kind
-        In the order in which they are written. What may be left out, and its
-        default, follow from the signature of `build`.
+        The keys in the order in which they are written. Which of them may be
+        left out, and their defaults, follow from the signature of `build`.
     build : callable
-        Takes the keys; the class itself where not given.
+        Makes an object from the values of the keys. The default is the class.
     values : callable
-        Takes an object and returns its values by key; its attributes where not given.
+        Returns the values of an object by key. The default is its attributes.
     needed : tuple of str
         Keys that must be given although `build` has a default.
     essential : tuple of str
@@ -84,7 +84,7 @@ class Entry:
     # -- reading ----------------------------------------------------------------------------------
 
     def read(self, table: Any, place: Place, **extra: Any) -> Any:
-        """Return what a table describes, or report all that is wrong in it and return `INVALID`.
+        """Return the object that a table describes; or report all of its faults and return `INVALID`.
 
         Parameters
         ----------
@@ -92,7 +92,7 @@ class Entry:
             The TOML value.
         place : Place
         **extra
-            Values for keys that the table does not give.
+            Values for keys that are missing in the table.
         """
         if self.bare and not isinstance(table, dict):
             table = {self.bare: table}
@@ -166,7 +166,7 @@ class Entry:
     # -- writing ----------------------------------------------------------------------------------
 
     def write(self, made: Any, place: Place) -> dict[str, Any]:
-        """Return the table of an object without what is default; report what has no form in TOML."""
+        """Return the table of an object without default values; report values that have no form in TOML."""
         table: dict[str, Any] = {}
         try:
             values = self.values(made)
@@ -188,7 +188,7 @@ class Entry:
         return table
 
     def write_inside(self, made: Any, book: Book) -> Any:
-        """Return the inline table of an object that is a value; raise `Unwritable` where it has none."""
+        """Return the inline table of an object that is the value of a key; raise `Unwritable` if it has none."""
         inner = Book(book.folder, book.bodies)
         table = self.write(made, Place(inner))
         if inner.problems:

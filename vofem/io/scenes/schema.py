@@ -1,4 +1,4 @@
-"""What stands in a scene file: one entry per class, one kind per key. To add an effect, add an entry here."""
+"""The schema of scene files: an entry for each class, a kind of value for each key. New effects get an entry here."""
 
 from __future__ import annotations
 

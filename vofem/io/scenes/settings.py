@@ -43,18 +43,19 @@ class RunSettings:
     Attributes
     ----------
     t_end : float
-        In s.
+        Duration of the run in s.
     method : str
+        Name of a method; "auto" chooses one.
     dt : float, optional
-        In s.
+        Step size in s of a stepping method.
     times : UniformTimes or array_like, optional
-        In s.
+        Times in s at which results are stored.
     options : dict
-        Those of the method.
+        Options of the method.
     probes : tuple of points
-        Recorded at every step.
+        Points whose motion is recorded at every step.
     t_start : float
-        Time of the loads at which the run begins, s.
+        Time of the loads in s at which the run begins.
     """
 
     t_end: float
@@ -74,14 +75,14 @@ class RunSettings:
 
 @dataclass(frozen=True)
 class OutputSettings:
-    """What `vofem run` writes.
+    """What `vofem run` draws and writes.
 
     Attributes
     ----------
     history : tuple of points
-        Whose motion is written and drawn; chosen where empty.
+        Points whose motion is written and drawn. Without it points are chosen.
     pictures : tuple of float
-        Times of side views in s; chosen where empty.
+        Times of side views in s. Without it a time is chosen.
     """
 
     history: tuple[Any, ...] = ()
@@ -90,21 +91,21 @@ class OutputSettings:
 
 @dataclass(frozen=True)
 class RespondSettings:
-    """What `vofem respond` follows.
+    """The curve of steady states that `vofem respond` computes.
 
     Attributes
     ----------
     parameter : tuple of str
-        Paths of keys whose numbers are the parameter, such as ``point_load[0].f.sine.omega``; entries of arrays are
+        Paths of keys whose numbers are the parameter, such as ``point_load[0].f.sine.omega``. Entries of arrays are
         counted from 0.
     point : point, optional
-        Whose amplitude is drawn; chosen where not given.
+        Point whose amplitude is drawn. Without it one is chosen.
     periods : int
-        Periods of the loads that an orbit takes.
+        Number of periods of the loads that an orbit takes.
     method : str
-        Of `vofem.continuation`.
+        Method of `vofem.continuation`.
     harmonics : int, optional
-        Of harmonic balance.
+        Number of harmonics for harmonic balance.
     """
 
     parameter: tuple[str, ...]

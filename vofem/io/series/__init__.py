@@ -1,1 +1,1 @@
-"""Series for ParaView from the inside: grids, fields and VTU files."""
+"""Implementation of series for ParaView: grids, fields and VTU files."""

@@ -141,10 +141,10 @@ class Grid:
     Attributes
     ----------
     points : ndarray, shape (n_points, 3)
-        At rest, in m.
+        Places at rest in m.
     cells : Cells
     point_data, cell_data : dict of str to ndarray
-        What does not change in time.
+        Arrays that do not change in time.
     """
 
     def __init__(self, result: Result, placement: Placement, points_per_element: int) -> None:
@@ -247,7 +247,7 @@ class Grid:
 
     @property
     def bytes_per_frame(self) -> int:
-        """Memory that the fields of one frame take, about."""
+        """Approximate memory of the fields of one frame."""
         bodies: tuple[Body, ...] = self._result.scene.bodies
         return 8 * (20 * self.points.shape[0] + 6 * sum(body.size for body in bodies))
 

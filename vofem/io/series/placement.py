@@ -1,11 +1,11 @@
-"""Where bodies, masses and contacts stand in space, for a series of VTU files.
+"""Places of bodies and contacts in space, for a series of VTU files.
 
-x runs along the beams, y points up as the displacement does. Every body has
-its own plane: its z is its number in the scene times a spacing, so that bodies
-stay apart in space and coincide in the side view. A body that an effect joins
-to one already placed stands so that the two points have the same x, and higher
-by the gap for b over a: in the side view they touch when the gap closes. Bodies
-tied by a joint share a plane.
+The x axis runs along the beams, and y points upward like the displacement. Every
+body has a plane of its own, whose z is its number in the scene times a spacing.
+Bodies are thus separate in space and coincide in the side view. If an effect
+connects a body with one that is already placed, the two points get the same x,
+and b is placed above a by the gap. In the side view they touch when the gap
+closes. Bodies that are tied by a joint share a plane.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _SPACING, _STOP = 0.1, 0.02
 
 @dataclass(frozen=True)
 class Foot:
-    """An end of a contact on a body.
+    """One end of a contact, on a body.
 
     Attributes
     ----------

@@ -1,1 +1,1 @@
-"""Saved runs from the inside: one HDF5 file with the scene, the model, the history and the fields for ParaView."""
+"""Implementation of saved runs: one HDF5 file with scene, model, history and the fields for ParaView."""

@@ -1,4 +1,4 @@
-"""A branch of steady states in one file: orbits by their states and multipliers, scenes as texts of scene files."""
+"""A branch of steady states in one file: states and multipliers of orbits, and scenes as texts of scene files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checkpoints: a run that was stopped, in one file, and `resume`, which goes on as if it had never stopped."""
+"""Checkpoints: the state of a run in one file, from which `resume` continues it."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def resume(
     progress: Progress = None,
     checkpoint_every: float = 60.0,
 ) -> Result:
-    """Go on with a run from its checkpoint; see `vofem.resume`."""
+    """Continue a run from its checkpoint; see `vofem.resume`."""
     found = _identity(Path(path)) if isinstance(path, (str, os.PathLike)) and impossible(Path(path)) is None else None
     with reading(path, "a checkpoint of vofem.simulate") as file:
         if "vofem_checkpoint" not in file:

@@ -1,4 +1,4 @@
-"""The group ``history`` of a saved run: what happened in time, as a netCDF-4 file has it.
+"""The group ``history`` of a saved run: arrays over time in the form of a netCDF-4 file.
 
 Dimensions are HDF5 dimension scales, so ``xarray.open_dataset(path,
 group="history", engine="h5netcdf")`` and the netCDF library read it.
@@ -36,7 +36,7 @@ _ENERGIES = ("kinetic", "strain", "contact", "dissipated", "work")
 
 @dataclass(frozen=True)
 class History:
-    """What is read back.
+    """The arrays that are read back.
 
     Attributes
     ----------
@@ -248,7 +248,7 @@ def _supported_places(body: Body) -> list[float]:
 
 
 def read_history(group: h5py.Group) -> History:
-    """Return what a result needs of a history."""
+    """Return the arrays of a history that a result needs."""
     contacts, initial = None, np.empty(0, dtype=np.int64)
     if "contact" in group:
         names = tuple(field.name for field in fields(ContactSamples))

@@ -1,8 +1,9 @@
-"""How bodies, effects, scenes and solutions are written as plain data, and made from it again.
+"""Bodies, effects, scenes and solutions as plain data: writing and reading.
 
-A scene is kept as its bodies and effects with their arguments, and as the
-compiled model. So a loaded run needs neither mesh files nor callables, nor is
-anything assembled again; see `stand_ins` and `stored_field` for callables.
+A scene is stored as its bodies and effects with their arguments, and as the
+assembled model. A loaded run therefore needs no mesh files and no Python
+functions, and nothing is assembled again. `stand_ins` and `stored_field` describe
+how values of Python functions are stored.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ from vofem.time_functions import Arbitrary, TimeFunction
 
 
 class Taken(Protocol):
-    """A run, or its beginning: what tells which values of callables were taken."""
+    """A run, or its beginning: it says which values of Python functions were used."""
 
     times: NDArray[np.float64]
     t_start: float
@@ -58,12 +59,12 @@ class Taken(Protocol):
 
 
 class Encoder:
-    """Says how the parts of a run are written; see `tree.write_tree`.
+    """Turns the parts of a run into plain data; see `tree.write_tree`.
 
     Parameters
     ----------
     result : Result
-        Tells which values of callables the run has taken.
+        The run, which says which values of Python functions were used.
     """
 
     def __init__(self, result: Result | Taken) -> None:
@@ -175,7 +176,7 @@ def _callables(effect: Any) -> str:
 
 
 def decode(tag: str, record: Any) -> Any:
-    """Return what a tag and its data stand for; see `tree.read_tree`."""
+    """Return the object that a tag and its data describe; see `tree.read_tree`."""
     if tag == "plain":
         return record
     if tag == "beam":

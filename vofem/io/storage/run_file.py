@@ -1,4 +1,4 @@
-"""A run as one file: for ParaView, for xarray, and for `load`, which gives the `Result` back.
+"""A run as one file for ParaView, for xarray, and for `load`, which returns the `Result`.
 
 ====================  ==========================================================================
 group of the file     what is in it
@@ -70,7 +70,7 @@ def save(result: Result, path: str | os.PathLike[str], *, overwrite: bool = Fals
 
 
 def check_target(path: str | os.PathLike[str], overwrite: bool) -> None:
-    """Raise what `save` would raise at once: for use before a long run.
+    """Raise the errors that `save` would raise for this name, before a long run begins.
 
     Raises
     ------

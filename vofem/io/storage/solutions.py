@@ -1,4 +1,4 @@
-"""The outcome of an integrator in a file: all that a `Result` computes from, but the samples of the history."""
+"""The solution of an integrator in a file: all data of a `Result` except for the samples of the history."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _ELSEWHERE = ("times", "samples", "stored", "events", "probes")
 
 
 def solution_record(solution: Solution) -> dict[str, Any]:
-    """Return a solution as nested data, without what stands in the history or in rows of segments.
+    """Return a solution as nested data, without what is stored in the history or as rows of segments.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def write_segments(blocks: Blocks, group: h5py.Group, solution: Any) -> None:
 def restored_solution(
     record: dict[str, Any], group: h5py.Group, samples: Samples, energy: Energy, events: Events, times: Any
 ) -> Solution:
-    """Return the solution of a record and what is kept beside it."""
+    """Return the solution from its record and the data that are stored separately."""
     kind = record.pop("kind")
     if kind == "stepped":
         parts = (energy.kinetic, energy.strain, energy.contact, energy.dissipated, energy.work)

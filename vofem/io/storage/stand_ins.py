@@ -1,8 +1,8 @@
-"""What stands in a loaded run for Python callables and for bodies of other packages, which no file holds.
+"""Substitutes in a loaded run for Python functions and for bodies of other packages, which files cannot hold.
 
-Each knows the values that the run itself took, and answers with them. What
-would need the callable itself raises `MissingCallableError`, which names it.
-All of them are plain data, so that a loaded run can be saved again.
+Each substitute holds the values that the run used, and returns them. If another
+value is needed, it raises `MissingCallableError`, which names the function. The
+substitutes are plain data, so that a loaded run can be saved again.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ __all__ = ["StoredCallable", "StoredEffect", "StoredFunction", "StoredLaw", "Sto
 
 
 def name_of(function: Any) -> str:
-    """Return how messages call a callable: its name, and where a lambda stands."""
+    """Return the name of a function for messages; for a lambda also its place in the source."""
     name = str(getattr(function, "__name__", None) or type(function).__qualname__)
     code = getattr(function, "__code__", None)
     if name != "<lambda>" or code is None:
@@ -37,21 +37,21 @@ def name_of(function: Any) -> str:
 
 
 def missing(what: str, name: str, cure: str) -> MissingCallableError:
-    """Return the error of something that needs a callable."""
+    """Return the error for a value that only the original function could give."""
     return MissingCallableError(f"{what} needs the callable {name!r}, which the saved run does not hold; {cure}")
 
 
 @dataclass(frozen=True, eq=False)
 class StoredFunction(TimeFunction):
-    """A load's function of time of which the values at the run's times are known.
+    """A load's function of time, known by its values at the times of the run.
 
     Attributes
     ----------
     name : str
     shown : str
-        What the function's repr was.
+        The repr of the original function.
     t, values : ndarray, shape (n_times,)
-        In s and in the unit of the load; without equal times.
+        Times in s, all different, and values in the unit of the load.
     """
 
     name: str
@@ -63,7 +63,7 @@ class StoredFunction(TimeFunction):
 
     @classmethod
     def of(cls, function: Any, times: Array) -> StoredFunction:
-        """Return what stands for a function that is called as the run would call it."""
+        """Return the substitute for a function, with values at the times at which the run uses it."""
         t = np.unique(times)
         inner = getattr(function, "function", None)
         name = name_of(inner) if callable(inner) else type(function).__qualname__
@@ -91,11 +91,11 @@ class StoredFunction(TimeFunction):
         return self.values[place]
 
     def derivative(self, t: ArrayLike, order: int = 1) -> Array:
-        """Refuse."""
+        """Raise `MissingCallableError`."""
         raise self._missing("the derivative of a load")
 
     def piece(self, t0: float) -> Piece:
-        """Refuse."""
+        """Raise `MissingCallableError`."""
         raise self._missing("the closed form of a load")
 
     def _missing(self, what: str) -> MissingCallableError:
@@ -104,18 +104,18 @@ class StoredFunction(TimeFunction):
 
 @dataclass(frozen=True, eq=False)
 class StoredLaw:
-    """A nonlinear spring's law of which the values at the run's times are known.
+    """The law of a nonlinear spring, known by its values at the times of the run.
 
     Attributes
     ----------
     name : str
-        Of the spring.
+        Name of the spring.
     functions : str
         Names of its potential and its force.
     u : ndarray, shape (k,)
         Elongations in m, ascending.
     forces, energies : ndarray, shape (k,)
-        In N and J.
+        Forces in N and energies in J.
     """
 
     name: str
@@ -126,7 +126,7 @@ class StoredLaw:
 
     @property
     def monotone(self) -> bool:
-        """Nothing is known of the spring between its stored elongations."""
+        """False, because nothing is known of the spring between its stored elongations."""
         return False
 
     @property
@@ -156,7 +156,7 @@ class StoredLaw:
         return self.reaction(u)
 
     def tangent(self, u: float, step: float = 1e-6) -> float:
-        """Refuse."""
+        """Raise `MissingCallableError`."""
         raise self._missing("its tangent")
 
     def _place(self, u: float) -> int:
@@ -172,32 +172,32 @@ class StoredLaw:
 
 @dataclass(frozen=True, eq=False)
 class StoredCallable:
-    """A callable of which nothing but its name is known."""
+    """A Python function of which only the name is known."""
 
     name: str
 
     def __call__(self, *_arguments: Any) -> Any:
-        """Refuse."""
+        """Raise `MissingCallableError`."""
         raise missing("this", self.name, "build the scene in Python")
 
 
 @dataclass(frozen=True, eq=False)
 class StoredEffect:
-    """An effect that can be shown and asked for its points, and not be built into another scene.
+    """An effect that can be shown and has points, but cannot be part of another scene.
 
     Attributes
     ----------
     kind : str
         Name of its class.
     shown : str
-        What its `describe` said.
+        Its description.
     touched : tuple of points
     callables : str
-        Names of what it needs.
+        Names of the Python functions that it needs.
     name : str
-        Its own; empty where it has none.
+        Its name; empty if it has none.
     of : str
-        "displacement" or "rotation": what it acts on.
+        "displacement" or "rotation", on which it acts.
     """
 
     kind: str
@@ -208,21 +208,21 @@ class StoredEffect:
     of: str = "displacement"
 
     def points(self) -> tuple[Point, ...]:
-        """Return the points that it touches."""
+        """Return its points."""
         return self.touched
 
     def compile(self, builder: SystemBuilder) -> None:
-        """Refuse."""
+        """Raise `MissingCallableError`."""
         raise missing(self.shown, self.callables, "build this effect in Python")
 
     def describe(self) -> str:
-        """Return what the effect said."""
+        """Return its description."""
         return self.shown
 
 
 @dataclass(frozen=True, eq=False)
 class StoredBody(BaseBody):
-    """A body of a class that no file can name, by its numbers; it can be simulated again, from rest or an outcome.
+    """A body of a class of another package, stored by its numbers. It can be simulated again.
 
     Attributes
     ----------

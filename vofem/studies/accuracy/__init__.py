@@ -1,4 +1,4 @@
-"""What accuracy costs in time: `work_precision` measures it, `cheapest` finds the least of it."""
+"""The computing time that an accuracy takes: `work_precision` measures it, `cheapest` finds the fastest way."""
 
 from vofem.studies.accuracy.cheapest import Cheapest, cheapest
 from vofem.studies.accuracy.quantities import Errors

@@ -31,16 +31,16 @@ _TRIES = 8
 
 @dataclass(frozen=True, repr=False)
 class Cheapest:
-    """The answer of `cheapest`; print it.
+    """The answer of `cheapest`. Print it to read it.
 
     Attributes
     ----------
     run : Run, optional
-        The fastest one that meets the tolerance; None where none does.
+        The fastest run that meets the tolerance; None if no run does.
     tolerance : float
-        Of the largest displacement.
+        The tolerance, relative to the largest displacement.
     study : Study
-        The evidence: all runs that were looked at, and what was left out.
+        All runs that were made, and what was left out.
     """
 
     run: Run | None
@@ -72,23 +72,24 @@ def cheapest(
 ) -> Cheapest:
     """Find the fastest method, step and mesh whose error stays within a tolerance.
 
-    The smallest mesh whose own error, measured by runs that are exact in time,
-    leaves room within the tolerance is tried first, and the next finer one
-    where no method meets the tolerance on it. Steps are refined by the observed
-    error until they meet it, or take longer than the fastest run that does.
+    First the error of each mesh is measured by runs that are exact in time. The
+    coarsest mesh whose error is well within the tolerance is tried first. If no
+    method meets the tolerance on it, the next finer one is tried. Steps are
+    refined, guided by the observed error, until a run meets the tolerance or
+    takes longer than the fastest run that does.
 
     Parameters
     ----------
     scene : Scene or callable of the number of elements
     t_end : float
-        In s.
+        Duration of the runs in s.
     tolerance : float
-        Largest error of the point's displacement over its largest displacement.
+        Largest error of the displacement of the point, relative to its largest displacement.
     methods, point, samples, repeats, cap, workers, progress
         As for `work_precision`.
     elements : iterable of int, optional
-        Meshes to choose from; where not given, a quarter to four times the
-        scene's own number of elements. Needed where `scene` is a callable.
+        Numbers of elements to choose from. The default is a quarter to four times
+        the scene's own number. It must be given if `scene` is a callable.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Runs that others are measured against: exact in time, their own error estimated."""
+"""Runs that are exact in time, with estimates of their errors, with which others are compared."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Exact:
     error : float
         Estimated error of the point's displacement on this mesh, m: rounding and truncation, or of the steps.
     horizon : float
-        Until when pointwise values mean something, s.
+        Time in s until which pointwise values are meaningful.
     """
 
     observed: Observed
@@ -56,7 +56,7 @@ class Exact:
 
 @dataclass(frozen=True)
 class Question:
-    """What is asked of every run.
+    """The question that every run answers: duration, times of comparison and point.
 
     Attributes
     ----------

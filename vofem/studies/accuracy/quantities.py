@@ -1,4 +1,4 @@
-"""What is compared of two runs: the history of a point, contact events, impulses and energy."""
+"""The quantities in which two runs are compared: the history of a point, events, impulses and energy."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Observed:
-    """What is kept of a run for comparison.
+    """The quantities of a run that are compared.
 
     Attributes
     ----------
@@ -40,20 +40,20 @@ class Observed:
 
 @dataclass(frozen=True)
 class Errors:
-    """How far a run is from another one. Pointwise errors are taken up to the chaos horizon.
+    """The differences of a run from another one. Pointwise errors are taken up to the horizon of chaos.
 
     Attributes
     ----------
     largest, rms : float
-        Of the point's displacement, m.
+        Largest and root mean square error of the displacement of the point, m.
     events : float
-        Largest shift of a contact event, s; inf where their numbers differ, NaN where nothing closes.
+        Largest shift of a contact event in s; inf if the numbers of events differ, NaN if no contact closes.
     impulse : float
         Largest relative difference of a contact's impulse over the whole run; NaN without contact force.
     energy : float
-        Largest difference of the energy over the largest energy.
+        Largest difference of the energy, relative to the largest energy.
     level : float
-        Relative difference of the rms displacement over the whole run: it keeps its meaning beyond the horizon.
+        Relative difference of the rms displacement over the whole run, which has a meaning beyond the horizon too.
     """
 
     largest: float
@@ -65,7 +65,7 @@ class Errors:
 
 
 def observe(result: Result, point: Any) -> Observed:
-    """Return what is compared of a run, at its times."""
+    """Return the quantities of a run that are compared, at its times."""
     contacts = [result.contacts[contact.name] for contact in result.scene.contacts]
     events = tuple(part.copy() for contact in contacts for part in (contact.closings, contact.openings))
     times = result.times

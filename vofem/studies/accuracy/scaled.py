@@ -1,8 +1,8 @@
-"""The same equations with other rounding errors: all of them multiplied by 3, which is no power of two.
+"""The same equations with other rounding errors: all are multiplied by 3, which is not a power of two.
 
 Displacements, velocities and event times are the same numbers in exact
-arithmetic. What two such runs differ by is therefore rounding, as large as the
-run itself has it, whatever the method.
+arithmetic. The difference of two such runs is therefore an estimate of rounding,
+for any method.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a study of accuracy and time has found."""
+"""The outcome of a study of accuracy and time."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from vofem.studies.accuracy.quantities import Errors
 
 @dataclass(frozen=True)
 class Setting:
-    """A way to run a scene.
+    """A way to run a scene: method, mesh and step.
 
     Attributes
     ----------
     method : str
     elements : int
-        Of all beams together; 0 for a scene without beams.
+        Number of elements of all beams together; 0 for a scene without beams.
     dt : float, optional
-        In s.
+        Step size in s.
     tol : float, optional
     """
 
@@ -38,7 +38,7 @@ class Setting:
 
 @dataclass(frozen=True)
 class Run:
-    """One run: what it took and how far it is from the truth.
+    """One run: its time, its work and its errors.
 
     Attributes
     ----------
@@ -51,15 +51,15 @@ class Run:
     counters : dict
         Counted work by name, as in `vofem.system.Counters`.
     total : Errors
-        Against the reference.
+        Errors against the reference.
     time : Errors
-        Against the run on the same mesh that is exact in time.
+        Errors against the run on the same mesh that is exact in time.
     space : float
-        Error of the mesh alone, m: exact in time, against the reference.
+        Error of the mesh alone in m: that of the run that is exact in time, against the reference.
     rounding : float
-        Largest difference to the same equations with other rounding errors, m; NaN where not measured.
+        Largest difference in m to a run of the same equations with other rounding errors; NaN if not measured.
     order : float
-        Observed in dt against the run with the next larger step; NaN for the first.
+        Observed order in dt, from this run and the one with the next larger step; NaN for the first.
     """
 
     setting: Setting
@@ -85,7 +85,7 @@ class Run:
 
     @property
     def judged(self) -> float:
-        """Error by which the run is judged, m: the total one, or that of steps alone where this is larger.
+        """The error in m by which the run is judged: the larger of the total error and that of the steps.
 
         Errors of steps and mesh may cancel at one step size, for one load. The total error is then small by chance.
         """
@@ -94,7 +94,7 @@ class Run:
 
 @dataclass(frozen=True)
 class LeftOut:
-    """A way to run the scene that was not taken, and why."""
+    """A way to run the scene that was left out, and why."""
 
     setting: Setting
     why: str
@@ -102,7 +102,7 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class Reference:
-    """What all runs are measured against.
+    """The reference with which all runs are compared.
 
     Attributes
     ----------
@@ -110,11 +110,11 @@ class Reference:
         Method and mesh.
     elements : int
     floor : float
-        Its own estimated error, m: errors below it mean nothing.
+        Its estimated error in m. Smaller errors of runs mean nothing.
     scale : float
-        Its largest displacement, m.
+        Its largest displacement in m.
     horizon : float
-        Until when pointwise values mean something, s; pointwise errors end there.
+        Time in s until which pointwise values are meaningful. Pointwise errors are taken up to it.
     """
 
     how: str
@@ -131,14 +131,14 @@ class Study:
     Attributes
     ----------
     point : str
-        Whose displacement is compared.
+        Description of the point whose displacement is compared.
     t_end : float
-        In s.
+        Duration of the runs in s.
     reference : Reference
     runs : tuple of Run
     left_out : tuple of LeftOut
     machine : str
-        Where the times were taken.
+        The machine on which times were measured.
     """
 
     point: str
@@ -152,7 +152,7 @@ class Study:
         return f"Study({self.point} over {self.t_end:g} s, {len(self.runs)} runs, {len(self.left_out)} left out)"
 
     def relative(self, run: Run) -> float:
-        """Return the largest error of the point's displacement over the reference's largest displacement."""
+        """Return the largest error of the displacement of the point, relative to the largest of the reference."""
         return self._over_scale(run.total.largest)
 
     def _over_scale(self, error: float) -> float:
@@ -160,7 +160,7 @@ class Study:
 
     @property
     def floor(self) -> float:
-        """The reference's own error over its largest displacement."""
+        """The error of the reference, relative to its largest displacement."""
         return self._over_scale(self.reference.floor)
 
     def meeting(self, tolerance: float) -> tuple[Run, ...]:
@@ -182,7 +182,7 @@ class Study:
         return tuple(kept)
 
     def advice(self, tolerance: float = 1e-6) -> str:
-        """Return one sentence: what to take for a relative tolerance, how much it saves, and where its errors are."""
+        """Return a sentence of advice for a relative tolerance: the fastest way, its gain and its errors."""
         good = self.meeting(tolerance)
         if not good:
             return self._none_meets(tolerance)

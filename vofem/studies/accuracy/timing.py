@@ -10,6 +10,8 @@ from typing import TypeVar
 
 import numpy as np
 
+from vofem.studies.processors import processors
+
 T = TypeVar("T")
 
 
@@ -40,10 +42,9 @@ def machine() -> str:
     """Return processor, cores, load and versions on one line; times mean little without them."""
     import scipy
 
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     busy = f", load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""
     return (
-        f"{_processor()}, {cores} cores{busy}; Python {platform.python_version()}, numpy {np.__version__}, "
+        f"{_processor()}, {processors()} cores{busy}; Python {platform.python_version()}, numpy {np.__version__}, "
         f"scipy {scipy.__version__}, {platform.system()}"
     )
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from vofem._validate import choice, number
+from vofem._validate import choice, number, whole
 from vofem.errors import ArgumentError
 from vofem.integrators.registry import method_named, method_names
 from vofem.integrators.registry import methods as all_methods
@@ -37,48 +37,52 @@ def work_precision(
     workers: int = 1,
     progress: Progress | None = None,
 ) -> Study:
-    """Measure what accuracy costs: run a scene in many ways, and compare each with a better run.
+    """Measure error against computing time: run a scene in many ways, and compare each with a reference.
 
-    The reference is an event-driven run, exact in time, on four times the
-    elements of the finest mesh; where event_driven does not apply, steps of
-    energy_conserving on twice the elements, halved until the time is over and
-    checked by Richardson's rule. Its own error is estimated from a mesh of half
-    its elements and told as a floor. Errors are split: each run is compared
-    with the one on its own mesh that is exact in time (error of the steps),
-    that one with the reference (error of the mesh), and the run with the same
-    equations multiplied by 3 (rounding).
+    The reference is an event-driven run, which is exact in time, on four times
+    the elements of the finest mesh. If event_driven does not apply, it is a run
+    of energy_conserving on twice the elements, whose steps are halved until the
+    time is over, and which is checked by Richardson's rule. The error of the
+    reference is estimated from a mesh of half its elements. It is the floor
+    below which errors mean nothing.
+
+    The errors of each run are separated. The error of the steps is the difference
+    to a run on the same mesh that is exact in time. The error of the mesh is the
+    difference of that run to the reference. Rounding is the difference to a run
+    of the same equations multiplied by 3.
 
     Parameters
     ----------
     scene : Scene or callable of the number of elements
-        A Scene is given other meshes by `vofem.studies.remesh.remeshed`.
+        A Scene gets other meshes by `vofem.studies.remesh.remeshed`.
     t_end : float
-        In s.
+        Duration of the runs in s.
     methods : iterable of str, optional
-        All that can treat the scene where not given.
+        Names of methods. The default is all that can treat the scene.
     dt : iterable of float, optional
-        Steps in s of the methods that step; where not given, from 200 to 25 000
-        in the run, and for central_difference fractions of its critical step.
+        Step sizes in s. The default gives 200 to 25 000 steps, and for
+        central_difference fractions of its critical step.
     tol : iterable of float
         Tolerances of energy_conserving.
     elements : iterable of int, optional
-        Numbers of elements of all beams together; the scene's own and twice as
-        many where not given. Needed where `scene` is a callable.
+        Numbers of elements of all beams together. The default is the scene's own
+        number and twice as many. It must be given if `scene` is a callable.
     point : point, optional
-        Whose displacement is compared; the first contact's, or where there is
-        none, the one that moves most.
+        Point whose displacement is compared. The default is that of the first
+        contact, or without contacts the point that moves most.
     samples : int
-        Uniform times at which runs are compared.
+        Number of uniform times at which runs are compared.
     repeats : int
-        Runs of which the shortest time counts, after one that warms up.
+        Number of runs, of which the shortest time counts, after one for warming up.
     cap : float
-        In s. A run that would take longer is left out, and the study says so.
+        Largest time of a run in s. A run that would take longer is left out, and
+        the study says so.
     workers : int
-        Processes for what is not timed (reference, exact runs). What is timed
-        runs alone, in this process. With more than one, scripts need the guard
-        ``if __name__ == "__main__":`` that `multiprocessing` asks for.
+        Number of processes for runs that are not timed. Timed runs are made
+        alone, in this process. With more than one process, a script must start
+        the study under ``if __name__ == "__main__":``.
     progress : callable, optional
-        Told (done, total, what).
+        Called with the number of runs done, their total number, and a text.
 
     Returns
     -------
@@ -91,9 +95,9 @@ def work_precision(
 
     Notes
     -----
-    Times are those of a simulation and of the point's history at `samples`
-    times; assembly is given beside them. A study of a chaotic scene compares
-    pointwise up to the horizon of its reference only.
+    Times are those of a simulation and of the history of the point at `samples`
+    times. The time of assembly is given separately. In a study of a chaotic scene
+    pointwise errors are taken only up to the horizon of the reference.
     """
     t_end = number("work_precision: t_end", t_end, positive=True)
     effort = effort_of("work_precision", repeats, cap, workers, progress)
@@ -181,20 +185,14 @@ def applicable(source: Source, methods: Iterable[str] | None) -> list[str]:
 def effort_of(what: str, repeats: int, cap: float, workers: int, progress: Progress | None) -> Effort:
     """Return how long a study may take, checked."""
     return Effort(
-        _count(f"{what}: repeats", repeats), number(f"{what}: cap", cap, positive=True),
-        _count(f"{what}: workers", workers), progress,
+        whole(f"{what}: repeats", repeats), number(f"{what}: cap", cap, positive=True),
+        whole(f"{what}: workers", workers), progress,
     )  # fmt: skip
-
-
-def _count(what: str, value: object, least: int = 1) -> int:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-        raise ArgumentError(f"{what} is {value!r}, expected a whole number of at least {least}")
-    return int(value)
 
 
 def sample_count(what: str, value: object) -> int:
     """Return the number of times of comparison, at least 2."""
-    return _count(f"{what}: samples", value, 2)
+    return whole(f"{what}: samples", value, 2)
 
 
 def whole_numbers(what: str, values: Iterable[int]) -> list[int]:
@@ -202,4 +200,4 @@ def whole_numbers(what: str, values: Iterable[int]) -> list[int]:
     given = [values] if isinstance(values, (int, np.integer)) else list(values)
     if not given:
         raise ArgumentError(f"{what} is empty, expected numbers of elements; leave it out for a default")
-    return sorted({_count(what, n) for n in given})
+    return sorted({whole(what, n) for n in given})

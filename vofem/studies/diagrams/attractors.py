@@ -1,4 +1,4 @@
-"""Basins of attraction: which steady motion each initial state leads to."""
+"""Basins of attraction: the steady motion to which each initial state leads."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ class Attractor:
     Attributes
     ----------
     name : str
-        "period 1", "period 2", ...; with a letter where there are several of
-        one period; "not periodic" for all that does not repeat.
+        "period 1", "period 2", ..., with a letter if there are several of one
+        period. All motions that do not repeat are "not periodic".
     order : int
-        Periods of the loads after which it repeats; 0 where it does not.
+        Number of periods of the loads after which the motion repeats; 0 if it does not.
     points : ndarray, shape (2, n_points, order)
-        Displacements in m and velocities in m/s once a period of the loads;
-        of motions that do not repeat, the samples of the first one found.
+        Displacements in m and velocities in m/s, sampled once a period of the
+        loads. For motions that do not repeat these are the samples of the first one.
     share : float
-        Of the initial states that lead to it.
+        Share of the initial states that lead to this motion.
     """
 
     name: str
@@ -47,16 +47,16 @@ class Attractor:
 
 @dataclass(frozen=True, eq=False)
 class Basins:
-    """Which attractor each initial state leads to.
+    """The attractor to which each initial state leads.
 
     Attributes
     ----------
     attractors : tuple of Attractor
-        Those that take most initial states first.
+        The attractors, those with the most initial states first.
     index : ndarray of int
-        Of the attractor of every initial state, shaped as the grid; -1 where the run failed.
+        Index of the attractor of every initial state, in the shape of the grid; -1 where the run failed.
     sweep : Sweep
-        The runs: ``sweep["looks"]`` are the samples, `failed` the runs that failed.
+        The runs. ``sweep["looks"]`` holds the samples, and `failed` the runs that failed.
     """
 
     attractors: tuple[Attractor, ...]
@@ -84,27 +84,29 @@ def basins(
     store: Any = None,
     progress: Progress = None,
 ) -> Basins:
-    """Return which steady motion each initial state of a grid leads to.
+    """Return the steady motion to which each initial state of a grid leads.
 
     Parameters
     ----------
     scene : Scene
+        The scene.
     grid : mapping of names to values
-        Of the initial states; all combinations are run.
+        Values that vary in the initial state. All combinations are run.
     start : callable, optional
-        ``start(**point)`` returns the initial state, as `vofem.simulate` takes
-        it, for a point of the grid. Where not given the grid has the names
+        ``start(**point)`` returns the initial state for a point of the grid, in a
+        form that `vofem.simulate` takes. Without it the names of the grid are
         ``displacement`` and ``velocity``, in m and m/s, of the only body.
     periods : int
-        Looks, once a period of the loads; attractors of up to half that order are recognised.
+        Number of samples, one in each period of the loads. Attractors are
+        recognised if they repeat after at most half as many periods.
     skip : int
-        Periods of the loads before the first look.
+        Periods of the loads before the first sample: the transient.
     tolerance : float
-        By which samples may differ to be the same, relative to the largest one of the point over all runs.
+        Difference up to which two samples count as equal, relative to the largest sample of the point in all runs.
     points : point or sequence of points, optional
-        By which attractors are told apart; that of the first contact where not given.
+        Points whose motion distinguishes attractors. The default is the point of the first contact.
     period : float, optional
-        Between two looks, s; the common period of the loads where not given.
+        Time between two samples in s. The default is the common period of the loads.
     method : str
         As in `vofem.simulate`.
     executor, workers, store, progress

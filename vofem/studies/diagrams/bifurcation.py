@@ -1,4 +1,4 @@
-"""Stroboscopic (bifurcation) diagrams: where motions are once a period, over a parameter."""
+"""Stroboscopic (bifurcation) diagrams: the motion once a period, over a parameter."""
 
 from __future__ import annotations
 
@@ -35,16 +35,16 @@ class BifurcationDiagram:
     Attributes
     ----------
     values : ndarray, shape (n_values,)
-        Of the parameter.
+        Values of the parameter.
     points : tuple of str
-        Names of the points that were looked at.
+        Names of the points that were sampled.
     looks : dict of str to ndarray, shape (2, n_points, n_values, periods)
-        Displacements in m and velocities in m/s, by where the runs started:
-        "rest" (each from the initial state of its scene), "up" and "down"
-        (each from the end of the run before it, along rising and falling
-        values). NaN where a run failed.
+        Displacements in m and velocities in m/s, by the start of the runs. The
+        runs of "rest" start from the initial state of their scene. Those of "up"
+        and "down" start from the end of the run before, along rising and falling
+        values. NaN where a run failed.
     failed : tuple of str
-        One message a run that failed.
+        A message for each run that failed.
     """
 
     values: Array
@@ -66,21 +66,21 @@ class BifurcationDiagram:
         return samples
 
     def displacement(self, point: Any = None, start: str = "rest") -> Array:
-        """Return the displacements of a point, the first where none is given, shape (n_values, periods), m."""
+        """Return the displacements of a point in m, by default of the first one, shape (n_values, periods)."""
         return self._of(0, point, start)
 
     def velocity(self, point: Any = None, start: str = "rest") -> Array:
-        """Return the velocities of a point, the first where none is given, shape (n_values, periods), m/s."""
+        """Return the velocities of a point in m/s, by default of the first one, shape (n_values, periods)."""
         return self._of(1, point, start)
 
     def order(self, start: str = "rest", tolerance: float = 1e-6) -> NDArray[np.int64]:
-        """Return after how many periods each motion repeats, shape (n_values,); 0 where it does not.
+        """Return the number of periods after which each motion repeats, shape (n_values,); 0 if it does not.
 
         Parameters
         ----------
         start : {"rest", "up", "down"}
         tolerance : float
-            By which samples may differ, relative to the largest one of the point over all values.
+            Difference up to which samples count as equal, relative to the largest sample of the point.
         """
         choice("BifurcationDiagram: start", start, tuple(self.looks))
         looks = self.looks[start]
@@ -103,27 +103,27 @@ def bifurcation_diagram(
     store: Any = None,
     progress: Progress = None,
 ) -> BifurcationDiagram:
-    """Return where motions are once a period of the loads, over a parameter: a stroboscopic diagram.
+    """Return a stroboscopic diagram: displacement and velocity once a period of the loads, over a parameter.
 
     Parameters
     ----------
     build : callable
-        ``build(value) -> Scene``. For other processes it stands at the top level of a module.
+        ``build(value) -> Scene``. To run in other processes it must be defined at the top level of a module.
     values : array_like, shape (n_values,)
-        Of the parameter.
+        Values of the parameter.
     periods : int
-        Looks at each value.
+        Number of samples at each value.
     skip : int
-        Periods of the loads before the first look: the transient.
+        Periods of the loads before the first sample: the transient.
     follow : bool
-        Whether the values are also followed upwards and downwards, each run
-        starting where the one before it ended. Attractors that exist beside
-        each other show as differences between the three.
+        Whether the values are also run in rising and in falling order, each run
+        starting where the one before it ended. Where several motions coexist,
+        the three diagrams differ.
     points : point or sequence of points, optional
-        Whose displacement and velocity are taken; bodies are found by name.
-        The point of the first contact where not given.
+        Points that are sampled; their bodies are found by name. The default is
+        the point of the first contact.
     period : float, optional
-        Between two looks, s; the common period of the loads where not given.
+        Time between two samples in s. The default is the common period of the loads.
     method : str
         As in `vofem.simulate`.
     executor, workers, store, progress

@@ -30,9 +30,9 @@ class StabilityMap:
     x, y : ndarray, shapes (n_x,) and (n_y,)
         Values of the parameters.
     stable : ndarray, shape (n_x, n_y)
-        1 where the orbit is stable, 0 where it is not, NaN where this is not decided or no orbit was found.
+        1 where the orbit is stable, 0 where it is unstable, NaN where this is unknown or no orbit was found.
     multiplier : ndarray of complex, shape (n_x, n_y)
-        The leading one.
+        The multiplier of largest magnitude.
     amplitude : ndarray, shape (n_x, n_y)
         Half of the difference between the largest and the least displacement, m.
     sweep : Sweep
@@ -70,18 +70,18 @@ def stability_map(
     store: Any = None,
     progress: Progress = None,
 ) -> StabilityMap:
-    """Return the steady states that motions from rest lead to, over two parameters.
+    """Return the steady states to which motions from rest lead, over two parameters.
 
     Parameters
     ----------
     build : callable
-        ``build(x, y) -> Scene``. For other processes it stands at the top level of a module.
+        ``build(x, y) -> Scene``. To run in other processes it must be defined at the top level of a module.
     x, y : array_like, shapes (n_x,) and (n_y,)
         Values of the parameters.
     periods : int
-        Of the loads, that an orbit takes.
+        Number of periods of the loads that an orbit takes.
     point : point, optional
-        Whose amplitude is taken; bodies are found by name. That of the first contact where not given.
+        Point whose amplitude is computed; its body is found by name. The default is that of the first contact.
     method : str
         As in `vofem.periodic`.
     executor, workers, store, progress

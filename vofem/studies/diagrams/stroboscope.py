@@ -1,4 +1,4 @@
-"""Runs that are looked at once a period of the loads, after their transient."""
+"""Runs that are sampled once a period of the loads, after their transient."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Stroboscope:
-    """How a run is looked at.
+    """The times and points at which a run is sampled.
 
     Attributes
     ----------
     points : tuple of points
-        Of bodies, which are found by name in every scene; empty for that of the first contact.
+        Points, whose bodies are found by name in every scene; empty for the point of the first contact.
     period : float, optional
-        In s; the common period of the loads where not given.
+        Time between two samples in s. The default is the common period of the loads.
     periods : int
-        Looks.
+        Number of samples.
     skip : int
-        Periods before the first look.
+        Periods before the first sample.
     method : str
         As in `vofem.simulate`.
     """
@@ -43,7 +43,7 @@ class Stroboscope:
     method: str
 
     def samples(self, scene: Scene, initial: Any = None) -> tuple[Array, StoredState]:
-        """Return displacements and velocities at the looks, and the state at the last one.
+        """Return the samples of displacements and velocities, and the state at the last sample.
 
         Returns
         -------
@@ -58,7 +58,7 @@ class Stroboscope:
         return np.array(looks).transpose(1, 0, 2), result.as_start()
 
     def names(self, scene: Scene) -> tuple[str, ...]:
-        """Return the names of the points that are looked at."""
+        """Return the names of the points that are sampled."""
         return tuple(point.name for point in self._of(scene))
 
     def _of(self, scene: Scene) -> tuple[Any, ...]:
@@ -66,7 +66,7 @@ class Stroboscope:
 
 
 def stroboscope(what: str, points: Any, period: float | None, periods: int, skip: int, method: str) -> Stroboscope:
-    """Return how runs are looked at, from the arguments of a diagram, checked."""
+    """Return the stroboscope that the arguments of a diagram describe, and check them."""
     chosen = () if points is None else tuple(points) if isinstance(points, (tuple, list)) else (points,)
     skipped = whole(f"{what}: skip", skip, least=0)
     return Stroboscope(chosen, period, whole(f"{what}: periods", periods), skipped, method)
@@ -86,7 +86,7 @@ def first_point(scene: Scene) -> Any:
 
 
 def order_of(samples: Array, tolerance: Array) -> int:
-    """Return after how many looks the samples repeat, or 0 where they do not.
+    """Return the number of samples after which they repeat, or 0 if they do not.
 
     Parameters
     ----------

@@ -151,6 +151,9 @@ class EventChart:
     grazes : bool
         Whether the contact keeps its status `before`, as if it were not there, near the event: the orbit at and just
         beyond a grazing, seen from the side where it does not touch.
+    also : tuple of (contact, phase)
+        Other contacts that graze in the same orbit, with the phases ``omega t`` at which they do. Near the grazing
+        their touches are as faint as those of `contact`, and those that come or go are no grazings of their own.
     """
 
     contact: int
@@ -160,6 +163,7 @@ class EventChart:
     basis: Array
     margin: float
     grazes: bool = False
+    also: tuple[tuple[int, float], ...] = ()
 
     def point(self, problem: Shooting, y: Array) -> tuple[float, Array]:
         """Return time and state, in unknowns, of coordinates."""
@@ -187,6 +191,12 @@ class EventChart:
         return float(row @ (self.basis[row.size :] @ y[1:])) * self.sign
 
     @property
+    def switching(self) -> list[int]:
+        """The contacts that switch in the event: `contact`, and others that switch at the same time."""
+        others = np.flatnonzero(self.before != self.after).tolist()
+        return [self.contact, *(j for j in others if j != self.contact)]
+
+    @property
     def sign(self) -> float:
         """1 for a closing, -1 for an opening."""
         return 1.0 if self.after[self.contact] > self.before[self.contact] else -1.0
@@ -195,12 +205,13 @@ class EventChart:
         """Return the flow over one orbit from the event."""
         time, state = self.point(problem, y)
         stop = time + problem.duration
-        late = Unwatched(self.contact, stop - self.margin * problem.duration, stop)
-        windows = [late]
+        windows = [Unwatched(j, stop - self.margin * problem.duration, stop) for j in self.switching]
         status = self.after
         if self.grazes:
             status = self.before
             windows.append(Unwatched(self.contact, time, time + self.margin * problem.duration))
+            for entry in around(self.also, self.margin, problem.periods):
+                windows += problem.windows(*entry, time)
         z, v = problem.to_modes(state)
         start = Start(time, z, v, status, self.contact)
         moved = self.directions(problem)
@@ -238,10 +249,10 @@ class EventChart:
         begin = np.eye(2 * n)
         laws = problem.system.contacts
         assert laws is not None
-        damping = laws.damping[self.contact]
-        if damping > 0.0 and not self.grazes:
-            row = problem.space.contacts[self.contact]
-            begin[n:, :n] -= self.sign * damping * np.outer(row, row)
+        for j in [] if self.grazes else self.switching:
+            row, sign = problem.space.contacts[j], np.sign(self.after[j] - self.before[j])
+            if laws.damping[j] > 0.0:
+                begin[n:, :n] -= sign * laws.damping[j] * np.outer(row, row)
         return begin
 
     def _along(self, problem: Shooting, moved: Array, time: float, z: Array, v: Array) -> Array:
@@ -285,6 +296,12 @@ class EventChart:
             start=problem.state(unknowns),
             decided=lambda: DECIDED,
         )
+
+
+def around(touches: tuple[tuple[int, float], ...], margin: float, periods: int) -> tuple[tuple[int, float, float], ...]:
+    """Return contacts and the phases between which they are not watched, around those at which they touch."""
+    width = 2.0 * np.pi * periods * margin
+    return tuple((contact, phase - width, phase + width) for contact, phase in touches)
 
 
 def surface(problem: Shooting, contact: int) -> tuple[Array, float]:

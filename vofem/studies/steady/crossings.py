@@ -1,26 +1,49 @@
-"""Folds, branch points, period doublings and Neimark-Sacker points between two neighbours on a branch."""
+"""Folds, branch points, period doublings and Neimark-Sacker points between two neighbours on a branch.
+
+A multiplier that has passed the unit circle shows in the numbers of them beyond it at both neighbours; where a number
+changes by two, two are looked for. Two crossings that undo each other leave all numbers as they were. They are looked
+for where a parabola through three points of the branch comes near zero between two of them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import ConvergenceError
-from vofem.studies.steady.charts import ORIGIN, at_phase, sizes
+from vofem.studies.steady.between import Step, point_between
+from vofem.studies.steady.branching import neighbours, other_direction
+from vofem.studies.steady.census import (
+    Census,
+    Test,
+    census,
+    counted,
+    determinant,
+    multipliers,
+    orientation,
+    pair,
+    real_at,
+    turning,
+)
 from vofem.studies.steady.family import Family
-from vofem.studies.steady.newton import solved
-from vofem.studies.steady.point import Interval, Point, corrected, derivative_by_value, tangent_at
-from vofem.studies.steady.shooting import Shooting
+from vofem.studies.steady.point import Interval, Point
+from vofem.studies.steady.shorter import at_flip, repeats
 
 Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 #: Evaluations of a test function in the search for its root, and the share of the step to which it is found.
 _TRIES, _FINE = 60, 1e-13
+
+#: A sign change counts as a root where the function is smaller there than this share of its ends: no pole, no jump.
+_VANISHES = 1e-3
+
+#: A parabola that falls below this share of the ends of a step makes it looked into; evaluations there.
+_NEAR, _LOOKS = 0.3, 6
+
+#: Share of a step on each side of a turn at which determinants are compared.
+_BESIDE = 0.02
 
 
 @dataclass(frozen=True)
@@ -34,198 +57,241 @@ class Crossing:
     point : Point
     share : float
         Of the way between the neighbours.
+    turns : bool
+        Whether the branch turns there.
     """
 
     kind: str
     point: Point
     share: float
+    turns: bool = False
 
 
-def crossings(family: Family, step: Any, interval: Interval) -> list[Crossing]:
-    """Return the special points of a step in the order of the branch."""
-    first, last = step.first, step.last
-    tests: list[tuple[str, Callable[[Point], float]]] = []
-    a, b = _multipliers(first), _multipliers(last)
-    turned = first.tangent[-1] * last.tangent[-1] < 0.0
-    shorter = _repeats(first, last)
+@dataclass(frozen=True)
+class _Part:
+    """A part of a step, from one share of it to another."""
+
+    step: Step
+    low: float = 0.0
+    high: float = 1.0
+
+    def cut(self, family: Family, interval: Interval, share: float) -> tuple[_Part, _Part]:
+        """Return the parts on both sides of a share of this part."""
+        middle = point_between(family, self.step, interval, share)
+        at = self.low + share * (self.high - self.low)
+        return _Part(Step(self.step.first, middle), self.low, at), _Part(Step(middle, self.step.last), at, self.high)
+
+
+def crossings(family: Family, step: Step, interval: Interval, earlier: Step | None = None) -> list[Crossing]:
+    """Return the special points of a step in the order of the branch.
+
+    Parameters
+    ----------
+    family : Family
+    step : Step
+    interval : Interval
+    earlier : Step, optional
+        The step before, in the same coordinates.
+    """
+    shorter = repeats(step.first, step.last)
     if shorter is not None:
         at = _root(family, step, interval, shorter)
         if at is not None:
-            return [Crossing("shorter", _at_flip(family, at[0], interval), at[1])]
-    if a is None or b is None:
-        if turned:
-            tests.append(("fold", lambda point: float(point.tangent[-1])))
-    else:
-        if _parity(a, 1.0) != _parity(b, 1.0):
-            tests.append(("fold" if turned else "branch_point", _along(1.0, a, b)))
-        elif turned:
-            tests.append(("fold", lambda point: float(point.tangent[-1])))
-        if _parity(a, -1.0) != _parity(b, -1.0):
-            tests.append(("period_doubling", _along(-1.0, a, b)))
-        if _pairs_outside(a) != _pairs_outside(b):
-            tests.append(("neimark_sacker", _pair))
+            return [Crossing("shorter", at_flip(family, at[0], interval), at[1])]
+    cut = None if earlier is None else _dip(family, interval, step, earlier, before=True)
+    return _found(family, interval, step, cut)
+
+
+def overlooked(family: Family, step: Step, interval: Interval, later: Step) -> list[Crossing]:
+    """Return two special points within a step, in which none were found, that the next step gives away."""
+    cut = _dip(family, interval, step, later, before=False)
+    return [] if cut is None else _found(family, interval, step, cut)
+
+
+def _found(family: Family, interval: Interval, step: Step, cut: float | None) -> list[Crossing]:
+    whole = _Part(step)
+    parts = [whole]
+    try:
+        if cut is not None:
+            parts = list(whole.cut(family, interval, cut))
+    except ConvergenceError:
+        parts = [whole]
     found = []
-    for kind, test in tests:
-        at = _root(family, step, interval, test)
-        if at is not None:
-            found.append(Crossing(kind, *at))
+    for part in parts:
+        for one in _single(family, interval, part.step):
+            found.append(replace(one, share=part.low + one.share * (part.high - part.low)))
     return sorted(found, key=lambda crossing: crossing.share)
 
 
-def _repeats(first: Point, last: Point) -> Callable[[Point], float] | None:
-    """Return the test function of orbits that repeat earlier than at their end, where two neighbours lie around one.
-
-    Such an orbit is where a branch of subharmonics turns back on itself: beyond it there are the same orbits, a period
-    of the loads later.
-    """
-    problem = first.problem
-    if not isinstance(problem, Shooting) or problem.periods == 1:
+def _changes(step: Step) -> Census | None:
+    """Return by how much the numbers of multipliers beyond the unit circle change; None where they are not known."""
+    a, b = census(step.first), census(step.last)
+    if a is None or b is None:
         return None
-    for divisor in range(2, problem.periods + 1):
-        if problem.periods % divisor or any(divisor % k == 0 for k in range(2, divisor)):
+    plus, minus, pairs = (y - x for x, y in zip(a, b, strict=True))
+    # Two real ones that meet beyond the circle and become a pair pass nothing.
+    if abs(plus) == 2 and pairs == -plus // 2:
+        plus = pairs = 0
+    if abs(minus) == 2 and pairs == -minus // 2:
+        minus = pairs = 0
+    return Census(plus, minus, pairs)
+
+
+def _single(family: Family, interval: Interval, step: Step) -> list[Crossing]:
+    """Return the special points of a step, as far as numbers of multipliers at its ends tell of them."""
+    found: list[Crossing] = []
+    changes = _changes(step)
+    turned = turning(step.first) * turning(step.last) < 0.0
+    if changes is None:
+        passed = int(orientation(step.first) != orientation(step.last))
+        at_one = determinant(step.first)
+    else:
+        passed, at_one = changes.plus, real_at(1.0)
+    if turned:
+        found += _at_turn(family, interval, step, passed % 2 == 1, at_one)
+    elif passed:
+        found += _located(family, interval, step, "branch_point", at_one, passed, 0)
+    if changes is not None:
+        found += _located(family, interval, step, "period_doubling", real_at(-1.0), changes.minus, 1)
+        found += _located(family, interval, step, "neimark_sacker", pair, changes.pairs, 2)
+    return found
+
+
+def _located(
+    family: Family, interval: Interval, step: Step, kind: str, test: Test, change: int, which: int
+) -> list[Crossing]:
+    """Return the places at which multipliers pass the unit circle, one for each of them."""
+    tests = [test]
+    if abs(change) > 1:
+        begin = census(step.first)
+        assert begin is not None
+        passed = np.sign(change) * (np.arange(abs(change)) + 0.5)
+        tests = [counted(which, begin[which] + float(one)) for one in passed]
+    found = [_root(family, step, interval, one) for one in (tests if change else [])]
+    return [Crossing(kind, *at) for at in found if at is not None]
+
+
+def _at_turn(family: Family, interval: Interval, step: Step, passed: bool, at_one: Test) -> list[Crossing]:
+    """Return what lies where a branch turns: a fold, or a point at which it meets another branch.
+
+    At a fold the determinant changes its sign with the direction of the branch. Where it does not, the branch comes
+    back along mirrored orbits: another branch of orbits, mostly symmetric ones, passes there.
+    """
+    at = _root(family, step, interval, turning)
+    if at is None:
+        return []
+    point, share = at
+    if passed:
+        return [Crossing("fold", point, share, True)]
+    low, high = share - min(_BESIDE, 0.5 * share), share + min(_BESIDE, 0.5 * (1.0 - share))
+    try:
+        beside = [point_between(family, step, interval, near) for near in (low, high)]
+    except ConvergenceError:
+        return [Crossing("fold", point, share, True)]
+    if orientation(beside[0]) == orientation(beside[1]):
+        return [Crossing("branch_point", _on_other(family, interval, Step(*beside), point, at_one), share, True)]
+    # A fold, and apart from it in the same step a branch point.
+    found = [Crossing("fold", point, share, True)]
+    for part in (_Part(Step(step.first, beside[0]), 0.0, low), _Part(Step(beside[1], step.last), high, 1.0)):
+        if orientation(part.step.first) != orientation(part.step.last):
+            other = _root(family, part.step, interval, at_one)
+            if other is not None:
+                share = part.low + other[1] * (part.high - part.low)
+                found.append(Crossing("branch_point", other[0], share))
+    return found
+
+
+def _on_other(family: Family, interval: Interval, step: Step, point: Point, at_one: Test) -> Point:
+    """Return a branch point at which a branch turns as it lies on the branch that passes there.
+
+    On the branch that turns, the equations with the plane across it become singular there, which spoils digits.
+    """
+    try:
+        other = neighbours(family, interval, point, other_direction(family, point, step.secant))
+    except ConvergenceError:
+        return point
+    at = _root(family, other, interval, at_one)
+    return point if at is None else replace(at[0], tangent=point.tangent)
+
+
+# -- crossings that undo each other -------------------------------------------------------------------
+
+
+def _dip(family: Family, interval: Interval, step: Step, other: Step, *, before: bool) -> float | None:
+    """Return a share of a step at which a test has another sign than at both ends, or None where there seems none.
+
+    Parameters
+    ----------
+    family : Family
+    interval : Interval
+    step : Step
+    other : Step
+        Its neighbour, in the same coordinates.
+    before : bool
+        Whether the neighbour comes before the step.
+    """
+    third = other.first if before else other.last
+    ends = (step.first, step.last)
+    tests: list[Test] = [turning]
+    if multipliers(third) is not None:
+        tests += [real_at(1.0), real_at(-1.0)]
+        counts = [np.sum(np.abs(np.imag(multipliers(p))) > 0.0) for p in (*ends, third)]  # type: ignore[arg-type]
+        if min(counts) == max(counts) > 0:
+            tests.append(pair)
+    # The neighbour's place on the line from 0 to 1 that the step is.
+    reach = other.length / step.length if step.length > 0.0 else 0.0
+    outside = -reach if before else 1.0 + reach
+    for test in tests:
+        a, b, c = test(ends[0]), test(ends[1]), test(third)
+        if not np.all(np.isfinite((a, b, c))) or a * b <= 0.0 or not reach:
             continue
-        before, after = (_later(point, divisor) for point in (first, last))
-        if before @ after < 0.0:
-            towards = after - before
-            return lambda point, divisor=divisor, towards=towards: float(_later(point, divisor) @ towards)  # type: ignore[misc]
+        shares, values = [0.0, 1.0, outside], [a, b, c]
+        for _ in range(_LOOKS):
+            share = _lowest(shares, values, abs(min(values[:2], key=abs)))
+            if share is None:
+                break
+            try:
+                value = test(point_between(family, step, interval, share))
+            except ConvergenceError:
+                break
+            if value * a < 0.0:
+                return share
+            if not np.isfinite(value) or abs(value) >= min(abs(a), abs(b)):
+                break
+            # Go on with the two points around the lowest one.
+            around = sorted([(0.0, a), (1.0, b), (share, value), *zip(shares, values, strict=True)])
+            inside = [entry for entry in dict(around).items() if 0.0 <= entry[0] <= 1.0]
+            k = min(max(int(np.argmin([abs(v) for _, v in inside])), 1), len(inside) - 2)
+            (low, at_low), middle, (high, at_high) = inside[k - 1 : k + 2]
+            shares, values = [low, high, middle[0]], [at_low, at_high, middle[1]]
     return None
 
 
-def _at_flip(family: Family, point: Point, interval: Interval) -> Point:
-    """Return the orbit at which a branch of doubled orbits ends: the flip of the orbits over half as many periods.
-
-    There the equations of the doubled orbits have two solutions that cross, which spoils digits; those of the others
-    have one.
-    """
-    problem = point.problem
-    if problem.periods % 2:
-        return point
-    half = family.over(problem.periods // 2)
-    half.work = family.work
-    state = 0.5 * (at_phase(problem, point.evaluation.flow, 0.0)
-                   + at_phase(problem, point.evaluation.flow, 0.5 * problem.duration))  # fmt: skip
-
-    def distance(value: float) -> float:
-        nonlocal state
-        found = solved(half.at(value), state)
-        state = found.unknowns
-        multipliers = np.asarray(found.evaluation.multipliers)
-        return float(np.prod((1.0 + multipliers) / np.maximum(1.0, np.abs(multipliers))).real)
-
-    try:
-        here, there = point.value, point.value + 1e-6 * interval.size
-        at_here, at_there = distance(here), distance(there)
-        for _ in range(10):
-            if at_there == at_here or abs(there - here) <= 1e-15 * interval.size:
-                break
-            here, at_here, there = there, at_there, there - at_there * (there - here) / (at_there - at_here)
-            if abs(there - point.value) > 1e-2 * interval.size:
-                return point
-            at_there = distance(there)
-    except ConvergenceError:
-        return point
-    y = np.append(state, there)
-    doubled = family.at(there)
-    evaluation = ORIGIN.evaluate(doubled, state)
-    scales = np.append(ORIGIN.scales(doubled, evaluation), interval.size)
-    return Point(ORIGIN, y, doubled, evaluation, scales, np.zeros(state.size), np.zeros_like(y))
+def _lowest(shares: list[float], values: list[float], size: float) -> float | None:
+    """Return where a parabola through three points is nearest to zero between the first two, if it comes near."""
+    (a, b, c) = np.polyfit(np.array(shares), np.array(values), 2)
+    if a == 0.0 or a * values[0] <= 0.0:
+        return None
+    share = -b / (2.0 * a)
+    low, high = min(shares[:2]), max(shares[:2])
+    edge = 0.02 * (high - low)
+    if not low + edge < share < high - edge or abs(share - shares[2]) < edge:
+        return None
+    lowest = c - b**2 / (4.0 * a)
+    return float(share) if lowest * values[0] < _NEAR * size * abs(values[0]) else None
 
 
-def _later(point: Point, divisor: int) -> Array:
-    """Return the difference of the states at a fraction of an orbit and at its begin, in scaled unknowns."""
-    problem, flow = point.problem, point.evaluation.flow
-    n = problem.size // 2
-    z, v = sizes(problem, flow)
-    moved = at_phase(problem, flow, problem.duration / divisor) - at_phase(problem, flow, 0.0)
-    return np.concatenate([moved[:n] / z, moved[n:] / v])
+# -- roots --------------------------------------------------------------------------------------------
 
 
-def _multipliers(point: Point) -> Complex | None:
-    values = point.evaluation.multipliers
-    return None if values is None else np.asarray(values)
-
-
-def _real(values: Complex) -> NDArray[np.bool_]:
-    return np.abs(values.imag) <= 1e-12 * np.maximum(np.abs(values), 1e-300)
-
-
-def _parity(values: Complex, at: float) -> bool:
-    """Return whether an odd number of real multipliers lies beyond 1, or beyond -1."""
-    beyond = _real(values) & (values.real * at > 1.0)
-    return bool(np.sum(beyond) % 2)
-
-
-def _pairs_outside(values: Complex) -> int:
-    return int(np.sum(~_real(values) & (np.abs(values) > 1.0))) // 2
-
-
-def _along(at: float, *ends: Complex) -> Callable[[Point], float]:
-    """Return the test function of a multiplier at 1 or -1: a product over all, cut to those that matter."""
-
-    def test(point: Point) -> float:
-        values = _multipliers(point)
-        assert values is not None
-        factors = 1.0 - at * values
-        factors = factors / np.maximum(1.0, np.abs(values))
-        return float(np.prod(factors).real)
-
-    return test
-
-
-def _pair(point: Point) -> float:
-    """Return how far the complex pair that is nearest to the unit circle lies outside of it."""
-    values = _multipliers(point)
-    assert values is not None
-    size = np.abs(values[~_real(values)])
-    if not size.size:
-        raise ConvergenceError("the pair has become real")
-    return float(size[np.argmin(np.abs(size - 1.0))] - 1.0)
-
-
-def between(family: Family, step: Any, share: float) -> tuple[Array, Any, Array]:
-    """Return an orbit between two neighbours, at a share of the way along the line between them."""
-    first, last = step.first, step.last
-    scales = first.scales
-    start, end = first.y / scales, last.y / scales
-    secant = end - start
-    length = float(np.linalg.norm(secant))
-    # Hermite's cubic through both points with their tangents.
-    one = first.tangent / max(first.tangent @ secant / length, 0.1)
-    two = last.tangent * last.scales / scales
-    two = two / max(two @ secant / length, 0.1)
-    t = share
-    guess = (
-        (2 * t**3 - 3 * t**2 + 1) * start
-        + (t**3 - 2 * t**2 + t) * length * one
-        + (3 * t**2 - 2 * t**3) * end
-        + (t**3 - t**2) * length * two
-    )
-    normal = secant / length
-    # On the plane at this share.
-    guess = guess + normal * (normal @ (start + t * secant - guess))
-    by_value = (1.0 - t) * first.by_value + t * last.by_value
-    return corrected(family, first.chart, guess * scales, scales, normal, by_value)
-
-
-def point_between(family: Family, step: Any, interval: Interval, share: float, *, tangent: bool = True) -> Point:
-    """Return a point between two neighbours."""
-    first = step.first
-    y, evaluation, by_value = between(family, step, share)
-    direction = first.tangent
-    if tangent:
-        by_value = derivative_by_value(family, interval, first.chart, y, evaluation)
-        secant = (step.last.y - first.y) / first.scales
-        direction = tangent_at(evaluation, by_value, first.scales, secant / np.linalg.norm(secant))
-    return Point(first.chart, y, family.at(y[-1]), evaluation, first.scales, by_value, direction)
-
-
-def _root(family: Family, step: Any, interval: Interval, test: Callable[[Point], float]) -> tuple[Point, float] | None:
+def _root(family: Family, step: Step, interval: Interval, test: Test) -> tuple[Point, float] | None:
     """Return where a test function changes its sign, by the Illinois form of the secant iteration."""
     try:
         low, high = 0.0, 1.0
         at_low, at_high = test(step.first), test(step.last)
         if not (np.isfinite(at_low) and np.isfinite(at_high)) or at_low * at_high > 0.0:
             return None
+        largest = max(abs(at_low), abs(at_high))
         best: tuple[Point, float] | None = None
         smallest = np.inf
         side = 0
@@ -254,4 +320,4 @@ def _root(family: Family, step: Any, interval: Interval, test: Callable[[Point],
                 break
     except ConvergenceError:
         return None
-    return best
+    return best if smallest <= _VANISHES * largest else None

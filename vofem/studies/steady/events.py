@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,6 +25,9 @@ _MARGIN = 0.4
 
 #: Largest such share of the orbit.
 _MOST_MARGIN = 0.25
+
+#: Steps by which an extreme is found between samples.
+_REFINED = 4
 
 
 @dataclass(frozen=True)
@@ -79,23 +83,27 @@ def switches(chart: Any, flow: Flow) -> list[tuple[float, int, int, int, float]]
     """Return time, contact, status before and after, and rate of all switches around an orbit, in order."""
     found = [(e.time, e.contact, e.before, e.after, e.rate) for e in flow.events]
     if isinstance(chart, EventChart) and not chart.grazes:
-        j = chart.contact
-        rate = float(flow.space.contacts[j] @ flow.start.velocity)
-        found.insert(0, (flow.start.time, j, int(chart.before[j]), int(chart.after[j]), rate))
+        for j in reversed(chart.switching):
+            rate = float(flow.space.contacts[j] @ flow.start.velocity)
+            found.insert(0, (flow.start.time, j, int(chart.before[j]), int(chart.after[j]), rate))
     return found
 
 
-def signature(chart: Any, evaluation: Any) -> tuple[tuple[int, int], ...] | None:
-    """Return how often each contact closes, as pairs (contact, count); None for methods without events."""
+def signature(chart: Any, evaluation: Any, without: Collection[int] = ()) -> tuple[tuple[int, int], ...] | None:
+    """Return how often each contact closes, as pairs (contact, count); None for methods without events.
+
+    Contacts that graze together with that of the chart do not count, nor those `without` which the orbit is taken.
+    """
     flow = getattr(evaluation, "flow", None)
     if flow is None:
         return None
     counts: dict[int, int] = {}
+    left_out = {*without, *(contact for contact, _ in getattr(chart, "also", ()))}
     for _, contact, before, after, _ in switches(chart, flow):
-        if before == OPEN and after != OPEN:
+        if before == OPEN and after != OPEN and contact not in left_out:
             counts[contact] = counts.get(contact, 0) + 1
     # A contact that never switches is open or closed throughout.
-    still = [j for j in range(flow.space.contacts.shape[0]) if j not in counts]
+    still = [j for j in range(flow.space.contacts.shape[0]) if j not in counts and j not in left_out]
     status = flow.solution.segments.status[0]
     return tuple(sorted(counts.items())) + tuple((j, -int(status[j])) for j in still if status[j] != OPEN)
 
@@ -185,9 +193,19 @@ def extremes(problem: Shooting, flow: Flow, window: tuple[int, float, float] | N
     return sorted(found, key=lambda extreme: extreme.size)
 
 
-def margin_of(problem: Shooting, chart: Any, flow: Flow, contact: int, time: float) -> float:
-    """Return the share of the orbit around a time in which a contact need not be watched."""
-    mine = [entry[0] for entry in switches(chart, flow) if entry[1] == contact]
-    duration = problem.duration
-    away = [min((time - t) % duration, (t - time) % duration) for t in mine]
-    return min(_MARGIN * min(away, default=duration) / duration, _MOST_MARGIN)
+def height_at(problem: Shooting, flow: Flow, contact: int, time: float) -> float:
+    """Return the height of an extreme of a gap function near a time, over the size of the motion."""
+    laws, row = problem.system.contacts, problem.space.contacts[contact]
+    assert laws is not None
+    begin, width = flow.start.time, problem.duration / _SAMPLES
+    places = time + np.array([-width, 0.0, width])
+    for _ in range(_REFINED):
+        z, v = flow.solution.modal(begin + np.mod(places - begin, problem.duration))
+        rate = row @ v
+        change = rate[2] - rate[0]
+        middle = places[1] - (rate[1] * (places[2] - places[0]) / change if change else 0.0)
+        width *= 0.1
+        places = middle + np.array([-width, 0.0, width])
+    z, _ = flow.solution.modal(begin + np.mod(places[1:2] - begin, problem.duration))
+    size, _ = sizes(problem, flow)
+    return float(row @ z[:, 0] - laws.gap[contact]) / (size * float(np.linalg.norm(row)))

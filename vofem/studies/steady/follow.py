@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import ConvergenceError
+from vofem.studies.steady.between import Step
 from vofem.studies.steady.branch import BranchCounters
 from vofem.studies.steady.charts import ORIGIN, EventChart, at_phase
-from vofem.studies.steady.crossings import Crossing, crossings
+from vofem.studies.steady.crossings import Crossing, crossings, overlooked
 from vofem.studies.steady.events import chart_at, extremes, phases, signature, slowest, switches
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.grazing import (
@@ -21,6 +22,7 @@ from vofem.studies.steady.grazing import (
     beyond,
     grazing,
     margin_around,
+    phases_like,
     touch_of_extreme,
     touch_of_phase,
 )
@@ -49,19 +51,6 @@ _REACH, _NEAR = 4.0, 0.3
 
 
 @dataclass
-class Step:
-    """Two neighbours on a branch in the same coordinates.
-
-    Attributes
-    ----------
-    first, last : Point
-    """
-
-    first: Point
-    last: Point
-
-
-@dataclass
 class Mark:
     """A special point.
 
@@ -73,12 +62,15 @@ class Mark:
         Number of the point before it, and the share of the way to the next.
     contact : str
         That grazes; empty for other kinds.
+    turns : bool
+        Whether the branch turns there, smoothly.
     """
 
     kind: str
     point: Point
     place: float
     contact: str = ""
+    turns: bool = False
 
 
 @dataclass
@@ -235,8 +227,8 @@ class Follower:
 
     def _bend(self, now: Point) -> Array:
         """Return the change of the tangent along the branch, from the step that led to a point; zero without one."""
-        before = self.track.steps[-1] if self.track.steps else None
-        if before is None or type(before.last.chart) is not type(now.chart) or before.last.y is not now.y:
+        before = self._earlier(Step(now, now))
+        if before is None:
             return np.zeros_like(now.tangent)
         length = float(np.linalg.norm((now.y - before.first.y) / now.scales))
         tangent = before.first.tangent * before.first.scales / now.scales
@@ -268,7 +260,11 @@ class Follower:
         self._count("flows")
         base = len(track.points) - 1
         if step is not None:
-            found = [] if self._leaving_another else crossings(self.family, step, self.interval)
+            earlier = self._earlier(step)
+            if earlier is not None and not any(base - 1.0 <= mark.place < base for mark in track.marks):
+                for crossing in overlooked(self.family, earlier, self.interval, step):
+                    self._mark(crossing, earlier, base - 1)
+            found = [] if self._leaving_another else crossings(self.family, step, self.interval, earlier)
             self._leaving_another = False
             for crossing in found:
                 self._mark(crossing, step, base)
@@ -278,6 +274,13 @@ class Follower:
         if not self._over:
             track.points.append(after)
             track.steps.append(step)
+
+    def _earlier(self, step: Step) -> Step | None:
+        """Return the step that has led to the begin of another one, in the same coordinates, or None."""
+        before = self.track.steps[-1] if self.track.steps else None
+        if before is None or before.last.y is not step.first.y or type(before.last.chart) is not type(step.first.chart):
+            return None
+        return before
 
     def _mark(self, crossing: Crossing, step: Step, base: int) -> None:
         """Note a crossing; a branch over several periods ends where its orbits repeat earlier."""
@@ -294,7 +297,7 @@ class Follower:
                 f"the branch ends at {at.value:.12g} on orbits over {shortest} {times} of the loads; beyond are the "
                 "same orbits, later by whole periods"
             )
-        self.track.marks.append(Mark(kind, at, base + crossing.share))
+        self.track.marks.append(Mark(kind, at, base + crossing.share, turns=crossing.turns))
 
     def _closed(self, now: Point, after: Point) -> bool:
         """Return whether the branch has come back to its first point, as it began; then it is over."""
@@ -438,19 +441,21 @@ class Follower:
         time, state = chart.point(problem, target[:-1])
         mine = [t for t, contact, *_ in switches(chart, now.evaluation.flow) if contact == chart.contact]
         margin = margin_around(now.problem, mine[2:], now.evaluation.flow.start.time)
-        touch = Touch(problem, float(target[-1]), chart.contact, time, state, chart.before, margin)  # type: ignore[arg-type]
+        own = [p for p in phases(now.problem, chart, now.evaluation.flow) if p.contact == chart.contact]
+        also = phases_like(now, min(own, key=lambda phase: phase.rate)) if own else ()
+        touch = Touch(problem, float(target[-1]), chart.contact, time, state, chart.before, margin, also)  # type: ignore[arg-type]
         return self._passed_out(now, touch, step)
 
     def _changed(self, now: Point, after: Point, step: float) -> tuple[Point, float] | None:
         """Pass a grazing between two points with different events."""
         counts = [dict(pair for pair in signature(p.chart, p.evaluation) or () if pair[1] > 0) for p in (now, after)]
         contacts = {j for count in counts for j in count if counts[0].get(j, 0) != counts[1].get(j, 0)}
-        if len(contacts) != 1:
+        appear = {counts[1].get(j, 0) > counts[0].get(j, 0) for j in contacts}
+        if len(appear) != 1:
             return None
-        contact = contacts.pop()
-        appears = counts[1].get(contact, 0) > counts[0].get(contact, 0)
+        appears = appear.pop()
         owner = after if appears else now
-        own = [p for p in phases(owner.problem, owner.chart, owner.evaluation.flow) if p.contact == contact]
+        own = [p for p in phases(owner.problem, owner.chart, owner.evaluation.flow) if p.contact in contacts]
         own = [p for p in own if p.stop - p.time < p.earlier]
         if not own:
             return None
@@ -491,10 +496,11 @@ class Follower:
         """Go on with a contact that begins to touch."""
         at = self._located(now, touch, step)
         try:
-            if at is None or signature(at.chart, at.evaluation) != signature(now.chart, now.evaluation):
+            if at is None or self._signed(at, at) != self._signed(now, at):
                 return None
             outside = before(self.family, self.interval, at)
-            first = beyond(self.family, self.interval, at)
+            several = _may_split(at)
+            first = None if several else beyond(self.family, self.interval, at)
         except ConvergenceError:
             return None
         finally:
@@ -506,6 +512,9 @@ class Follower:
         if self._over:
             return outside, step
         self._graze(at, outside)
+        if first is None:
+            self._ends_there(at)
+            return outside, step
         self._take(None, first)
         return first, min(step, FIRST)
 
@@ -513,9 +522,14 @@ class Follower:
         """Go on without a contact that has just stopped to touch."""
         at = self._located(now, touch, step)
         try:
-            if at is None or signature(at.chart, at.evaluation) == signature(now.chart, now.evaluation):
+            if at is None or self._signed(at, at) == self._signed(now, at):
                 return None
             outside = before(self.family, self.interval, at)
+            if _may_split(at):
+                self._take(None, outside)
+                self._graze(at, outside)
+                self._ends_there(at)
+                return outside, step
             last = beyond(self.family, self.interval, at)
         except ConvergenceError:
             return None
@@ -542,11 +556,44 @@ class Follower:
         self._graze(at, away)
         return replace(away, chart=ORIGIN), min(step, FIRST)
 
+    @staticmethod
+    def _signed(point: Point, at: Point) -> Any:
+        """Return how often contacts close in an orbit, but for those that graze together at another one."""
+        return signature(point.chart, point.evaluation, [contact for contact, _ in at.chart.also])
+
+    def _ends_there(self, at: Point) -> None:
+        """End the branch at a grazing of several contacts."""
+        laws = at.problem.system.contacts
+        assert laws is not None
+        names = " and ".join(repr(laws.names[contact]) for contact in _grazed(at))
+        self.track.notes.append(
+            f"the branch ends at {at.value:.12g}, where contacts {names} are grazed by one orbit. With forces that "
+            "jump, as those of acts_on='displacement', orbits that touch one of them or all may begin there: follow "
+            "those that you want from a value beyond, with guess="
+        )
+        self._over = True
+
     def _graze(self, at: Point, shown: Point) -> None:
         laws = at.problem.system.contacts
         assert laws is not None
         place = float(len(self.track.points) - 1)
-        self.track.marks.append(Mark("grazing", shown, place, laws.names[at.chart.contact]))
+        for contact in _grazed(at):
+            self.track.marks.append(Mark("grazing", shown, place, laws.names[contact]))
+
+
+def _grazed(at: Point) -> list[int]:
+    """Return the contacts that an orbit grazes."""
+    return [at.chart.contact, *(contact for contact, _ in at.chart.also)]
+
+
+def _may_split(at: Point) -> bool:
+    """Return whether more than one branch may go on from a grazing: of several contacts, of which a force jumps.
+
+    Where no force jumps the flow has a continuous derivative, and there is one branch.
+    """
+    laws = at.problem.system.contacts
+    contacts = _grazed(at)
+    return len(contacts) > 1 and bool(np.any(laws.jump[contacts] & (laws.gap[contacts] > 0.0)))
 
 
 __all__ = ["Follower", "Mark", "Step", "Track", "margin_around"]

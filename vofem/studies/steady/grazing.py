@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from vofem.errors import ConvergenceError
 from vofem.integrators.event_driven.tangent import acceleration
-from vofem.studies.steady.charts import EventChart, OriginChart, at_phase, event_chart, sizes
-from vofem.studies.steady.events import Phase, switches
+from vofem.studies.steady.charts import EventChart, OriginChart, around, at_phase, event_chart, sizes
+from vofem.studies.steady.events import Phase, extremes, height_at, phases, switches
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.newton import direction
 from vofem.studies.steady.point import Interval, Point, corrected, derivative_by_value, tangent_at
@@ -25,6 +25,10 @@ _STEPS, _TOLERANCE = 12, 1e-13
 
 #: Rate of the gap function, over the speed of the motion, of the orbit just beyond a grazing.
 BEYOND = 1e-8
+
+#: Relative difference of two contacts' distances from touching that may touch together, and the distance over the
+#: size of the motion up to which they do.
+_ALIKE, _TOGETHER = 1e-3, 1e-9
 
 #: Share of the time to the next event of a contact in which it is not watched near a grazing.
 _MARGIN, _MOST_MARGIN = 0.4, 0.25
@@ -47,6 +51,8 @@ class Touch:
     outside : ndarray of int, shape (n_contacts,)
         Contact status of the orbit that does not touch.
     margin : float
+    also : tuple of (contact, phase)
+        Other contacts that are as near to touching, as in symmetric scenes.
     """
 
     problem: Shooting
@@ -56,6 +62,7 @@ class Touch:
     state: Array
     outside: Status
     margin: float
+    also: tuple[tuple[int, float], ...] = ()
 
 
 def touch_of_phase(point: Point, phase: Phase) -> Touch:
@@ -68,8 +75,18 @@ def touch_of_phase(point: Point, phase: Phase) -> Touch:
     outside[phase.contact] = CLOSED if phase.status == OPEN else OPEN
     return Touch(
         problem, point.value, phase.contact, middle, at_phase(problem, flow, middle), outside,
-        margin_around(problem, others, middle),
+        margin_around(problem, others, middle), phases_like(point, phase),
     )  # fmt: skip
+
+
+def phases_like(point: Point, phase: Phase) -> tuple[tuple[int, float], ...]:
+    """Return contacts with a phase as short as another one's, and where its middle is."""
+    found = {}
+    for other in phases(point.problem, point.chart, point.evaluation.flow):
+        alike = abs(other.rate - phase.rate) <= _ALIKE * phase.rate and other.stop - other.time < other.earlier
+        if alike and other.contact != phase.contact:
+            found[other.contact] = 0.5 * (other.time + other.stop) * point.problem.loads.omega
+    return tuple(found.items())
 
 
 def touch_of_extreme(point: Point, contact: int, time: float, status: int) -> Touch:
@@ -78,9 +95,16 @@ def touch_of_extreme(point: Point, contact: int, time: float, status: int) -> To
     others = [t for t, other, *_ in switches(point.chart, flow) if other == contact]
     outside = _status_at(problem, flow, time)
     outside[contact] = status
+    near = extremes(problem, flow)
+    mine = min((e for e in near if e.contact == contact), key=lambda e: abs(e.time - time), default=None)
+    also = {
+        e.contact: e.time * problem.loads.omega
+        for e in near
+        if mine is not None and e.contact != contact and abs(e.size - mine.size) <= _ALIKE * mine.size + _TOGETHER
+    }
     return Touch(
         problem, point.value, contact, time, at_phase(problem, flow, time), outside,
-        margin_around(problem, others, time),
+        margin_around(problem, others, time), tuple(also.items()),
     )  # fmt: skip
 
 
@@ -114,6 +138,7 @@ def grazing(family: Family, interval: Interval, touch: Touch) -> Point:
     inside = touch.outside.copy()
     inside[touch.contact] = CLOSED if touch.outside[touch.contact] == OPEN else OPEN
     chart = event_chart(problem, touch.contact, touch.outside, inside, touch.margin, grazes=True)
+    chart = replace(chart, also=touch.also)
     y = np.append(chart.coordinates(problem, touch.time, touch.state), touch.value)
     y[1] = 0.0
     best, last = np.inf, None
@@ -138,6 +163,13 @@ def grazing(family: Family, interval: Interval, touch: Touch) -> Point:
         raise ConvergenceError("no grazing was found")
     if not _is_extreme(problem, chart, y[:-1]):
         raise ConvergenceError("the gap function passes zero there")
+    omega = problem.loads.omega
+    together = [
+        abs(height_at(problem, last.flow, contact, phase / omega)) <= _TOGETHER for contact, phase in touch.also
+    ]
+    if not all(together):
+        kept = tuple(one for one, yes in zip(touch.also, together, strict=True) if yes)
+        return grazing(family, interval, replace(touch, also=kept))
     by_value = derivative_by_value(family, interval, chart, y, last)
     return Point(chart, y, problem, last, scales, by_value, np.zeros_like(y))
 
@@ -171,8 +203,7 @@ def before(family: Family, interval: Interval, at: Point) -> Point:
     """Return the grazing orbit in the coordinates of t = 0, not touching, with the direction towards the contact."""
     problem, chart = at.problem, at.chart
     phase = float(at.y[0])
-    width = 2.0 * np.pi * problem.periods * chart.margin
-    origin = OriginChart(((chart.contact, phase - width, phase + width),))
+    origin = OriginChart(around(((chart.contact, phase), *chart.also), chart.margin, problem.periods))
     y = np.append(at_phase(problem, at.evaluation.flow, 0.0), at.value)
     evaluation = origin.evaluate(problem, y[:-1])
     scales = np.append(origin.scales(problem, evaluation), interval.size)

@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import ArgumentError, ConvergenceError
+from vofem.studies.steady.between import Step
 from vofem.studies.steady.branch import Branch, BranchCounters, Orbits
+from vofem.studies.steady.branching import other_direction
 from vofem.studies.steady.charts import ORIGIN
 from vofem.studies.steady.family import Family
-from vofem.studies.steady.follow import FIRST, Follower, Step, Track
+from vofem.studies.steady.follow import FIRST, Follower, Mark, Track
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.point import Point, corrected, derivative_by_value
-from vofem.studies.steady.shooting import Shooting
 from vofem.studies.steady.special import SpecialPoint
 
 Array = NDArray[np.float64]
@@ -85,7 +86,7 @@ class Sheets:
             if step is None:
                 parts.append((first, last, None))
                 continue
-            turns = [m.point for m in self.track.marks if m.kind == "fold" and k < m.place < k + 1]
+            turns = [m.point for m in self.track.marks if m.turns and k < m.place < k + 1]
             chain = [step.first, *turns, step.last]
             parts += [(a, b, Step(a, b)) for a, b in itertools.pairwise(chain)]
         return parts
@@ -138,7 +139,7 @@ class Sheets:
             )
         family = self.family.over(2 * self.family.periods) if doubles else self.family.over(self.family.periods)
         start = self._origin(point, family)
-        directions = self._directions(start, point, doubles)
+        direction = self._direction(family, start, mark, doubles)
         last: ConvergenceError | None = None
         for factor in _TRIED:
             counters = BranchCounters()
@@ -146,7 +147,7 @@ class Sheets:
                 family, self.walker.interval, counters, largest=self.walker.largest, most=self.walker.most
             )
             try:
-                leaving = replace(start, tangent=directions)
+                leaving = replace(start, tangent=direction)
                 track = walker.follow(leaving, FIRST * factor, leaving=True)
             except ConvergenceError as error:
                 last = error
@@ -171,17 +172,20 @@ class Sheets:
         by_value = derivative_by_value(family, self.walker.interval, ORIGIN, y, evaluation)
         return Point(ORIGIN, y, problem, evaluation, scales, by_value, np.zeros_like(y))
 
-    def _directions(self, start: Point, point: Point, doubles: bool) -> Array:
-        """Return the direction in which the other branch leaves: that of the multiplier's eigenvector."""
-        single = ORIGIN.evaluate(self.family.at(point.value), start.y[:-1])
+    def _direction(self, family: Family, start: Point, mark: Mark, doubles: bool) -> Array:
+        """Return the direction in which the other branch leaves: at a period doubling that of the eigenvector."""
         n = start.y.size - 1
-        if isinstance(start.problem, Shooting):
-            matrix = single.monodromy + np.eye(n) if doubles else single.jacobian  # type: ignore[attr-defined]
-        else:
-            matrix = single.jacobian
-        scaled = matrix * start.scales[:n] / start.scales[:n, None]
-        vector = np.linalg.svd(scaled)[2][-1]
-        return np.append(vector, 0.0)
+        if doubles:
+            single = ORIGIN.evaluate(self.family.at(start.value), start.y[:-1])
+            matrix = single.monodromy + np.eye(n)  # type: ignore[attr-defined]
+            scaled = matrix * start.scales[:n] / start.scales[:n, None]
+            return np.append(np.linalg.svd(scaled)[2][-1], 0.0)
+        step = self.track.steps[int(mark.place)] if int(mark.place) < len(self.track.steps) else None
+        along = np.append(np.zeros(n), 1.0)
+        if step is not None:
+            ends = [np.append(point.unknowns(), point.value) / start.scales for point in (step.first, step.last)]
+            along = ends[1] - ends[0]
+        return other_direction(family, start, along)
 
 
 def _same(a: Array, b: Array) -> bool:

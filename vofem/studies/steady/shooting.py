@@ -257,15 +257,15 @@ class Shooting:
             Start(0.0, z, v),
             self.duration,
             derivative=np.eye(self.size) if derivative else None,
-            unwatched=[window for entry in unwatched for window in self._windows(*entry)],
+            unwatched=[window for entry in unwatched for window in self.windows(*entry)],
         )
         ends = self.to_unknowns(one.displacement, one.velocity)
         return ShootingEvaluation(one, ends - unknowns, self.frame)
 
-    def _windows(self, contact: int, first: float, last: float) -> list[Unwatched]:
-        """Return when a contact is not watched within one orbit from t = 0, for phases of the loads."""
+    def windows(self, contact: int, first: float, last: float, begin: float = 0.0) -> list[Unwatched]:
+        """Return when a contact is not watched within one orbit from a time in s on, for phases of the loads."""
         start, stop = first / self.loads.omega, last / self.loads.omega
-        shift = np.floor(start / self.duration) * self.duration
+        shift = np.floor((start - begin) / self.duration) * self.duration
         start, stop = start - shift, stop - shift
         return [Unwatched(contact, start, stop), Unwatched(contact, start - self.duration, stop - self.duration)]
 

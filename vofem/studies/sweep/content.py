@@ -1,4 +1,4 @@
-"""A text that stands for the content of plain data: equal for equal data in every process and on every machine."""
+"""A text that identifies plain data: it is the same for equal data in every process and on every machine."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 
 class NoContentError(TypeError):
-    """The object is no plain data, so that nothing can say whether two of its kind are equal."""
+    """The object is not plain data, so two of its kind cannot be compared by content."""
 
 
 def content(value: Any) -> str:
@@ -46,5 +46,5 @@ def content(value: Any) -> str:
 
 
 def digest(text: str) -> str:
-    """Return 64 hexadecimal digits that stand for a text."""
+    """Return the SHA-256 digest of a text, 64 hexadecimal digits."""
     return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()

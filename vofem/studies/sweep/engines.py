@@ -13,6 +13,7 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from typing import Any, Protocol
 
 from vofem.errors import ArgumentError
+from vofem.studies.processors import processors
 from vofem.studies.sweep.identity import name_of
 from vofem.studies.sweep.worker import Row, Task, compute
 
@@ -36,7 +37,7 @@ class Engine(Protocol):
         """End all workers at once; new ones start with the next batch."""
 
     def close(self, at_once: bool) -> None:
-        """Give up what the engine has started itself; `at_once` without waiting for batches."""
+        """End what the engine has started itself; with `at_once` do not wait for batches."""
 
 
 class Serial:
@@ -126,7 +127,7 @@ class Given:
 
 
 def engine_for(executor: Any, function: Callable[..., Any], workers: int | None) -> Engine:
-    """Return the engine that an argument `executor` of a sweep stands for.
+    """Return the engine for the argument `executor` of a sweep.
 
     Raises
     ------
@@ -138,7 +139,7 @@ def engine_for(executor: Any, function: Callable[..., Any], workers: int | None)
     if executor is None:
         _refuse_child()
         _check_sendable(function)
-        return Processes(workers or _processors())
+        return Processes(workers or processors())
     if executor == "serial":
         return Serial()
     if hasattr(executor, "get_executor") and hasattr(executor, "nthreads"):
@@ -160,14 +161,7 @@ def _size(executor: Any) -> int:
         size = getattr(executor, name, None)
         if isinstance(size, int) and size > 0:
             return size
-    return _processors()
-
-
-def _processors() -> int:
-    """Return the number of processors that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    return processors()
 
 
 def _check_sendable(function: Callable[..., Any]) -> None:

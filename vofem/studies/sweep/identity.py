@@ -1,4 +1,4 @@
-"""What a function computes, as far as its source tells: rows of a store belong to one such identity."""
+"""The identity of a function, by its source. Rows of a store belong to one identity."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from vofem.studies.sweep.content import NoContentError, content, digest
 
 
 def identity(function: Callable[..., Any], compiled: bool = True) -> dict[str, str]:
-    """Return what tells whether stored rows are those that a function would compute.
+    """Return the identity of a function, by which stored rows are recognised as its own.
 
     It covers the source of the function and of the functions of the same
     module that it calls, the plain constants of the module that they use, the

@@ -1,8 +1,8 @@
-"""Records at the end of an HDF5 file: appended one by one, each whole or not there.
+"""Records at the end of an HDF5 file. Each is appended completely or not at all.
 
-HDF5 ignores what follows its data. So a file whose table is written whole
-from time to time can take single rows in between: a process that is killed
-loses at most the record that it was writing.
+HDF5 ignores bytes that follow its data. The table of a store is written as a
+whole from time to time, and single rows are appended behind it in between. A
+process that is killed loses at most the record that it was writing.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Journal:
         self._end = end_of_data(path)
 
     def read(self) -> list[Entry]:
-        """Return the entries of all whole records; remains of a record that was being written are cut off."""
+        """Return the entries of all complete records; an incomplete record at the end is removed."""
         self._file.seek(self._end)
         data = self._file.read()
         entries: list[Entry] = []

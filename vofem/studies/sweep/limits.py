@@ -11,16 +11,16 @@ from types import FrameType
 
 
 class TimeUp(BaseException):
-    """The time limit of a point has passed. No `Exception`, so that no handler of the function swallows it."""
+    """The time limit of a point has passed. It is no `Exception`, so that handlers in the function do not catch it."""
 
 
 @contextlib.contextmanager
 def time_limit(seconds: float | None) -> Iterator[None]:
     """Raise `TimeUp` in the block once it has taken longer than `seconds`.
 
-    In the main thread of a process a timer of the system interrupts also
-    calls that wait. In other threads the interpreter raises the error between
-    two instructions, so that a compiled loop must end first.
+    In the main thread a timer of the operating system interrupts the block, even
+    while it waits. In other threads, and on Windows, the interpreter raises the
+    error between two Python instructions, so a compiled loop must end first.
     """
     if seconds is None:
         yield

@@ -20,14 +20,13 @@ class Points:
     Attributes
     ----------
     names : tuple of str
-        Of the parameters.
+        Names of the parameters.
     rows : tuple of dict
-        One point each: a value for every name.
+        A dict for each point, with a value for every name.
     keys : tuple of str
-        What stands for the content of each point; equal points have equal keys.
+        A text for each point that identifies its values; equal points have equal keys.
     axes : dict of str to list, optional
-        The values along each dimension where the points are a grid, whose
-        last name changes fastest; None for a table.
+        The values along each dimension of a grid, whose last name changes fastest. None for a table.
     """
 
     names: tuple[str, ...]

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any, Protocol
 
 from vofem.blas import blas_threads
+from vofem.sharing import sharing_between_scenes
 from vofem.studies.sweep.bar import Progress, SweepBar
 from vofem.studies.sweep.engines import Engine
 from vofem.studies.sweep.points import Points
@@ -66,7 +67,7 @@ def run_sweep(task: Task, points: Points, engine: Engine, store: RowStore | None
         finished = False
         try:
             # Threads of an executor compute in this process: they all find the limit set.
-            with blas_threads(0):
+            with blas_threads(0), sharing_between_scenes():
                 schedule.run()
             finished = True
         except KeyboardInterrupt:

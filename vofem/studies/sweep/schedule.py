@@ -1,4 +1,4 @@
-"""Hands points to an engine in batches and takes care of every row that comes back, or does not."""
+"""Gives points to an engine in batches, and handles rows that come back, fail or get lost."""
 
 from __future__ import annotations
 

@@ -35,9 +35,9 @@ class SweepFile:
     Parameters
     ----------
     path : path
-        New, or of a store. Its name ends in .h5, .hdf5 or .nc.
+        A new file or a store. Its name ends in .h5, .hdf5 or .nc.
     identity : dict
-        Of the function. Rows of another one are not used: their file is kept under another name.
+        Identity of the function. A file with rows of another function is renamed and not used.
 
     Attributes
     ----------
@@ -100,11 +100,11 @@ class SweepFile:
         )
 
     def rows(self) -> dict[str, Row]:
-        """Return what is stored, by key."""
+        """Return the stored rows by key."""
         return {key: row for key, (_, _, row) in self._entries.items()}
 
     def forget_failed(self) -> None:
-        """Take failed rows for missing ones from now on."""
+        """From now on treat failed rows as missing."""
         kept = {key: entry for key, entry in self._entries.items() if entry[2].values is not None}
         self._pending += len(self._entries) - len(kept)
         self._entries = kept

@@ -1,4 +1,4 @@
-"""What a sweep has found."""
+"""The outcome of a sweep."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem._validate import nearest
+from vofem._validate import nearest, optional
 from vofem.errors import ArgumentError
 from vofem.studies.sweep.points import Points
 from vofem.studies.sweep.worker import RESERVED, Row
@@ -42,7 +42,7 @@ class FailedPoint:
 
 
 class SweepInterrupted(KeyboardInterrupt):
-    """A sweep was stopped by Ctrl-C. What was computed is in `sweep`, and in the store where there is one.
+    """A sweep was stopped by Ctrl-C. The computed rows are in `sweep`, and in the store if there is one.
 
     Attributes
     ----------
@@ -59,24 +59,23 @@ class SweepInterrupted(KeyboardInterrupt):
 class Sweep(Mapping[str, NDArray]):
     """The outcome of many runs: one array for every quantity that the function returned.
 
-    As a mapping it gives arrays by name. Their first dimensions are those of
-    the grid, or one dimension where the points were a table; the dimensions
-    of the quantity follow. Where a point failed, numbers are NaN and texts
-    empty; integers of such a quantity are given as floats.
+    It is a mapping of names to arrays. The first dimensions of an array are those
+    of the grid, or a single one if the points were a table. The dimensions of the
+    quantity follow. Where a point failed, numbers are NaN and texts are empty;
+    integers of such a quantity become floats.
 
     Attributes
     ----------
     points : Points
         The points in order: `names`, `rows`, and `axes` of a grid.
     failed : tuple of FailedPoint
-        In the order of the points.
+        The points that failed, in the order of the points.
     seconds : array of float, shape (n_points,)
-        Wall time of every point, in s; that of an earlier sweep where the row
-        was in the store.
+        Wall time of every point in s. For rows from the store it is the time of the earlier sweep.
     counters : dict
         ``computed``, ``stored`` (taken from the store), ``batches`` and ``restarts`` of workers.
     notes : tuple of str
-        What a reader of the numbers should know.
+        Sentences that a reader of the numbers should know.
     """
 
     points: Points
@@ -107,7 +106,7 @@ class Sweep(Mapping[str, NDArray]):
         return f"<Sweep: {'; '.join(parts)}>"
 
     def parameter(self, name: str) -> NDArray:
-        """Return the value of a parameter at every point, shaped as the quantities.
+        """Return the value of a parameter at every point, in the shape of the quantities.
 
         Raises
         ------
@@ -121,7 +120,7 @@ class Sweep(Mapping[str, NDArray]):
         return values.reshape(*self.points.shape, *values.shape[1:])
 
     def with_notes(self, notes: Sequence[str]) -> Sweep:
-        """Return the same sweep with these notes before its own."""
+        """Return the same sweep with some notes in front of its own."""
         return replace(self, notes=(*notes, *self.notes))
 
     def to_xarray(self) -> Any:
@@ -131,8 +130,7 @@ class Sweep(Mapping[str, NDArray]):
         parameters as coordinates beside it. Further dimensions of a quantity
         are named ``NAME_0``, ``NAME_1`` and so on. Needs the extra ``[table]``.
         """
-        import xarray
-
+        xarray = optional("xarray", "table", "to_xarray")
         grid = self.points.axes is not None
         dims = self.points.names if grid else ("point",)
         if grid:
@@ -150,8 +148,7 @@ class Sweep(Mapping[str, NDArray]):
 
         Quantities that are arrays are kept as arrays, one in each cell. Needs the extra ``[table]``.
         """
-        import pandas
-
+        pandas = optional("pandas", "table", "to_dataframe")
         columns: dict[str, Any] = {
             name: list(_array([row[name] for row in self.points.rows])) for name in self.points.names
         }
@@ -183,7 +180,7 @@ def sweep_of(points: Points, rows: Sequence[Row], counters: dict[str, int]) -> S
 
 
 def agreeing(rows: Sequence[Row]) -> list[Row]:
-    """Return the rows, with those as failed whose names or shapes are not those of the first row."""
+    """Return the rows; those whose names or shapes differ from the first row are marked as failed."""
     pattern: dict[str, tuple[int, ...]] | None = None
     result = []
     for row in rows:

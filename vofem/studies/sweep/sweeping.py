@@ -31,48 +31,49 @@ def sweep(
 ) -> Sweep:
     """Call a function for many points, and return its quantities as arrays over the points.
 
-    A point whose function raises an error is a row of `Sweep.failed`, and the
-    sweep goes on. All executors give the same bits: linear algebra uses one
-    thread in every worker.
+    If the function raises an error at a point, the point is listed in
+    `Sweep.failed`, and the sweep continues. All executors give the same numbers
+    to the last bit, because linear algebra uses one thread in every worker.
 
     Parameters
     ----------
     function : callable
-        ``function(**point)`` returns a dict of numbers or arrays, the same
-        names and shapes for every point. For other processes it stands at the
-        top level of a module.
+        ``function(**point)`` returns a dict of numbers or arrays, with the same
+        names and shapes for every point. To run in other processes it must be
+        defined at the top level of a module.
     points : mapping, table or iterable
-        A mapping of names to lists: the grid of all combinations. A pandas
-        DataFrame, a structured array, or an iterable of mappings: one point a
-        row. Values are plain data: numbers, texts, arrays, lists.
+        A mapping of names to lists means the grid of all combinations. A pandas
+        DataFrame, a structured array or an iterable of mappings has one point in
+        each row. Values are plain data: numbers, texts, arrays, lists.
     executor : optional
-        None starts processes. ``"serial"`` computes in this process. Or any
-        `concurrent.futures.Executor` (threads, loky, mpi4py, executorlib), or
-        a `distributed.Client`. These stay open.
+        With None the sweep starts processes. ``"serial"`` computes in this
+        process. Any `concurrent.futures.Executor` (threads, loky, mpi4py,
+        executorlib) or a `distributed.Client` can be given, and stays open.
     store : path, optional
-        An HDF5 file that keeps every row as it is computed. The same call
-        after an interruption computes what is missing, and gives the same
-        table. Rows belong to the source of the function and of what it calls
-        in its own module; where that has changed, the old file is renamed and
-        a note says so.
+        An HDF5 file to which every row is written as soon as it is computed.
+        After an interruption the same call computes the missing rows and gives
+        the same table. Rows are valid for the source of the function and of the
+        functions of its module that it calls. If this source has changed, the
+        old file is renamed, and a note says so.
     progress : bool or callable, optional
-        A bar on the standard error stream: True always, False never, None
-        where that is a terminal. A function is called with the points done,
-        all points, and the points that failed.
+        Whether a progress bar is shown on the standard error stream; None shows
+        it on a terminal. A function is called with the numbers of points that
+        are done, of all points, and of points that failed.
     workers : int, optional
-        Processes to start (as many as there are processors), or how many
-        batches the executor computes at the same time where it does not say.
+        Number of processes to start; the default is that of the processors. For
+        an executor that does not tell its number of workers: how many batches
+        are computed at the same time.
     time_limit : float, optional
-        Wall time in s that one point may take. Beyond it the point has
-        failed. In threads and on dask it takes effect between two Python
-        instructions; processes of the sweep are ended where that does not
-        help within ten seconds.
+        Largest wall time of one point in s. A point that takes longer has failed.
+        In threads and on dask the limit takes effect between two Python
+        instructions. Processes of the sweep are ended if they do not stop within
+        ten seconds.
     retry_failed : bool
         Whether points that failed in an earlier sweep are computed again.
     compiled : bool
-        Whether kernels of vofem run as compiled code in all workers, which may have to be compiled once on a machine;
-        False runs them as plain Python, which suits few and short runs. Results agree to rounding, not to the last
-        bit, so rows of a store belong to one of both.
+        Whether the kernels of vofem run as compiled code in all workers. They may have to be compiled once on a
+        machine. False runs them as plain Python, which suits few and short runs. Results of both ways agree to
+        rounding, but not to the last bit, so a store holds rows of one way only.
 
     Returns
     -------
@@ -81,13 +82,13 @@ def sweep(
     Raises
     ------
     ArgumentError
-        For points, a function or an executor that cannot serve.
+        If the points, the function or the executor cannot be used.
     OutputError
-        If the store cannot be written (a full disk), or another process has it open. Stored rows stay.
+        If the store cannot be written, or another process has it open. Stored rows are kept.
     StorageError
-        If the store is another file, or damaged.
+        If the file is not a store, or is damaged.
     ExecutorError
-        If an executor that was given takes no more work.
+        If the given executor takes no more work.
     SweepInterrupted
         After Ctrl-C; a `KeyboardInterrupt` that holds what was computed.
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from vofem.blas import blas_threads
 from vofem.kernel_mode import kernels
+from vofem.sharing import sharing_between_scenes
 from vofem.studies.sweep.limits import TimeUp, time_limit
 
 #: Kinds of arrays that a row may hold: booleans, integers, floats, complex numbers, texts.
@@ -65,7 +66,7 @@ class Task:
 def compute(task: Task, points: Sequence[dict[str, Any]]) -> list[Row]:
     """Return the rows of a batch of points, in order."""
     # With one thread of linear algebra results have the same bits whatever the number of processors.
-    with blas_threads(0), kernels(compiled=task.compiled):
+    with blas_threads(0), kernels(compiled=task.compiled), sharing_between_scenes(keep=True):
         return [_row(task, point) for point in points]
 
 

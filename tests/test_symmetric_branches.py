@@ -1,0 +1,106 @@
+"""Branches of symmetric scenes, whose contacts are grazed and switch together."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from reference_integration import Reference
+
+import vofem as vf
+
+
+def between_two_stops(omega, acts_on="penetration", damping=0.0):
+    mass = vf.Mass(1.0, stiffness=1.0, damping=0.1, name="mass")
+    stops = [
+        vf.Contact(mass, gap=0.5, stiffness=20.0, damping=damping, side=side, acts_on=acts_on, name=side)
+        for side in ("above", "below")
+    ]
+    return vf.Scene([mass], [*stops, vf.PointLoad(mass, vf.Sine(0.2, omega))])
+
+
+def twins(omega, count=2, damping=0.0):
+    """Equal masses on equal stops under equal loads, with a spring between them; or one alone."""
+    masses = [vf.Mass(1.0, stiffness=1.0, damping=0.1, name=name) for name in "ab"[:count]]
+    effects = []
+    for mass in masses:
+        stop = {"gap": 0.5, "stiffness": 20.0, "damping": damping, "side": "above", "acts_on": "penetration"}
+        effects += [vf.Contact(mass, name=f"stop {mass.name}", **stop), vf.PointLoad(mass, vf.Sine(0.8, omega))]
+    if count > 1:
+        effects += [vf.Spring(*masses, stiffness=0.3), vf.Dashpot(*masses, damping=0.1)]
+    return vf.Scene(masses, effects)
+
+
+def closes(scene, orbit):
+    """Return how far an orbit is from closing in an integration of its own, m and m/s."""
+    outcome = Reference(vf.Scene(scene.bodies, scene.effects, initial=orbit), orbit.period).run()
+    assert outcome.why == "end"
+    start = scene.model
+    q, v = (np.concatenate([orbit.state_of(body.name)[k] for body in scene.bodies]) for k in range(2))
+    assert start.system.size == q.size
+    return max(np.abs(outcome.q[-1] - q).max(), np.abs(outcome.v[-1] - v).max())
+
+
+@pytest.mark.parametrize("ends", [(0.7, 1.3), (0.95, 0.7)])
+@pytest.mark.parametrize("damping", [0.0, 0.5])
+def test_both_stops_are_grazed_at_once(ends, damping):
+    """The linear response reaches both stops at one frequency, in closed form; the branch goes on, symmetric."""
+    branch = vf.continuation(lambda omega: between_two_stops(omega, damping=damping), *ends)
+    assert branch.values[-1] == ends[1]
+    grazings = [s for s in branch.special if s.kind == "grazing"]
+    assert sorted(s.contact for s in grazings) == ["above", "below"]
+    for point in grazings:
+        w = point.value
+        assert 0.2 / abs(1.0 - w**2 + 0.1j * w) == pytest.approx(0.5, abs=1e-12)
+    scene = between_two_stops(0.7797, damping=damping)
+    (orbit,) = branch.at(0.7797)
+    assert [contact.closings.size for contact in orbit.result.contacts.values()] == [1, 1]
+    least, largest = orbit.extremes(scene.bodies[0])
+    assert largest == pytest.approx(-least, rel=1e-10)
+    assert closes(scene, orbit) < 1e-10
+
+
+def test_the_multipliers_beside_two_grazings():
+    """Coordinates at an event of one contact give those of the state at t = 0, with dampers that switch too."""
+    branch = vf.continuation(lambda omega: between_two_stops(omega, damping=0.5), 0.775, 0.785)
+    for known in branch.orbits[4::3]:
+        again = vf.periodic(known.scene, guess=known)
+        assert known.multipliers == pytest.approx(again.multipliers, abs=1e-9)
+
+
+def test_two_masses_that_hit_at_the_same_times():
+    """Down to several impacts a period: grazings of both at once, and the folds of one mass alone."""
+    alone = vf.continuation(lambda omega: twins(omega, 1), 1.0, 0.42)
+    both = vf.continuation(twins, 1.0, 0.42)
+    assert both.values[-1] == 0.42
+    grazings = {name: [s.value for s in both.special if s.contact == f"stop {name}"] for name in "ab"}
+    known = [s.value for s in alone.special if s.kind == "grazing"]
+    assert len(known) >= 3
+    for name in "ab":
+        assert grazings[name] == pytest.approx(known, abs=1e-10)
+    folds = [[s.value for s in branch.special if s.kind == "fold"] for branch in (alone, both)]
+    assert len(folds[0]) >= 4
+    assert folds[1] == pytest.approx(folds[0], abs=1e-10)
+    scene = twins(0.65)
+    for orbit, single in zip(both.at(0.65), alone.at(0.65), strict=True):
+        assert orbit.amplitude(scene.bodies[0]) == pytest.approx(orbit.amplitude(scene.bodies[1]), rel=1e-10)
+        assert orbit.amplitude(scene.bodies[0]) == pytest.approx(single.amplitude(single.scene.bodies[0]), rel=1e-10)
+
+
+def test_two_damped_contacts_that_switch_at_once():
+    """Both dampers count in coordinates at the event of one: multipliers are those of the state at t = 0."""
+    branch = vf.continuation(lambda omega: twins(omega, damping=0.6), 1.65, 1.6)
+    assert [s.kind for s in branch.special][:2] == ["grazing", "grazing"]
+    compared = [orbit for orbit in branch.orbits if orbit.result.contacts["stop a"].closings.size][2:20:4]
+    assert len(compared) >= 3
+    for known in compared:
+        again = vf.periodic(known.scene, guess=known)
+        assert known.multipliers == pytest.approx(again.multipliers, abs=1e-8)
+
+
+@pytest.mark.parametrize("ends", [(0.5, 1.3), (0.95, 0.5)])
+def test_forces_that_jump_at_both_stops(ends):
+    """There orbits that touch one stop or both begin: the branch ends at the grazing, and a note says why."""
+    branch = vf.continuation(lambda omega: between_two_stops(omega, "displacement"), 0.5, 1.3)
+    assert [s.kind for s in branch.special] == ["grazing", "grazing"]
+    assert branch.values[-1] == pytest.approx(branch.special[0].value, abs=1e-12)
+    assert any("'below' and 'above'" in note and "guess=" in note for note in branch.notes)

@@ -1,0 +1,357 @@
+"""The impacts of a contact one by one, and its statistics over a window of time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vofem._validate import array
+from vofem.effects.two_points import Units
+from vofem.errors import ArgumentError
+from vofem.histories.run import Run
+from vofem.histories.table import Table
+from vofem.histories.touches import RESOLVED, Parts, Span, Touches, resolve, spans_of
+from vofem.system import ContactLaws
+
+Array = NDArray[np.float64]
+
+#: A contact that is closed at t = 0 by more than this share of its gap and its displacement did not close then.
+_AT_GAP = 1e-9
+
+_UNKNOWN = (
+    "the run stored its states at times that are too far apart for its steps, so forces between them are not known; "
+    "simulate without times=, or with times= at most two steps apart"
+)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Impacts:
+    """The impacts of a contact in the order of time: stretches in which it is closed, or pinned at its gap.
+
+    Of a contact that acts on rotations m stands for rad and N for N m. A force or a work that the run does not know is
+    NaN, and `why` says the reason.
+
+    Attributes
+    ----------
+    name : str
+        Of the contact.
+    closing, opening : ndarray, shape (n,)
+        In s. The first impact begins at 0 where the contact starts closed.
+    ended : ndarray of bool, shape (n,)
+        False where the run ends before the contact opens; `opening` is the end of the run then.
+    approach_speed, departure_speed : ndarray, shape (n,)
+        Rate at which the gap closes at `closing`, and at which it opens at `opening`, m/s. NaN where the contact does
+        not close or open within the run.
+    peak_force : ndarray, shape (n,)
+        The force of largest magnitude, N.
+    impulse : ndarray, shape (n,)
+        Integral of the force over time, N s.
+    work : ndarray, shape (n,)
+        Work done on the contact while it is pressed in, J. Of an elastic contact that is pressed in once it is the
+        largest energy stored in it.
+    absorbed : ndarray, shape (n,)
+        The part of `work` that is not given back, J: what the damper takes, and what is stored at the end of the run.
+    error : float
+        Estimated error of forces between events over the largest force, 1e-10 unless very many oscillations fall into
+        the times in touch; 0 of a stepping method, whose forces are as exact as its steps.
+    units : Units
+    why : str
+        Why forces are not known; empty where they are.
+    """
+
+    name: str
+    closing: Array
+    opening: Array
+    ended: NDArray[np.bool_]
+    approach_speed: Array
+    departure_speed: Array
+    peak_force: Array
+    impulse: Array
+    work: Array
+    absorbed: Array
+    error: float
+    units: Units
+    why: str
+
+    def __len__(self) -> int:
+        return int(self.closing.size)
+
+    def __repr__(self) -> str:
+        return f"Impacts({self.name!r}, {len(self)} impacts)"
+
+    @property
+    def duration(self) -> Array:
+        """Time in touch in s, shape (n,)."""
+        return self.opening - self.closing
+
+    def table(self) -> Table:
+        """Return the impacts as a table, one a row."""
+        u = self.units
+        speed = f"{u.coordinate}/s"
+        return Table(
+            {
+                "closing": (self.closing, "s"),
+                "opening": (self.opening, "s"),
+                "duration": (self.duration, "s"),
+                "ended": (self.ended, ""),
+                "approach_speed": (self.approach_speed, speed),
+                "departure_speed": (self.departure_speed, speed),
+                "peak_force": (self.peak_force, u.force),
+                "impulse": (self.impulse, u.impulse),
+                "work": (self.work, "J"),
+                "absorbed": (self.absorbed, "J"),
+            },
+            f"Impacts of contact {self.name!r}",
+            (self.why,) if self.why else (),
+        )
+
+    def to_dataframe(self) -> Any:
+        """Return a `pandas.DataFrame`, one row an impact; see `Table.to_dataframe`."""
+        return self.table().to_dataframe()
+
+
+@dataclass(frozen=True)
+class ContactStatistics:
+    """What a contact does over a window of time.
+
+    Of a contact that acts on rotations m stands for rad and N for N m. Means are over the whole window, open times
+    included, unless they say otherwise. What the run does not know is NaN, and `why` says the reason; what no impact
+    tells is NaN too.
+
+    Attributes
+    ----------
+    name : str
+        Of the contact.
+    begin, end : float
+        The window, s.
+    count : int
+        Impacts that begin in the window.
+    rate : float
+        `count` over the length of the window, 1/s.
+    closed_share : float
+        Share of the window in which the contact is closed or pinned.
+    mean_duration : float
+        Of the impacts that begin in the window and end within the run, s.
+    mean_approach_speed, largest_approach_speed : float
+        Of the impacts that begin in the window, m/s.
+    peak_force : float
+        The force of largest magnitude in the window, N.
+    mean_force, rms_force : float
+        Mean, and root of the mean square, N.
+    mean_closed_force : float
+        Mean over the times in touch, N.
+    impulse : float
+        Integral of the force over the window, N s.
+    work : float
+        Work done on the contact while it is pressed in, J.
+    work_rate : float
+        `work` over the length of the window, W.
+    work_per_impact : float
+        `work` over `count`, J.
+    absorbed : float
+        The part of `work` that is not given back within the window, J.
+    absorbed_rate : float
+        `absorbed` over the length of the window, W.
+    error : float
+        As of `Impacts`.
+    units : Units
+    why : str
+        Why forces are not known; empty where they are.
+    """
+
+    name: str
+    begin: float
+    end: float
+    count: int
+    rate: float
+    closed_share: float
+    mean_duration: float
+    mean_approach_speed: float
+    largest_approach_speed: float
+    peak_force: float
+    mean_force: float
+    rms_force: float
+    mean_closed_force: float
+    impulse: float
+    work: float
+    work_rate: float
+    work_per_impact: float
+    absorbed: float
+    absorbed_rate: float
+    error: float
+    units: Units
+    why: str
+
+    def quantities(self) -> dict[str, tuple[float, str]]:
+        """Return all numbers with their units, by name."""
+        u = self.units
+        of = {
+            "begin": "s",
+            "end": "s",
+            "rate": "1/s",
+            "mean_duration": "s",
+            "mean_approach_speed": f"{u.coordinate}/s",
+            "largest_approach_speed": f"{u.coordinate}/s",
+            "impulse": u.impulse,
+            "work_rate": "W",
+            "absorbed_rate": "W",
+            **dict.fromkeys(("peak_force", "mean_force", "rms_force", "mean_closed_force"), u.force),
+            **dict.fromkeys(("work", "work_per_impact", "absorbed"), "J"),
+        }
+        names = [field.name for field in fields(self) if field.name not in ("name", "error", "units", "why")]
+        return {name: (getattr(self, name), of.get(name, "")) for name in names}
+
+    def __str__(self) -> str:
+        lines = [f"Contact {self.name!r}"]
+        for name, (value, unit) in self.quantities().items():
+            lines.append(f"  {name.replace('_', ' '):<24}{value:>14.6g} {unit}".rstrip())
+        return "\n".join([*lines, f"  not known: {self.why}"] if self.why else lines)
+
+
+class ImpactRecord:
+    """Impacts and statistics of one contact; what both need is computed once.
+
+    Parameters
+    ----------
+    run : Run
+    laws : ContactLaws
+    index : int
+        Number of the contact.
+    units : Units
+    most : int, optional
+        How many impacts are looked at, from the first on; all where not given.
+    tolerance : float
+        Of forces between events, over the largest.
+    """
+
+    def __init__(
+        self, run: Run, laws: ContactLaws, index: int, units: Units, most: int | None = None,
+        tolerance: float = RESOLVED,
+    ) -> None:  # fmt: skip
+        self._run, self._laws, self._index, self._units = run, laws, index, units
+        span = spans_of(run, index)
+        self.span = Span(span.begin[:most], span.end[:most], span.ended[:most])
+        self._touches, self._why = self._resolved(tolerance)
+        self._approach, self._departure = self._speeds()
+
+    def _resolved(self, tolerance: float) -> tuple[Touches, str]:
+        """Return force and rate over all stretches that the run knows, and why not over all."""
+        found = resolve(self._run, self._laws, self._index, self.span.begin, self.span.end, tolerance)
+        if found is not None:
+            return found, ""
+        none = np.empty((6, 0))
+        return Touches(np.empty(0, dtype=np.int64), np.empty(0), np.empty(0), none, none), _UNKNOWN
+
+    def _rate_at(self, times: Array) -> tuple[Array, Array]:
+        """Return gap function and its rate at some times; NaN where the run does not know them."""
+        laws, index = self._laws, self._index
+        row = laws.rows[[index]]
+        try:
+            samples = self._run.solution.sample(times)
+        except ArgumentError:
+            return np.full(times.size, np.nan), np.full(times.size, np.nan)
+        return samples.along(row, "q")[0] - laws.gap[index], samples.along(row, "v")[0]
+
+    def _speeds(self) -> tuple[Array, Array]:
+        """Return the speeds at which the gap closes and opens, each of shape (n,)."""
+        span = self.span
+        gap, closing = self._rate_at(span.begin)
+        _, opening = self._rate_at(span.end)
+        size = abs(float(self._laws.gap[self._index])) + np.abs(gap + self._laws.gap[self._index])
+        preloaded = (span.begin == 0.0) & (np.abs(gap) > _AT_GAP * size)
+        return np.where(preloaded, np.nan, closing), np.where(span.ended, -opening, np.nan)
+
+    def impacts(self) -> Impacts:
+        """Return the impacts one by one."""
+        span, touches, n = self.span, self._touches, self.span.begin.size
+        if self._why:
+            peak, impulse, work, absorbed = np.full((4, n), np.nan)
+        else:
+            parts = touches.parts()
+            found, of = touches.integrals(parts), touches.span[parts.panel]
+            peak = _largest(touches.peaks(parts), of, n)
+            impulse, work, absorbed = (
+                np.bincount(of, values, n) for values in (found.force, found.pressed, found.work)
+            )
+        return Impacts(
+            self._laws.names[self._index], span.begin, span.end, span.ended, self._approach, self._departure, peak,
+            impulse, work, absorbed, touches.error, self._units, self._why,
+        )  # fmt: skip
+
+    def statistics(self, window: ArrayLike | None) -> ContactStatistics:
+        """Return what the contact does over a window of time; see `ContactHistory.statistics`."""
+        t_end = float(self._run.solution.t_end)
+        begin, end = window_of(f"statistics of contact {self._laws.names[self._index]!r}", window, t_end)
+        span, length = self.span, end - begin
+        # What begins at the very end of a window belongs to the next one, but for that of the run.
+        started = (span.begin >= begin) & ((span.begin < end) | (end >= t_end))
+        finished = started & span.ended
+        count = int(np.sum(started))
+        closed = float(np.sum(np.maximum(np.minimum(span.end, end) - np.maximum(span.begin, begin), 0.0)))
+        speeds = self._approach[started]
+        speeds = speeds[~np.isnan(speeds)]
+        impulse = square = work = absorbed = peak = np.nan
+        if not self._why:
+            parts: Parts = self._touches.parts((begin, end))
+            found = self._touches.integrals(parts)
+            impulse, square = float(found.force.sum()), float(found.square.sum())
+            work, absorbed = float(found.pressed.sum()), float(found.work.sum())
+            peaks = self._touches.peaks(parts)
+            peak = float(peaks[np.argmax(np.abs(peaks))]) if peaks.size else 0.0
+        return ContactStatistics(
+            name=self._laws.names[self._index],
+            begin=begin,
+            end=end,
+            count=count,
+            rate=count / length,
+            closed_share=closed / length,
+            mean_duration=_mean((span.end - span.begin)[finished]),
+            mean_approach_speed=_mean(speeds),
+            largest_approach_speed=float(speeds.max()) if speeds.size else np.nan,
+            peak_force=peak,
+            mean_force=impulse / length,
+            rms_force=float(np.sqrt(square / length)),
+            mean_closed_force=impulse / closed if closed else np.nan,
+            impulse=impulse,
+            work=work,
+            work_rate=work / length,
+            work_per_impact=work / count if count else np.nan,
+            absorbed=absorbed,
+            absorbed_rate=absorbed / length,
+            error=self._touches.error,
+            units=self._units,
+            why=self._why,
+        )
+
+
+def window_of(what: str, window: ArrayLike | None, t_end: float) -> tuple[float, float]:
+    """Return begin and end of a window in s, the whole run where none is given; raise where it is not within the run.
+
+    Raises
+    ------
+    ArgumentError
+    """
+    if window is None:
+        return 0.0, t_end
+    ends = array(f"{what}: window", window)
+    if ends.shape != (2,) or not 0.0 <= ends[0] < ends[1] <= t_end * (1.0 + 1e-12):
+        raise ArgumentError(
+            f"{what}: window is {ends.tolist()}, expected two times within the run, 0 <= begin < end <= {t_end:g} s"
+        )
+    return float(ends[0]), min(float(ends[1]), t_end)
+
+
+def _largest(values: Array, of: NDArray[np.int64], count: int) -> Array:
+    """Return for each of `count` groups the value of largest magnitude, 0 where there is none."""
+    order = np.lexsort((np.abs(values), of))
+    found = np.zeros(count)
+    # The last entry of each group stays.
+    found[of[order]] = values[order]
+    return found
+
+
+def _mean(values: Array) -> float:
+    return float(values.mean()) if values.size else np.nan

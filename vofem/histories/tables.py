@@ -1,0 +1,180 @@
+"""The histories and the contacts of a run as tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vofem._validate import optional
+from vofem.bodies.base import as_point
+from vofem.effects.two_points import units_of
+from vofem.histories.contact import ContactHistory
+from vofem.histories.energy import Energy
+from vofem.histories.impacts import window_of
+from vofem.histories.run import Run
+from vofem.histories.table import Table
+from vofem.scene import Scene
+from vofem.system import CLOSED, OPEN, PINNED
+
+Array = NDArray[np.float64]
+
+
+class Tabulated(Run, Protocol):
+    """A run as its tables see it."""
+
+    scene: Scene
+
+    @property
+    def contacts(self) -> Mapping[str, ContactHistory]:
+        """Contact histories by name."""
+
+    @property
+    def energy(self) -> Energy:
+        """Energies at the run's times."""
+
+    def displacement(self, point: Any) -> Array:
+        """Return the displacement of a point in m, shape (n_times,)."""
+
+    def velocity(self, point: Any) -> Array:
+        """Return the velocity of a point in m/s, shape (n_times,)."""
+
+
+#: Points that are chosen where none are named.
+MOST = 6
+
+_ENERGIES = ("kinetic", "strain", "contact", "dissipated", "work")
+
+_STATUS = {OPEN: "opens", CLOSED: "closes", PINNED: "is pinned"}
+
+
+def telling_points(scene: Scene) -> tuple[Any, ...]:
+    """Return the points of the contacts and, where there are none, of the other effects.
+
+    A body that none of them touches gives its own: a mass itself, a line its right end.
+    """
+    points: dict[tuple[str, float], Any] = {}
+    contacts = scene.contacts
+    for effect in (*contacts, *(() if contacts else scene.effects)):
+        for point in effect.points():
+            points.setdefault((point.body.name, getattr(point, "x", 0.0)), point)
+    touched = {name for name, _ in points}
+    for body in scene.bodies:
+        if body.name not in touched:
+            points[body.name, 0.0] = body.at("right") if hasattr(body, "at") else body
+    return tuple(points.values())
+
+
+def named_points(what: str, scene: Scene, points: Mapping[str, Any] | Iterable[Any] | None) -> dict[str, Any]:
+    """Return points by name: those that are given, or some telling ones of the scene."""
+    if points is None:
+        points = telling_points(scene)[:MOST]
+    if isinstance(points, Mapping):
+        return {name: as_point(f"{what}: {name}", point) for name, point in points.items()}
+    listed = [points] if hasattr(points, "row") else points
+    return {found.name: found for found in (as_point(f"{what}: a point", point) for point in listed)}
+
+
+def history_columns(run: Tabulated, points: dict[str, Any]) -> dict[str, tuple[NDArray, str]]:
+    """Return values and units at the run's times: motion of points, force and K_eq of contacts."""
+    columns: dict[str, tuple[NDArray, str]] = {}
+    for name, point in points.items():
+        columns[f"{name} displacement"] = run.displacement(point), "m"
+        columns[f"{name} velocity"] = run.velocity(point), "m/s"
+    for name, history in run.contacts.items():
+        units = units_of(run.scene.effects, name)
+        columns[f"{name} force"] = history.force, units.force
+        columns[f"{name} stiffness"] = history.stiffness, units.stiffness
+    return columns
+
+
+def dataframe_of(run: Tabulated, points: Any, what: str = "to_dataframe") -> Any:
+    """Return histories as a `pandas.DataFrame`; see `vofem.Result.to_dataframe`."""
+    pandas = optional("pandas", "table", what)
+    columns = history_columns(run, named_points(what, run.scene, points))
+    for name in _ENERGIES:
+        columns[f"{name} energy"] = getattr(run.energy, name), "J"
+    values = {f"{name} [{unit}]": part for name, (part, unit) in columns.items()}
+    frame = pandas.DataFrame(values, index=pandas.Index(run.times, name="t [s]"))
+    frame.attrs["notes"] = list(run.solution.notes)
+    return frame
+
+
+def dataset_of(run: Tabulated, points: Any, what: str = "to_xarray") -> Any:
+    """Return histories as an `xarray.Dataset`; see `vofem.Result.to_xarray`."""
+    xarray = optional("xarray", "table", what)
+    named = named_points(what, run.scene, points)
+    variables: dict[str, Any] = {}
+    coordinates: dict[str, Any] = {"time": ("time", run.times, {"units": "s"}), "point": list(named)}
+    for kind, unit in (("displacement", "m"), ("velocity", "m/s"), ("acceleration", "m/s^2")):
+        values = np.array([getattr(run, kind)(point) for point in named.values()]).reshape(len(named), run.times.size)
+        variables[kind] = ("point", "time"), values, {"units": unit}
+    if run.contacts:
+        units = {name: units_of(run.scene.effects, name) for name in run.contacts}
+        coordinates |= {
+            "contact": list(run.contacts),
+            "force_unit": ("contact", [one.force for one in units.values()]),
+        }
+        plain = len({one.force for one in units.values()}) == 1
+        first = next(iter(units.values()))
+        for kind, unit in (("force", first.force), ("stiffness", first.stiffness), ("gap_function", first.coordinate)):
+            values = np.array([getattr(history, kind) for history in run.contacts.values()])
+            variables[f"contact_{kind}"] = ("contact", "time"), values, {"units": unit} if plain else {}
+        closed = np.array([history.closed for history in run.contacts.values()])
+        variables["contact_closed"] = ("contact", "time"), closed
+    for name in _ENERGIES:
+        variables[f"{name}_energy"] = "time", getattr(run.energy, name), {"units": "J"}
+    return xarray.Dataset(variables, coordinates, {"notes": "\n".join(run.solution.notes)})
+
+
+def events_of(run: Tabulated) -> Table:
+    """Return all contact events in the order of time; see `vofem.Result.contact_events`."""
+    events = run.solution.events
+    names = list(run.contacts)
+    columns = {
+        "time": (events.time, "s"),
+        "contact": (np.array([names[k] for k in events.contact], dtype=str), ""),
+        "event": (np.array([_STATUS[int(status)] for status in events.status], dtype=str), ""),
+    }
+    return Table(columns, "Contact events")
+
+
+def impacts_of(run: Tabulated, window: ArrayLike | None) -> Table:
+    """Return the impacts of all contacts in the order of time; see `vofem.Result.impacts`."""
+    begin, end = window_of("impacts", window, float(run.solution.t_end))
+    tables = {name: history.impacts.table() for name, history in run.contacts.items()}
+    shown = {name: table for name, table in tables.items() if table.rows}
+    first = next(iter(shown or tables), None)
+    if first is None:
+        return Table({"contact": (np.empty(0, dtype=str), "")}, "Impacts")
+    names = np.concatenate([np.full(table.rows, name) for name, table in tables.items()])
+    columns = {name: np.concatenate([table[name] for table in tables.values()]) for name in tables[first]}
+    order = np.lexsort((names, columns["closing"]))
+    order = order[(columns["closing"][order] >= begin) & (columns["closing"][order] <= end)]
+    units = {name: _one_unit([table.units[name] for table in tables.values()]) for name in tables[first]}
+    notes = dict.fromkeys(note for table in tables.values() for note in table.notes)
+    return Table(
+        {"contact": (names[order], "")} | {name: (values[order], units[name]) for name, values in columns.items()},
+        "Impacts",
+        tuple(notes),
+    )
+
+
+def statistics_of(run: Tabulated, window: ArrayLike | None) -> Table:
+    """Return the statistics of all contacts, one a row; see `vofem.Result.contact_statistics`."""
+    begin, end = window_of("contact_statistics", window, float(run.solution.t_end))
+    found = [history.statistics((begin, end)) for history in run.contacts.values()]
+    columns: dict[str, tuple[Any, str]] = {"contact": (np.array([one.name for one in found], dtype=str), "")}
+    rows = [one.quantities() for one in found]
+    for name in rows[0] if rows else ():
+        unit = _one_unit([row[name][1] for row in rows])
+        columns[name] = np.array([row[name][0] for row in rows]), unit
+    notes = dict.fromkeys(one.why for one in found if one.why)
+    return Table(columns, f"Contacts from {begin:g} to {end:g} s", tuple(notes))
+
+
+def _one_unit(units: list[str]) -> str:
+    """Return the unit of a column: both where some contacts act on rotations."""
+    return " or ".join(dict.fromkeys(units))

@@ -1,0 +1,30 @@
+"""The envelope of a motion: its least and largest values in equal parts of a window of time."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def envelope_of(times: Array, values: Array, window: tuple[float, float], parts: int) -> tuple[Array, Array, Array]:
+    """Return the middles of the parts that hold values, and the least and the largest value in each.
+
+    Parameters
+    ----------
+    times, values : ndarray, shape (n,)
+        In the order of time.
+    window : (float, float)
+        In s.
+    parts : int
+
+    Returns
+    -------
+    middle, low, high : ndarray, shape (k,)
+    """
+    edges = np.linspace(*window, parts + 1)
+    part = np.clip(np.searchsorted(edges, times, side="right") - 1, 0, parts - 1)
+    held, first = np.unique(part, return_index=True)
+    low, high = np.minimum.reduceat(values, first), np.maximum.reduceat(values, first)
+    return 0.5 * (edges[held] + edges[held + 1]), low, high

@@ -1,0 +1,214 @@
+"""Pictures of contacts: histograms of forces and of impacts, and when contacts are closed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem._validate import whole
+from vofem.errors import ArgumentError
+from vofem.histories import ContactHistory
+from vofem.histories.impacts import window_of
+from vofem.histories.touches import spans_of
+from vofem.io.pictures.axes import COLORS, Canvas, Where, goal_of, ink, plain, text_size
+from vofem.io.pictures.units import prefixed
+from vofem.result import Result
+
+Array = NDArray[np.float64]
+
+#: Times at which the force of a run that is known at any time is looked at.
+_SAMPLES = 40_000
+
+#: What is drawn of impacts: field, label, and name of the unit among those of the contact.
+_QUANTITIES = (
+    ("peak_force", "peak force", "force"),
+    ("impulse", "impulse", "impulse"),
+    ("duration", "duration", None),
+    ("approach_speed", "approach speed", "coordinate"),
+)
+
+
+def force_histogram(
+    result: Result,
+    contact: Any = None,
+    path: Where = None,
+    *,
+    window: tuple[float, float] | None = None,
+    bins: int = 40,
+    ax: Any = None,
+) -> Any:
+    """Draw how the force of a contact is distributed over the time in which it is closed.
+
+    Parameters
+    ----------
+    result : Result
+    contact : Contact or str, optional
+        Needed where the scene has several.
+    path : path of a .png, .pdf or .svg, optional
+        The file to write.
+    window : (float, float), optional
+        Begin and end in s; the whole run where not given.
+    bins : int
+        Of the histogram.
+    ax : matplotlib axes, optional
+        To draw into; by default a figure of its own.
+
+    Returns
+    -------
+    Path or matplotlib axes
+        `path` where one is given, else the axes.
+
+    Raises
+    ------
+    ArgumentError
+        For an unknown contact, or one that does not close in the window.
+    OutputError
+        If the file cannot be written.
+    """
+    goal = goal_of(path)
+    history = _one(result, contact, "force_histogram")
+    bins = whole("force_histogram: bins", bins)
+    begin, end = window_of("force_histogram", window, float(result.solution.t_end))
+    times = result.times[(result.times >= begin) & (result.times <= end)]
+    if result.solution.continuous:
+        edges = np.linspace(begin, end, _SAMPLES + 1)
+        times = 0.5 * (edges[1:] + edges[:-1])
+    samples = result.solution.contacts(times)
+    row = list(result.contacts).index(history.name)
+    force = samples.force[row][samples.status[row] != 0]
+    if not force.size:
+        raise ArgumentError(
+            f"force_histogram: contact {history.name!r} is not closed at any of the {times.size} times that were "
+            f"looked at between {begin:g} and {end:g} s; choose a longer window, or name more times= when simulating"
+        )
+    factor, unit = prefixed(float(np.max(np.abs(force))), history.units.force)
+    canvas = Canvas("force_histogram", goal, ax, (7.2, 4.4))
+    axes = canvas.grid[0, 0]
+    axes.hist(force / factor, bins=bins, weights=np.full(force.size, 1.0 / force.size), color=COLORS[0])
+    axes.set(xlabel=f"force [{unit}]", ylabel="share of the time in touch [-]")
+    share = 100.0 * force.size / times.size
+    title = f"{history.name}: in touch for {share:.3g} % of {begin:g} to {end:g} s"
+    axes.set_title(plain(title), fontsize=text_size(11))
+    return canvas.done()
+
+
+def impact_statistics(
+    result: Result,
+    contact: Any = None,
+    path: Where = None,
+    *,
+    window: tuple[float, float] | None = None,
+    bins: int = 20,
+    ax: Any = None,
+) -> Any:
+    """Draw histograms of peak force, impulse, duration and approach speed of the impacts of a contact.
+
+    Parameters
+    ----------
+    result : Result
+    contact : Contact or str, optional
+        Needed where the scene has several.
+    path : path of a .png, .pdf or .svg, optional
+        The file to write.
+    window : (float, float), optional
+        Impacts that begin between these times in s; all of them where not given.
+    bins : int
+        Of each histogram.
+    ax : four matplotlib axes, optional
+        To draw into; by default a figure of its own.
+
+    Returns
+    -------
+    Path or matplotlib axes
+        `path` where one is given, else the axes.
+
+    Raises
+    ------
+    ArgumentError
+        For an unknown contact, or one without impacts in the window, or whose forces the run does not know.
+    OutputError
+        If the file cannot be written.
+    """
+    goal = goal_of(path)
+    history = _one(result, contact, "impact_statistics")
+    bins = whole("impact_statistics: bins", bins)
+    begin, end = window_of("impact_statistics", window, float(result.solution.t_end))
+    impacts = history.impacts
+    within = (impacts.closing >= begin) & (impacts.closing <= end)
+    if not np.any(within):
+        raise ArgumentError(f"impact_statistics: contact {history.name!r} does not close from {begin:g} to {end:g} s")
+    if impacts.why:
+        raise ArgumentError(f"impact_statistics: forces of contact {history.name!r} are not known: {impacts.why}")
+    canvas = Canvas("impact_statistics", goal, ax, (9.6, 6.4), 2, 2)
+    for axes, (field, label, kind) in zip(canvas.grid.flat, _QUANTITIES, strict=True):
+        values = getattr(impacts, field)[within]
+        values = values[np.isfinite(values)]
+        unit = "s" if kind is None else getattr(history.units, kind)
+        unit = f"{unit}/s" if kind == "coordinate" else unit
+        factor, unit = prefixed(float(np.max(np.abs(values), initial=0.0)), unit)
+        axes.hist(values / factor, bins=bins, color=COLORS[0])
+        if values.size:
+            axes.axvline(values.mean() / factor, color=ink(), linestyle="--", linewidth=1.0)
+        axes.set(xlabel=f"{label} [{unit}]", ylabel="impacts [-]")
+    rate = int(np.sum(within)) / (end - begin)
+    title = f"{history.name}: {int(np.sum(within))} impacts from {begin:g} to {end:g} s, {rate:.3g} a second"
+    canvas.grid[0, 0].set_title(plain(title), fontsize=text_size(11), loc="left")
+    return canvas.done()
+
+
+def event_raster(
+    result: Result, path: Where = None, *, window: tuple[float, float] | None = None, ax: Any = None
+) -> Any:
+    """Draw when the contacts of a run are closed: a row for each contact, a bar for each impact.
+
+    Parameters
+    ----------
+    result : Result
+    path : path of a .png, .pdf or .svg, optional
+        The file to write.
+    window : (float, float), optional
+        Begin and end in s; the whole run where not given.
+    ax : matplotlib axes, optional
+        To draw into; by default a figure of its own.
+
+    Returns
+    -------
+    Path or matplotlib axes
+        `path` where one is given, else the axes.
+
+    Raises
+    ------
+    ArgumentError
+        For a run without contacts.
+    OutputError
+        If the file cannot be written.
+    """
+    goal = goal_of(path)
+    names = list(result.contacts)
+    if not names:
+        raise ArgumentError("event_raster: the scene has no contacts")
+    begin, end = window_of("event_raster", window, float(result.solution.t_end))
+    canvas = Canvas("event_raster", goal, ax, (10.0, float(np.clip(1.4 + 0.34 * len(names), 2.4, 12.0))))
+    axes = canvas.grid[0, 0]
+    for row in range(len(names)):
+        span = spans_of(result, row)
+        within = (span.end >= begin) & (span.begin <= end)
+        bars = np.stack([span.begin, span.end - span.begin], axis=1)[within]
+        # An edge, so that what is shorter than a pixel is seen.
+        axes.broken_barh(bars.tolist(), (row - 0.35, 0.7), color=COLORS[0], linewidth=0.8)
+    few = len(names) <= 30
+    shown = range(len(names)) if few else range(0, len(names), -(-len(names) // 30))
+    axes.set_yticks(list(shown), [plain(names[k]) for k in shown])
+    axes.set(xlabel="time [s]", ylabel="contact [-]", xlim=(begin, end), ylim=(len(names) - 0.4, -0.6))
+    return canvas.done()
+
+
+def _one(result: Result, contact: Any, what: str) -> ContactHistory:
+    """Return the contact that is meant: the one that is given, or the only one."""
+    if contact is not None:
+        return result.contacts[contact]
+    if len(result.contacts) != 1:
+        raise ArgumentError(f"{what}: the scene has the contacts {list(result.contacts)}; say which one with contact=")
+    return next(iter(result.contacts.values()))

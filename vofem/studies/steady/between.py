@@ -1,0 +1,74 @@
+"""Orbits between two neighbours on a branch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.studies.steady.family import Family
+from vofem.studies.steady.point import Interval, Point, corrected, derivative_by_value, tangent_at
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class Step:
+    """Two neighbours on a branch in the same coordinates.
+
+    Attributes
+    ----------
+    first, last : Point
+    """
+
+    first: Point
+    last: Point
+
+    @property
+    def secant(self) -> Array:
+        """From the first to the last, in the scaled coordinates of the first."""
+        return np.asarray((self.last.y - self.first.y) / self.first.scales)
+
+    @property
+    def length(self) -> float:
+        """Distance of the two in scaled coordinates."""
+        return float(np.linalg.norm(self.secant))
+
+
+def between(family: Family, step: Step, share: float) -> tuple[Array, Any, Array]:
+    """Return an orbit between two neighbours, at a share of the way along the line between them."""
+    first, last = step.first, step.last
+    scales = first.scales
+    start, end = first.y / scales, last.y / scales
+    secant = end - start
+    length = float(np.linalg.norm(secant))
+    # Hermite's cubic through both points with their tangents.
+    one = first.tangent / max(first.tangent @ secant / length, 0.1)
+    two = last.tangent * last.scales / scales
+    two = two / max(two @ secant / length, 0.1)
+    t = share
+    guess = (
+        (2 * t**3 - 3 * t**2 + 1) * start
+        + (t**3 - 2 * t**2 + t) * length * one
+        + (3 * t**2 - 2 * t**3) * end
+        + (t**3 - t**2) * length * two
+    )
+    normal = secant / length
+    # On the plane at this share.
+    guess = guess + normal * (normal @ (start + t * secant - guess))
+    by_value = (1.0 - t) * first.by_value + t * last.by_value
+    return corrected(family, first.chart, guess * scales, scales, normal, by_value)
+
+
+def point_between(family: Family, step: Step, interval: Interval, share: float, *, tangent: bool = True) -> Point:
+    """Return a point between two neighbours."""
+    first = step.first
+    y, evaluation, by_value = between(family, step, share)
+    direction = first.tangent
+    if tangent:
+        by_value = derivative_by_value(family, interval, first.chart, y, evaluation)
+        secant = (step.last.y - first.y) / first.scales
+        direction = tangent_at(evaluation, by_value, first.scales, secant / np.linalg.norm(secant))
+    return Point(first.chart, y, family.at(y[-1]), evaluation, first.scales, by_value, direction)

@@ -1,0 +1,126 @@
+"""How many multipliers lie beyond the unit circle, and functions that vanish where one passes it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.errors import ConvergenceError
+from vofem.studies.steady.point import Point
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+#: Returns a number of an orbit that changes its sign at a special point.
+Test = Callable[[Point], float]
+
+#: Imaginary part of a multiplier, over its modulus, up to which it counts as real.
+_REAL = 1e-12
+
+
+class Census(NamedTuple):
+    """Numbers of multipliers beyond the unit circle.
+
+    Attributes
+    ----------
+    plus : int
+        Real ones above 1.
+    minus : int
+        Real ones below -1.
+    pairs : int
+        Pairs of complex ones.
+    """
+
+    plus: int
+    minus: int
+    pairs: int
+
+
+def multipliers(point: Point) -> Complex | None:
+    """Return the multipliers of a point, or None where the method does not know them."""
+    values = point.evaluation.multipliers
+    return None if values is None else np.asarray(values)
+
+
+def _real(values: Complex) -> NDArray[np.bool_]:
+    return np.abs(values.imag) <= _REAL * np.maximum(np.abs(values), 1e-300)
+
+
+def census(point: Point) -> Census | None:
+    """Return the numbers of multipliers beyond the unit circle, or None where the method does not know them."""
+    values = multipliers(point)
+    if values is None:
+        return None
+    real = _real(values)
+    pairs = int(np.sum(~real & (np.abs(values) > 1.0))) // 2
+    return Census(int(np.sum(real & (values.real > 1.0))), int(np.sum(real & (values.real < -1.0))), pairs)
+
+
+def orientation(point: Point) -> float:
+    """Return the sign of the determinant of the Jacobian matrix; it changes where one real multiplier passes 1."""
+    return float(np.linalg.slogdet(point.evaluation.jacobian)[0])
+
+
+def turning(point: Point) -> float:
+    """Return the rate at which the parameter changes along the branch; it vanishes where the branch turns."""
+    return float(point.tangent[-1])
+
+
+def real_at(at: float) -> Test:
+    """Return the test of a real multiplier at 1 or -1: a product over all multipliers, large ones scaled down."""
+
+    def test(point: Point) -> float:
+        values = multipliers(point)
+        assert values is not None
+        factors = (1.0 - at * values) / np.maximum(1.0, np.abs(values))
+        return float(np.prod(factors).real)
+
+    return test
+
+
+def pair(point: Point) -> float:
+    """Return how far the complex pair that is nearest to the unit circle lies outside of it."""
+    values = multipliers(point)
+    assert values is not None
+    size = np.abs(values[~_real(values)])
+    if not size.size:
+        raise ConvergenceError("the pair has become real")
+    return float(size[np.argmin(np.abs(size - 1.0))] - 1.0)
+
+
+def determinant(reference: Point) -> Test:
+    """Return the test of a multiplier at 1 where multipliers are not known: the determinant of the Jacobian matrix."""
+    scale = float(np.linalg.slogdet(reference.evaluation.jacobian)[1])
+
+    def test(point: Point) -> float:
+        sign, size = np.linalg.slogdet(point.evaluation.jacobian)
+        return float(sign * np.exp(min(size - scale, 600.0)))
+
+    return test
+
+
+def counted(which: int, middle: float) -> Test:
+    """Return the test of one of several multipliers that pass the unit circle close to each other, or at one place.
+
+    Its sign says whether more than a number of them lie beyond the circle, its size how near the nearest one is to it.
+
+    Parameters
+    ----------
+    which : int
+        Entry of `Census`.
+    middle : float
+        The number, between two whole ones.
+    """
+
+    def test(point: Point) -> float:
+        values, known = multipliers(point), census(point)
+        assert values is not None
+        assert known is not None
+        size = np.abs(values)
+        away = np.abs(size[~_real(values)] - 1.0) if which == 2 else np.abs(1.0 - (1.0, -1.0)[which] * values)
+        return float(np.copysign(np.min(away, initial=1.0), known[which] - middle))
+
+    return test

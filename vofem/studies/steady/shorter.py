@@ -1,0 +1,85 @@
+"""Where a branch of orbits over several periods ends: at an orbit that repeats earlier."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.errors import ConvergenceError
+from vofem.studies.steady.charts import ORIGIN, at_phase, sizes
+from vofem.studies.steady.family import Family
+from vofem.studies.steady.newton import solved
+from vofem.studies.steady.point import Interval, Point
+from vofem.studies.steady.shooting import Shooting
+
+Array = NDArray[np.float64]
+
+
+def repeats(first: Point, last: Point) -> Callable[[Point], float] | None:
+    """Return the test function of orbits that repeat earlier than at their end, where two neighbours lie around one.
+
+    Such an orbit is where a branch of subharmonics turns back on itself: beyond it there are the same orbits, a period
+    of the loads later.
+    """
+    problem = first.problem
+    if not isinstance(problem, Shooting) or problem.periods == 1:
+        return None
+    for divisor in range(2, problem.periods + 1):
+        if problem.periods % divisor or any(divisor % k == 0 for k in range(2, divisor)):
+            continue
+        before, after = (_later(point, divisor) for point in (first, last))
+        if before @ after < 0.0:
+            towards = after - before
+            return lambda point, divisor=divisor, towards=towards: float(_later(point, divisor) @ towards)  # type: ignore[misc]
+    return None
+
+
+def at_flip(family: Family, point: Point, interval: Interval) -> Point:
+    """Return the orbit at which a branch of doubled orbits ends: the flip of the orbits over half as many periods.
+
+    There the equations of the doubled orbits have two solutions that cross, which spoils digits; those of the others
+    have one.
+    """
+    problem = point.problem
+    if problem.periods % 2:
+        return point
+    half = family.over(problem.periods // 2)
+    half.work = family.work
+    state = 0.5 * (at_phase(problem, point.evaluation.flow, 0.0)
+                   + at_phase(problem, point.evaluation.flow, 0.5 * problem.duration))  # fmt: skip
+
+    def distance(value: float) -> float:
+        nonlocal state
+        found = solved(half.at(value), state)
+        state = found.unknowns
+        multipliers = np.asarray(found.evaluation.multipliers)
+        return float(np.prod((1.0 + multipliers) / np.maximum(1.0, np.abs(multipliers))).real)
+
+    try:
+        here, there = point.value, point.value + 1e-6 * interval.size
+        at_here, at_there = distance(here), distance(there)
+        for _ in range(10):
+            if at_there == at_here or abs(there - here) <= 1e-15 * interval.size:
+                break
+            here, at_here, there = there, at_there, there - at_there * (there - here) / (at_there - at_here)
+            if abs(there - point.value) > 1e-2 * interval.size:
+                return point
+            at_there = distance(there)
+    except ConvergenceError:
+        return point
+    y = np.append(state, there)
+    doubled = family.at(there)
+    evaluation = ORIGIN.evaluate(doubled, state)
+    scales = np.append(ORIGIN.scales(doubled, evaluation), interval.size)
+    return Point(ORIGIN, y, doubled, evaluation, scales, np.zeros(state.size), np.zeros_like(y))
+
+
+def _later(point: Point, divisor: int) -> Array:
+    """Return the difference of the states at a fraction of an orbit and at its begin, in scaled unknowns."""
+    problem, flow = point.problem, point.evaluation.flow
+    n = problem.size // 2
+    z, v = sizes(problem, flow)
+    moved = at_phase(problem, flow, problem.duration / divisor) - at_phase(problem, flow, 0.0)
+    return np.concatenate([moved[:n] / z, moved[n:] / v])
