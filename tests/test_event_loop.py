@@ -48,13 +48,13 @@ def pinned():
 
 
 SCENES = {
-    "beam, displacement law": (beam_on_a_stop, 20.0),
-    "beam, stiff": (lambda: beam_on_a_stop(8, acts_on="penetration", stiffness=1e6), 6.0),
+    "beam, displacement law": (beam_on_a_stop, 9.0),
+    "beam, stiff": (lambda: beam_on_a_stop(8, acts_on="penetration", stiffness=1e4), 5.0),
     "beam, damped": (
         lambda: beam_on_a_stop(6, vf.RayleighDamping(0.1, 1e-3), acts_on="penetration", damping=0.3),
         20.0,
     ),
-    "beam, damped uniformly": (lambda: beam_on_a_stop(6, vf.RayleighDamping(0.1, 0.0)), 20.0),
+    "beam, damped uniformly": (lambda: beam_on_a_stop(6, vf.RayleighDamping(0.1, 0.0)), 9.0),
     "mass, harmonic": (rattle, 60.0),
     "mass, resonance": (lambda: rattle(vf.Sine(0.05, 1.0)), 60.0),
     "mass, pulses": (lambda: rattle(vf.Pulse(2.0, 1.0, 0.5) + vf.Ramp(0.3, 4.0, 9.0) + vf.Sine(0.8, 1.1)), 30.0),
@@ -154,8 +154,12 @@ def test_results_do_not_depend_on_the_memory_for_statuses(monkeypatch):
     monkeypatch.setattr(status_table, "_MOST_MEMORY", 1)
     little = run(build(), t_end)
     assert whole.counters.statuses > 3
+    assert little.solution.table.capacity == 2
+    for name in ("starts", "displacement", "velocity", "gaps"):
+        assert np.array_equal(getattr(whole.solution.segments, name), getattr(little.solution.segments, name))
+    # Samples are then computed otherwise.
     for mine, other in zip(coordinates(whole), coordinates(little), strict=True):
-        assert np.array_equal(mine, other)
+        assert mine == pytest.approx(other, abs=1e-13)
 
 
 def flow_of(scene, **options):
@@ -167,7 +171,7 @@ def flow_of(scene, **options):
         return flow(system, start, 12.0, derivative=np.eye(2 * space.size), **options)
 
 
-@pytest.mark.parametrize("windows", [[], [Unwatched(0, 2.0, 5.0), Unwatched(0, 8.0, np.inf)]], ids=["all", "windows"])
+@pytest.mark.parametrize("windows", [[], [Unwatched(0, 1.0, 2.0), Unwatched(0, 9.0, np.inf)]], ids=["all", "windows"])
 def test_flows_are_those_of_steps_in_python(windows, monkeypatch):
     build = SCENES["beam, damped"][0]
     counts = counted(monkeypatch)
@@ -175,8 +179,8 @@ def test_flows_are_those_of_steps_in_python(windows, monkeypatch):
     assert counts["steps"] == 0
     monkeypatch.setattr(follow, "MOST_MODES", 0)
     by_steps = flow_of(build(), unwatched=windows)
-    assert counts["steps"] > 4
-    assert len(by_loop.events) == len(by_steps.events) > 2
+    assert counts["steps"] >= 4
+    assert len(by_loop.events) == len(by_steps.events) > 1
     for mine, other in zip(by_loop.events, by_steps.events, strict=True):
         assert (mine.contact, mine.before, mine.after) == (other.contact, other.before, other.after)
         assert mine.time == pytest.approx(other.time, rel=1e-11)

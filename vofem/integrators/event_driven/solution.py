@@ -539,7 +539,9 @@ class EventSolution:
     @cached_property
     def table(self) -> StatusTable:
         """Eigensystems of the statuses as the compiled loops take them."""
-        return StatusTable(self.load_vectors, self.space.contacts.shape[0], self.t_end)
+        laws = self.system.contacts
+        damped = self.system.damped or (laws is not None and bool(np.any(laws.damping > 0)))
+        return StatusTable(self.load_vectors, self.space.contacts.shape[0], self.t_end, damped)
 
     def slot(self, status: Status) -> int:
         """Return the slot of a status in `table`; -1 where a contact is pinned or modes are in clusters."""
@@ -777,12 +779,14 @@ class EventSolution:
         return Sensitivity(np.append(self.segment_starts, self.t_end), growth)
 
     def _slots(self) -> Status:
-        """Return the slots in `table` of the statuses of the record, -1 for those without; empty in plain Python."""
-        if not compiled() or self.space.size > MOST_MODES:
+        """Return the slots in `table` of the statuses of the record, -1 for those without.
+
+        Empty in plain Python and where the table cannot hold all of them.
+        """
+        statuses = self.record.statuses
+        if not compiled() or self.space.size > MOST_MODES or len(statuses) > min(_MOST_SLOTS, self.table.capacity):
             return np.zeros(0, dtype=np.int64)
-        for status in self.record.statuses[:_MOST_SLOTS]:
-            self.slot(status)
-        return np.array([self.table.slot(status) for status in self.record.statuses], dtype=np.int64)
+        return np.array([self.slot(status) for status in statuses], dtype=np.int64)
 
     @property
     def start_energy(self) -> float:

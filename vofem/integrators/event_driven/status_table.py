@@ -99,14 +99,19 @@ class StatusTable:
     contacts : int
     horizon : float
         For how long motions may be followed, s.
+    damped : bool
+        Whether there is damping, so that modes may be mixed.
 
     Attributes
     ----------
     arrays : Table
+    capacity : int
+        Number of slots at most.
     """
 
-    def __init__(self, loads: Array, contacts: int, horizon: float) -> None:
+    def __init__(self, loads: Array, contacts: int, horizon: float, damped: bool) -> None:
         self._loads, self._horizon = loads, horizon
+        self.capacity = max(_MOST_MEMORY // (8 * max(loads.shape[1], 1) ** 2 * (10 if damped else 2)), 2)
         n = loads.shape[1]
         functions = loads.shape[0]
         self._used = 0
@@ -203,21 +208,19 @@ class StatusTable:
                 following[slot, changed[0]], following[other, changed[0]] = other, slot
 
     def _make_room(self, mixed: bool) -> None:
-        """Let the arrays have another slot; where they would take too much memory, all statuses leave."""
+        """Let the arrays have another slot; where there are too many, all statuses leave."""
         slots = self.arrays.number.shape[0]
         if mixed and not self._any_mixed:
             self._any_mixed = True
             self._resize(slots)
         if self._used == slots:
-            n = self._loads.shape[1]
-            each = 8 * n * n * (10 if self._any_mixed else 2)
-            if slots and 2 * slots * each > _MOST_MEMORY:
+            if slots == self.capacity:
                 self._used = 0
                 self._statuses.clear()
                 self._slots.clear()
                 self.arrays.following[:] = -1
             else:
-                self._resize(max(2 * slots, 2))
+                self._resize(min(max(2 * slots, 2), self.capacity))
 
     def _resize(self, slots: int) -> None:
         parts = []
