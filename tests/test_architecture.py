@@ -24,6 +24,7 @@ LAYERS = [
     "cache",
     "files",
     "persistence",
+    "cards",
     "polynomial",
     "fractional",
     "linalg",

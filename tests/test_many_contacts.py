@@ -144,6 +144,18 @@ def test_memory_grows_with_the_number_of_contacts_not_with_its_square():
     assert peak < 8e6
 
 
+def test_the_energy_of_a_jump_is_that_of_its_force():
+    """The force of stepping methods rises over 1e-12 of the gap; its potential is compared with a quadrature."""
+    mass = vf.Mass(1.0, name="m")
+    contact = vf.Contact(mass, gap=0.25, side="above", stiffness=1e9, acts_on="displacement")
+    laws = vf.Scene([mass], [contact]).model.system.contacts
+    # Places that are numbers of double precision, from 0 to four widths of the ramp.
+    s = np.arange(0, 19_000, 10) * np.spacing(0.25)
+    force = np.where(s < 0.25e-12, 1e9 * (0.25 + 0.25e-12) * s / 0.25e-12, 1e9 * (0.25 + s))
+    expected = np.concatenate([[0.0], np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(s))])
+    np.testing.assert_allclose(laws.potential((0.25 + s)[None, :]), expected, rtol=1e-3, atol=1e-9)
+
+
 def masses_between_jumps(seed):
     """Return masses between stops of 1e4 to 1e12 N/m whose force jumps, and a step that is long against them."""
     rng = random.Random(seed)
@@ -171,7 +183,8 @@ def masses_between_jumps(seed):
 
 # These four ended without a solution: beside steep laws, elimination gave back to a law that had let go the rounding
 # of the others, and Newton's method went on for ever.
-@pytest.mark.parametrize("seed", [27, 77, 153, 163, 0, 1, 2])
+# Of 108 the energy was measured without the width of the jump, and taken for a blow-up.
+@pytest.mark.parametrize("seed", [27, 77, 153, 163, 108, 0, 1, 2])
 def test_a_law_that_lets_go_does_not_keep_others_from_settling(seed):
     scene, dt = masses_between_jumps(seed)
     steps = round(3.0 / dt)

@@ -68,27 +68,27 @@ def test_the_multipliers_beside_two_grazings():
 
 
 def test_two_masses_that_hit_at_the_same_times():
-    """Down to several impacts a period: grazings of both at once, and the folds of one mass alone."""
-    alone = vf.continuation(lambda omega: twins(omega, 1), 1.0, 0.42)
-    both = vf.continuation(twins, 1.0, 0.42)
-    assert both.values[-1] == 0.42
+    """Grazings of both at once, and the folds of one mass alone."""
+    alone = vf.continuation(lambda omega: twins(omega, 1), 0.72, 0.66)
+    both = vf.continuation(twins, 0.72, 0.66)
+    assert both.values[-1] == alone.values[-1] == 0.66
     grazings = {name: [s.value for s in both.special if s.contact == f"stop {name}"] for name in "ab"}
     known = [s.value for s in alone.special if s.kind == "grazing"]
-    assert len(known) >= 3
+    assert len(known) == 1
     for name in "ab":
         assert grazings[name] == pytest.approx(known, abs=1e-10)
     folds = [[s.value for s in branch.special if s.kind == "fold"] for branch in (alone, both)]
-    assert len(folds[0]) >= 4
+    assert len(folds[0]) == 2
     assert folds[1] == pytest.approx(folds[0], abs=1e-10)
-    scene = twins(0.65)
-    for orbit, single in zip(both.at(0.65), alone.at(0.65), strict=True):
+    scene = twins(0.7)
+    for orbit, single in zip(both.at(0.7), alone.at(0.7), strict=True):
         assert orbit.amplitude(scene.bodies[0]) == pytest.approx(orbit.amplitude(scene.bodies[1]), rel=1e-10)
         assert orbit.amplitude(scene.bodies[0]) == pytest.approx(single.amplitude(single.scene.bodies[0]), rel=1e-10)
 
 
 def test_two_damped_contacts_that_switch_at_once():
     """Both dampers count in coordinates at the event of one: multipliers are those of the state at t = 0."""
-    branch = vf.continuation(lambda omega: twins(omega, damping=0.6), 1.65, 1.6)
+    branch = vf.continuation(lambda omega: twins(omega, damping=0.6), 1.62, 1.6, max_points=32)
     assert [s.kind for s in branch.special][:2] == ["grazing", "grazing"]
     compared = [orbit for orbit in branch.orbits if orbit.result.contacts["stop a"].closings.size][2:20:4]
     assert len(compared) >= 3

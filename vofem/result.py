@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import Named
 from vofem.assembly import Model
+from vofem.cards import Shown
 from vofem.effects.two_points import units_of
 from vofem.errors import ArgumentError
 from vofem.histories import (
@@ -38,7 +39,7 @@ from vofem.system import Counters, State
 Array = NDArray[np.float64]
 
 
-class Result(Motion):
+class Result(Shown, Motion):
     """The outcome of `vofem.simulate`.
 
     Quantities are computed when they are first read. All arrays over time belong

@@ -12,6 +12,7 @@ from typing import Any
 from vofem._validate import nearest, public
 from vofem.assembly import Effect, Model, SystemBuilder
 from vofem.bodies.base import Body
+from vofem.cards import Shown
 from vofem.effects.base_motion import BaseMotion
 from vofem.effects.contact import Contact
 from vofem.errors import ArgumentError, VofemError
@@ -30,7 +31,7 @@ def as_scene(what: str, value: Any) -> Scene:
     raise ArgumentError(f"{what}: scene is {value!r}, expected a vofem.Scene; put bodies and effects into one")
 
 
-class Scene:
+class Scene(Shown):
     """Bodies, the effects that act on them, and their initial state.
 
     Parameters

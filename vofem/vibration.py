@@ -41,6 +41,11 @@ class Modes:
         return f"Modes({self.omega.size} modes{span})"
 
     @property
+    def bodies(self) -> tuple[Body, ...]:
+        """The bodies of the scene."""
+        return tuple(self._model.offsets)
+
+    @property
     def frequencies(self) -> Array:
         """Frequencies in Hz, shape (count,)."""
         return self.omega / (2.0 * np.pi)

@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem._validate import nearest, optional
+from vofem.cards import Shown
 from vofem.errors import ArgumentError
 
 #: Rows that are shown as text.
 _SHOWN = 20
 
 
-class Table(Mapping[str, NDArray]):
+class Table(Shown, Mapping[str, NDArray]):
     """Columns of equal length by name: a mapping of names to arrays, each of shape (n_rows,).
 
     Parameters

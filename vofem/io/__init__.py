@@ -1,1 +1,24 @@
-"""Files in and out: scene files, tables, histories, pictures, series for ParaView."""
+"""What a user looks at and keeps: pictures, movies, tables, files of scenes and of runs.
+
+`animate` writes movies; `plot`, `render`, `vtk`, `csv_file` and `doctor` are modules of this package.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from vofem.io.movies.animate import animate
+
+__all__ = ["animate"]
+
+#: Functions that are imported when first asked for, by module.
+_LATER = {"animate": "vofem.io.movies.animate"}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LATER:
+        raise AttributeError(f"module 'vofem.io' has no attribute {name!r}")
+    from importlib import import_module
+
+    value = getattr(import_module(_LATER[name]), name)
+    globals()[name] = value
+    return value

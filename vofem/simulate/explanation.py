@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vofem._validate import number
+from vofem.cards import Shown
 from vofem.laws import KINDS
 from vofem.scene import Scene, as_scene
 from vofem.simulate.methods import choose
@@ -15,7 +16,7 @@ from vofem.system import System
 
 
 @dataclass(frozen=True, repr=False)
-class Explanation:
+class Explanation(Shown):
     """What will be simulated, by which method and why, and what is left out. Print it to read it.
 
     Attributes

@@ -195,10 +195,10 @@ def plain(text: str) -> str:
     return text.replace("$", r"\$")
 
 
-def legend(axes: Any, sources: Iterable[Any] | None = None, most: int = len(COLORS)) -> None:
+def legend(axes: Any, sources: Iterable[Any] | None = None, most: int = len(COLORS), last: Sequence[str] = ()) -> None:
     """Add a legend, beside the axes where there is room for it, of at most so many lines.
 
-    Lines of several axes, `sources`, are named once.
+    Lines of several axes, `sources`, are named once; names in `last` come last.
     """
     named: dict[str, Any] = {}
     for source in (axes,) if sources is None else sources:
@@ -206,6 +206,9 @@ def legend(axes: Any, sources: Iterable[Any] | None = None, most: int = len(COLO
             named.setdefault(name, handle)
     if not named:
         return
+    for name in last:
+        if name in named:
+            named[name] = named.pop(name)
     handles, names = list(named.values()), list(named)
     more = len(names) - most
     if more > 0:

@@ -29,6 +29,9 @@ CLOSED = "#e07b21"
 CLOSED_TEXT = "#8f4306"
 MASS = "#8f9bb0"
 
+#: All of them but that of the paper.
+PALETTE = (INK, BLOCK, GROUND, OUTLINE, SPRING, OPEN, OPEN_TEXT, CLOSED, CLOSED_TEXT, MASS)
+
 
 @dataclass(frozen=True)
 class Strip:

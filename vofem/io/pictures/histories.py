@@ -163,7 +163,7 @@ def _draw_motion(view: _View, points: list[Point], scale: tuple[float, str], col
         color = ink() if k == 0 else COLORS[k % len(COLORS)]
         if view.enveloped:
             middle, low, high = envelope_of(view.times, view.motion[k] / factor, view.window, view.parts)
-            upper.fill_between(middle, low, high, color=color, alpha=0.85 if k == 0 else 0.5, linewidth=0.3, **label)
+            upper.fill_between(middle, low, high, color=color, alpha=0.4, linewidth=stroke(0.8), **label)
         else:
             upper.plot(view.times, view.motion[k] / factor, color=color, linewidth=stroke(1.3), **label)
     # Intervals of several contacts lie on each other.

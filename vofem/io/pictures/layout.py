@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.bodies import Beam
 from vofem.bodies.base import Body, Point
 from vofem.io.pictures.snapshot import BodyState, Link, Snapshot
 from vofem.io.pictures.units import nice_below
@@ -123,7 +122,7 @@ def arrange(view: Snapshot, size: tuple[int, int], magnification: float | None) 
     """Return the places of all bodies, at the largest short magnification that fits."""
     order = _stack(view)
     beams = [body for body in order if is_line(body)]
-    bending = any(isinstance(body, Beam) for body in order)
+    bending = view.bending
     shifts = _shifts(view)
     starts = [body.shape.x[0] + shifts[body] for body in order]
     ends = [body.shape.x[-1] + shifts[body] for body in order]
@@ -133,7 +132,7 @@ def arrange(view: Snapshot, size: tuple[int, int], magnification: float | None) 
         start, span = start - 0.5, 1.0
     scale = width / span
     full = min(size[0] / 1600.0, size[1] / 700.0)
-    lower = (SCALE_BAND if beams else 40.0) * full
+    lower = (SCALE_BAND if beams and not view.title else 40.0) * full
     upper = size[1] - HEADER * full
     room = upper - lower - (DIAGRAMS * full if bending else 0.0)
     unit, chosen = _choose(view, order, _rows(view, order, shifts), room, full, scale, magnification)

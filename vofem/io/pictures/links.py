@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from vofem.bodies.base import Point
 from vofem.io.pictures import shapes
+from vofem.io.pictures.arrows import add_gap
 from vofem.io.pictures.drawing import CLOSED, CLOSED_TEXT, GROUND, OPEN, OPEN_TEXT, SPRING, Drawing, Label
 from vofem.io.pictures.layout import MASS_HALF, Layout, moves_across, place_of, side_of_ground
 from vofem.io.pictures.snapshot import Link, Snapshot
@@ -21,7 +23,20 @@ _COLORS = {
     "closed": (CLOSED, CLOSED_TEXT),
     "pinned": (CLOSED, CLOSED_TEXT),
     "spring": (SPRING, SPRING),
+    "damper": (SPRING, SPRING),
 }
+
+
+#: What acts at any distance.
+_ALWAYS = ("spring", "damper")
+
+#: Stops whose gaps are dimensioned at most, and the shortest dimension, pixels.
+_DIMENSIONS, _NARROW = 4, 12.0
+
+
+def _element(link: Link) -> Callable[..., None]:
+    """Return the function that draws a link."""
+    return shapes.damper if link.status == "damper" else shapes.spring
 
 
 @dataclass(frozen=True)
@@ -54,6 +69,7 @@ def add_links(drawing: Drawing, view: Snapshot, layout: Layout) -> None:
             x, y = _stop(drawing, layout, link, slots[index], lane.floor, -1.0, half)
         wanted.append((link, x, y, half))
     _ground_springs(drawing, layout, slots, half)
+    _dimensions(drawing, view, layout, slots, half)
     _labels(drawing, layout, wanted)
 
 
@@ -117,12 +133,28 @@ def _stop(
     pad = min(pad, limit) if face > 0 else max(pad, limit)
     color = _COLORS[link.status][0]
     width = max(1.5, min(4.6 * layout.unit, 0.25 * half))
-    thick = 0.0 if link.status == "spring" else 7.0 * layout.unit
-    shapes.spring(drawing, (x, pad + face * thick), (x, ground), 0.7 * half, color, width)
+    thick = 0.0 if link.status in _ALWAYS else 7.0 * layout.unit
+    _element(link)(drawing, (x, pad + face * thick), (x, ground), 0.7 * half, color, width)
     drawing.taken.append((x - 0.7 * half, min(pad, ground), x + 0.7 * half, max(pad, ground)))
     if thick:
         drawing.rectangle((x - half, x + half), (pad, pad + face * thick), color)
     return x, 0.5 * (pad + ground)
+
+
+def _dimensions(drawing: Drawing, view: Snapshot, layout: Layout, slots: dict[int, float], half: float) -> None:
+    """Add the sizes of the gaps of open stops, where there are few of them and they are wide enough to be seen."""
+    stops = [
+        (slots[index], link)
+        for index, link in enumerate(view.links)
+        if index in slots and link.status == "open" and not _is_far(layout, link)
+        and link.gap * layout.motion >= _NARROW * layout.unit
+    ]  # fmt: skip
+    if len(stops) > _DIMENSIONS:
+        return
+    for x, link in stops:
+        face = 1.0 if link.side == "above" else -1.0
+        rest = _foot(layout, link.a, x, face).rest
+        add_gap(drawing, layout, x - half - 12.0 * layout.unit, rest, rest + face * link.gap * layout.motion, link.gap)
 
 
 def _rotation(drawing: Drawing, layout: Layout, link: Link) -> tuple[float, float]:
@@ -148,14 +180,14 @@ def _stop_along(drawing: Drawing, layout: Layout, link: Link, half: float) -> tu
     eta = float(np.interp(place_of(link.a), lane.state.x, lane.state.eta))
     rest = float(layout.along(link.a.body, place_of(link.a)))
     face = 1.0 if link.side == "above" else -1.0
-    if link.status == "spring":  # its ground stands beyond the nearer end
+    if link.status in _ALWAYS:  # its ground stands beyond the nearer end
         face = 1.0 if place_of(link.a) > 0.5 * (lane.state.x[0] + lane.state.x[-1]) else -1.0
     free, now = rest + face * link.gap * layout.motion, rest + eta * layout.motion
     pad = free if link.status == "open" else now
-    thick = 0.0 if link.status == "spring" else 7.0 * unit
+    thick = 0.0 if link.status in _ALWAYS else 7.0 * unit
     ground = max(free, pad, key=lambda x: face * x) + face * (_SHORTEST + 40.0) * unit
     color, y = _COLORS[link.status][0], lane.axis
-    shapes.spring(drawing, (pad + face * thick, y), (ground, y), 0.7 * half, color, 3.0 * unit)
+    _element(link)(drawing, (pad + face * thick, y), (ground, y), 0.7 * half, color, 3.0 * unit)
     drawing.rectangle((ground, ground + face * 18.0 * unit), (y - 50.0 * unit, y + 50.0 * unit), GROUND)
     if thick:
         drawing.rectangle((pad, pad + face * thick), (y - half, y + half), color)
@@ -183,12 +215,12 @@ def _between(drawing: Drawing, layout: Layout, link: Link, half: float) -> tuple
     high = _foot(layout, ends[1][0], ends[1][1], -1.0)
     color = _COLORS[link.status][0]
     width = max(1.5, min(4.6 * layout.unit, 0.25 * half))
-    thick = 0.0 if link.status == "spring" else 7.0 * layout.unit
+    thick = 0.0 if link.status in _ALWAYS else 7.0 * layout.unit
     at = low.now
     if link.status == "open" and a_below:
         # The spring keeps its length: the pad moves with the upper body.
         at = max(low.rest + link.gap * layout.motion + high.now - high.rest, low.now)
-    shapes.spring(drawing, (low.x, at + thick), (high.x, high.now), 0.7 * half, color, width)
+    _element(link)(drawing, (low.x, at + thick), (high.x, high.now), 0.7 * half, color, width)
     drawing.taken.append((low.x - 0.7 * half, min(at, high.now), low.x + 0.7 * half, max(at, high.now)))
     if thick:
         drawing.rectangle((low.x - half, low.x + half), (at, at + thick), color)
@@ -211,7 +243,7 @@ def _labels(drawing: Drawing, layout: Layout, wanted: list[tuple[Link, float, fl
     """Label the links beside them, the largest force first; where it is crowded some go without, and are counted."""
     unit, omitted = layout.unit, 0
     for link, x, y, half in sorted(wanted, key=lambda w: -abs(w[0].force)):
-        if link.status == "spring":
+        if link.status in _ALWAYS:
             continue
         color = _COLORS[link.status][1]
         text = "open" if link.status == "open" else spell(link.force, "N·m" if link.rotation else "N")
@@ -222,7 +254,7 @@ def _labels(drawing: Drawing, layout: Layout, wanted: list[tuple[Link, float, fl
         right = Label(x + 0.7 * half + 16.0 * unit, y, text, color, 21.0 * layout.text, "left", bold=True)
         left = Label(x - 0.7 * half - 16.0 * unit, y, text, color, 21.0 * layout.text, "right", bold=True)
         omitted += not drawing.place(right, [left])
-    contacts = [link for link, _, _, _ in wanted if link.status != "spring"]
+    contacts = [link for link, _, _, _ in wanted if link.status not in _ALWAYS]
     if omitted:
         active = [link.force for link in contacts if link.status != "open"]
         text = f"{len(active)} of {len(contacts)} contacts closed"

@@ -24,6 +24,9 @@ Others = tuple[str, ArrayLike, ArrayLike]
 
 #: Points along a beam at which its shape is drawn, and marks of another result along it.
 _POINTS, _MARKS = 401, 26
+#: Names of what is shown beside lines; they stand last in the legend.
+_CLOSED, _SURFACE = "closed contact", "untouched surface"
+
 #: Lines of a legend that fit beside the axes.
 _LEGEND = 16
 
@@ -86,7 +89,7 @@ def shapes(
         axes.set_title(plain(title), fontsize=text_size(11))
         axes.set_xlabel("x [m]")
     grid[0, 0].set_ylabel(f"deflection [{unit}]")
-    legend(grid[0, -1], grid[0], _LEGEND)
+    legend(grid[0, -1], grid[0], _LEGEND, last=(_CLOSED, _SURFACE))
     return canvas.done()
 
 
@@ -123,7 +126,7 @@ class _Shapes:
             if self.places and np.any(self.closed[:, k]):
                 on = self.closed[:, k]
                 dots = {"color": COLORS[0], "linestyle": "", "marker": "o", "markersize": 6.0, "zorder": 3}
-                axes.plot(self.held[on], self.at_held[on, k] / factor, **dots, label="closed contact")
+                axes.plot(self.held[on], self.at_held[on, k] / factor, **dots, label=_CLOSED)
         if beside is not None:
             name, x, eta = beside
             x, eta = np.asarray(x, dtype=float), np.asarray(eta, dtype=float) / factor
@@ -153,4 +156,4 @@ def _draw_stops(axes: Any, places: list[Place], size: float, factor: float) -> N
         near = 0.02 * size
         for group in np.split(at, np.flatnonzero(np.diff(at) > 5.0 * near) + 1):
             ends = (group[0] - near, group[-1] + near)
-            axes.plot(ends, [surface / factor] * 2, color="#8d929b", linewidth=stroke(2.5), label="untouched surface")
+            axes.plot(ends, [surface / factor] * 2, color="#8d929b", linewidth=stroke(2.5), label=_SURFACE)

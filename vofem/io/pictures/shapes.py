@@ -82,3 +82,40 @@ def spiral(drawing: Drawing, x: float, y: float, radius: float, color: str, widt
     turn = np.linspace(0.0, 5.0 * np.pi, 121)
     reach = radius * turn / turn[-1]
     drawing.line(x + reach * np.cos(turn), y + reach * np.sin(turn), color, width)
+
+
+def damper(
+    drawing: Drawing,
+    start: tuple[float, float],
+    end: tuple[float, float],
+    half: float,
+    color: str,
+    width: float,
+) -> None:
+    """Add a dashpot from start to end: a piston in a cup of half width `half`."""
+    first, last = np.array(start), np.array(end)
+    direction = last - first
+    normal = half * np.array([-direction[1], direction[0]]) / max(float(np.hypot(*direction)), 1e-9)
+
+    def stroke(*places: tuple[float, float]) -> None:
+        points = np.array([first + along * direction + aside * normal for along, aside in places])
+        drawing.line(points[:, 0], points[:, 1], color, width, behind=True)
+
+    stroke((0.0, 0.0), (0.48, 0.0))
+    stroke((0.48, -0.7), (0.48, 0.7))
+    stroke((0.3, -1.0), (0.68, -1.0), (0.68, 1.0), (0.3, 1.0))
+    stroke((0.68, 0.0), (1.0, 0.0))
+
+
+def arrow(drawing: Drawing, start: tuple[float, float], end: tuple[float, float], unit: float, color: str) -> None:
+    """Add an arrow from start to end, whose head is at most as long as the arrow."""
+    first, last = np.array(start, dtype=float), np.array(end, dtype=float)
+    size = float(np.hypot(*(last - first)))
+    if size <= 0.0:
+        return
+    along = (last - first) / size
+    head = min(17.0 * unit, max(size, 8.0 * unit))
+    back, aside = last - head * along, 0.45 * head * np.array([-along[1], along[0]])
+    if size > head:
+        drawing.line([first[0], back[0]], [first[1], back[1]], color, 4.2 * unit)
+    drawing.patches.append(Patch(np.array([last, back + aside, back - aside]), color))

@@ -10,6 +10,7 @@ from vofem.bodies import Beam
 from vofem.effects import Joint
 from vofem.errors import ArgumentError
 from vofem.io.pictures import shapes
+from vofem.io.pictures.arrows import add_contact_forces, add_loads
 from vofem.io.pictures.drawing import (
     BLOCK,
     GROUND,
@@ -33,16 +34,32 @@ Array = NDArray[np.float64]
 _SMALLEST, _LARGEST = 200, 8000
 
 
-def sketch(view: Snapshot, size: tuple[int, int], magnification: float | None) -> Drawing:
-    """Return the picture of a scene, of a size in pixels and with a magnification or one that is chosen."""
+def sketch(
+    view: Snapshot, size: tuple[int, int], magnification: float | None, *, forces: bool = False, title: str = ""
+) -> Drawing:
+    """Return the picture of a scene.
+
+    Parameters
+    ----------
+    view : Snapshot
+    size : (int, int)
+        Width and height in pixels.
+    magnification : float, optional
+        Of displacements; chosen where not given.
+    forces : bool
+        Whether closed contacts light up, and arrows show the forces with which they push.
+    title : str
+        Stands before the time.
+    """
     size = _checked(size)
     if magnification is not None:
         magnification = number("a picture's magnification", magnification, positive=True)
     layout = arrange(view, size, magnification)
     drawing = Drawing(size)
-    _title(drawing, view, layout)
+    _title(drawing, view, layout, title)
     beams = [lane for lane in layout.lanes.values() if isinstance(lane.state.body, Beam)]
-    if beams:
+    factor = 1.0
+    if view.bending:
         factor = _color_bar(drawing, view)
         _diagrams(drawing, layout, beams[::-1], factor)
     for index, lane in enumerate(layout.lanes.values()):
@@ -54,9 +71,13 @@ def sketch(view: Snapshot, size: tuple[int, int], magnification: float | None) -
         else:
             _mass(drawing, layout, lane, side_of_ground(index, len(layout.lanes)))
     add_links(drawing, view, layout)
+    _point_masses(drawing, view, layout)
+    if forces:
+        add_contact_forces(drawing, view, layout)
+    add_loads(drawing, view, layout)
     for joint in view.joints:
         _joint(drawing, layout, joint)
-    if layout.magnification is None:
+    if layout.magnification is None and not view.title:
         _scale_of_motion(drawing, layout)
     return drawing
 
@@ -75,10 +96,13 @@ def _full(size: tuple[int, int]) -> float:
     return min(size[0] / 1600.0, size[1] / 700.0)
 
 
-def _title(drawing: Drawing, view: Snapshot, layout: Layout) -> None:
+def _title(drawing: Drawing, view: Snapshot, layout: Layout, before: str) -> None:
     full = _full(drawing.size)
-    parts = ["equilibrium" if view.time is None else f"t = {_spelled(view.time)}"]
-    for state in sorted(view.bodies, key=lambda s: -float(np.max(np.abs(s.eta))))[:3]:
+    parts = [before] if before else []
+    parts.append(view.title or ("equilibrium" if view.time is None else f"t = {_spelled(view.time)}"))
+    # The size of a mode shape is arbitrary.
+    told = [] if view.title else sorted(view.bodies, key=lambda s: -float(np.max(np.abs(s.eta))))[:3]
+    for state in told:
         place, value = _most_telling(state.body, state.x, state.eta)
         name = state.body.name if len(view.bodies) > 1 else ""
         factor, unit = length(value)
@@ -86,7 +110,7 @@ def _title(drawing: Drawing, view: Snapshot, layout: Layout) -> None:
         words = (name, place, number) if place == "tip" else (name, number, place)
         parts.append(" ".join(word for word in words if word))
     text = "    ".join(parts)
-    if layout.magnification is not None:
+    if layout.magnification is not None and not view.title:
         text += f"    (motion shown x{layout.magnification:g})"
     fitting = min(27.0 * full, 0.96 * drawing.size[0] / (0.56 * len(text)))
     drawing.labels.append(Label(0.5 * drawing.size[0], drawing.size[1] - 34.0 * full, text, INK, fitting, "center"))
@@ -144,7 +168,9 @@ def _diagrams(drawing: Drawing, layout: Layout, beams: list[Lane], factor: float
         drawing.strips.append(Strip(x, np.full(x.size, base), curve, state.moment / factor))
         drawing.line(x[[0, -1]], base, OUTLINE, 1.2)
         drawing.line(x, curve, INK, 1.6)
-        if len(beams) > 1:
+        if len(beams) == 1:
+            _name(drawing, "M", float(x[0]) - 20.0 * full, base, 19.0 * full)
+        else:
             _name(drawing, f"M {state.body.name}", float(x[0]) - 20.0 * full, base, 17.0 * full)
 
 
@@ -226,6 +252,16 @@ def _joint(drawing: Drawing, layout: Layout, joint: Joint) -> None:
         drawing.dot(np.array([x]), np.array([y]), INK, 20.0 * layout.unit)
         if joint.kind == "hinge":
             drawing.dot(np.array([x]), np.array([y]), PAPER, 12.0 * layout.unit)
+
+
+def _point_masses(drawing: Drawing, view: Snapshot, layout: Layout) -> None:
+    """Add a disc on the axis where a point mass is attached."""
+    for point in view.weights:
+        lane = layout.lanes[point.body]
+        state = lane.state
+        eta = float(np.interp(place_of(point), state.x, state.eta)) * layout.motion
+        x = float(layout.along(point.body, place_of(point))) + eta * point.body.shape.direction[0]
+        drawing.dot(np.array([x]), np.array([lane.axis + eta * point.body.shape.direction[1]]), BLOCK, 1.3 * lane.half)
 
 
 def _mass(drawing: Drawing, layout: Layout, lane: Lane, side: str) -> None:

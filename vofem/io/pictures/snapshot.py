@@ -12,16 +12,20 @@ from vofem._validate import number
 from vofem.bodies import Beam
 from vofem.bodies.base import Body, Point
 from vofem.effects import (
+    CrushingStop,
+    Dashpot,
     Foundation,
     HystereticSpring,
     IwanSpring,
     Joint,
     NonlinearSpring,
+    PointMass,
     RotationalSpring,
     Spring,
     Springpot,
 )
 from vofem.errors import ArgumentError
+from vofem.io.pictures.pushes import Push, pushes
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.statics import Equilibrium
@@ -85,7 +89,7 @@ class Link:
     gap : float
         In m.
     status : str
-        "open", "closed", "pinned", or "spring".
+        "open", "closed", "pinned", "spring" or "damper".
     force : float
         In N, positive pushes the bodies apart; of a rotation in N m.
     rotation : bool
@@ -104,12 +108,38 @@ class Link:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """A scene at one time; `time` is None for an equilibrium."""
+    """A scene at one time.
+
+    Attributes
+    ----------
+    time : float or None
+        In s; None for an equilibrium, and for a mode shape.
+    bodies : tuple of BodyState
+    links : tuple of Link
+    joints : tuple of Joint
+    peak : float
+        The largest contact force of the run, N.
+    title : str
+        What stands in place of the time.
+    pushes : tuple of Push
+        Loads.
+    weights : tuple of Point
+        Where point masses are.
+    """
 
     time: float | None
     bodies: tuple[BodyState, ...]
     links: tuple[Link, ...]
     joints: tuple[Joint, ...] = ()
+    peak: float = 0.0
+    title: str = ""
+    pushes: tuple[Push, ...] = ()
+    weights: tuple[Point, ...] = ()
+
+    @property
+    def bending(self) -> bool:
+        """Whether bending moments are known, of a beam."""
+        return not self.title and any(isinstance(state.body, Beam) for state in self.bodies)
 
 
 def snapshot(outcome: Result | Equilibrium, t: float | None, scene: Scene | None = None) -> Snapshot:
@@ -131,25 +161,91 @@ def snapshot(outcome: Result | Equilibrium, t: float | None, scene: Scene | None
             raise ArgumentError("a picture of an equilibrium needs scene=, the Scene that it is the equilibrium of")
         states = {name: (c.status, c.force) for name, c in outcome.contacts.items()}
         bodies = tuple(_at_rest(outcome, body) for body in scene.bodies)
-        return Snapshot(None, bodies, _links(scene, states), _joints(scene))
+        peak = max((abs(force) for _, force in states.values()), default=0.0)
+        return Snapshot(None, bodies, _links(scene, states), _joints(scene), peak, weights=_weights(scene))
     if not isinstance(outcome, Result):
         raise ArgumentError(f"expected the outcome of simulate or equilibrium, found {outcome!r}")
-    time = number("the time of a picture", t)
-    bodies = tuple(_in_motion(outcome, body, time) for body in outcome.scene.bodies)
-    return Snapshot(time, bodies, _links(outcome.scene, _contact_states(outcome, time)), _joints(outcome.scene))
+    return snapshots(outcome, np.array([number("the time of a picture", t)]))[0]
+
+
+def snapshots(result: Result, times: Array) -> list[Snapshot]:
+    """Return what pictures of a run at several times need, with the ranges of the whole run.
+
+    Parameters
+    ----------
+    result : Result
+    times : ndarray, shape (n_times,)
+        In s, within the run.
+    """
+    bodies = [_in_motion(result, body, times) for body in result.scene.bodies]
+    contacts, peak = _contact_states(result, times)
+    scene, joints, weights = result.scene, _joints(result.scene), _weights(result.scene)
+    loads = pushes(scene, result.t_start + times, result.t_start + _times_of_range(result))
+    return [
+        Snapshot(
+            float(t), tuple(states[k] for states in bodies), _links(scene, contacts[k] | _crushed(result, float(t))),
+            joints, peak, "", loads[k], weights,
+        )
+        for k, t in enumerate(times)
+    ]  # fmt: skip
+
+
+def fixed_parts(scene: Scene) -> Snapshot:
+    """Return springs, dashpots, point masses and joints of a scene at rest, without bodies, contacts and loads."""
+    laws = scene.model.system.contacts
+    states = {} if laws is None else dict.fromkeys(laws.names, ("open", 0.0))
+    links = tuple(link for link in _links(scene, states) if link.status in ("spring", "damper"))
+    return Snapshot(None, (), links, _joints(scene), weights=_weights(scene))
+
+
+def at_rest(scene: Scene) -> Snapshot:
+    """Return a scene before anything has moved, contacts open."""
+    laws = scene.model.system.contacts
+    states = {} if laws is None else dict.fromkeys(laws.names, ("open", 0.0))
+    bodies = []
+    for body in scene.bodies:
+        if isinstance(body, Beam):
+            x = np.linspace(body.nodes[0], body.nodes[-1], _POINTS + 1)
+            bodies += _beam(body, x, np.zeros((x.size, 1)), np.zeros((x.size, 1)))
+        else:
+            bodies += _plain(body, np.zeros((body.shape.x.size, 1)))
+    return Snapshot(
+        None, tuple(bodies), _links(scene, states), _joints(scene), title="at rest", weights=_weights(scene)
+    )
+
+
+def _weights(scene: Scene) -> tuple[Point, ...]:
+    return tuple(effect.point for effect in scene.effects if isinstance(effect, PointMass))
+
+
+def _crushed(result: Result, t: float) -> dict[str, tuple[str, float]]:
+    """Return status and force of crushing stops at the stored time that is nearest to t."""
+    nearest = int(np.argmin(np.abs(result.times - t)))
+    forces = {
+        effect.name: float(result.springs[effect.name].force[nearest])
+        for effect in result.scene.effects
+        if isinstance(effect, CrushingStop)
+    }
+    return {name: ("closed" if force > 0.0 else "open", force) for name, force in forces.items()}
 
 
 def _joints(scene: Scene) -> tuple[Joint, ...]:
     return tuple(effect for effect in scene.effects if isinstance(effect, Joint))
 
 
-def _contact_states(result: Result, t: float) -> dict[str, tuple[str, float]]:
+def _contact_states(result: Result, times: Array) -> tuple[list[dict[str, tuple[str, float]]], float]:
+    """Return status and force of all contacts at some times, and the largest force of the run."""
     laws = result.model.system.contacts
     if laws is None:
-        return {}
-    samples = result.solution.contacts(np.array([t]))
+        return [{} for _ in times], 0.0
+    every = np.concatenate([times, _times_of_range(result)])
+    samples = result.solution.contacts(every)
     names = {OPEN: "open", CLOSED: "closed", PINNED: "pinned"}
-    return {name: (names[int(samples.status[j, 0])], float(samples.force[j, 0])) for j, name in enumerate(laws.names)}
+    states = [
+        {name: (names[int(samples.status[j, k])], float(samples.force[j, k])) for j, name in enumerate(laws.names)}
+        for k in range(times.size)
+    ]
+    return states, float(np.max(np.abs(samples.force), initial=0.0))
 
 
 def _links(scene: Scene, states: dict[str, tuple[str, float]]) -> tuple[Link, ...]:
@@ -161,10 +257,18 @@ def _links(scene: Scene, states: dict[str, tuple[str, float]]) -> tuple[Link, ..
         for c in scene.contacts
     ]  # fmt: skip
     springs = [
-        Link("", s.a, s.b, "below", 0.0, "spring", 0.0, s.of == "rotation")
+        Link("", s.a, s.b, "below", 0.0, "damper" if isinstance(s, Dashpot) else "spring", 0.0, s.of == "rotation")
         for s in scene.effects
-        if isinstance(s, _SPRINGS)
+        if isinstance(s, (*_SPRINGS, Dashpot))
     ]
+    contacts += [
+        Link(
+            s.name, s.a, s.b, s.side or "below", 0.0 if s.of == "rotation" else s.gap,
+            *states.get(s.name, ("open", 0.0)), s.of == "rotation",
+        )
+        for s in scene.effects
+        if isinstance(s, CrushingStop)
+    ]  # fmt: skip
     springs += [
         Link("", s.point, s.other, "below", 0.0, "spring", 0.0, True)
         for s in scene.effects
@@ -188,22 +292,23 @@ def _links(scene: Scene, states: dict[str, tuple[str, float]]) -> tuple[Link, ..
 
 def _at_rest(outcome: Equilibrium, body: Body) -> BodyState:
     if not isinstance(body, Beam):
-        return _plain(body, np.asarray(body.shape.rows @ outcome.state_of(body.name)[0])[:, None])
+        return _plain(body, np.asarray(body.shape.rows @ outcome.state_of(body.name)[0])[:, None])[0]
     x, eta, moment = _sampled(
         body, lambda x: outcome.deflection(x, body)[:, None], lambda x: outcome.bending_moment(x, body)[:, None]
     )
-    return _beam(body, x, eta, moment)
+    return _beam(body, x, eta, moment)[0]
 
 
-def _in_motion(result: Result, body: Body, t: float) -> BodyState:
-    # The picture's own time comes first, then the run.
-    times = np.concatenate([[t], _times_of_range(result)])
+def _in_motion(result: Result, body: Body, times: Array) -> list[BodyState]:
+    """Return a body at some times."""
+    # The pictures' own times come first, then the run.
+    every = np.concatenate([times, _times_of_range(result)])
     if not isinstance(body, Beam):
-        return _plain(body, result.along_shape(body, times))
+        return _plain(body, result.along_shape(body, every), times.size)
     x, eta, moment = _sampled(
-        body, lambda x: result.deflection(x, times, body), lambda x: result.bending_moment(x, times, body)
+        body, lambda x: result.deflection(x, every, body), lambda x: result.bending_moment(x, every, body)
     )
-    return _beam(body, x, eta, moment)
+    return _beam(body, x, eta, moment, times.size)
 
 
 def _times_of_range(result: Result) -> Array:
@@ -242,24 +347,17 @@ def _sampled(
     return x, deflection(x), moment
 
 
-def _beam(beam: Beam, x: Array, eta: Array, moment: Array) -> BodyState:
+def _beam(beam: Beam, x: Array, eta: Array, moment: Array, count: int = 1) -> list[BodyState]:
+    """Return a beam at the first `count` of the times of eta and moment, each (k, n_times), with the ranges of all."""
     # A section of constant width has EI in proportion to the cube of its depth.
     depth = np.cbrt(beam.bending_stiffness(x)[0])
     depth = np.clip(depth / depth.max(), 0.3, 1.0)
-    return BodyState(
-        beam,
-        x,
-        eta[:, 0],
-        moment[:, 0],
-        depth,
-        float(np.min(eta, initial=0.0)),
-        float(np.max(eta, initial=0.0)),
-        float(np.min(moment, initial=0.0)),
-        float(np.max(moment, initial=0.0)),
-    )
+    ranges = [float(of(part, initial=0.0)) for part in (eta, moment) for of in (np.min, np.max)]
+    return [BodyState(beam, x, eta[:, k], moment[:, k], depth, *ranges) for k in range(count)]
 
 
-def _plain(body: Body, u: Array) -> BodyState:
+def _plain(body: Body, u: Array, count: int = 1) -> list[BodyState]:
     """Return a body without bending moments, from the displacement of its places, shape (k, n_times)."""
     x, low, high = body.shape.x, float(np.min(u, initial=0.0)), float(np.max(u, initial=0.0))
-    return BodyState(body, x, u[:, 0], np.zeros(x.size), np.ones(x.size), low, high, 0.0, 0.0)
+    nothing, depth = np.zeros(x.size), np.ones(x.size)
+    return [BodyState(body, x, u[:, k], nothing, depth, low, high, 0.0, 0.0) for k in range(count)]

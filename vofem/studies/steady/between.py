@@ -13,6 +13,9 @@ from vofem.studies.steady.point import Interval, Point, corrected, derivative_by
 
 Array = NDArray[np.float64]
 
+#: `Evaluation.error` to which orbits are found that special points are located with.
+EXACT = 1e-13
+
 
 @dataclass
 class Step:
@@ -59,7 +62,7 @@ def between(family: Family, step: Step, share: float) -> tuple[Array, Any, Array
     # On the plane at this share.
     guess = guess + normal * (normal @ (start + t * secant - guess))
     by_value = (1.0 - t) * first.by_value + t * last.by_value
-    return corrected(family, first.chart, guess * scales, scales, normal, by_value)
+    return corrected(family, first.chart, guess * scales, scales, normal, by_value, tolerance=EXACT)
 
 
 def point_between(family: Family, step: Step, interval: Interval, share: float, *, tangent: bool = True) -> Point:

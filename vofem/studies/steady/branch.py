@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem._validate import number
+from vofem.cards import Shown
 from vofem.errors import ArgumentError
 from vofem.persistence import store
 from vofem.studies.steady.orbit import PeriodicOrbit
@@ -93,7 +94,7 @@ class Orbits(Sequence[PeriodicOrbit]):
         return (self[k] for k in range(len(self)))
 
 
-class Branch:
+class Branch(Shown):
     """A branch of periodic orbits along a parameter.
 
     Attributes

@@ -124,3 +124,24 @@ def counted(which: int, middle: float) -> Test:
         return float(np.copysign(np.min(away, initial=1.0), known[which] - middle))
 
     return test
+
+
+def outside(point: Point) -> int:
+    """Return the number of multipliers beyond the unit circle; 0 where the method does not know them."""
+    values = multipliers(point)
+    return 0 if values is None else int(np.sum(np.abs(values) > 1.0))
+
+
+def modulus(place: int) -> Test:
+    """Return how far the multiplier at a place in the order of decreasing modulus lies outside the unit circle."""
+    return lambda point: float(np.sort(np.abs(multipliers(point)))[::-1][place]) - 1.0  # type: ignore[arg-type]
+
+
+def kind_of(point: Point) -> str:
+    """Return which special point it is at which a multiplier lies on the unit circle."""
+    values = multipliers(point)
+    assert values is not None
+    nearest = int(np.argmin(np.abs(np.abs(values) - 1.0)))
+    if not _real(values)[nearest]:
+        return "neimark_sacker"
+    return "branch_point" if values[nearest].real > 0.0 else "period_doubling"

@@ -7,6 +7,7 @@ for where a parabola through three points of the branch comes near zero between 
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,8 +22,11 @@ from vofem.studies.steady.census import (
     census,
     counted,
     determinant,
+    kind_of,
+    modulus,
     multipliers,
     orientation,
+    outside,
     pair,
     real_at,
     turning,
@@ -42,7 +46,7 @@ _VANISHES = 1e-3
 #: A parabola that falls below this share of the ends of a step makes it looked into; evaluations there.
 _NEAR, _LOOKS = 0.3, 6
 
-#: Share of a step on each side of a turn at which determinants are compared.
+#: How near to a special point, as a share of its part of the step, its neighbours are compared.
 _BESIDE = 0.02
 
 
@@ -74,6 +78,10 @@ class _Part:
     step: Step
     low: float = 0.0
     high: float = 1.0
+
+    def placed(self, found: list[Crossing]) -> list[Crossing]:
+        """Return special points of this part with their share of the whole step."""
+        return [replace(one, share=self.low + one.share * (self.high - self.low)) for one in found]
 
     def cut(self, family: Family, interval: Interval, share: float) -> tuple[_Part, _Part]:
         """Return the parts on both sides of a share of this part."""
@@ -118,9 +126,39 @@ def _found(family: Family, interval: Interval, step: Step, cut: float | None) ->
         parts = [whole]
     found = []
     for part in parts:
-        for one in _single(family, interval, part.step):
-            found.append(replace(one, share=part.low + one.share * (part.high - part.low)))
+        first = _single(family, interval, part.step)
+        found += part.placed(first)
+        if multipliers(step.first) is not None:
+            for between in _around(family, interval, part, first):
+                found += between.placed(_single(family, interval, between.step))
     return sorted(found, key=lambda crossing: crossing.share)
+
+
+def _around(family: Family, interval: Interval, part: _Part, found: list[Crossing]) -> list[_Part]:
+    """Return the parts of a step between the special points that were found in it, where they hide others."""
+    points, shares = [part.step.first], [0.0]
+    for one in sorted(found, key=lambda crossing: crossing.share):
+        for share in (one.share - _BESIDE * one.share, one.share + _BESIDE * (1.0 - one.share)):
+            if share <= shares[-1]:
+                continue
+            try:
+                points.append(point_between(family, part.step, interval, share))
+            except ConvergenceError:
+                return []
+            shares.append(share)
+    points.append(part.step.last)
+    shares = [part.low + share * (part.high - part.low) for share in (*shares, 1.0)]
+    parts = [
+        _Part(Step(a, b), low, high)
+        for (a, b), (low, high) in zip(itertools.pairwise(points), itertools.pairwise(shares), strict=True)
+    ]
+    # A part with a special point of those found in it shows that one alone.
+    return [
+        one
+        for one in parts
+        if census(one.step.first) != census(one.step.last)
+        and not any(one.low <= known.share * (part.high - part.low) + part.low <= one.high for known in found)
+    ]
 
 
 def _changes(step: Step) -> Census | None:
@@ -154,6 +192,22 @@ def _single(family: Family, interval: Interval, step: Step) -> list[Crossing]:
     if changes is not None:
         found += _located(family, interval, step, "period_doubling", real_at(-1.0), changes.minus, 1)
         found += _located(family, interval, step, "neimark_sacker", pair, changes.pairs, 2)
+    if not found and outside(step.first) != outside(step.last):
+        found = _by_modulus(family, interval, step)
+    return found
+
+
+def _by_modulus(family: Family, interval: Interval, step: Step) -> list[Crossing]:
+    """Return where multipliers pass the unit circle that change their kind on the way, as a pair that becomes real."""
+    low, high = sorted((outside(step.first), outside(step.last)))
+    found: list[Crossing] = []
+    place = low
+    while place < high:
+        at = _root(family, step, interval, modulus(place))
+        kind = "" if at is None else kind_of(at[0])
+        if at is not None:
+            found.append(Crossing(kind, *at))
+        place += 2 if kind == "neimark_sacker" else 1
     return found
 
 
@@ -183,7 +237,7 @@ def _at_turn(family: Family, interval: Interval, step: Step, passed: bool, at_on
     point, share = at
     if passed:
         return [Crossing("fold", point, share, True)]
-    low, high = share - min(_BESIDE, 0.5 * share), share + min(_BESIDE, 0.5 * (1.0 - share))
+    low, high = share - _BESIDE * share, share + _BESIDE * (1.0 - share)
     try:
         beside = [point_between(family, step, interval, near) for near in (low, high)]
     except ConvergenceError:

@@ -29,6 +29,9 @@ _MOST_MARGIN = 0.25
 #: Steps by which an extreme is found between samples.
 _REFINED = 4
 
+#: Way of a contact between two events, over the size of the motion, up to which they happen at one time.
+_AT_ONCE = 1e-13
+
 
 @dataclass(frozen=True)
 class Phase:
@@ -141,17 +144,31 @@ def chart_at(problem: Shooting, flow: Flow, chart: Any, phase: Phase) -> tuple[E
 
 
 def _state_at_event(problem: Shooting, chart: Any, flow: Flow, phase: Phase) -> tuple[float, Status, Status, Array]:
-    """Return time, status on both sides and state, in unknowns, at the begin of a phase."""
+    """Return time, status on both sides and state, in unknowns, at the begin of a phase.
+
+    Contacts that switch at the same time, but for rounding, count as switching with it.
+    """
     segments = flow.solution.segments
-    k = int(np.argmin(np.abs(segments.starts - phase.time)))
-    after, z, v = segments.status[k], segments.displacement[k], segments.velocity[k]
-    if k:
-        before = segments.status[k - 1]
+    starts = segments.starts
+    k = low = high = int(np.argmin(np.abs(starts - phase.time)))
+    z, v = segments.displacement[k], segments.velocity[k]
+    size, _ = sizes(problem, flow)
+    speed = float(np.max(np.abs(problem.space.contacts @ v)))
+
+    def at_once(i: int) -> bool:
+        return bool(abs(starts[i] - starts[k]) * speed <= _AT_ONCE * size)
+
+    while high + 1 < starts.size and at_once(high + 1):
+        high += 1
+    while low > 1 and at_once(low - 1):
+        low -= 1
+    if low:
+        before = segments.status[low - 1]
     elif isinstance(chart, EventChart):
         before = chart.before
     else:
         before = flow.status
-    return float(segments.starts[k]), before, after, problem.to_unknowns(z, v)
+    return float(starts[k]), before, segments.status[high], problem.to_unknowns(z, v)
 
 
 def extremes(problem: Shooting, flow: Flow, window: tuple[int, float, float] | None = None) -> list[Extreme]:

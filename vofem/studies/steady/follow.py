@@ -46,6 +46,9 @@ _ENTER, _LEAVE = 0.1, 0.25
 #: Points before which a branch is not looked at for whether it is closed.
 _LOOP = 12
 
+#: Share of the last step of a closed branch before its first orbit in which a special point is that of this orbit.
+_AGAIN = 1e-2
+
 #: How far from a point a grazing may be, in steps, and how near zero an extreme must be to be looked at.
 _REACH, _NEAR = 4.0, 0.3
 
@@ -319,6 +322,9 @@ class Follower:
         if step @ (place(points[1]) - start) <= 0.0:
             return False
         self._over = True
+        # What lies beyond the first orbit is the begin of the branch once more.
+        last = len(points) - 2 + share - _AGAIN
+        self.track.marks[:] = [mark for mark in self.track.marks if mark.place < last]
         self.track.notes.append(f"the branch is closed: it has come back to its first orbit at {points[0].value:.12g}")
         return True
 
@@ -363,6 +369,9 @@ class Follower:
         if isinstance(chart, EventChart) and phase.contact == chart.contact and phase.time == flow.start.time:
             return now
         new, y = chart_at(problem, flow, chart, phase)
+        if len(new.switching) > 1 and _jumps(problem, new.switching):
+            # Derivatives along the event of one contact would miss that the other one moves.
+            return now
         return self._moved(now, earlier, new, y)
 
     def _moved(self, now: Point, earlier: Point | None, chart: Any, y: Array) -> Point:
@@ -591,9 +600,14 @@ def _may_split(at: Point) -> bool:
 
     Where no force jumps the flow has a continuous derivative, and there is one branch.
     """
-    laws = at.problem.system.contacts
     contacts = _grazed(at)
-    return len(contacts) > 1 and bool(np.any(laws.jump[contacts] & (laws.gap[contacts] > 0.0)))
+    return len(contacts) > 1 and _jumps(at.problem, contacts)
+
+
+def _jumps(problem: Any, contacts: list[int]) -> bool:
+    """Return whether the force of one of some contacts jumps."""
+    laws = problem.system.contacts
+    return bool(np.any(laws.jump[contacts] & (laws.gap[contacts] > 0.0)))
 
 
 __all__ = ["Follower", "Mark", "Step", "Track", "margin_around"]

@@ -28,7 +28,10 @@ BEYOND = 1e-8
 
 #: Relative difference of two contacts' distances from touching that may touch together, and the distance over the
 #: size of the motion up to which they do.
-_ALIKE, _TOGETHER = 1e-3, 1e-9
+_ALIKE, _TOGETHER = 0.2, 1e-9
+
+#: Difference of phases, as a share of the orbit, up to which contacts that touch together do so at one time.
+_AT_ONCE = 1e-3
 
 #: Share of the time to the next event of a contact in which it is not watched near a grazing.
 _MARGIN, _MOST_MARGIN = 0.4, 0.25
@@ -116,7 +119,7 @@ def _status_at(problem: Shooting, flow, time: float) -> Status:  # type: ignore[
     segments = flow.solution.segments
     inside = flow.start.time + (time - flow.start.time) % problem.duration
     k = max(int(np.searchsorted(segments.starts, inside, side="right")) - 1, 0)
-    return segments.status[k]
+    return segments.status[k].copy()
 
 
 def margin_around(problem: Shooting, others: list[float], time: float) -> float:
@@ -136,7 +139,11 @@ def grazing(family: Family, interval: Interval, touch: Touch) -> Point:
     """
     problem = touch.problem
     inside = touch.outside.copy()
-    inside[touch.contact] = CLOSED if touch.outside[touch.contact] == OPEN else OPEN
+    turn = 2.0 * np.pi * problem.periods
+    phase = problem.loads.omega * touch.time
+    at_once = [j for j, other in touch.also if abs((other - phase + 0.5 * turn) % turn - 0.5 * turn) < _AT_ONCE * turn]
+    for j in (touch.contact, *at_once):
+        inside[j] = CLOSED if touch.outside[j] == OPEN else OPEN
     chart = event_chart(problem, touch.contact, touch.outside, inside, touch.margin, grazes=True)
     chart = replace(chart, also=touch.also)
     y = np.append(chart.coordinates(problem, touch.time, touch.state), touch.value)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem._validate import whole
+from vofem.cards import Shown
 from vofem.initial import StoredState
 from vofem.lookup import rows_over
 from vofem.result import Result
@@ -64,7 +65,7 @@ class OrbitTruncation:
     what: str
 
 
-class PeriodicOrbit:
+class PeriodicOrbit(Shown):
     """A periodic orbit of a scene.
 
     A run can start from it: ``vofem.simulate(scene, t_end, initial=orbit)`` takes its state at t = 0 of the loads.

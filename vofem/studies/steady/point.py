@@ -104,7 +104,14 @@ def derivative_by_value(family: Family, interval: Interval, chart: Any, y: Array
 
 
 def corrected(
-    family: Family, chart: Any, guess: Array, scales: Array, normal: Array, by_value: Array, steps: int = _STEPS
+    family: Family,
+    chart: Any,
+    guess: Array,
+    scales: Array,
+    normal: Array,
+    by_value: Array,
+    steps: int = _STEPS,
+    tolerance: float = TOLERANCE,
 ) -> tuple[Array, Any, Array]:
     """Return an orbit near a guess, on the plane through it with a normal.
 
@@ -118,6 +125,10 @@ def corrected(
         In scaled coordinates.
     by_value : ndarray, shape (n,)
         Derivative of the residual with respect to the parameter, roughly; it is improved on the way.
+    steps : int
+        Of Newton's method, at most.
+    tolerance : float
+        `Evaluation.error` that is small enough. Where it is below rounding, the best that there is is taken.
 
     Returns
     -------
@@ -142,7 +153,7 @@ def corrected(
                 if now.error <= ROUNDING or before.error <= ROUNDING:
                     return (y, now, by_value) if now.error <= before.error else (y - moved, before, by_value)
                 raise ConvergenceError("Newton's method does not converge")
-        if now.error <= TOLERANCE:
+        if now.error <= tolerance:
             return y, now, by_value
         matrix = np.empty((y.size, y.size))
         matrix[:-1, :-1] = now.jacobian * scales[:-1]

@@ -17,6 +17,8 @@ from vofem.effects import (
     PointLoad,
     PointMoment,
     Pulse,
+    RayleighDamping,
+    Sine,
     Spring,
 )
 from vofem.scene import Scene
@@ -52,6 +54,7 @@ def cases() -> Iterator[Case]:
         _cantilever,
         1e-5,
     )
+    yield _loose_tube()
     yield _zener()
     yield _softening()
     yield _winkler()
@@ -141,6 +144,52 @@ def _cantilever(run: Run) -> Mapping[str, float]:
     )
     result = run.simulate(Scene([beam], [stop, PointLoad(beam.at("right"), -1000.0)]), 0.16)
     return {"kinetic_energy (t=0.16 converged model)": float(result.energy.kinetic[-1])}
+
+
+def _loose_tube() -> Case:
+    data = published("ca_sdnl301_loose_tube")
+    p = data["parameters"]
+    entries = data["quantities"]
+    names = [f"{q['name']} ({q['at']})" for q in entries]
+
+    def measure(run: Run) -> Mapping[str, float]:
+        scene = loosely_supported_tube()
+        times = np.linspace(0.17, 0.25, 4001)
+        stops = run.simulate(scene, 0.25, times=times).contacts
+        force = stops["above 4"].force - stops["below 4"].force
+        rms = float(np.sqrt(np.trapezoid(force**2, times) / 0.08))
+        return dict.fromkeys(names, rms)
+
+    quantities = tuple(Quantity(name, q["value"], relative=False) for name, q in zip(names, entries, strict=True))
+    tolerance = {name: q["tolerance"] for name, q in zip(names, entries, strict=True)}
+    how = {
+        EVENT_DRIVEN: How(tolerance, slow=True),
+        CONSERVING: How(tolerance, {"dt": 1e-5}, slow=True),
+        ALPHA: How(tolerance, {"dt": 1e-5}, slow=True),
+        # The highest modes are overdamped: 7e6 1/s.
+        CENTRAL: How(0.0, {"dt": 1e-5}, REFUSED, "critical step"),
+    }
+    assert p["elements"] % 4 == 0
+    return Case(None, "tube that rattles in loose supports", source(data), quantities, measure, how)
+
+
+def loosely_supported_tube() -> Scene:
+    """Return the tube of SDNL301, whose stops "above k" and "below k" stand at k quarters of its length."""
+    p = published("ca_sdnl301_loose_tube")["parameters"]
+    outer, inner = p["R"], p["R"] - p["wall"]
+    area, inertia = np.pi * (outer**2 - inner**2), np.pi / 4.0 * (outer**4 - inner**4)
+    count, span = p["elements"], p["elements"] // 4
+    tube = Beam(p["L"], p["E"] * inertia, p["rho"] * area, count, {"left": "clamped"}, name="tube")
+    effects: list[Any] = [RayleighDamping(*p["rayleigh"])]
+    for quarter in range(1, 5):
+        place = tube.at(0.25 * quarter * p["L"])
+        for side in ("above", "below"):
+            law = {"gap": p["gap"], "stiffness": p["k_stop"], "damping": p["c_stop"], "acts_on": "penetration"}
+            effects.append(Contact(place, side=side, name=f"{side} {quarter}", **law))
+        push = Sine((-1.0) ** (quarter - 1) * p["force"], p["omega"])
+        nodes = range((quarter - 1) * span + 1, quarter * span)
+        effects += [PointLoad(tube.at(node * p["L"] / count), push) for node in nodes]
+    return Scene([tube], effects)
 
 
 def _zener() -> Case:

@@ -1,0 +1,98 @@
+"""Small runs keep BLAS to one thread, large ones leave it alone, and what was set before comes back."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from threadpoolctl import ThreadpoolController
+
+import vofem as vf
+from vofem import blas
+from vofem.errors import VofemError
+
+
+@pytest.fixture(scope="module", autouse=True)
+def controller():
+    """Find the libraries once: it takes a millisecond, and loads ask often."""
+    import scipy.linalg  # noqa: F401
+
+    threads.controller = ThreadpoolController()
+
+
+def threads():
+    """Return the numbers of threads of all BLAS libraries that are loaded."""
+    return [library.num_threads for library in threads.controller.lib_controllers if library.user_api == "blas"]
+
+
+def chain(count, seen):
+    """Return masses in a row under a load that looks at the threads whenever it is asked for its value."""
+    masses = [vf.Mass(1.0, stiffness=1.0, name=f"m{k}") for k in range(count)]
+
+    def load(t):
+        seen.append(threads())
+        return np.sin(t)
+
+    return vf.Scene(masses, [vf.PointLoad(masses[0], load)])
+
+
+@pytest.fixture
+def two_threads():
+    """Set two threads, as is the default of machines with two cores."""
+    with threads.controller.limit(limits=2, user_api="blas"):
+        if 2 not in threads():
+            pytest.fail("this BLAS takes no number of threads, so that nothing can be said of it")
+        yield threads()
+
+
+def test_a_small_run_takes_one_thread_and_gives_the_others_back(two_threads):
+    seen = []
+    vf.simulate(chain(3, seen), 0.1, dt=0.05, method="energy_conserving", compiled=False)
+    assert seen
+    assert all(set(found) == {1} for found in seen)
+    assert threads() == two_threads
+
+
+def test_a_large_run_takes_all_threads(two_threads, monkeypatch):
+    monkeypatch.setattr(blas, "_SMALL", 2)
+    seen = []
+    vf.simulate(chain(3, seen), 0.1, dt=0.05, method="energy_conserving", compiled=False)
+    assert seen
+    assert all(found == two_threads for found in seen)
+
+
+def test_a_run_that_fails_gives_them_back_too(two_threads):
+    scene = chain(3, [])
+    with pytest.raises(VofemError):
+        vf.simulate(scene, 0.1, method="event_driven", compiled=False)
+
+    def broken(t):
+        raise RuntimeError("no load")
+
+    masses = scene.bodies
+    with pytest.raises(VofemError, match="no load"):
+        vf.simulate(
+            vf.Scene(masses, [vf.PointLoad(masses[0], broken)]),
+            0.1,
+            dt=0.05,
+            method="energy_conserving",
+            compiled=False,
+        )
+    assert threads() == two_threads
+
+
+def test_sampling_small_runs_takes_one_thread_each_time(two_threads, monkeypatch):
+    """What is read after a run is computed by the same rule."""
+    mass = vf.Mass(1.0, stiffness=1.0, name="m")
+    result = vf.simulate(vf.Scene([mass], initial={mass: (1.0, 0.0)}), 1.0, method="event_driven", compiled=False)
+    seen = []
+    plain = type(result.solution).motion
+
+    def motion(self, index):
+        seen.append(threads())
+        return plain(self, index)
+
+    monkeypatch.setattr(type(result.solution), "motion", motion)
+    result.solution.energies(np.linspace(0.0, 1.0, 5))
+    assert seen
+    assert all(set(found) == {1} for found in seen)
+    assert threads() == two_threads

@@ -1,0 +1,68 @@
+"""Special points that lie next to a grazing, the nearer the stiffer the stop.
+
+Just beyond a grazing the value of the parameter changes by ``a r^2 + b r^3`` with the rate r at which the stop is met:
+the depth of the touch is as r^2, its impulse as the stiffness K times r^3. So b grows with K, the fold lies at
+``r = -2 a/(3 b)``, and its distance from the grazing falls as 1/K^2.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import vofem as vf
+
+
+def on_a_stop(omega, stiffness):
+    """NLvib's example 03 on a stop of any stiffness; without a stop for 0."""
+    a, b = vf.Mass(1.0, name="a"), vf.Mass(1.0, stiffness=1.0, damping=0.03, name="b")
+    effects = [
+        vf.Spring(a, b, stiffness=1.0),
+        vf.Dashpot(a, b, damping=0.03),
+        vf.PointLoad(b, vf.Sine(0.1, omega, phase=np.pi / 2)),
+    ]
+    if stiffness > 0.0:
+        effects.append(vf.Contact(a, gap=1.0, stiffness=stiffness, side="above", acts_on="penetration", name="stop"))
+    return vf.Scene([a, b], effects)
+
+
+def followed(stiffness, start, stop):
+    branch = vf.continuation(
+        lambda omega: on_a_stop(omega, stiffness), start, stop, guess=vf.periodic(on_a_stop(start, 0.0)), max_points=28
+    )
+    first = branch.special[0]
+    assert first.kind == "grazing"
+    return branch, first.value
+
+
+def test_a_fold_less_than_a_trillionth_from_a_grazing():
+    """The branch goes through both: it comes back on orbits that hit the stop, not on those that it came from."""
+    distances = []
+    for stiffness in (1e2, 1e4):
+        branch, grazed = followed(stiffness, 0.655, 0.65)
+        assert grazed == pytest.approx(0.6534401404162605, abs=1e-13)
+        fold = branch.special[1]
+        assert fold.kind == "fold"
+        distances.append(grazed - fold.value)
+        # The fold lies on the impacting side, and the branch turns there once.
+        assert branch.values[-1] > grazed + 1e-5
+        beyond = branch.orbits[-1]
+        assert beyond.result.contacts["stop"].closings.size == 1
+        assert np.min(np.abs(fold.orbit.multipliers - 1.0)) < 1e-5
+    assert distances[-1] < 1e-12
+    assert distances[0] == pytest.approx(5.867e-9, rel=1e-3)
+    assert distances[0] == pytest.approx(1e4 * distances[1], rel=2e-3)
+
+
+def test_a_pair_leaves_the_unit_circle_and_becomes_real_within_one_step():
+    """Neimark-Sacker points come as near, and the pair returns through -1 before the next orbit of the branch."""
+    distances = []
+    for stiffness in (1e3, 1e4):
+        branch, grazed = followed(stiffness, 0.57, 0.583)
+        pair, flip = branch.special[1:3]
+        assert (pair.kind, flip.kind) == ("neimark_sacker", "period_doubling")
+        distances.append(pair.value - grazed)
+        nearest = pair.orbit.multipliers[np.argmin(np.abs(np.abs(pair.orbit.multipliers) - 1.0))]
+        assert abs(nearest) == pytest.approx(1.0, abs=1e-9)
+        assert abs(nearest.imag) > 0.1
+    assert distances[0] == pytest.approx(100.0 * distances[1], rel=2e-2)

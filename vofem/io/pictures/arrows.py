@@ -1,0 +1,143 @@
+"""Arrows of a side view: loads, and the forces with which closed contacts push."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vofem.bodies.base import Point
+from vofem.io.pictures import shapes
+from vofem.io.pictures.drawing import CLOSED, CLOSED_TEXT, Drawing, Label
+from vofem.io.pictures.layout import Layout, moves_across, place_of
+from vofem.io.pictures.pushes import Push
+from vofem.io.pictures.snapshot import Snapshot
+from vofem.io.pictures.units import spell
+
+#: Length in pixels of the arrow of the largest force, and the shortest arrow that is drawn.
+_LONG, _SHORT = 74.0, 5.0
+
+#: Colour of loads, and of what lights up where a contact is closed.
+LOAD, GLOW = "#2f6fae", "#ffec9e"
+PALETTE = (LOAD, GLOW)
+
+_UNITS = {"force": "N", "moment": "N·m", "line": "N/m"}
+
+
+def add_loads(drawing: Drawing, view: Snapshot, layout: Layout) -> None:
+    """Add the loads: an arrow for each force, an arc for each moment, a row of arrows for a load along a beam."""
+    for push in view.pushes:
+        if push.kind == "weight":
+            _weight(drawing, layout, push)
+        elif push.largest > 0.0:
+            (_moment if push.kind == "moment" else _forces)(drawing, layout, push)
+
+
+def add_contact_forces(drawing: Drawing, view: Snapshot, layout: Layout) -> None:
+    """Add a glow behind every closed contact, and arrows for the forces with which it pushes bodies apart."""
+    for link in view.links:
+        if link.status not in ("closed", "pinned") or link.rotation or not moves_across(link.a.body):
+            continue
+        # Of two bodies a is pushed down and b up; a stop below pushes up.
+        ends = [(link.a, 1.0 if link.side == "below" else -1.0)]
+        if link.b is not None:
+            lower_is_a = layout.lanes[link.a.body].axis < layout.lanes[link.b.body].axis
+            ends = [(link.a, -1.0 if lower_is_a else 1.0), (link.b, 1.0 if lower_is_a else -1.0)]
+        size = _LONG * layout.unit * abs(link.force) / view.peak if view.peak > 0.0 else 0.0
+        for point, direction in ends:
+            x, face = _face(layout, point, direction)
+            _, touched = _face(layout, point, -direction)
+            _glow(drawing, x, touched, 46.0 * layout.unit)
+            if size >= _SHORT * layout.unit:
+                way = direction * np.sign(link.force)
+                # Beside the point, where a load may have its own arrow.
+                beside = x - 22.0 * layout.unit
+                shapes.arrow(drawing, (beside, face), (beside, face + way * size), layout.unit, CLOSED)
+
+
+def _glow(drawing: Drawing, x: float, y: float, radius: float) -> None:
+    """Add a disc of pale colour behind all else."""
+    count = len(drawing.patches)
+    shapes.disc(drawing, x, y, radius, GLOW)
+    drawing.patches.insert(0, drawing.patches.pop(count))
+
+
+def _face(layout: Layout, point: Point, side: float) -> tuple[float, float]:
+    """Return where a point is seen on the upper (1) or lower (-1) face of its body, in pixels."""
+    lane = layout.lanes[point.body]
+    state = lane.state
+    x = float(layout.along(point.body, place_of(point)))
+    along = layout.along(point.body, state.x)
+    eta = float(np.interp(x, along, state.eta)) * layout.motion
+    depth = lane.half * float(np.interp(x, along, state.depth))
+    direction = point.body.shape.direction
+    return x + eta * direction[0], lane.axis + eta * direction[1] + side * depth
+
+
+def _forces(drawing: Drawing, layout: Layout, push: Push) -> None:
+    """Add arrows on the upper face: they end there where they press, and begin there where they lift."""
+    unit = layout.unit
+    tops = []
+    for point, value in zip(push.points, push.values, strict=True):
+        size = _LONG * unit * abs(float(value)) / push.largest
+        x, y = _face(layout, point, 1.0)
+        if not moves_across(point.body):
+            way = np.sign(value) * size
+            start, end = (x, y + 14.0 * unit), (x + way, y + 14.0 * unit)
+        else:
+            start, end = ((x, y), (x, y + size)) if value > 0.0 else ((x, y + size), (x, y))
+        if size >= _SHORT * unit:
+            shapes.arrow(drawing, start, end, unit, LOAD)
+        tops.append((max(start[0], end[0]), max(start[1], end[1])))
+    k = int(np.argmax(np.abs(push.values)))
+    x, y = tops[k]
+    text = spell(float(push.values[k]), _UNITS[push.kind])
+    size = 19.0 * layout.text
+    places = [
+        Label(x + 12.0 * unit, y - 0.3 * size, text, LOAD, size, "left", bold=True),
+        Label(x - 12.0 * unit, y - 0.3 * size, text, LOAD, size, "right", bold=True),
+        Label(x, y + 0.8 * size, text, LOAD, size, "center", bold=True),
+    ]
+    drawing.place(places[0], places[1:])
+
+
+def _moment(drawing: Drawing, layout: Layout, push: Push) -> None:
+    """Add an arc with a head, counter-clockwise where the moment is positive; it grows with the moment."""
+    x, upper = _face(layout, push.points[0], 1.0)
+    _, lower = _face(layout, push.points[0], -1.0)
+    value, unit = float(push.values[0]), layout.unit
+    share = value / push.largest
+    y, radius = 0.5 * (upper + lower), 0.5 * (upper - lower) + 16.0 * unit
+    if abs(share) > 0.03:
+        angle = np.linspace(0.0, 1.5 * np.pi * abs(share), 40)
+        angle = 0.5 * np.pi + (angle if share > 0.0 else -angle)
+        px, py = x + radius * np.cos(angle), y + radius * np.sin(angle)
+        drawing.line(px, py, LOAD, 3.4 * unit)
+        shapes.arrow(drawing, (px[-2], py[-2]), (px[-1], py[-1]), unit, LOAD)
+    size = 19.0 * layout.text
+    drawing.place(Label(x, y + radius + size, spell(value, _UNITS["moment"]), LOAD, size, "center", bold=True), [])
+
+
+def _weight(drawing: Drawing, layout: Layout, push: Push) -> None:
+    """Add an arrow for the direction of gravity, in the upper left corner."""
+    full = min(drawing.size[0] / 1600.0, drawing.size[1] / 700.0)
+    g = float(push.values[0])
+    x, low, high = 36.0 * full, drawing.size[1] - 92.0 * full, drawing.size[1] - 28.0 * full
+    start, end = ((x, high), (x, low)) if g > 0.0 else ((x, low), (x, high))
+    if g:
+        shapes.arrow(drawing, start, end, full, LOAD)
+        text = f"g = {abs(g):g} m/s²"
+        drawing.place(Label(x + 14.0 * full, 0.5 * (low + high), text, LOAD, 18.0 * full, "left"), [])
+
+
+def add_gap(drawing: Drawing, layout: Layout, x: float, low: float, high: float, gap: float) -> None:
+    """Add the dimension of a gap at x: a line from the face of the body to the stop, and its size beyond the stop."""
+    unit = layout.unit
+    drawing.line([x, x], [low, high], CLOSED_TEXT, 1.6 * unit)
+    for y in (low, high):
+        drawing.line([x - 7.0 * unit, x + 7.0 * unit], [y, y], CLOSED_TEXT, 1.6 * unit)
+    size, text = 18.0 * layout.text, f"gap {spell(gap, 'm')}"
+    # Beyond the surface of the stop, where the body comes last.
+    beyond = high + (0.9 * size if high > low else -0.9 * size)
+    drawing.place(
+        Label(x + 7.0 * unit, beyond, text, CLOSED_TEXT, size, "right"),
+        [Label(x - 11.0 * unit, 0.5 * (low + high), text, CLOSED_TEXT, size, "right")],
+    )

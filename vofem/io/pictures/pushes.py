@@ -1,0 +1,76 @@
+"""Loads of a picture: which forces and moments act where, and how large they are beside their largest values."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.bodies import Beam
+from vofem.bodies.base import Point
+from vofem.effects import DistributedLoad, Gravity, PointLoad, PointMoment
+from vofem.errors import VofemError
+from vofem.scene import Scene
+
+Array = NDArray[np.float64]
+
+#: Arrows of a distributed load.
+_ARROWS = 9
+
+
+@dataclass(frozen=True)
+class Push:
+    """A load at the time of a picture.
+
+    Attributes
+    ----------
+    kind : str
+        "force", "moment", "line" (a load along a beam), or "weight".
+    points : tuple of Point
+        Where it acts; empty for the weight.
+    values : ndarray, shape (n_points,)
+        In N, N m or N/m, positive upward; of the weight g, m/s^2, positive downward.
+    largest : float
+        Largest magnitude over the run, of all points.
+    """
+
+    kind: str
+    points: tuple[Point, ...]
+    values: Array
+    largest: float
+
+
+def pushes(scene: Scene, times: Array, run: Array) -> list[tuple[Push, ...]]:
+    """Return the loads at some times of the loads, with their largest values over the times of the run.
+
+    A load whose values are not known at these times, as that of a run from a file may be, is left out.
+    """
+    found: list[list[Push]] = [[] for _ in times]
+    for effect in scene.effects:
+        try:
+            parts = _of(effect, times, run)
+        except VofemError:
+            continue
+        for k, push in enumerate(parts):
+            found[k].append(push)
+    return [tuple(some) for some in found]
+
+
+def _of(effect: Any, times: Array, run: Array) -> list[Push]:
+    """Return what an effect pushes at some times; nothing where it is no load."""
+    if isinstance(effect, Gravity):
+        return [Push("weight", (), np.array([effect.g]), abs(effect.g)) for _ in times]
+    if not isinstance(effect, (PointLoad, PointMoment, DistributedLoad)):
+        return []
+    now = np.asarray(effect.f(times), dtype=float)
+    most = float(np.max(np.abs(np.append(np.asarray(effect.f(run), dtype=float), now)), initial=0.0))
+    if isinstance(effect, DistributedLoad):
+        beam: Beam = effect.beam
+        x = np.linspace(beam.nodes[0], beam.nodes[-1], _ARROWS)
+        p = effect.along(x)
+        points = tuple(beam.at(float(place)) for place in x)
+        return [Push("line", points, p * value, most * float(np.max(np.abs(p), initial=0.0))) for value in now]
+    kind = "moment" if isinstance(effect, PointMoment) else "force"
+    return [Push(kind, (effect.point,), np.array([value]), most) for value in now]
