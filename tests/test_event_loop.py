@@ -231,7 +231,7 @@ def test_tables_of_loads_are_the_functions(function):
     for k, (left, right) in enumerate(itertools.pairwise(edges)):
         t = np.linspace(left, right, 7)[:-1]
         value = table.constant[k, 0] + table.slope[k, 0] * (t - left)
-        for h in range(table.count[k]):
+        for h in range(table.counts[k]):
             value = value + (table.amplitude[k, 0, h] * np.exp(1j * table.omega[k, h] * (t - left))).real
         assert value == pytest.approx(function(t), rel=1e-13, abs=1e-13)
 

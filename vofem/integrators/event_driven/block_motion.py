@@ -99,7 +99,7 @@ def begin(table: Table, s: int, loads: LoadTable, interval: int, t: float, horiz
     for k in range(n):
         blocks.z[k] = blocks.z_start[k] - blocks.poly_z[k]
         blocks.v[k] = blocks.v_start[k] - blocks.poly_v[k]
-    for h in range(loads.count[interval]):
+    for h in range(loads.counts[interval]):
         w = loads.omega[interval, h]
         turned = complex(np.cos(w * late), np.sin(w * late))
         for k in range(n):

@@ -24,17 +24,17 @@ class LoadTable(NamedTuple):
     edges : ndarray, shape (k + 1,)
         Ends of the intervals in s; tau is counted from the begin of an interval.
     constant, slope : ndarray, shape (k, n_functions)
-    count : ndarray of int, shape (k,)
+    counts : ndarray of int, shape (k,)
         Number of frequencies in an interval.
     omega : ndarray, shape (k, n_h)
-        Frequencies in rad/s, the first `count` of a row.
+        Frequencies in rad/s, the first `counts[i]` of row i.
     amplitude : ndarray of complex, shape (k, n_functions, n_h)
     """
 
     edges: Array
     constant: Array
     slope: Array
-    count: NDArray[np.int64]
+    counts: NDArray[np.int64]
     omega: Array
     amplitude: NDArray[np.complex128]
 
@@ -61,8 +61,8 @@ def load_table(functions: Sequence[TimeFunction], edges: Array) -> LoadTable | N
         for i, t in enumerate(begin.tolist()):
             piece = function.piece(t)
             constant[i, f], slope[i, f] = piece.constant, piece.slope
-            for w, amplitude in piece.harmonics:
-                waves[i].setdefault(w, np.zeros(n, dtype=complex))[f] += amplitude
+            for w, wave in piece.harmonics:
+                waves[i].setdefault(w, np.zeros(n, dtype=complex))[f] += wave
     count = np.array([len(found) for found in waves], dtype=np.int64)
     most = int(count.max(initial=0))
     if k * n * (most + 2) > _MOST_NUMBERS:

@@ -215,7 +215,7 @@ def run_segments(
             _at_gap(laws, place[SWITCHED], start)
         to_blocks(table, s, start, now.velocity, blocks.z_start, blocks.v_start, both)
         special = begin(table, s, loads, interval, t, horizon, blocks)
-        omega = loads.omega[interval, : loads.count[interval]]
+        omega = loads.omega[interval, : loads.counts[interval]]
         duration = loads.edges[interval + 1] - t
         tau, hit, evaluations = duration, -1, 0
         if m:

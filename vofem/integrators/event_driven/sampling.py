@@ -54,7 +54,7 @@ def sample_segments(
             interval = min(interval, loads.constant.shape[0] - 1)
             to_blocks(table, s, parts.displacement[k], parts.velocity[k], blocks.z_start, blocks.v_start, both)
             special = begin(table, s, loads, interval, parts.starts[k], horizon, blocks)
-            omega = loads.omega[interval, : loads.count[interval]]
+            omega = loads.omega[interval, : loads.counts[interval]]
         move(table, s, omega, blocks, special, tau[i], parts.velocity[k], change, both)
         for m in range(n):
             z[m, columns[i]] = parts.displacement[k, m] + change[0, m]
