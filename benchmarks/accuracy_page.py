@@ -33,6 +33,7 @@ from vofem.studies.accuracy.exact import Question, rounding
 from vofem.studies.accuracy.quantities import observe
 from vofem.studies.accuracy.study import Study
 from vofem.studies.accuracy.timing import machine
+from vofem.verification.cases.published_runs import loosely_supported_tube
 
 DOCS = Path(__file__).parent.parent / "docs"
 FIGURES = DOCS / "figures"
@@ -391,7 +392,12 @@ def tolerance_section() -> str:
                 else "every one of these runs has a note that says so. "
             )
             + "The note compares the run with one of four times the tolerance and gives the difference; a smaller tol "
-            "reduces it. The errors of contact velocities are held step by step and not in their sum. Errors are "
+            "reduces it. The errors of contact velocities are held step by step and not in their sum. What is bounded "
+            "is the sum of the displacement errors of the single steps, estimated by halving each step, over the "
+            "largest displacement. What later impacts make of these errors is not bounded: an error of velocity moves "
+            "a body farther off the longer it flies, and the next impact may magnify it. A note appears if the two "
+            "runs differ by more than five times the tolerance. Holding the sum of the velocity errors as well would "
+            "keep the beam within it, but takes 194 276 instead of 126 steps on the paper's beam. Errors are "
             "against event_driven, which is exact; "
             + (
                 f"these runs take {min(times_over):.2g} to {max(times_over):.2g} times as long as event_driven takes "
@@ -446,6 +452,57 @@ def resolved_section() -> str:
 
 
 _S0 = (1e2, 1e3, 1e4, 1e5)
+
+# -- an industrial case -----------------------------------------------------------------------------
+
+
+def tube_section() -> str:
+    """Return the loosely supported tube: event_driven beside stepping methods."""
+    t_end, times = 0.25, np.linspace(0.17, 0.25, 4001)
+    settings: list[tuple[str, dict[str, float]]] = [("event_driven", {})]
+    settings += [("energy_conserving", {"dt": dt}) for dt in (1e-4, 2.5e-5, 1e-5, 5e-6)]
+    lines = [
+        "| method | dt | first run | further runs | RMS force | tip, error |",
+        "| --- | ---: | ---: | ---: | ---: | ---: |",
+    ]
+    exact, notes = None, ""
+    for method, options in settings:
+        say(f"the loosely supported tube, {method} {options}")
+        # Kernels are read from disk before anything is timed.
+        vf.simulate(loosely_supported_tube(), 0.01, method=method, **options)
+        scene, taken = loosely_supported_tube(), []
+        for _ in range(2):
+            begin = time.perf_counter()
+            result = vf.simulate(scene, t_end, times=times, method=method, **options)
+            taken.append(time.perf_counter() - begin)
+        stops = result.contacts
+        force = stops["above 4"].force - stops["below 4"].force
+        rms = float(np.sqrt(np.trapezoid(force**2, times) / (times[-1] - times[0])))
+        tip = result.displacement(result.scene.bodies[0].at("right"))
+        if exact is None:
+            exact = tip
+            notes = (
+                f"{result.counters.events} events in {result.counters.statuses} statuses of the contacts; the energy "
+                f"balance closes within {result.energy.balance_error:.0e}"
+            )
+        error = float(np.abs(tip - exact).max() / np.abs(exact).max())
+        step = f"{options['dt']:.1e}" if options else ""
+        off = f"{error:.1e}" if options else ""
+        lines.append(f"| {method} | {step} | {taken[0]:.2f} s | {taken[1]:.2f} s | {rms:.3f} N | {off} |")
+    return "\n\n".join(
+        [
+            "## An industrial case: events with dampers against steppers",
+            "A tube of 2.4 m, 96 degrees of freedom, rattles between two-sided stops with dampers at four places under "
+            "a harmonic load (code_aster SDNL301, 0.25 s; `vofem verify` holds it). Every set of closed contacts has "
+            f"complex modes of its own, which event_driven updates from the real ones. There are {notes}. The first "
+            "run computes these modes, further ones find them; assembly and compiling are not counted. The error is "
+            "that of the tip from 0.17 to 0.25 s, over its largest displacement.",
+            "\n".join(lines),
+            "code_aster gives 23.98 N in 30 modes of a Timoshenko beam, and 24.53 N with four static shapes besides. "
+            "Central differences would need steps below 3.2e-6 s.",
+        ]
+    )
+
 
 # -- other programs, kernels, effects ---------------------------------------------------------------
 
@@ -526,6 +583,7 @@ SECTIONS: dict[str, Callable[[], str]] = {
     "chaos": chaos_section,
     "tolerance": tolerance_section,
     "resolved": resolved_section,
+    "tube": tube_section,
     "peers": peer_section,
     "kernels": kernel_section,
     "effects": effect_section,

@@ -1,14 +1,18 @@
 """Steady states: processor times and counts of whole branches.
 
-    OPENBLAS_NUM_THREADS=1 python benchmarks/steady_states.py
+    OPENBLAS_NUM_THREADS=1 python benchmarks/steady_states.py [--pyharm PYTHON]
 
-NLvib's example 03 (Krack and Gross, 2019) with stability and all special points, the bilinear oscillator through its 42
-special points, and the paper's cantilever on a stop, by 25 elements. Programs to compare with, where they are
-installed: pyHarm-os follows NLvib's example 03 by harmonic balance, without stability.
+NLvib's example 03 (Krack and Gross, 2019) with stability and all special points, by shooting and by harmonic balance;
+the bilinear oscillator through its 42 special points; and the paper's cantilever on a stop, by 25 elements. With
+``--pyharm`` the same example by pyHarm-os goes before, with long and with short steps, in the environment of the given
+Python; see `peers/pyharm_nlvib_03.py`.
 """
 
 from __future__ import annotations
 
+import argparse
+import json
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -31,19 +35,39 @@ def cantilever(omega):
 
 
 CASES = {
-    "NLvib's example 03": (nlvib_03, 0.8, 0.5),
-    "bilinear oscillator": (bilinear, 3.0, 0.19),
-    "cantilever, 25 elements": (cantilever, 5.0, 2.6),
+    "NLvib's example 03": (nlvib_03, 0.8, 0.5, {}),
+    "NLvib's example 03, 21 harmonics": (nlvib_03, 0.8, 0.5, {"harmonics": 21}),
+    "bilinear oscillator": (bilinear, 3.0, 0.19, {}),
+    "cantilever, 25 elements": (cantilever, 5.0, 2.6, {}),
 }
+
+#: Largest steps of pyHarm-os, in its own measure.
+STEPS = (0.05, 0.001)
+
+
+def pyharm(python):
+    script = Path(__file__).parent / "peers" / "pyharm_nlvib_03.py"
+    print("| pyHarm-os, NLvib's example 03 | orbits | changes of direction | s |")
+    print("| --- | --- | --- | --- |")
+    for step in STEPS:
+        done = subprocess.run([python, str(script), str(step)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+        told = json.loads(done.stdout)
+        print(f"| largest step {step:g} | {told['points']} | {told['turns']} | {told['processor_seconds']:.2f} |")
+    print()
 
 
 def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--pyharm", help="Python of an environment with pyHarm-os")
+    python = parser.parse_args().pyharm
+    if python is not None:
+        pyharm(python)
     print("| branch | orbits | special points | flows an orbit | all flows | s | ms an orbit |")
     print("| --- | --- | --- | --- | --- | --- | --- |")
-    for name, (build, start, stop) in CASES.items():
-        vf.continuation(build, start, start + 0.01 * (stop - start))
+    for name, (build, start, stop, options) in CASES.items():
+        vf.continuation(build, start, start + 0.01 * (stop - start), **options)
         begun = time.process_time()
-        branch = vf.continuation(build, start, stop)
+        branch = vf.continuation(build, start, stop, **options)
         seconds = time.process_time() - begun
         counters = branch.counters
         flows = counters.flows + counters.refinement_flows + counters.rejected_flows + counters.search_flows

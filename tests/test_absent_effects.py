@@ -84,7 +84,7 @@ def test_undamped_scene_never_touches_damping():
 
 
 def test_ceilings_on_work_for_the_paper_s_scenes():
-    """The whole run of the paper's beam: two statuses, one eigenproblem, some ten looks at the gap per event."""
+    """The whole run of the paper's beam: two statuses, one eigenproblem, some ten gap evaluations per event."""
     _, scene = paper_beam("displacement")
     counters = vf.simulate(scene, 20.0).counters
     assert (counters.events, counters.steps, counters.statuses) == (12, 13, 2)
@@ -97,7 +97,7 @@ def test_ceilings_on_work_for_the_paper_s_scenes():
 
 
 def test_fast_modes_do_not_drive_the_search():
-    """Four times the elements, sixteen times the highest frequency: the same number of looks at the gap."""
+    """Four times the elements, sixteen times the highest frequency: the same number of gap evaluations."""
     looks = []
     for elements in (25, 100):
         _, scene = paper_beam("penetration", elements=elements)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from orbit_scenes import bilinear, nlvib_03
+from reference_integration import Reference
 from scenes import reference
 
 import vofem as vf
@@ -68,6 +69,23 @@ def test_levels_by_amplitude_and_in_any_order():
     amplitudes = -by_energy.q0(scene.bodies[0])
     assert np.all(amplitudes > 0.0)
     assert vf.backbone(scene, 1, amplitudes=amplitudes).omega == pytest.approx(by_energy.omega, rel=1e-12)
+
+
+def test_a_backbone_that_turns_in_energy():
+    """The second mode grazes a stop of 50 N/m, and its energy falls before it grows: orbits beyond are free motions."""
+    a, b = vf.Mass(1.0, stiffness=1.0, name="a"), vf.Mass(1.0, stiffness=1.0, name="b")
+    stop = vf.Contact(b, gap=0.5, stiffness=50.0, side="above", acts_on="penetration", name="stop")
+    scene = vf.Scene([a, b], [vf.Spring(a, b, stiffness=0.3), stop])
+    branch = vf.backbone(scene, 2, [0.3, 0.6, 2.0])
+    assert branch.energy == pytest.approx([0.3, 0.6, 2.0], rel=1e-12)
+    # Below the stop the linear mode, beyond it a stiffer one.
+    assert branch.omega[0] == pytest.approx(np.sqrt(1.6), rel=1e-12)
+    assert branch.omega[0] < branch.omega[1] < branch.omega[2]
+    for orbit in branch.orbits:
+        start = vf.Scene(scene.bodies, scene.effects, initial=orbit)
+        outcome = Reference(start, orbit.period).run()
+        assert outcome.q[-1] == pytest.approx(start.initial_state().q, abs=1e-9)
+        assert outcome.v[-1] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_an_oscillation_of_a_beam_conserves_and_returns():

@@ -10,7 +10,7 @@ import pytest
 from scenes import FORCES, LAWS, paper_beam, two_masses
 
 import vofem as vf
-from vofem.integrators import central_difference as module
+from vofem.integrators.central_difference import setting, step
 
 
 def integer_order_masses(case, acts_on, dt, steps):
@@ -67,14 +67,15 @@ def test_variable_order_and_integer_order_beams_agree_bit_for_bit(acts_on, monke
     operator = vf.simulate(scene, 4.0, **arguments).displacement(beam.at(1.0))
 
     @numba.njit
-    def if_else(stiffness, s, s0):
+    def if_else(law, resolved, s):
         if s > 0.0:
-            return stiffness
+            return law["stiffness"]
         return 0.0
 
-    kernel = module._advance.py_func
-    replaced = types.FunctionType(kernel.__code__, {**kernel.__globals__, "contact_stiffness": if_else})
-    monkeypatch.setattr(module, "_advance", numba.njit(replaced))
+    kernel = step.advance.py_func
+    assert "equivalent_stiffness" in kernel.__code__.co_names
+    replaced = types.FunctionType(kernel.__code__, {**kernel.__globals__, "equivalent_stiffness": if_else})
+    monkeypatch.setattr(setting, "advance", numba.njit(replaced))
     plain = vf.simulate(scene, 4.0, **arguments)
     assert plain.counters.events > 0
     assert np.array_equal(plain.displacement(beam.at(1.0)), operator)

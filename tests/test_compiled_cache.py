@@ -178,6 +178,42 @@ def test_all_kinds_of_runs_are_compiled_ahead():
     """What a run enters into the index is what `vofem compile` makes."""
     system = paper_beam("displacement")[1].model.system
     damped = paper_beam("displacement", extra=(vf.RayleighDamping(0.1),))[1].model.system
-    kinds = {kind_of_run(method, one, None) for method in BUILT_IN for one in (system, damped)}
-    kinds |= {kind_of_run(ENERGY_CONSERVING, system, 1e-3), "statics"}
-    assert kinds - {"force_driven"} == set(ahead.KINDS)
+    exact = {kind_of_run(method, one, None) for method in BUILT_IN if not method.steps for one in (system, damped)}
+    assert exact - {"force_driven"} | {"statics"} == {kind for kind in ahead.KINDS if " law" not in kind}
+    assert kind_of_run(ENERGY_CONSERVING, system, None) == "energy_conserving, one law"
+    stepped = {
+        kind_of_run(method, build().model.system, tol)
+        for method in BUILT_IN
+        if method.steps
+        for build in ahead.STEPPED.values()
+        for tol in ((None, 1e-3) if method.adaptive else (None,))
+    }
+    assert stepped == {kind for kind in ahead.KINDS if " law" in kind}
+
+
+ONE_CONTACT = """
+import gc, json, sys
+import vofem as vf
+from vofem.linalg.jit import CompiledFunction
+mass = vf.Mass(1.0, 1.0)
+stop = vf.Contact(mass, gap=0.1, stiffness=5.0, side="above", acts_on="penetration")
+vf.simulate(vf.Scene([mass], [stop], {mass: (0.0, 1.0)}), 1.0, method=sys.argv[1], dt=0.1, compiled=True)
+made = [f for f in gc.get_objects() if isinstance(f, CompiledFunction) and f.compilations]
+print(json.dumps({f"{f.__module__}.{f.__name__}": f.compilations for f in made}))
+"""
+
+
+def test_what_a_scene_does_not_hold_is_not_compiled(tmp_path):
+    """No springpots, hysteresis, resolved switches, laws written in Python, dampers, probes, and no second law."""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(ROOT)}
+    run = subprocess.run(
+        [sys.executable, "-c", ONE_CONTACT, "energy_conserving"], env=environment, capture_output=True, text=True,
+        check=True,
+    )  # fmt: skip
+    made = json.loads(run.stdout.splitlines()[-1])
+    absent = ("laws.springpot", "laws.hysteretic", "laws.backbone", "laws.resolved", "stepping.probes")
+    assert not [name for name in made if any(room in name for room in absent)]
+    for name in ("solve_many", "_in_band", "bisect", "closed_share", "_record"):
+        assert not [made_ for made_ in made if made_.endswith(f".{name}")], name
+    assert any(name.endswith(".solve_one") for name in made)
+    assert sum(made.values()) < 70

@@ -94,3 +94,28 @@ def test_a_tube_between_damped_stops_needs_no_full_eigensystem(monkeypatch):
     assert updated.energy.balance_error < 1e-13
     size = np.abs(full.displacement(beam.at(2.436))).max()
     assert updated.displacement(beam.at(2.436)) == pytest.approx(full.samples.q[-2], abs=1e-8 * size)
+
+
+def test_energy_taken_where_a_block_is_resonant_or_critically_damped():
+    """Integration by parts against fine panels; the load is close to a mode, and one mode is nearly critical."""
+    beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=8, supports={"left": "clamped"}, name="beam")
+    omega = np.sqrt(vf.modes(vf.Scene([beam]), 6).frequencies * 2.0 * np.pi) ** 2
+    # Rayleigh damping 2 omega = a1 omega^2 is critical at 2 / a1.
+    effects = [
+        vf.RayleighDamping(0.0, 2.0 / omega[4] * 1.001),
+        vf.Dashpot(beam.at(0.5), damping=0.05),
+        vf.PointLoad(beam.at(1.0), vf.Sine(0.3, 1.01 * omega[0]) + vf.Constant(0.2)),
+    ]
+    scene = vf.Scene([beam], effects, initial={beam: (vf.Polynomial([0.0, 0.0, 0.1]), 0.0)})
+    times = np.concatenate([[0.0], np.geomspace(1e-6, 6.0, 60)])
+    result = vf.simulate(scene, 6.0, times=times, method="event_driven", compiled=False)
+    assert result.energy.balance_error < 1e-11
+    # Gauss's rule on panels that grow: the quickest motion decays within 1e-5 s.
+    edges = np.append(0.0, np.geomspace(1e-7, 0.5, 300))
+    nodes, weights = np.polynomial.legendre.leggauss(8)
+    width = np.diff(edges)[:, None]
+    motion = result.solution.sample((edges[:-1, None] + 0.5 * width * (nodes + 1.0)).ravel())
+    damping = scene.model.system.damping + 2.0 / omega[4] * 1.001 * scene.model.system.stiffness
+    power = np.sum(motion.v * (damping @ motion.v), axis=0).reshape(-1, 8)
+    taken = result.solution.energies(np.array([0.5])).dissipated
+    assert taken == pytest.approx([np.sum(0.5 * width * power * weights)], rel=1e-9)

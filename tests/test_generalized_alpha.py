@@ -171,3 +171,19 @@ def test_a_step_and_a_tolerance_are_refused():
     _, scene, _, _ = driven("smooth")
     with pytest.raises(vf.ArgumentError, match="dt and tol were both given"):
         vf.simulate(scene, 1.0, dt=0.1, tol=1e-3, **METHOD)
+
+
+def test_a_tolerance_holds_between_the_ends_of_steps():
+    """Three pulses leave neither velocity nor displacement behind, so that steps which contain them see nothing."""
+    mass = vf.Mass(1.0, stiffness=1.0)
+    begin, width, height, tol = 1.013, 0.002, 0.05, 1e-2
+    push = height / (0.75 * width**2)
+    load = vf.Pulse(push, begin, width) + vf.Pulse(-2.0 * push, begin + width, width)
+    load += vf.Pulse(push, begin + 2.0 * width, width)
+    scene = vf.Scene([mass], [vf.PointLoad(mass, load)], {mass: (1.0, 0.0)})
+    times = np.linspace(0.0, 2.0, 4001)
+    result = vf.simulate(scene, 2.0, method="generalized_alpha", tol=tol, times=times)
+    exact = vf.simulate(scene, 2.0, method="event_driven", times=times).displacement(mass)
+    bump = exact - np.cos(times)
+    assert height * 0.9 < np.max(np.abs(bump)) < height * 1.1
+    assert np.max(np.abs(result.displacement(mass) - exact)) < tol * np.max(np.abs(exact))

@@ -329,3 +329,17 @@ def test_branches_are_saved_with_their_harmonics(tmp_path):
         np.testing.assert_allclose(
             one.result.displacement(one.scene.bodies[0]), other.result.displacement(mass), rtol=0, atol=1e-13
         )
+
+
+def test_an_orbit_alone_is_not_saved_as_a_run(tmp_path):
+    """The message names both ways to keep it."""
+    mass = vf.Mass(1.0, stiffness=1.0, damping=0.1, name="mass")
+    stop = vf.Contact(mass, gap=0.5, stiffness=8.0, side="above", acts_on="penetration", name="stop")
+    scene = vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(1.0, 0.6))])
+    orbit = vf.periodic(scene, method="harmonic_balance", harmonics=15)
+    with pytest.raises(vf.ArgumentError, match=r"continuation.*initial=orbit"):
+        orbit.result.save(tmp_path / "orbit.vtkhdf")
+    assert not list(tmp_path.iterdir())
+    run = vf.simulate(scene, orbit.period, initial=orbit)
+    run.save(tmp_path / "run.vtkhdf")
+    assert vf.load(tmp_path / "run.vtkhdf").displacement(mass)[-1] == pytest.approx(run.displacement(mass)[0], abs=1e-3)

@@ -314,9 +314,9 @@ def test_a_step_that_is_tried_leaves_no_trace():
     kernel.plan(30.0, 1e-6)
     kernel.rung = 0
     before = kernel.state.memory.copy()
-    found = kernel.attempt(kernel.output(np.zeros(0), None), 0)
+    found = kernel.attempt(kernel.record(np.zeros(0), None))
     assert found.solves >= 0
-    assert kernel.tried[0][0] > 5.0
+    assert kernel.trial.first.reaction[0] > 5.0
     assert np.array_equal(kernel.state.memory, before)
 
 

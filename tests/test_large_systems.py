@@ -1,4 +1,4 @@
-"""Large systems in few Ritz vectors: solutions free of the rounding in K, truncation errors that are told honestly."""
+"""Large systems in few Ritz vectors: solutions free of the rounding in K, and truncation errors that notes report."""
 
 from __future__ import annotations
 

@@ -175,7 +175,7 @@ def test_what_cannot_be_written_is_named(run, tmp_path, monkeypatch):
     with pytest.raises(vf.ArgumentError, match="subject is 3"):
         animate(3, tmp_path / "m.gif")
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    with pytest.raises(vf.MissingPackageError, match="pip install imageio-ffmpeg"):
+    with pytest.raises(vf.MissingPackageError, match=r"pip install 'vofem\[movie\]'"):
         animate(run[1], tmp_path / "m.mp4")
 
 

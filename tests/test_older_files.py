@@ -112,6 +112,29 @@ def test_earlier_names_of_classes_are_known(name):
     assert class_named(name).__name__ == name.partition(":")[2]
 
 
+#: Classes of checkpoints that have other names now.
+RENAMED = {
+    "vofem.integrators.stepping.record:Trail": "LastStep",
+    "vofem.laws.springpot:History": "SpringpotState",
+    "vofem.integrators.generalized_alpha:_State": "State",
+    "vofem.integrators.central_difference:_State": "State",
+    "vofem.integrators.energy_conserving.step:State": "State",
+}
+
+
+@pytest.mark.parametrize("name", RENAMED)
+def test_classes_of_earlier_checkpoints_are_known(name):
+    assert class_named(name).__name__ == RENAMED[name]
+
+
+def test_the_past_of_springpots_in_earlier_checkpoints_is_read(tmp_path):
+    with writing(tmp_path / "a.h5") as blocks:
+        fields = '{"y": 1.0, "told": 2.0}'
+        write_text(blocks.file, "tree", f'{{"data": "vofem.laws.springpot:History", "number": 0, "fields": {fields}}}')
+    with reading(tmp_path / "a.h5") as file:
+        assert tuple(read_tree(file)) == (1.0, 2.0)
+
+
 def test_fields_that_came_later_have_their_defaults(tmp_path):
     with writing(tmp_path / "a.h5") as blocks:
         data = '{"data": "vofem.effects.time_functions:Ramp", "number": 0, "fields": {"slope": 2.0, "start": 1.0}}'

@@ -137,7 +137,7 @@ def test_saved_and_loaded(run, tmp_path):
 
 
 def test_a_scene_file_refuses_it_by_name(run, tmp_path):
-    with pytest.raises(vf.SceneFileError, match=r"bodies\[0\]: AxialBar has no form in a scene file"):
+    with pytest.raises(vf.SceneFileError, match=r"bodies\[0\]: AxialBar cannot be written to a scene file"):
         vf.dump_scene(run.scene, tmp_path / "scene.toml")
 
 

@@ -217,3 +217,31 @@ def test_a_guess_may_be_a_run_that_ends_anywhere():
     run = vf.simulate(scene, 300.0, t_start=3.0)
     orbit = vf.periodic(scene, guess=run)
     assert state_at_cosine(orbit)[0] == pytest.approx(0.9613616024620069, abs=1e-10)
+
+
+def test_an_orbit_as_a_guess_lends_its_modes(monkeypatch):
+    """At another frequency, or with another gap, no eigenvalue problem is solved; the orbit is that found without."""
+
+    def build(omega, gap=0.03):
+        beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=5, supports={"left": "clamped"}, name="beam")
+        tip = beam.at(1.0)
+        stop = vf.Contact(tip, gap=gap, stiffness=10.0, side="below", acts_on="penetration", name="stop")
+        return vf.Scene([beam], [stop, vf.PointLoad(tip, vf.Sine(0.05, omega)), vf.RayleighDamping(0.1, 1e-3)])
+
+    first = vf.periodic(build(4.5))
+    # The state alone lends nothing.
+    known = {(w, gap): vf.periodic(build(w, gap), guess=first.as_start()) for w, gap in ((4.6, 0.03), (4.5, 0.031))}
+
+    def never(*_):
+        raise AssertionError("an eigenvalue problem was solved again")
+
+    from vofem.integrators.event_driven import modal_space
+
+    monkeypatch.setattr(modal_space, "modal_basis", never)
+    for (omega, gap), orbit in known.items():
+        found = vf.periodic(build(omega, gap), guess=first)
+        assert found.unknowns == pytest.approx(orbit.unknowns, abs=1e-12)
+        assert found.omega == omega
+        assert found.result.contacts["stop"].closings == pytest.approx(
+            orbit.result.contacts["stop"].closings, abs=1e-11
+        )

@@ -325,7 +325,7 @@ def test_what_has_no_form_in_toml_is_listed(tmp_path):
         "distributed_load[0].p",
         "initial.b.displacement",
     }
-    assert "is a callable, which has no form in TOML; use one of sine, constant" in found["point_load[0].f"]
+    assert "is a callable, which a scene file cannot hold; use one of sine, constant" in found["point_load[0].f"]
     assert "vofem.Polynomial" in found["beam[0].EI"]
     assert not (tmp_path / "s.toml").exists()
 
@@ -337,7 +337,7 @@ def test_foreign_effects_and_outcomes_cannot_be_written():
     mass = vf.Mass(1.0, 1.0, name="m")
     cubic = vf.NonlinearSpring(mass, potential=lambda u: u**4 / 4, force=lambda u: u**3)
     scene = vf.Scene([mass], [Mine(), cubic], vf.equilibrium(vf.Scene([mass])))
-    with pytest.raises(vf.SceneFileError, match="NonlinearSpring has no form in a scene file") as caught:
+    with pytest.raises(vf.SceneFileError, match="NonlinearSpring cannot be written to a scene file") as caught:
         scene_to_toml(scene)
     assert [path for path, _ in caught.value.problems] == ["effects[0]", "effects[1]", "initial"]
     with pytest.raises(vf.SceneFileError, match="not valid Unicode"):
@@ -706,5 +706,5 @@ def test_the_page_on_scene_files_names_every_table_and_key():
 def test_starts_from_outcomes_are_refused_by_name():
     beam = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"}, name="deck")
     rest = vf.equilibrium(vf.Scene([beam], [vf.Gravity()]))
-    with pytest.raises(vf.SceneFileError, match=r"initial\.deck: Equilibrium has no form in a scene file"):
+    with pytest.raises(vf.SceneFileError, match=r"initial\.deck: Equilibrium cannot be written to a scene file"):
         scene_to_toml(vf.Scene([beam], initial={beam: rest}))

@@ -417,7 +417,7 @@ def test_a_step_that_is_tried_leaves_no_trace():
     kernel.rung = 0
     kernel.history.y[:] = np.linspace(0.1, 0.2, kernel.history.y.size)
     before = [part.copy() for part in kernel.history]
-    found = kernel.attempt(kernel.output(np.zeros(0), None), 0)
+    found = kernel.attempt(kernel.record(np.zeros(0), None))
     assert found.solves >= 0
     assert not np.array_equal(kernel.ahead.y, before[0])
     for part, old in zip(kernel.history, before, strict=True):

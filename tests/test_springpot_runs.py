@@ -110,7 +110,7 @@ class PowerLossError(Exception):
 def test_resumed_runs_are_bitwise_the_same(kind, order, tmp_path, monkeypatch):
     monkeypatch.setattr("vofem.integrators.stepping.march._CHUNK_WORK", 200)
     monkeypatch.setattr("vofem.integrators.stepping.doubling._CHUNK", 50)
-    monkeypatch.setattr("vofem.integrators.stepping.history._MOST_STEPS", 150)
+    monkeypatch.setattr("vofem.laws.springpot_past._MOST_STEPS", 150)
     options = {"method": "energy_conserving", "tol": 1e-4} if kind == "tolerance" else {"method": kind, "dt": 0.02}
     mass, scene = oscillator(order, STARTS["struck"])
     scene = vf.Scene(scene.bodies, [*scene.effects, vf.PointLoad(mass, vf.Sine(1.0, 1.7))], scene.initial)
@@ -267,7 +267,7 @@ for options in ({"dt": 0.01}, {"tol": 1e-3}, {"method": "generalized_alpha"}, {"
     assert not result.model.system.recorded
     assert result.model.system.laws == ()
     assert result.solution.springs is None
-assert "vofem.integrators.stepping.history" not in sys.modules
+assert "vofem.laws.springpot_past" not in sys.modules
 """
     subprocess.run([sys.executable, "-c", code], check=True)
 

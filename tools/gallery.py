@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import hashlib
+import json
 import os
 import re
 import subprocess
@@ -83,6 +84,19 @@ def section(script: Path, pictures: list[Path]) -> str:
     return "\n".join([*lines, "    ```", ""])
 
 
+def notebook_section(path: Path) -> str:
+    """Return the part of the page that belongs to a notebook: its text and its code, which a test runs."""
+    cells = [
+        (cell["cell_type"], "".join(cell["source"])) for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]
+    ]
+    title, _, text = cells[0][1].removeprefix("# ").partition("\n")
+    lines = [f"## {title}", "", text.strip(), "", f'??? example "examples/{path.name}"', ""]
+    for kind, source in cells[1:]:
+        block = f"```python\n{source}\n```" if kind == "code" else source
+        lines += [f"    {line}".rstrip() for line in block.split("\n")] + [""]
+    return "\n".join(lines)
+
+
 def write(pages: Path) -> None:
     """Write gallery.md and its pictures into the folder of the site's pages."""
     scripts = sorted(EXAMPLES.glob("*.py"))
@@ -94,4 +108,5 @@ def write(pages: Path) -> None:
         for picture in pictures:
             (folder / picture.name).write_bytes(picture.read_bytes())
     parts = [_START, *(section(script, pictures) for script, pictures in zip(scripts, drawn, strict=True))]
+    parts += [notebook_section(path) for path in sorted(EXAMPLES.glob("*.ipynb"))]
     (pages / "gallery.md").write_text("\n".join(parts), encoding="utf-8")

@@ -18,7 +18,9 @@ from vofem.errors import StorageError
 class SaveRun(Protocol):
     """Writes a whole run to one file; see `vofem.Result.save`."""
 
-    def __call__(self, result: Any, path: str | os.PathLike[str], *, overwrite: bool, frames: Any) -> Path:
+    def __call__(
+        self, result: Any, path: str | os.PathLike[str], *, overwrite: bool, frames: Any, magnification: float
+    ) -> Path:
         """Return the path of the file."""
 
 

@@ -305,7 +305,12 @@ class Result(Shown, Motion):
     # -- files ------------------------------------------------------------------------------------
 
     def save(
-        self, path: str | os.PathLike[str], *, overwrite: bool = False, frames: int | ArrayLike | None = None
+        self,
+        path: str | os.PathLike[str],
+        *,
+        overwrite: bool = False,
+        frames: int | ArrayLike | None = None,
+        magnification: float = 1.0,
     ) -> Path:
         """Write the run to one file, for ParaView, for xarray, and for `vofem.load`, which gives it back whole.
 
@@ -322,6 +327,10 @@ class Result(Shown, Motion):
             Frames for ParaView: how many of the run's times, or which times in s.
             The default is all times, but at most 1000. Everything else is stored
             at all `times`.
+        magnification : float
+            By which gaps are drawn larger in ParaView, for Warp By Vector with
+            this scale factor: with another one bodies do not meet their stops
+            when contacts close. The data are never magnified.
 
         Returns
         -------
@@ -337,4 +346,4 @@ class Result(Shown, Motion):
             If the file exists and is not to be overwritten, or cannot be
             written. What was there stays as it was.
         """
-        return store().save(self, path, overwrite=overwrite, frames=frames)
+        return store().save(self, path, overwrite=overwrite, frames=frames, magnification=magnification)

@@ -132,6 +132,11 @@ class Scene(Shown):
                 self._model = self._model or self._compiled()
         return self._model
 
+    @property
+    def assembled(self) -> bool:
+        """Whether the scene has been assembled already."""
+        return self._model is not None
+
     def _compiled(self) -> Model:
         builder = SystemBuilder(self.bodies)
         for effect in self.effects:

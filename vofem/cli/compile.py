@@ -25,6 +25,6 @@ def _compile(arguments: argparse.Namespace) -> int:
         return FAULT
     print(f"compiling for {len(KINDS)} kinds of work; code that is on disk already is read", flush=True)
     for kind, seconds in compile_ahead():
-        print(f"{kind:<24} {seconds:6.1f} s", flush=True)
+        print(f"{kind:<82} {seconds:6.1f} s", flush=True)
     print(f"compiled code is in {folder}")
     return FINE

@@ -57,9 +57,9 @@ class Contact(TwoPoints):
         K0 in N/m, positive.
     damping : float
         C0 in N s/m, not negative. The damper acts while the contact is closed.
-    side : {"below", "above"}
+    side : "below" or "above"
         Of a stop: below, it closes when ``eta < -gap``; above, when ``eta > gap``.
-    acts_on : {"displacement", "penetration"}
+    acts_on : "displacement" or "penetration"
         "penetration" is an elastic stop behind a gap: the force is K0 times
         ``s``. "displacement" is the paper's law: the force is K0 times the whole
         displacement and jumps by ``K0 gap`` when the contact closes. There is no default.

@@ -43,7 +43,7 @@ class HystereticSpring(TwoPoints):
         It reaches 1 at the limit load. The default is Eq. 24,
         ``(|F| - K d0)/(4 N)``. A callable is tabulated once, up to 1e4 linear
         limits, with an error of 1e-11.
-    memory : {"printed", "cyclic"}
+    memory : "printed" or "cyclic"
         What the spring keeps of its past, see above. There is no default.
     of : {"displacement", "rotation"}
         Whether it acts on displacements (m, N) or on rotations of beams (rad, N m).
@@ -146,7 +146,7 @@ class CrushingStop(TwoPoints):
         ``beam.at(x)`` or a `Mass`. With b, a is the lower point. Without b the stop is fixed in space.
     gap : float
         Gap before the stop is touched, in m.
-    side : {"below", "above"}
+    side : "below" or "above"
         Where a stop stands that is fixed in space.
     stiffness, linear_limit, softening, of
         As of `HystereticSpring`.

@@ -20,7 +20,7 @@ class Joint:
     ----------
     a, b : points
         Points of two different bodies. A mass can be hinged to a beam.
-    kind : {"rigid", "hinge"}
+    kind : "rigid" or "hinge"
         A hinge makes displacements equal. A rigid joint makes displacements and
         rotations equal, so that two beams joined at their ends behave as one beam.
     name : str, optional

@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from vofem.integrators.method import Method
+from vofem.laws.kinds import FEWEST_IN_BAND
+from vofem.laws.table import build_laws
 from vofem.system import System
 
 #: Seconds that a step takes: for itself, for a degree of freedom, for a law.
@@ -74,11 +76,36 @@ def _frequency(system: System) -> float:
     return float(np.sqrt(energy / inertia)) if 0.0 < energy < np.inf and inertia > 0.0 else 1.0
 
 
-def kind_of_run(method: Method, system: System, tol: float | None) -> str:
-    """Return what kernels a run needs, as a name that is the same for all runs that need the same ones."""
+def seconds_of_steps(system: System, steps: int, compiled: bool) -> float:
+    """Return the seconds that some steps take."""
+    return steps * (_STEP_COMPILED + _UNKNOWN_COMPILED * system.size if compiled else _step(system))
+
+
+def kind_of_run(method: Method, system: System, tol: float | None, probes: bool = False) -> str:
+    """Return what kernels a run needs, as a name that is the same for all runs that need the same ones.
+
+    Kernels of methods that step in time are compiled for the kinds of laws that a system holds, see `laws.table.Kinds`,
+    and for one, several or many laws.
+
+    Parameters
+    ----------
+    method : Method
+    system : System
+    tol : float or None
+    probes : bool
+        Whether points are recorded at every step.
+    """
     if method.exact:
         return f"{method.name}, damped" if system.damped else method.name
-    return method.name if tol is None else f"{method.name}, tol"
+    if not method.steps:
+        return method.name
+    laws = build_laws(system.laws)
+    count = laws.table.size
+    parts = [method.name] if tol is None else [method.name, "tol"]
+    if count:
+        parts.append("one law" if count == 1 else "several laws" if count < FEWEST_IN_BAND else "many laws")
+    parts += [name for name, present in laws.kinds._asdict().items() if present]
+    return ", ".join([*parts, "probes"] if probes else parts)
 
 
 def _step(system: System) -> float:

@@ -32,10 +32,14 @@ EVENT_DRIVEN = Method(
     reason=_is_exact,
 )
 
+#: Whether a second run from a start nearby tells how quickly errors grow; see `stepping.nearby`.
+_NEARBY: dict[str, object] = {"nearby": None}
+
 ENERGY_CONSERVING = Method(
     "energy_conserving",
     deferred("vofem.integrators.energy_conserving", "run"),
     _REFUSED_BY_STEPS,
+    _NEARBY,
     adaptive=True,
     records=True,
     conserves=True,
@@ -47,7 +51,7 @@ GENERALIZED_ALPHA = Method(
     "generalized_alpha",
     deferred("vofem.integrators.generalized_alpha", "run"),
     _REFUSED_BY_STEPS,
-    {"rho_infinity": 0.8, "alpha_m": None, "alpha_f": None, "gamma": None, "newmark_beta": None},
+    {"rho_infinity": 0.8, "alpha_m": None, "alpha_f": None, "gamma": None, "newmark_beta": None} | _NEARBY,
     adaptive=True,
     records=True,
     effort=by_steps,
@@ -57,6 +61,7 @@ CENTRAL_DIFFERENCE = Method(
     "central_difference",
     deferred("vofem.integrators.central_difference", "run"),
     _REFUSED_BY_STEPS,
+    _NEARBY,
     records=True,
     conditional=True,
     effort=by_critical_steps,

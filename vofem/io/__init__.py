@@ -1,17 +1,19 @@
 """What a user looks at and keeps: pictures, movies, tables, files of scenes and of runs.
 
-`animate` writes movies; `plot`, `render`, `vtk`, `csv_file` and `doctor` are modules of this package.
+`animate` writes movies, `show` opens a window. `plot`, `render`, `vtk`, `csv_file` and `doctor` are modules of this
+package.
 """
 
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from vofem.io.interactive import show
     from vofem.io.movies.animate import animate
 
-__all__ = ["animate"]
+__all__ = ["animate", "show"]
 
 #: Functions that are imported when first asked for, by module.
-_LATER = {"animate": "vofem.io.movies.animate"}
+_LATER = {"animate": "vofem.io.movies.animate", "show": "vofem.io.interactive"}
 
 
 def __getattr__(name: str) -> Any:

@@ -23,7 +23,7 @@ from vofem.studies.steady import Branch, PeriodicOrbit
 _CONTACTS, _SPECIAL, _LINES, _ORBITS = 6, 10, 12, 40
 
 #: Width and height of a figure with axes, inches, its dots per inch, and of a side view, pixels.
-_FIGURE, _DPI, _SIDE = (4.6, 2.1), 90, (520, 240)
+_FIGURE, _DPI, _SIDE = (6.6, 3.0), 64, (520, 240)
 
 _STABLE = {True: "stable", False: "unstable", None: "stability not decided"}
 
@@ -188,14 +188,12 @@ def _axes(draw: Callable[[Any], None]) -> str:
     """Return a small figure with axes as an image."""
 
     def made() -> str:
-        from matplotlib import rc_context
         from matplotlib.figure import Figure
 
-        with rc_context({"font.size": 7.0}):
-            figure = Figure(figsize=_FIGURE, dpi=_DPI, layout="constrained")
-            draw(figure.subplots())
-            file = io.BytesIO()
-            figure.savefig(file, format="png")
+        figure = Figure(figsize=_FIGURE, dpi=_DPI, layout="constrained")
+        draw(figure.subplots())
+        file = io.BytesIO()
+        figure.savefig(file, format="png")
         return _picture(file.getvalue())
 
     return _drawn(made)

@@ -86,5 +86,5 @@ def compiled_code() -> str:
     if ready:
         lines.append(f"It is there for: {'; '.join(ready)}")
     if missing:
-        lines.append(f"It is compiled where it pays, some 30 s each, or by `vofem compile`, for: {'; '.join(missing)}")
+        lines.append(f"It is compiled where it pays, some 10 s each, or by `vofem compile`, for: {'; '.join(missing)}")
     return "\n".join(lines)

@@ -25,6 +25,7 @@ from vofem._validate import array, number
 from vofem.errors import ArgumentError, OutputError
 from vofem.files.whole import impossible, replacing
 from vofem.io.series.grid import Grid
+from vofem.io.series.meshes import Meshes, meshes
 from vofem.io.series.placement import place
 from vofem.io.series.vtu import write_vtu
 from vofem.result import Result
@@ -140,6 +141,39 @@ def write_series(
     if earlier is not None:
         _remove(earlier)
     return SeriesOutcome(index, chosen.size, size + len(text))
+
+
+def frames(
+    source: Result | str | os.PathLike[str], times: ArrayLike | None = None, *, magnification: float | None = None
+) -> Meshes:
+    """Return the frames of a run as meshes of pyvista, moved as it moves.
+
+    ``pyvista.read`` gives the first frame of a file alone. This is a sequence of all of them::
+
+        found = vtk.frames("run.vtkhdf", magnification=20.0)
+        found.times, found[10].plot(scalars="bending_moment")
+
+    Parameters
+    ----------
+    source : Result, or path of a saved run or of a .pvd
+    times : array_like, optional
+        Of a Result, in s; `result.times` where not given.
+    magnification : float, optional
+        Of displacements. Of a file that of the file where not given, with which its stops are drawn; of a Result 1.
+
+    Returns
+    -------
+    Meshes
+        A sequence of `pyvista.UnstructuredGrid`, with `times` in s; each is made when it is asked for.
+
+    Raises
+    ------
+    ArgumentError
+        For another source, or times of a file.
+    StorageError
+        If the file is missing or holds no frames.
+    """
+    return meshes(source, times, magnification=magnification)
 
 
 def _times(result: Result, times: ArrayLike | None) -> Array:

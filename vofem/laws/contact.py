@@ -227,42 +227,42 @@ def initial_status(laws: ContactLaws, q: Array, v: Array, size: Array | None = N
 
 
 @jit
-def contact_force(law: Any, u: float) -> tuple[float, float]:
-    """Return spring force and tangent at u."""
+def contact_force(law: Any, resolved: bool | None, u: float) -> tuple[float, float]:
+    """Return spring force and tangent at u; `resolved` is None where no switch is resolved."""
     gap, k = law["gap"], law["stiffness"]
     s = u - gap
     if s <= 0.0:
         return 0.0, 0.0
+    if resolved is not None and law["kind"] == RESOLVED:
+        force, tangent = resolved_force(s, law["resolution"], gap - law["offset"])
+        return k * force, k * tangent
     if law["kind"] == PENETRATION:
         return k * s, k
-    if law["kind"] == JUMP:
-        ramp = _RAMP * gap
-        if s >= ramp:
-            return k * u, k
-        steep = k * (gap + ramp) / ramp
-        return steep * s, steep
-    force, tangent = resolved_force(s, law["resolution"], gap - law["offset"])
-    return k * force, k * tangent
+    ramp = _RAMP * gap
+    if s >= ramp:
+        return k * u, k
+    steep = k * (gap + ramp) / ramp
+    return steep * s, steep
 
 
 @jit
-def damper_path(law: Any, u0: float, u1: float) -> float:
+def damper_path(law: Any, resolved: bool | None, u0: float, u1: float) -> float:
     """Return the length of the path from u0 to u1 on which a contact's damper acts, with its sign."""
     s0, s1 = max(u0 - law["gap"], 0.0), max(u1 - law["gap"], 0.0)
-    if law["kind"] != RESOLVED:
-        return s1 - s0
-    return resolved_integrals(s0, s1, law["resolution"])[0]
+    if resolved is not None and law["kind"] == RESOLVED:
+        return resolved_integrals(s0, s1, law["resolution"])[0]
+    return s1 - s0
 
 
 @jit
-def contact_mean(law: Any, u0: float, u1: float) -> float:
+def contact_mean(law: Any, resolved: bool | None, u0: float, u1: float) -> float:
     """Return the mean spring force over the path from u0 to u1: work over length."""
     gap, k = law["gap"], law["stiffness"]
     s0, s1 = u0 - gap, u1 - gap
     if s0 <= 0.0 and s1 <= 0.0:
         return 0.0
     lever = gap - law["offset"]
-    if law["kind"] == RESOLVED:
+    if resolved is not None and law["kind"] == RESOLVED:
         if s0 == s1:
             return k * resolved_force(s0, law["resolution"], lever)[0]
         plain, weighted = resolved_integrals(max(s0, 0.0), max(s1, 0.0), law["resolution"])
@@ -271,7 +271,7 @@ def contact_mean(law: Any, u0: float, u1: float) -> float:
     if s0 >= ramp and s1 >= ramp:
         return k * (0.5 * (s0 + s1) + lever)
     if s0 == s1:
-        return contact_force(law, u0)[0]
+        return contact_force(law, None, u0)[0]
     return k * (_height(s1, ramp, lever) - _height(s0, ramp, lever)) / (s1 - s0)
 
 
@@ -294,7 +294,7 @@ def ideal_mean_slope(law: Any, u0: float, u1: float, mean: float) -> float:
         return 0.5 * law["stiffness"]
     if s0 <= 0.0 and s1 <= 0.0:
         return 0.0
-    force, tangent = contact_force(law, u1)
+    force, tangent = contact_force(law, None, u1)
     return (force - mean) / (u1 - u0) if u1 != u0 else 0.5 * tangent
 
 

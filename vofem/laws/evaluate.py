@@ -40,15 +40,24 @@ Array = NDArray[np.float64]
 @jit
 def force_and_tangent(laws: Laws, j: int, u: float) -> tuple[float, float]:
     """Return force and tangent at u, without contact dampers."""
+    kinds = laws.kinds
+    return _force_and_tangent(laws, kinds.resolved, kinds.affine, kinds.called, kinds.hysteretic, j, u)
+
+
+@jit
+def _force_and_tangent(
+    laws: Laws, resolved: bool | None, affine: bool | None, called: bool | None, hysteretic: bool | None, j: int,
+    u: float,
+) -> tuple[float, float]:  # fmt: skip
+    """Return force and tangent at u. The kinds are arguments so that numba leaves out those that are None."""
     law = laws.table[j]
-    kind = law["kind"]
-    if kind <= RESOLVED:
-        return contact_force(law, u)
-    if kind == AFFINE:
-        return law["offset"] + law["stiffness"] * (u - law["gap"]), law["stiffness"]
-    if kind == CALLED:
+    if hysteretic is not None and law["kind"] >= HYPERBOLIC:
+        return hysteretic_force(laws, j, u)
+    if called is not None and law["kind"] == CALLED:
         return call(law["address"], FORCE, u, u), call(law["address"], TANGENT, u, u)
-    return hysteretic_force(laws, j, u)
+    if affine is not None and law["kind"] == AFFINE:
+        return law["offset"] + law["stiffness"] * (u - law["gap"]), law["stiffness"]
+    return contact_force(law, resolved, u)
 
 
 @jit
@@ -61,24 +70,36 @@ def forces_along(laws: Laws, j: int, u: Array, force: Array, tangent: Array) -> 
 @jit
 def force_at(laws: Laws, j: int, u: float) -> float:
     """Return the force at u alone."""
-    law = laws.table[j]
-    if law["kind"] == CALLED:
-        return call(law["address"], FORCE, u, u)
+    return _force_at(laws, laws.kinds.called, j, u)
+
+
+@jit
+def _force_at(laws: Laws, called: bool | None, j: int, u: float) -> float:
+    if called is not None and laws.table[j]["kind"] == CALLED:
+        return call(laws.table[j]["address"], FORCE, u, u)
     return force_and_tangent(laws, j, u)[0]
 
 
 @jit
 def mean_force(laws: Laws, j: int, u0: float, u1: float) -> float:
     """Return the mean force over the path from u0 to u1, without contact dampers."""
+    kinds = laws.kinds
+    return _mean_force(laws, kinds.resolved, kinds.affine, kinds.called, kinds.hysteretic, j, u0, u1)
+
+
+@jit
+def _mean_force(
+    laws: Laws, resolved: bool | None, affine: bool | None, called: bool | None, hysteretic: bool | None, j: int,
+    u0: float, u1: float,
+) -> float:  # fmt: skip
     law = laws.table[j]
-    kind = law["kind"]
-    if kind <= RESOLVED:
-        return contact_mean(law, u0, u1)
-    if kind == AFFINE:
-        return law["offset"] + law["stiffness"] * (u1 - law["gap"])
-    if kind == CALLED:
+    if hysteretic is not None and law["kind"] >= HYPERBOLIC:
+        return hysteretic_mean(laws, j, u0, u1)
+    if called is not None and law["kind"] == CALLED:
         return call(law["address"], MEAN, u0, u1)
-    return hysteretic_mean(laws, j, u0, u1)
+    if affine is not None and law["kind"] == AFFINE:
+        return law["offset"] + law["stiffness"] * (u1 - law["gap"])
+    return contact_mean(law, resolved, u0, u1)
 
 
 @jit
@@ -88,12 +109,24 @@ def mean_and_slope(laws: Laws, j: int, u0: float, u1: float) -> tuple[float, flo
     mean = mean_force(laws, j, u0, u1)
     if law["kind"] <= JUMP:
         return mean, ideal_mean_slope(law, u0, u1, mean)
-    if law["kind"] == AFFINE:
-        return mean, law["stiffness"]
+    kinds = laws.kinds
+    return mean, _mean_slope(laws, kinds.resolved, kinds.affine, kinds.called, kinds.hysteretic, j, u0, u1, mean)
+
+
+@jit
+def _mean_slope(
+    laws: Laws, resolved: bool | None, affine: bool | None, called: bool | None, hysteretic: bool | None, j: int,
+    u0: float, u1: float, mean: float,
+) -> float:  # fmt: skip
+    """Return the derivative of the mean force of a law that is no contact with an ideal switch."""
+    if resolved is None and called is None and hysteretic is None:
+        return laws.table[j]["stiffness"]
+    if affine is not None and laws.table[j]["kind"] == AFFINE:
+        return laws.table[j]["stiffness"]
     force, tangent = force_and_tangent(laws, j, u1)
     if abs(u1 - u0) <= 1e-6 * max(abs(u0), abs(u1)):
-        return mean, 0.5 * tangent
-    return mean, (force - mean) / (u1 - u0)
+        return 0.5 * tangent
+    return (force - mean) / (u1 - u0)
 
 
 @jit
@@ -106,13 +139,18 @@ def tangent_jumps(laws: Laws, j: int) -> bool:
 @jit
 def closed_share(laws: Laws, j: int, u0: float, u1: float) -> float:
     """Return the length of the path from u0 to u1 on which a contact's damper acts, with its sign."""
-    return damper_path(laws.table[j], u0, u1)
+    return damper_path(laws.table[j], laws.kinds.resolved, u0, u1)
 
 
 @jit
 def stored(laws: Laws, j: int, u: float) -> float:
     """Return the recoverable energy in J that a law with internal variables stores at u."""
-    if laws.table[j]["kind"] == CALLED:
+    return _stored(laws, laws.kinds.called, j, u)
+
+
+@jit
+def _stored(laws: Laws, called: bool | None, j: int, u: float) -> float:
+    if called is not None and laws.table[j]["kind"] == CALLED:
         return call(laws.table[j]["address"], STORED, u, u)
     return hysteretic_stored(laws, j, u)
 
@@ -132,9 +170,15 @@ def commit(laws: Laws, j: int, u: float) -> None:
 @jit
 def commit_all(laws: Laws, u: Array) -> None:
     """Update the internal variables of all laws to the ends u of their paths."""
-    for j in range(u.size):
-        if laws.table[j]["kind"] >= HYPERBOLIC:
-            commit(laws, j, u[j])
+    _commit_all(laws, laws.kinds.hysteretic, u)
+
+
+@jit
+def _commit_all(laws: Laws, hysteretic: bool | None, u: Array) -> None:
+    if hysteretic is not None:
+        for j in range(u.size):
+            if laws.table[j]["kind"] >= HYPERBOLIC:
+                commit(laws, j, u[j])
 
 
 def response(group: LawGroup, laws: Laws, first: int, u: Array, width: float) -> tuple[Array, Array, NDArray[np.int64]]:

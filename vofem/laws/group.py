@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,49 @@ Array = NDArray[np.float64]
 
 #: Status of a law: it does not act, it acts, or it is held where its force jumps.
 OPEN, CLOSED, PINNED = 0, 1, 2
+
+
+class StepPast(Protocol):
+    """The past of laws whose force over a step is affine in the coordinate at its end, but depends on earlier steps.
+
+    Attributes
+    ----------
+    row, count : int
+        Number of the first law among all laws, and of these laws.
+    terms : int
+        Number of internal variables of all laws.
+    state : NamedTuple of ndarray
+        The internal variables; changed in place.
+    """
+
+    row: int
+    count: int
+    terms: int
+    state: Any
+
+    def begin(self, start: Any) -> None:
+        """Set the internal variables to those at t = 0 of a run from a `State`."""
+
+    def begin_with_mean(self, start: Any, dt: float) -> None:
+        """Set the forces at t = 0 to their means over the first step, for methods that sum over half steps."""
+
+    def forces(self) -> Array:
+        """Return the forces at the last time, N, shape (count,)."""
+
+    def means(self) -> Array:
+        """Return the mean forces over the last step, N, shape (count,)."""
+
+    def record(self, times: Array, memory: Array, count: int) -> None:
+        """Record force, stored energy and loss at t = 0 in the first columns of `memory`."""
+
+    def most_steps(self, count: int) -> int:
+        """Return for how many steps, at most the given number, `over` is to be called at once."""
+
+    def over(self, dt: float, times: Array) -> Any:
+        """Return what compiled loops need for steps of a size, given a time within each, in s."""
+
+    def absorbed(self) -> float:
+        """Return the work in J that the laws have absorbed up to the time to which results are stored."""
 
 
 class LawGroup:
@@ -104,6 +147,18 @@ class LawGroup:
     def virgin(self) -> list[Array]:
         """Return the internal variables of every law before any load; the first is the dissipated energy in J."""
         return [np.zeros(0)] * len(self)
+
+    def past_in_steps(self, row: int, shortest: float, t_end: float) -> StepPast | None:
+        """Return the internal variables that the laws have in a run in time steps beside those of `virgin`, or None.
+
+        Parameters
+        ----------
+        row : int
+            Number of the first law of the group among all laws.
+        shortest, t_end : float
+            Shortest step, and the longest time that will be reached, in s.
+        """
+        return None
 
     def numbers(self) -> Array:
         """Return all numbers that define the laws, by which two groups are compared; Python functions have none."""

@@ -2,6 +2,9 @@
 
 PENETRATION, JUMP, RESOLVED = 0, 1, 2
 
+#: Number of laws from which on a step may be solved on the unknowns in place of the laws.
+FEWEST_IN_BAND = 16
+
 #: A law affine in the coordinate: a springpot over one step.
 AFFINE = 3
 

@@ -10,6 +10,7 @@ by Gauss's rule, so that differences of the potential over short steps keep all 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,6 +121,14 @@ def contact_stiffness(stiffness: float, s: float, s0: float) -> float:
     if s0 == np.inf:
         return stiffness if contact_order(s, s0) == 0.0 else 0.0
     return stiffness * switch(s0 * s)
+
+
+@jit
+def equivalent_stiffness(law: Any, resolved: bool | None, s: float) -> float:
+    """Return K_eq of the record of a contact; `resolved` is None where no switch is resolved."""
+    if resolved is None:
+        return law["stiffness"] if contact_order(s, np.inf) == 0.0 else 0.0
+    return contact_stiffness(law["stiffness"], s, law["resolution"])
 
 
 def steepest(gap: float, jump: bool, s0: float) -> float:

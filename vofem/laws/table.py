@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vofem.laws.callbacks import Callbacks
 from vofem.laws.group import LawGroup
-from vofem.laws.kinds import CALLED
+from vofem.laws.kinds import AFFINE, CALLED, HYPERBOLIC, RESOLVED
 
 Array = NDArray[np.float64]
 
@@ -24,6 +24,33 @@ RECORD = np.dtype(
 )
 
 
+class Kinds(NamedTuple):
+    """Which laws there are beside contacts with ideal switches, each True, or None where there are none.
+
+    Compiled code is made for what is here: numba leaves out a branch that asks ``x is not None`` of an argument that
+    is None, with all that is called in it.
+
+    Attributes
+    ----------
+    resolved : True or None
+        Contacts with resolved switches.
+    dampers : True or None
+        Contacts with dampers.
+    affine : True or None
+        Laws that are affine within a step, such as springpots.
+    called : True or None
+        Laws written in Python.
+    hysteretic : True or None
+        Laws with internal variables.
+    """
+
+    resolved: bool | None = None
+    dampers: bool | None = None
+    affine: bool | None = None
+    called: bool | None = None
+    hysteretic: bool | None = None
+
+
 class Laws(NamedTuple):
     """All laws, one record each, in the order of the groups of a system.
 
@@ -34,11 +61,13 @@ class Laws(NamedTuple):
         Further numbers of all laws.
     state : ndarray
         Internal variables of all laws at the start of a step.
+    kinds : Kinds
     """
 
     table: NDArray[np.void]
     parameters: Array
     state: Array
+    kinds: Kinds
 
 
 def build_laws(groups: Sequence[LawGroup], callbacks: Callbacks | None = None) -> Laws:
@@ -61,9 +90,11 @@ def build_laws(groups: Sequence[LawGroup], callbacks: Callbacks | None = None) -
         table[low], table[high] = ends[:-1], ends[1:]
     if callbacks is not None:
         table["address"][table["kind"] == CALLED] = callbacks.addresses
-    return Laws(table, np.concatenate(parameters), np.concatenate(states))
+    return Laws(table, np.concatenate(parameters), np.concatenate(states), kinds_of(table))
 
 
-def with_state(laws: Laws, state: Array) -> Laws:
-    """Return the same laws with another array of internal variables."""
-    return laws._replace(state=state) if state.size else laws
+def kinds_of(table: NDArray[np.void]) -> Kinds:
+    """Return which laws there are among some records."""
+    kind = table["kind"]
+    found = (kind == RESOLVED, table["damping"] > 0.0, kind == AFFINE, kind == CALLED, kind >= HYPERBOLIC)
+    return Kinds(*(True if np.any(part) else None for part in found))

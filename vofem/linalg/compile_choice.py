@@ -24,7 +24,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 _IMPORTING, _READING = 0.6, 0.3
 
 #: Seconds that compiling takes.
-_COMPILING = 30.0
+_COMPILING = 12.0
 
 _ready: set[str] = set()
 _spent: dict[str, float] = {}

@@ -62,6 +62,23 @@ class CompiledFunction:
         return self._dispatcher
 
     @cached_property
+    def callee(self) -> Any:
+        """The function as other compiled functions call it."""
+        from vofem.linalg.callee_compiler import callee
+
+        try:
+            return callee(self.py_func)
+        except (ImportError, AttributeError):  # a numba that is built differently
+            return self.dispatcher
+
+    @property
+    def compilations(self) -> int:
+        """Number of times that the function was compiled in this process, once for every kind of arguments."""
+        called = self.__dict__.get("callee")
+        own = 0 if self._dispatcher is None else sum(self._dispatcher.stats.cache_misses.values())
+        return own if called is None or called is self._dispatcher else own + len(called.signatures)
+
+    @cached_property
     def plain(self) -> Callable[..., Any]:
         """The function in plain Python, which calls others in plain Python, at no more cost than that of the call."""
         function = self.py_func
@@ -104,7 +121,7 @@ def _numba() -> Any:
 
     @typeof_impl.register(CompiledFunction)
     def type_of(function: CompiledFunction, context: Any) -> Any:
-        return numba.types.Dispatcher(function.dispatcher)
+        return numba.types.Dispatcher(function.callee)
 
     @typeof_impl.register(Intrinsic)
     def type_of_intrinsic(function: Intrinsic, purpose: Any) -> Any:

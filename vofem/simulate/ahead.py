@@ -59,7 +59,28 @@ def _damped() -> Scene:
     return Scene([one, two, three], effects, initial={one: (0.0, 1.0)})
 
 
-def _stepped() -> Scene:
+def _one() -> Scene:
+    """Return a mass on one contact."""
+    mass = Mass(1.0, stiffness=1.0)
+    stop = Contact(mass, gap=0.1, stiffness=5.0, side="above", acts_on="penetration")
+    return Scene([mass], [stop, PointLoad(mass, Sine(0.4, 2.0))], initial={mass: (0.0, 0.5)})
+
+
+def _one_damped() -> Scene:
+    """Return a mass on one contact with a damper."""
+    mass = Mass(1.0, stiffness=1.0)
+    stop = Contact(mass, gap=0.1, stiffness=5.0, damping=0.1, side="above", acts_on="penetration")
+    return Scene([mass], [stop, PointLoad(mass, Sine(0.4, 2.0))], initial={mass: (0.0, 0.5)})
+
+
+def _several() -> Scene:
+    """Return a mass between two stops."""
+    mass = Mass(1.0, stiffness=1.0)
+    stops = [Contact(mass, gap=0.1, stiffness=5.0, side=side, acts_on="penetration") for side in ("above", "below")]
+    return Scene([mass], [*stops, PointLoad(mass, Sine(0.4, 2.0))], initial={mass: (0.0, 0.5)})
+
+
+def _every_law() -> Scene:
     """Return a scene for methods that step in time, with every law."""
     beam = Beam(1.0, 1.0, 1.0, 3, {"left": "clamped"})
     mass = Mass(0.3, stiffness=2.0, damping=0.05)
@@ -86,6 +107,16 @@ def _chain() -> Scene:
     return Scene(masses, effects, initial={masses[0]: (0.0, 1.0)})
 
 
+#: Scenes for methods that step in time, by what `integrators.effort.kind_of_run` says of their laws.
+STEPPED: dict[str, Callable[[], Scene]] = {
+    "one law": _one,
+    "one law, dampers": _one_damped,
+    "several laws": _several,
+    "many laws": _chain,
+    "several laws, resolved, dampers, affine, called, hysteretic": _every_law,
+}
+
+
 def _events() -> None:
     result = simulate(_exact(), 4.0, times=np.linspace(0.0, 4.0, 41))
     result.energy.balance_error, result.sensitivity  # noqa: B018
@@ -100,13 +131,21 @@ def _damped_events() -> None:
     simulate(_exact(RayleighDamping(0.1, 1e-3)), 1.0, times=np.linspace(0.0, 1.0, 11)).energy.balance_error  # noqa: B018
 
 
-def _steps(method: str, dt: float, tol: float | None = None) -> Callable[[], None]:
+def _steps(method: str, laws: str, dt: float, tol: float | None = None) -> Callable[[], None]:
     def run() -> None:
-        for scene in (_stepped(), _chain()):
-            step = {"tol": tol} if tol is not None else {"dt": dt}
-            simulate(scene, 20.0 * dt, method=method, **step)  # type: ignore[arg-type]
+        step = {"tol": tol} if tol is not None else {"dt": dt}
+        simulate(STEPPED[laws](), 20.0 * dt, method=method, **step)  # type: ignore[arg-type]
 
     return run
+
+
+def _stepping() -> Iterator[tuple[str, Callable[[], None]]]:
+    """Yield the runs of all methods that step in time, and the kinds of work that they are."""
+    for name, dt in (("energy_conserving", 0.02), ("generalized_alpha", 0.02), ("central_difference", 1e-3)):
+        for laws in STEPPED:
+            yield f"{name}, {laws}", _steps(name, laws, dt)
+            if name != "central_difference":
+                yield f"{name}, tol, {laws}", _steps(name, laws, 0.1 * dt, 1e-2)
 
 
 def _statics() -> None:
@@ -123,10 +162,7 @@ def _statics() -> None:
 _WORK: tuple[tuple[str, Callable[[], None]], ...] = (
     ("event_driven", _events),
     ("event_driven, damped", _damped_events),
-    ("energy_conserving", _steps("energy_conserving", 0.02)),
-    ("energy_conserving, tol", _steps("energy_conserving", 0.002, 1e-2)),
-    ("generalized_alpha", _steps("generalized_alpha", 0.02)),
-    ("central_difference", _steps("central_difference", 1e-3)),
+    *_stepping(),
     ("statics", _statics),
 )
 

@@ -114,7 +114,8 @@ def _choice(method: Method, system: System, plan: Plan) -> Choice:
     if method.effort is None:
         return choose(method.name, float("inf"), wanted)
     tol = plan.options.get("tol")
-    return choose(kind_of_run(method, system, tol), method.effort(system, plan.t_end, plan.dt, tol), wanted)
+    kind = kind_of_run(method, system, tol, plan.probes is not None)
+    return choose(kind, method.effort(system, plan.t_end, plan.dt, tol), wanted)
 
 
 def _run(scene: Scene, plan: Plan, watch: RunProgress | None, snapshot: dict[str, Any] | None) -> Result:

@@ -7,6 +7,8 @@ equal steps.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,26 +16,67 @@ from vofem.integrators.energy_conserving.setting import Midpoint
 from vofem.integrators.energy_conserving.step import (
     Factored,
     Forcing,
+    Found,
     Scratch,
+    Start,
     State,
     accept,
-    accept_history,
+    accept_springpots,
     combine,
     step,
 )
 from vofem.integrators.methods import ENERGY_CONSERVING
-from vofem.integrators.stepping.doubling import Attempt, StepDoubling, impact
-from vofem.integrators.stepping.record import Output, Trail
-from vofem.integrators.stepping.setting import Matrices
-from vofem.integrators.stepping.step_loads import PARTS, joined, swing
+from vofem.integrators.stepping.doubling import Attempt, Impact, Path, StepDoubling, impact
+from vofem.integrators.stepping.record import LastStep, Record
+from vofem.integrators.stepping.setting import Equations
+from vofem.integrators.stepping.step_loads import of_halves
 from vofem.laws.evaluate import commit_all
 from vofem.laws.rows import Rows, dot
-from vofem.laws.springpot import History, Pace, Springpots, carry_on, impose
-from vofem.laws.table import Laws, with_state
+from vofem.laws.springpot_steps import Springpots, carry_on, set_laws
+from vofem.laws.table import Laws
 from vofem.linalg.banded import solve, subtract_product
 from vofem.linalg.jit import jit
+from vofem.linalg.vectors import copy, fill
 
 Array = NDArray[np.float64]
+
+
+class Sizes(NamedTuple):
+    """The matrices of a whole step and of its halves, and the factored one of a step eight times as long."""
+
+    whole: Factored
+    half: Factored
+    long: Array
+
+
+class PotSizes(NamedTuple):
+    """Springpots over a whole step and over its halves, and those that the second half begins with."""
+
+    whole: Springpots
+    half: Springpots
+    ahead: Springpots
+
+
+class Trial(NamedTuple):
+    """What a step finds that is tried.
+
+    Attributes
+    ----------
+    first, second, whole : Found
+        Of both halves and of the whole step.
+    q, v, end : ndarray, shape (n,)
+        Displacements and velocities between the halves, and velocities at the end.
+    memory : ndarray
+        Internal variables of hysteretic laws at the start.
+    """
+
+    first: Found
+    second: Found
+    whole: Found
+    q: Array
+    v: Array
+    end: Array
+    memory: Array
 
 
 class AdaptiveSteps(StepDoubling, Midpoint):
@@ -44,75 +87,71 @@ class AdaptiveSteps(StepDoubling, Midpoint):
     def plan(self, t_end: float, tolerance: float, fineness: float = 1.0) -> None:
         """Set the end in s, the tolerance, and how finely impacts are resolved, over what is done by default."""
         super().plan(t_end, tolerance, fineness)
-        self.sizes: dict[int, tuple[Factored, Pace]] = {}
+        self.sizes: dict[int, Factored] = {}
         n, m = self.state.q.size, self.state.u.size
-        self.trial, self.tried = np.zeros((6, n)), np.zeros((3, m))
-        self.past = self.state.memory.copy()
-        self.ahead = History(self.history.y.copy(), self.history.told.copy())
+        first, second, whole = (Found(np.zeros(n), np.zeros(m)) for _ in range(3))
+        self.trial = Trial(first, second, whole, np.zeros(n), np.zeros(n), np.zeros(n), self.state.memory.copy())
+        #: Internal variables of springpots with which the second half begins.
+        self.ahead = None if self.past is None else type(self.past.state)(*(part.copy() for part in self.past.state))
 
     @property
     def displacement(self) -> Array:
         """Displacements of the current state."""
         return self.state.q
 
-    def _size(self, rung: int) -> tuple[Factored, Pace]:
-        """Return the matrices of a step size, and the update of springpots over such a step."""
-        if rung not in self.sizes:
-            dt = self.length(rung)
-            self.sizes[rung] = self.factor(dt), self.pace(dt)
-        return self.sizes[rung]
+    def _size(self, level: int) -> Factored:
+        """Return the matrices of a step size."""
+        if level not in self.sizes:
+            self.sizes[level] = self.factor(self.length(level))
+        return self.sizes[level]
 
-    def attempt(self, out: Output, cursor: int) -> Attempt:
+    def _springpots(self, whole: float, half: float) -> PotSizes | None:
+        """Return the springpots over a step of a size in s and over its halves."""
+        if self.past is None:
+            return None
+        assert self.ahead is not None
+        times = self.time + whole * np.array([0.5, 0.25, 0.75])
+        halves = self.past.over(half, times)
+        return PotSizes(self.past.over(whole, times), halves, halves._replace(**self.ahead._asdict()))
+
+    def attempt(self, out: Record) -> Attempt:
         """Take the next step whole and in halves."""
-        (whole, pace), (half, half_pace) = self._size(self.rung), self._size(self.rung + 1)
-        t, dt = self.time, whole.dt
-        springpots = self.springpots(t + dt * np.array([0.5, 0.25, 0.75]))
-        values, between = self._loads(t, dt, half)
-        self.loads_of_step = values, springpots
+        sizes = Sizes(
+            self._size(self.rung), self._size(self.rung + 1),
+            self._size(max(self.rung - 3, 0)).structure.factored,
+        )  # fmt: skip
+        values, between = self._loads(self.time, sizes.whole.dt, sizes.half)
+        springpots = self._springpots(sizes.whole.dt, sizes.half.dt)
+        self.of_step = values, springpots
         found = _try(
-            self.matrices, self._size(max(self.rung - 3, 0))[0].structure.factored, whole, half, self.rows,
-            with_state(self.laws, self.state.memory), self.forcing, values, self.state, self.trial, self.tried,
-            self.weight, self.space, self.past, springpots, pace, half_pace, self.history, self.ahead, self.fineness,
+            self.equations, sizes, self.forcing, values, self.state, self.trial, self.space, springpots,
+            Impact(self.weight, self.fineness),
         )  # fmt: skip
         return Attempt(*found, between)
 
-    def take(self, out: Output, cursor: int) -> tuple[int, Array]:
+    def take(self, out: Record) -> None:
         """Keep both halves."""
-        half, pace = self._size(self.rung + 1)
-        values, springpots = self.loads_of_step
-        found: tuple[int, Array] = _take(
-            self.matrices, half, self.rows, with_state(self.laws, self.state.memory), self.forcing, values, self.time,
-            self.state, self.trial, self.tried, self.trail, out, cursor, self.space, springpots, pace, self.history,
-        )  # fmt: skip
-        return found
+        values, springpots = self.of_step
+        half = None if springpots is None else springpots.half
+        for k, found in enumerate((self.trial.first, self.trial.second)):
+            _take(
+                self.equations, self._size(self.rung + 1), self.forcing, values, k, self.time, found, self.state,
+                self.trail, out, self.space, half,
+            )  # fmt: skip
 
     def _loads(self, t: float, dt: float, half: Factored) -> tuple[Array, float]:
-        """Return the loads over the step and its halves, and their own part of the error over the tolerance.
-
-        The motion between the ends of a step is interpolated by a polynomial. A short load causes motion that this
-        polynomial does not contain. That is no error of the steps and does not accumulate, but states between steps
-        have it.
-        """
+        """Return the loads over the step and its halves, and their own part of the error over the tolerance."""
         parts = self.bands.over.parts(t, t + dt)
         if not parts.shape[1]:
             return np.empty((0, 3)), 0.0
-        cut, moved = PARTS // 2, 0.0
-        halves = parts[:, :, :cut], parts[:, :, cut:]
-        moments = np.empty((3, parts.shape[1], 3))
-        moments[:, :, 0] = joined(parts)
-        for k, part in enumerate(halves, 1):
-            moments[:, :, k] = joined(part)
-            far = swing(part, moments[0, :, k], moments[1, :, k])
-            if np.any(far):
-                moved = max(moved, float(np.max(self.weight * (far @ np.abs(half.dt * half.shift)))))
-        return self.load_values(moments), moved / self.whole
+        moments, swings = of_halves(parts)
+        return self.load_values(moments), self.unseen(swings, half.dt * half.shift)
 
 
 @jit
 def _try(
-    matrices: Matrices, filtering: Array, whole: Factored, half: Factored, rows: Rows, laws: Laws, total: Forcing,
-    values: Array, state: State, trial: Array, tried: Array, weight: Array, space: Scratch, past: Array,
-    springpots: Springpots, pace: Pace, half_pace: Pace, history: History, ahead: History, fineness: float,
+    equations: Equations, sizes: Sizes, forcing: Forcing, values: Array, state: State, trial: Trial, space: Scratch,
+    springpots: PotSizes | None, scales: Impact,
 ) -> tuple[int, float, float, float]:  # fmt: skip
     """Take a step whole and in halves; return contact solves, two errors of displacements, and unresolved impacts.
 
@@ -121,58 +160,56 @@ def _try(
     resolves well. Where a contact acts, the first error includes the error of
     velocities times the step. The last number, in m/s, is the largest change of
     a law's velocity that the step does not resolve.
-    The state is not changed. Mean velocities of the halves are returned in
-    `trial[0]` and `trial[1]`, reactions in `tried[0]` and `tried[1]`.
+    The state is not changed.
     """
-    first, second, full, q, v, end = trial[0], trial[1], trial[2], trial[3], trial[4], trial[5]
-    n, m, remembers = state.q.size, state.u.size, history.y.shape[0] > 0
-    combine(whole, values[:, 0], total)
-    if remembers:
-        impose(springpots, pace, history, 0, laws, state.u, 0.0, 1.0)
-    full[:] = state.expected
-    tried[2][:] = state.reaction
-    a = step(matrices, whole, rows, laws, total.push, state.q, state.v, state.u, full, tried[2], space)
-    combine(half, values[:, 1], total)
-    if remembers:
-        impose(springpots, half_pace, history, 1, laws, state.u, 0.0, 1.0)
-    first[:] = state.expected
-    tried[0][:] = state.reaction
-    b = step(matrices, half, rows, laws, total.push, state.q, state.v, state.u, first, tried[0], space)
+    matrices, rows, laws = equations
+    whole, half = sizes.whole, sizes.half
+    full, first, second = trial.whole.p, trial.first.p, trial.second.p
+    q, v, end, weight = trial.q, trial.v, trial.end, scales.weight
+    n, m = state.q.size, state.u.size
+    # Indices, but not as literals, for which kernels would be compiled once more.
+    index = n - n
+    start = Start(state.q, state.v, state.u)
+    combine(whole, values, index, forcing)
+    _set_whole(springpots, laws, state.u, index)
+    copy(state.expected, full)
+    copy(state.reaction, trial.whole.reaction)
+    a = step(equations, whole, forcing.push, start, trial.whole, space)
+    combine(half, values, index + 1, forcing)
+    _set_half(springpots, laws, state.u, index + 1)
+    copy(state.expected, first)
+    copy(state.reaction, trial.first.reaction)
+    b = step(equations, half, forcing.push, start, trial.first, space)
     if a < 0 or b < 0:
         return -1, 0.0, 0.0, 0.0
     for i in range(n):
         q[i] = state.q[i] + half.dt * first[i]
-        v[i] = 2.0 * (first[i] + total.shift[i]) - state.v[i]
+        v[i] = 2.0 * (first[i] + forcing.shift[i]) - state.v[i]
         second[i] = full[i] + (full[i] - first[i])
     u = np.empty(m)
     for j in range(m):
         u[j] = dot(rows, j, q)
-    combine(half, values[:, 2], total)
-    tried[1][:] = tried[0]
-    if past.size > 0:
-        # The second half begins with the state at the end of the first, as if that had been accepted.
-        past[:] = state.memory
-        commit_all(laws, u)
-    if remembers:
-        ahead.y[:] = history.y
-        for i in range(ahead.y.shape[0]):
-            carry_on(springpots, half_pace, ahead, i, 1, dot(rows, springpots.row + i, first), 0.0)
-        impose(springpots, half_pace, ahead, 2, laws, u, 0.0, 1.0)
-    c = step(matrices, half, rows, laws, total.push, q, v, u, second, tried[1], space)
-    if past.size > 0:
-        state.memory[:] = past
+    combine(half, values, index + 2, forcing)
+    copy(trial.first.reaction, trial.second.reaction)
+    # The second half begins with the state at the end of the first, as if that had been accepted.
+    copy(state.memory, trial.memory)
+    commit_all(laws, u)
+    _set_ahead(springpots, laws, u, rows, first, index)
+    c = step(equations, half, forcing.push, Start(q, v, u), trial.second, space)
+    copy(trial.memory, state.memory)
     if c < 0:
         return -1, 0.0, 0.0, 0.0
-    rough, smooth, kick = 0.0, 0.0, 0.0
+    rough, smooth, unresolved = 0.0, 0.0, 0.0
     acts = False
     if m > 0:
         for i in range(n):
             end[i] = second[i] + (second[i] - v[i])
-        path, rates = np.empty((3, m)), np.empty((3, m))
+        path, rates, forces = np.empty((3, m)), np.empty((3, m)), np.empty((2, m))
         for j in range(m):
             path[0, j], path[1, j], path[2, j] = state.u[j], u[j], u[j] + half.dt * dot(rows, j, second)
             rates[0, j], rates[1, j], rates[2, j] = dot(rows, j, state.v), dot(rows, j, v), dot(rows, j, end)
-        acts, kick = impact(laws, state.status.size, half.dt, path, rates, tried, fineness)
+            forces[0, j], forces[1, j] = trial.first.reaction[j], trial.second.reaction[j]
+        acts, unresolved = impact(laws, state.status.size, half.dt, Path(path, rates, forces), scales.fineness)
     if acts:
         # Against a stiff stop, steps of any size end at the stop: displacements agree there, velocities do not.
         for i in range(n):
@@ -183,37 +220,50 @@ def _try(
         q[i] = half.dt * ((full[i] - first[i]) + (full[i] - second[i])) / 3.0
         rough = max(rough, weight[i] * abs(q[i]))
     for _ in range(2):
-        v[:] = 0.0
+        fill(v, 0.0)
         subtract_product(matrices.mass, q, v)
-        solve(filtering, v)
+        solve(sizes.long, v)
         for i in range(n):
             q[i] = -v[i]
     for i in range(n):
         smooth = max(smooth, weight[i] * abs(q[i]))
-    return a + b + c, rough, smooth, kick
+    return a + b + c, rough, smooth, unresolved
+
+
+@jit
+def _set_whole(springpots: PotSizes | None, laws: Laws, u: Array, s: int) -> None:
+    """Enter the forces of springpots over the whole step."""
+    if springpots is not None:
+        set_laws(springpots.whole, s, laws, u, 0.0, 1.0)
+
+
+@jit
+def _set_half(springpots: PotSizes | None, laws: Laws, u: Array, s: int) -> None:
+    """Enter the forces of springpots over the first half."""
+    if springpots is not None:
+        set_laws(springpots.half, s, laws, u, 0.0, 1.0)
+
+
+@jit
+def _set_ahead(springpots: PotSizes | None, laws: Laws, u: Array, rows: Rows, first: Array, index: int) -> None:
+    """Enter the forces of springpots over the second half, after a first one of a rate of the displacement."""
+    if springpots is not None:
+        ahead = springpots.ahead
+        for i in range(ahead.y.shape[0]):
+            for k in range(ahead.y.shape[1]):
+                ahead.y[i, k] = springpots.half.y[i, k]
+            carry_on(ahead, i, index + 1, dot(rows, ahead.row + i, first), 0.0)
+        set_laws(ahead, index + 2, laws, u, 0.0, 1.0)
 
 
 @jit
 def _take(
-    matrices: Matrices, half: Factored, rows: Rows, laws: Laws, total: Forcing, values: Array, t: float, state: State,
-    trial: Array, tried: Array, before: Trail, out: Output, cursor: int, space: Scratch, springpots: Springpots,
-    pace: Pace, history: History,
-) -> tuple[int, Array]:  # fmt: skip
-    """Accept both halves; return the cursor and the events."""
-    dt, loaded = half.dt, values.shape[0] > 0
-    events = np.empty((4 if state.status.size else 0, 3))
-    # Not a literal, for which `accept` would be compiled once more.
-    happened = cursor - cursor
-    for k in range(2):
-        combine(half, values[:, k + 1], total)
-        state.reaction[:] = tried[k]
-        wanted, last = cursor, state.width[0]
-        cursor, events, happened = accept(
-            matrices, rows, laws, total, loaded, t + k * dt, dt, trial[k], state, before, out, cursor,
-            events, happened, space,
-        )  # fmt: skip
-        if history.y.shape[0] > 0:
-            accept_history(
-                springpots, pace, history, rows, tried[k], k + 1, t + k * dt, last, trial[k], out, wanted, cursor
-            )
-    return cursor, events[:happened]
+    equations: Equations, half: Factored, forcing: Forcing, values: Array, k: int, t: float, found: Found,
+    state: State, before: LastStep, out: Record, space: Scratch, springpots: Springpots | None,
+) -> None:  # fmt: skip
+    """Accept half k of a step from t."""
+    combine(half, values, k + 1, forcing)
+    copy(found.reaction, state.reaction)
+    last, begin = state.width[0], t + k * half.dt
+    accept(equations, half, forcing, begin, found.p, state, before, out, space)
+    accept_springpots(springpots, k + 1, begin, last, found, equations.rows, out)

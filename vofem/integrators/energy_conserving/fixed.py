@@ -10,20 +10,22 @@ from vofem.integrators.energy_conserving.setting import Midpoint
 from vofem.integrators.energy_conserving.step import (
     Factored,
     Forcing,
+    Found,
     Scratch,
+    Start,
     State,
     accept,
-    accept_history,
+    accept_springpots,
     combine,
     step,
 )
 from vofem.integrators.methods import ENERGY_CONSERVING
-from vofem.integrators.stepping.record import Output, Trail
-from vofem.integrators.stepping.setting import EqualSteps, Matrices
-from vofem.laws.rows import Rows
-from vofem.laws.springpot import History, Pace, Springpots, impose
-from vofem.laws.table import Laws, with_state
+from vofem.integrators.stepping.record import LastStep, Record
+from vofem.integrators.stepping.setting import EqualSteps, Equations
+from vofem.laws.springpot_steps import Springpots, set_laws
+from vofem.laws.table import Laws
 from vofem.linalg.jit import jit
+from vofem.linalg.vectors import copy
 
 Array = NDArray[np.float64]
 
@@ -36,53 +38,58 @@ class FixedSteps(EqualSteps, Midpoint):
         super().plan(dt, steps)
         self.factored = self.factor(dt)
 
-    def advance(self, out: Output, cursor: int) -> tuple[int, Array]:
+    def advance(self, out: Record) -> None:
         """Take some steps."""
         first, count, springpots = self.next_chunk()
         values = self.load_values(self.bands.over.steps(first, count, self.dt))
-        cursor, events, solves, failed = _advance(
-            self.matrices, self.factored, self.rows, with_state(self.laws, self.state.memory), self.forcing, values,
-            first, count, self.state, self.trail, out, cursor, self.space, springpots, self.step_pace, self.history,
+        taken, solves, failed = _advance(
+            self.equations, self.factored, self.forcing, values, first, self.state, self.trail, out, self.space,
+            springpots,
         )  # fmt: skip
         self.complain(self.dt)
-        if failed >= 0:
+        if failed:
             raise ConvergenceError(
-                f"{ENERGY_CONSERVING.name} found no solution of the step from t = {failed * self.dt:g} s at dt = "
-                f"{self.dt:g} s; a nonlinear spring that softens may leave none: reduce dt"
+                f"{ENERGY_CONSERVING.name} found no solution of the step from t = {(first + taken) * self.dt:g} s at "
+                f"dt = {self.dt:g} s; a nonlinear spring that softens may leave none: reduce dt"
             )
-        self.done += count
+        self.done += taken
         done = min(self.done, self.steps)
         self.count(done, done, solves)
-        return cursor, events
 
 
 @jit
 def _advance(
-    matrices: Matrices, factored: Factored, rows: Rows, laws: Laws, total: Forcing, values: Array, first: int,
-    count: int, state: State, before: Trail, out: Output, cursor: int, space: Scratch, springpots: Springpots,
-    pace: Pace, history: History,
-) -> tuple[int, Array, int, int]:  # fmt: skip
-    """Take `count` steps; return the cursor, events, number of contact solves, and the step that failed or -1."""
-    p, dt, loaded = np.empty(state.q.size), factored.dt, values.shape[0] > 0
-    events = np.empty((16 if state.status.size else 0, 3))
-    # Not literals, for which `accept` would be compiled once more.
-    happened, solves = count - count, count - count
-    for k in range(first, first + count):
-        combine(factored, values[:, k - first], total)
-        p[:] = state.expected
-        if history.y.shape[0] > 0:
-            impose(springpots, pace, history, k - first, laws, state.u, 0.0, 1.0)
-        found = step(matrices, factored, rows, laws, total.push, state.q, state.v, state.u, p, state.reaction, space)
-        if found < 0:
-            return cursor, events[:happened], solves, k
-        solves += found
-        wanted, last = cursor, state.width[0]
-        cursor, events, happened = accept(
-            matrices, rows, laws, total, loaded, k * dt, dt, p, state, before, out, cursor, events,
-            happened, space,
-        )  # fmt: skip
-        if history.y.shape[0] > 0:
-            accept_history(
-                springpots, pace, history, rows, state.reaction, k - first, k * dt, last, p, out, wanted, cursor
-            )
-    return cursor, events[:happened], solves, -1
+    equations: Equations, factored: Factored, forcing: Forcing, values: Array, first: int, state: State,
+    before: LastStep, out: Record, space: Scratch, springpots: Springpots | None,
+) -> tuple[int, int, bool]:  # fmt: skip
+    """Take the steps that `values` has columns for, as long as there is room for their events.
+
+    Returns
+    -------
+    taken, solves : int
+        Number of steps, and of those in which a law acted.
+    failed : bool
+        Whether the step after them has no solution.
+    """
+    dt, count, contacts = factored.dt, values.shape[1], state.status.size
+    start, found, solves = Start(state.q, state.v, state.u), Found(np.empty(state.q.size), state.reaction), 0
+    for k in range(count):
+        if out.happened[0] + contacts > out.events.shape[0]:
+            return k, solves, False
+        combine(factored, values, k, forcing)
+        copy(state.expected, found.p)
+        _set_springpots(springpots, k, equations.laws, state.u)
+        solved = step(equations, factored, forcing.push, start, found, space)
+        if solved < 0:
+            return k, solves, True
+        solves += solved
+        t, last = (first + k) * dt, state.width[0]
+        accept(equations, factored, forcing, t, found.p, state, before, out, space)
+        accept_springpots(springpots, k, t, last, found, equations.rows, out)
+    return count, solves, False
+
+
+@jit
+def _set_springpots(springpots: Springpots | None, s: int, laws: Laws, u: Array) -> None:
+    if springpots is not None:
+        set_laws(springpots, s, laws, u, 0.0, 1.0)

@@ -50,6 +50,7 @@ def run(
     resume: Snapshot | None = None,
     probes: ProbeRows | None = None,
     tol: float | None = None,
+    nearby: bool | None = None,
 ) -> SteppedSolution:
     """Simulate from the start state at t = 0 to t_end; `Method` describes the arguments.
 
@@ -59,11 +60,11 @@ def run(
         If a nonlinear spring that softens leaves a step without a solution.
     """
 
-    def equal(counters: Counters, dt: float, steps: int) -> FixedSteps:
-        kernel = FixedSteps(system, start, counters, t_end)
+    def equal(counters: Counters, begin: State, dt: float, steps: int) -> FixedSteps:
+        kernel = FixedSteps(system, begin, counters, t_end)
         kernel.plan(dt, steps)
         return kernel
 
     made = Doubled(equal, lambda counters: AdaptiveSteps(system, start, counters, t_end))
-    asked = Asked(system, start, t_end, times, dt, tol, watch, resume, probes)
+    asked = Asked(system, start, t_end, times, dt, tol, watch, resume, probes, nearby)
     return implicit_run(ENERGY_CONSERVING, made, asked, _BLOW_UP, "; any dt is stable, tol= chooses by error")

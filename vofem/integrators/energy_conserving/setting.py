@@ -26,8 +26,8 @@ class Midpoint(Setting):
         self.state = State(
             q, v, np.zeros(n), v.copy(), v.copy(), self.u, np.zeros(m), self.status, np.zeros(2), self.laws.state
         )
-        self.space = scratch(n, m)
-        self.forcing = forcing(n)
+        self.space = scratch(n, self.laws)
+        self.forcing = forcing(n, bool(system.loads))
         self.begin_trail(self.state.acceleration)
 
     def factor(self, dt: float) -> Factored:

@@ -7,25 +7,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.integrators.stepping.balance import Structure, balance
+from vofem.integrators.stepping.balance import Guess, Known, Structure, balance
 from vofem.integrators.stepping.checks import look
-from vofem.integrators.stepping.recall import remember, tell_histories
-from vofem.integrators.stepping.record import Output, Trail, leave, log_event, rounding, store, switched
-from vofem.integrators.stepping.setting import Matrices
+from vofem.integrators.stepping.contact_solve import Acting, Dampers
+from vofem.integrators.stepping.hysteresis import record_hysteresis
+from vofem.integrators.stepping.record import LastStep, Motion, Record, leave, log_event, rounding, store, switched
+from vofem.integrators.stepping.setting import Equations, Matrices
 from vofem.laws.evaluate import closed_share, commit_all
 from vofem.laws.rows import Rows, dot, subtract_row
-from vofem.laws.springpot import (
-    FORCE,
-    MEAN,
-    WORK,
-    History,
-    Pace,
-    Springpots,
-    carry_on,
-)
+from vofem.laws.springpot_steps import Springpots, carry_all, mean_of_both, record_springpots
 from vofem.laws.table import Laws
 from vofem.linalg.banded import solve, subtract_product
 from vofem.linalg.jit import jit
+from vofem.linalg.vectors import copy, fill, inner
 from vofem.system import CLOSED
 
 Array = NDArray[np.float64]
@@ -69,12 +63,15 @@ class Forcing(NamedTuple):
         The load in the equation of the mean rate of displacement: `load` less ``2 inertia/dt``.
     shift, inertia : ndarray
         Mean velocity less the mean rate of displacement, m/s, and M times it.
+    loaded : bool
+        Whether there are loads; where there are none, all arrays are zero.
     """
 
     load: Array
     push: Array
     shift: Array
     inertia: Array
+    loaded: bool
 
 
 class State(NamedTuple):
@@ -108,8 +105,23 @@ class State(NamedTuple):
     memory: Array
 
 
+class Start(NamedTuple):
+    """Where a step starts: displacements and velocities (n,), and coordinates of the laws (m,)."""
+
+    q: Array
+    v: Array
+    u: Array
+
+
+class Found(NamedTuple):
+    """What a step finds, and a guess of it before: rate p of the displacement (n,), reactions of the laws (m,)."""
+
+    p: Array
+    reaction: Array
+
+
 class Scratch(NamedTuple):
-    """Work space: of n unknowns, and of m laws."""
+    """Work space of a step: of n unknowns, and of m laws; `none` and `dampers` are zero and not changed."""
 
     change: Array
     right: Array
@@ -118,64 +130,77 @@ class Scratch(NamedTuple):
     ahead: Array
     none: Array
     held: Array
+    dampers: Dampers | None
 
 
-def scratch(n: int, m: int) -> Scratch:
-    """Return work space for n unknowns and m laws."""
-    return Scratch(np.empty(n), np.empty(n), np.empty(n), np.empty(m), np.empty(m), np.zeros(m), np.empty(m))
+def scratch(n: int, laws: Laws) -> Scratch:
+    """Return work space for n unknowns and some laws."""
+    m = laws.table.size
+    dampers = None if laws.kinds.dampers is None else Dampers(0.0, np.zeros(m))
+    return Scratch(
+        np.empty(n), np.empty(n), np.empty(n), np.empty(m), np.empty(m), np.zeros(m), np.empty(m), dampers
+    )  # fmt: skip
 
 
 @jit
-def step(
-    matrices: Matrices, factored: Factored, rows: Rows, laws: Laws, push: Array, q: Array, v: Array, u: Array, p: Array,
-    reaction: Array, space: Scratch,
-) -> int:  # fmt: skip
-    """Find the rate p of the displacement and the reactions of a step from (q, v), from guesses of both.
+def step(equations: Equations, factored: Factored, push: Array, start: Start, found: Found, space: Scratch) -> int:
+    """Find the rate of the displacement and the reactions of a step, from guesses of both.
 
     Returns
     -------
-    found : int
+    solved : int
         0 without, 1 with reactions; negative where there is no solution.
     """
-    n, m, dt = q.size, u.size, factored.dt
+    matrices, rows, p = equations.matrices, equations.rows, found.p
+    n, dt = p.size, factored.dt
     change, right = space.change, space.right
-    found, none = 0, space.none
-    _residual(matrices, dt, push, q, v, p, space.work, right)
-    if m > 0:
-        _coordinates(rows, u, p, dt, space.base)
-        found = balance(
-            laws, factored.structure, rows, right, none, space.base, u, True, 1.0 / dt, none, reaction, space.ahead,
-            change,
-        )  # fmt: skip
-        if found < 0:
-            return found
-        found = min(found, 1)
+    solved = 0
+    _residual(matrices, dt, push, start, p, space.work, right)
+    if rows.start.size > 1:
+        _coordinates(rows, start.u, p, dt, space.base)
+        solved = _balance(equations, factored, start, found, space, space.none)
+        if solved < 0:
+            return solved
+        solved = min(solved, 1)
     else:
-        change[:] = right
+        copy(right, change)
         solve(factored.structure.factored, change)
     moved, size = 0.0, 0.0
     for i in range(n):
         p[i] += change[i]
         moved, size = max(moved, abs(change[i])), max(size, abs(p[i]))
     if moved <= _SMALL * size:
-        return found
-    _residual(matrices, dt, push, q, v, p, space.work, right)
-    if found:
+        return solved
+    _residual(matrices, dt, push, start, p, space.work, right)
+    if solved:
         # Reactions are corrected too: first the coordinates that the step would reach without reactions.
-        _react(rows, reaction, 0.5 * dt, right)
-        _coordinates(rows, u, p, dt, space.base)
-        space.held[:] = reaction
-        if balance(
-            laws, factored.structure, rows, right, space.held, space.base, u, True, 1.0 / dt, none, reaction,
-            space.ahead, change,
-        ) < 0:  # fmt: skip
+        _react(rows, found.reaction, 0.5 * dt, right)
+        _coordinates(rows, start.u, p, dt, space.base)
+        copy(found.reaction, space.held)
+        if _balance(equations, factored, start, found, space, space.held) < 0:
             return -1
     else:
-        change[:] = right
+        copy(right, change)
         solve(factored.structure.factored, change)
     for i in range(n):
         p[i] += change[i]
-    return found
+    return solved
+
+
+@jit
+def _balance(equations: Equations, factored: Factored, start: Start, found: Found, space: Scratch, held: Array) -> int:
+    """Find the reactions and the change of p that balance `space.right`, which holds some reactions already."""
+    acting = Acting(equations.laws, start.u, True, _dampers(space.dampers, 1.0 / factored.dt))
+    known, guess = Known(space.right, held, space.base), Guess(found.reaction, space.ahead, space.change)
+    return balance(acting, factored.structure, equations.rows, known, guess)
+
+
+@jit
+def _dampers(dampers: Dampers | None, rate: float) -> Dampers | None:
+    """Return how dampers act over a step: by the path over its size."""
+    if dampers is None:
+        return None
+    return Dampers(rate, dampers.offset)
 
 
 @jit
@@ -186,31 +211,33 @@ def _coordinates(rows: Rows, u: Array, p: Array, dt: float, base: Array) -> None
 
 
 @jit
-def _switches(rows: Rows, laws: Laws, dt: float, p: Array, state: State) -> bool:
+def _switches(equations: Equations, dt: float, p: Array, state: State) -> bool:
     """Return whether a contact that acts in a step of mean velocity p closes or opens in it."""
     for j in range(state.status.size):
         if state.reaction[j] != 0.0 or state.status[j] == CLOSED:
-            s = state.u[j] + dt * dot(rows, j, p) - laws.table[j]["gap"]
-            if switched(s, state.status[j]):
+            s = state.u[j] + dt * dot(equations.rows, j, p) - equations.laws.table[j]["gap"]
+            if switched(s, state.status[j], 0.0):
                 return True
     return False
 
 
 @jit
 def accept(
-    matrices: Matrices, rows: Rows, laws: Laws, forcing: Forcing, loaded: bool, t: float, dt: float, p: Array,
-    state: State, before: Trail, out: Output, cursor: int, events: Array, happened: int, space: Scratch,
-) -> tuple[int, Array, int]:  # fmt: skip
-    """Take the step of size dt from t with the displacement's rate p; return cursor, events and their number.
+    equations: Equations, factored: Factored, forcing: Forcing, t: float, p: Array, state: State, before: LastStep,
+    out: Record, space: Scratch,
+) -> None:  # fmt: skip
+    """Take the step from t with the displacement's rate p.
 
     The state at t is stored only now, because its acceleration is the change of
     mean velocity between the steps on both sides. Where a contact closes or opens
     in one of these steps, the acceleration of the other step is used. Where one
     step is much longer, the interpolation within it does not use the short one.
     """
-    n, q, v, last = state.q.size, state.q, state.v, state.width[0]
+    matrices, rows, laws = equations
+    q, v, last, dt = state.q, state.v, state.width[0], factored.dt
+    n = q.size
     now, arriving, leaving = space.right, space.change, space.work
-    turned, turns = state.width[1] != 0.0, _switches(rows, laws, dt, p, state)
+    turned, turns = state.width[1] != 0.0, _switches(equations, dt, p, state)
     for i in range(n):
         rate, held = 2.0 * (p[i] + forcing.shift[i] - v[i]) / dt, state.acceleration[i]
         between = rate if last == 0.0 else (dt * held + last * rate) / (dt + last)
@@ -220,21 +247,17 @@ def accept(
         arriving[i] = held if turned or turns or last > _UNEVEN * dt else between
         leaving[i] = rate if turned or turns or dt > _UNEVEN * last else between
         state.acceleration[i] = rate
-    wanted = cursor
-    if out.every_step or (cursor < out.times.size and out.times[cursor] <= t + 1e-9 * dt):
-        cursor = store(out, cursor, t, last if last > 0.0 else dt, last == 0.0, before, q, v, now, arriving)
-    if state.memory.size > 0:
-        remember(laws, before.memory, rows, out, wanted, cursor)
-        before.memory[:] = state.memory
+    store(out, t, last if last > 0.0 else dt, last == 0.0, before, Motion(q, v, now), arriving)
+    record_hysteresis(laws, laws.kinds.hysteretic, before.memory, rows, out)
     look(out.watch, rows, last, q, v)
     leave(before, q, v, leaving)
     taken = 0.0
     if matrices.damping.shape[0] > 0:
-        space.work[:] = 0.0
+        fill(space.work, 0.0)
         subtract_product(matrices.damping, p, space.work)
-        taken -= dt * np.dot(space.work, p)
-    if loaded:
-        before.work[0] += dt * (np.dot(forcing.load, p) + np.dot(forcing.inertia, state.acceleration))
+        taken -= dt * inner(space.work, p)
+    if forcing.loaded:
+        before.work[0] += dt * (inner(forcing.load, p) + inner(forcing.inertia, state.acceleration))
     for i in range(n):
         q[i] += dt * p[i]
         v[i] = 2.0 * (p[i] + forcing.shift[i]) - v[i]
@@ -244,76 +267,79 @@ def accept(
         state.expected[i] = p[i] + gain
     for j in range(state.u.size):
         u1 = dot(rows, j, q)
-        if laws.table[j]["damping"] > 0.0:
-            taken += laws.table[j]["damping"] / dt * closed_share(laws, j, state.u[j], u1) * (u1 - state.u[j])
+        taken += _taken_by_damper(laws, laws.kinds.dampers, j, state.u[j], u1, dt)
         if j < state.status.size:
             s = u1 - laws.table[j]["gap"]
             if switched(s, state.status[j], rounding(rows, j, laws.table[j]["gap"], q, before)):
-                events = log_event(events, happened, j, t + dt, dt, state.u[j] - laws.table[j]["gap"], s)
-                state.status[j] = int(events[happened, 2])
-                happened += 1
+                state.status[j] = log_event(out, j, t + dt, dt, state.u[j] - laws.table[j]["gap"], s)
         state.u[j] = u1
-    if state.memory.size > 0:
-        commit_all(laws, state.u)
+    commit_all(laws, state.u)
     before.dissipated[0] += taken
     state.width[0], state.width[1] = dt, 1.0 if turns else 0.0
-    return cursor, events, happened
 
 
 @jit
-def accept_history(
-    springpots: Springpots, pace: Pace, history: History, rows: Rows, reaction: Array, s: int, t: float, last: float,
-    p: Array, out: Output, first: int, cursor: int,
-) -> None:  # fmt: skip
-    """Update springpots over step s from t, after one of size `last`; record them at the stored times up to t.
+def _taken_by_damper(laws: Laws, dampers: bool | None, j: int, u0: float, u1: float, dt: float) -> float:
+    """Return the energy in J that the damper of law j takes in a step."""
+    if dampers is None:
+        return 0.0
+    if laws.table[j]["damping"] <= 0.0:
+        return 0.0
+    return laws.table[j]["damping"] / dt * closed_share(laws, j, u0, u1) * (u1 - u0)
+
+
+@jit
+def accept_springpots(
+    springpots: Springpots | None, s: int, t: float, last: float, found: Found, rows: Rows, out: Record
+) -> None:
+    """Update springpots over step s from t, after one of size `last`; record them at the times stored last, up to t.
 
     The force at t is the mean of those of the steps on both sides, as the acceleration is.
     """
-    told = history.told
-    for i in range(told.shape[0]):
-        if last > 0.0:
-            mean = reaction[springpots.row + i]
-            told[i, FORCE] = (pace.dt * told[i, MEAN] + last * mean) / (pace.dt + last)
-    tell_histories(history, out, first, cursor, t, last if last > 0.0 else pace.dt)
-    for i in range(told.shape[0]):
-        mean, rate = reaction[springpots.row + i], dot(rows, springpots.row + i, p)
-        told[i, WORK] += pace.dt * mean * rate
-        carry_on(springpots, pace, history, i, s, rate, mean)
+    if springpots is not None:
+        mean_of_both(springpots, found.reaction, last)
+        record_springpots(
+            springpots, out.times, out.memory, out.cursor[1], out.cursor[0], t,
+            last if last > 0.0 else springpots.update.dt,
+        )  # fmt: skip
+        carry_all(springpots, s, rows, found.reaction, found.p)
 
 
-def forcing(n: int) -> Forcing:
+def forcing(n: int, loaded: bool) -> Forcing:
     """Return the loads of n unknowns before the first step."""
-    return Forcing(np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n))
+    return Forcing(np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), loaded)
 
 
 @jit
-def combine(factored: Factored, values: Array, total: Forcing) -> None:
-    """Fill the loads of a step from their moments: all m0, then all -m2, then all m1."""
-    loads = factored.shift.shape[0]
-    if loads == 0:
+def combine(factored: Factored, values: Array, s: int, total: Forcing) -> None:
+    """Fill the loads of step s from their moments, shape (3 n_loads, n_steps): all m0, then all -m2, then all m1."""
+    if not total.loaded:
         return
-    _add(factored.loads, values[: 2 * loads], total.load)
-    _add(factored.shift, values[2 * loads :], total.shift)
-    _add(factored.inertia, values[2 * loads :], total.inertia)
+    last = factored.loads.shape[0]
+    # 0, but not as a literal, for which `_add` would be compiled once more.
+    first = last - last
+    _add(factored.loads, values, first, s, total.load)
+    _add(factored.shift, values, last, s, total.shift)
+    _add(factored.inertia, values, last, s, total.inertia)
     for i in range(total.push.size):
         total.push[i] = total.load[i] - 2.0 * total.inertia[i] / factored.dt
 
 
 @jit
-def _add(vectors: Array, values: Array, total: Array) -> None:
-    """Fill `total` with the sum of vectors times values."""
-    total[:] = 0.0
-    for k in range(values.size):
-        if values[k] != 0.0:
+def _add(vectors: Array, values: Array, first: int, s: int, total: Array) -> None:
+    """Fill `total` with the sum of vectors times values of step s, from row `first` on."""
+    fill(total, 0.0)
+    for k in range(vectors.shape[0]):
+        value = values[first + k, s]
+        if value != 0.0:
             for i in range(total.size):
-                total[i] += vectors[k, i] * values[k]
+                total[i] += vectors[k, i] * value
 
 
 @jit
-def _residual(
-    matrices: Matrices, dt: float, push: Array, q: Array, v: Array, p: Array, work: Array, right: Array
-) -> None:
+def _residual(matrices: Matrices, dt: float, push: Array, start: Start, p: Array, work: Array, right: Array) -> None:
     """Fill `right` with the residual of the equation of a step at a rate p of the displacement, without reactions."""
+    q, v = start.q, start.v
     n = q.size
     for i in range(n):
         right[i] = push[i]

@@ -10,7 +10,7 @@ What is left of a motion when a contact is pinned counts as dissipated.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -32,6 +32,13 @@ _DOUBLE = 3e-2
 
 #: Taylor coefficients of the integral of ``s exp(x s)`` from 0 to 1; enough for |x| < 0.5.
 _RAMP_SERIES = np.array([1.0 / (math.factorial(k) * (k + 2)) for k in range(16)])
+
+#: Exponentials that are so many times faster than odd blocks are integrated by parts.
+_FASTER = 8.0
+
+#: Decay, as a power of e, beyond which nothing is left; times that are treated together when there are more than a few,
+#: as the last over the first.
+_DECAYED, _BATCH, _FEW = 45.0, 2.0, 16
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 
@@ -110,11 +117,8 @@ class _Velocities:
         self.v[:, :2] = self.mu[:, :2] * self.z[:, :2]
         for i, w in enumerate(motion.omega):
             self.mu[:, 2 + 2 * i], self.mu[:, 3 + 2 * i] = 1j * w, -1j * w
-            for coefficients, steady in ((self.z, motion.steady_z), (self.v, motion.steady_v)):
-                coefficients[:, 2 + 2 * i] = 0.5 * steady[:, i]
-                coefficients[:, 3 + 2 * i] = 0.5 * np.conj(steady[:, i])
-        self.z[:, -1], self.v[:, -1] = motion.poly_z[:, 0], motion.poly_v[:, 0]
         self.z[self.odd], self.v[self.odd] = 0.0, 0.0
+        self._steady(self.z, self.v, ~self.odd)
 
     def _velocity_rows(self, rows: Any) -> tuple[Any, Any]:
         """Return (W, U) with ``rows @ modal velocity = W z + U v``."""
@@ -135,7 +139,7 @@ class _Velocities:
         slope = sum((piece.slope * row for piece, row in zip(pieces, rows, strict=True) if piece.slope), 0.0)
         if np.any(constant):
             c, mu, drift = self._power(np.asarray(constant))
-            total += (_integral(mu, tau) @ c).real + drift.real * tau**2 / 2.0
+            total += _integrals(c, mu, tau) + drift.real * tau**2 / 2.0
         if np.any(slope):
             c, mu, drift = self._power(np.asarray(slope))
             total += (_ramp_integral(mu, tau) @ c).real + drift.real * tau**3 / 3.0
@@ -145,7 +149,7 @@ class _Velocities:
                 waves[omega] = waves.get(omega, 0.0) + amplitude * row
         for omega, wave in waves.items():
             c, mu, drift = self._power(wave)
-            total += (_integral(1j * omega + mu, tau) @ c).real
+            total += _integrals(c, 1j * omega + mu, tau)
             if drift != 0.0:
                 total += (drift * _ramp_integral(np.array([1j * omega]), tau)[:, 0]).real
         if np.any(self.odd):
@@ -161,16 +165,12 @@ class _Velocities:
         """
         w, u = self._velocity_rows(row[None])
         w, u = w[0], u[0]
-        coefficients = w[:, None] * self.z + u[:, None] * self.v
-        own, shared = coefficients[:, :2].ravel(), coefficients[:, 2:].sum(axis=0)
-        c = np.concatenate([own, shared])
-        mu = np.concatenate([self.mu[:, :2].ravel(), self.mu[0, 2:] if self.mu.size else np.zeros(shared.size)])
+        (c,), mu = _gathered((w[:, None] * self.z + u[:, None] * self.v)[None], self.mu)
         drift = 0j
         if np.any(self.odd):
             even = ~self.odd
             drift = complex(w[even] @ self.motion.poly_z[even, 1] + u[even] @ self.motion.poly_v[even, 1])
-        used = c != 0
-        return c[used], mu[used], drift
+        return c, mu, drift
 
     def _odd_work(self, w: Array, u: Array, pieces: list[Piece], tau: Array) -> Array:
         motion = _only(self.motion, self.odd)
@@ -190,27 +190,86 @@ class _Velocities:
             return self._classical_dissipation(tau)
         rows = self._damping_rows()
         w, u = self._velocity_rows(rows)
-        if np.any(self.odd):
+        if np.any(self.odd) and (self.motion.ramps or self.motion.clusters.rate.size):
 
             def power(at: Array) -> Array:
                 z, v = self.motion.blocks(at)
                 return np.sum((w @ z + u @ v) ** 2, axis=0)
 
             return _quadrature(power, tau, _quickest(self.motion))
-        coefficients = (w[:, :, None] * self.z + u[:, :, None] * self.v).reshape(rows.shape[0], -1)
-        mu = self.mu.ravel()
-        # Blocks share the load frequencies: gather equal exponents.
-        unique, inverse = np.unique(mu, return_inverse=True)
-        gathered = np.zeros((rows.shape[0], unique.size), dtype=complex)
-        np.add.at(gathered.T, inverse.ravel(), coefficients.T)
+        z, v = self.z.copy(), self.v.copy()
+        if np.any(self.odd):
+            # What answers loads and constants is a sum of exponentials in all blocks.
+            self._steady(z, v, self.odd)
+        gathered, unique = _gathered(w[:, :, None] * z + u[:, :, None] * v, self.mu)
         gram = gathered.T @ gathered
         total = unique[:, None] + unique[None, :]
         steady = np.abs(total) * max(float(tau.max()), 1e-300) < 1e-12
         quotient = np.where(steady, 0.0, gram / np.where(steady, 1.0, total))
-        # exp((a + b) tau) - 1 by exp(a tau) - 1 and exp(b tau) - 1: in short segments nothing else keeps its digits.
-        wave = np.expm1(np.outer(tau, unique))
-        moving = np.einsum("ti,ti->t", wave @ quotient, wave) + 2.0 * wave @ quotient.sum(axis=1)
-        return (moving + gram[steady].sum() * tau).real
+        taken = _moving(quotient, unique, tau) + gram[steady].sum().real * tau
+        if np.any(self.odd):
+            taken += self._odd_dissipation(w[:, self.odd], u[:, self.odd], gathered, unique, tau)
+        return taken
+
+    def _odd_dissipation(self, w: Array, u: Array, others: Complex, mu: Complex, tau: Array) -> Array:
+        """Return what the free motion of odd blocks and their responses from rest add to the energy taken.
+
+        Squares and products with exponentials of similar rates are smooth, and a few panels integrate them. Products
+        with faster exponentials follow from the equation of motion of the blocks, by integration by parts.
+
+        Parameters
+        ----------
+        w, u : ndarray, shape (k, n_odd)
+            The damping rows of these blocks.
+        others : ndarray of complex, shape (k, n_mu)
+            The rows' velocities without them, as a sum of ``exp(mu t)``.
+        """
+        motion = _only(self.motion, self.odd)
+        still = np.zeros_like(motion.steady_z), np.zeros_like(motion.poly_z)
+        motion = replace(motion, start=(motion.z, motion.v), steady_z=still[0], steady_v=still[0], poly_z=still[1],
+                         poly_v=still[1])  # fmt: skip
+        rate = _quickest(motion)
+        slow = np.abs(mu) <= _FASTER * rate
+        near, mu_near = others[:, slow], mu[slow]
+
+        def power(at: Array) -> Array:
+            z, v = motion.blocks(at)
+            own = w @ z + u @ v
+            return np.asarray(np.sum(own * (own + 2.0 * (near @ np.exp(np.outer(mu_near, at))).real), axis=0))
+
+        end = np.inf
+        if not motion.special.block.size:
+            # Free motion alone: over when its slowest root has decayed.
+            delta, p = motion.spectrum.delta, motion.spectrum.p
+            slowest = delta - np.sqrt(np.maximum(delta**2 - p, 0.0))
+            end = _DECAYED / float(slowest.min()) if slowest.min() > 0.0 else np.inf
+        total = _quadrature(power, np.minimum(tau, end), (1.0 + _FASTER) * rate)
+        s = mu[~slow]
+        begin = motion.blocks(np.zeros(1))
+        change = motion.changes(tau)
+        wave = np.expm1(np.outer(tau, s))
+        for k in range(w.shape[1]):
+            delta, p = motion.spectrum.delta[k], motion.spectrum.p[k]
+            # exp(s t) y(t) - y(0), less what the inputs have put in.
+            parts = [wave * (begin[i][k] + change[i][k][:, None]) + change[i][k][:, None] for i in (0, 1)]
+            for e in np.flatnonzero(motion.special.block == k):
+                exponent, inputs = motion.special.exponent[e], (motion.special.g1[e], motion.special.g2[e])
+                for b, g in ((exponent, inputs), (np.conj(exponent), np.conj(inputs))):
+                    grown = 0.5 * _integral(s + b, tau)
+                    parts = [part - amount * grown for part, amount in zip(parts, g, strict=True)]
+            determinant = s * (s - 2.0 * delta) + p
+            alpha, beta = w[:, k] @ others[:, ~slow], u[:, k] @ others[:, ~slow]
+            on_z, on_v = (alpha * (s - 2.0 * delta) + beta * p) / determinant, (beta * s - alpha) / determinant
+            total = total + 2.0 * (parts[0] @ on_z + parts[1] @ on_v).real
+        return total
+
+    def _steady(self, z: Complex, v: Complex, which: NDArray[np.bool_]) -> None:
+        """Fill in the coefficients of the load frequencies and of constants of some blocks, shape (n, e)."""
+        own = self.motion
+        for coefficients, steady, constant in ((z, own.steady_z, own.poly_z), (v, own.steady_v, own.poly_v)):
+            coefficients[which, 2:-1:2] = 0.5 * steady[which]
+            coefficients[which, 3:-1:2] = 0.5 * np.conj(steady[which])
+            coefficients[which, -1] = constant[which, 0]
 
     def _classical_dissipation(self, tau: Array) -> Array:
         rate = 2.0 * self.motion.spectrum.delta
@@ -245,6 +304,57 @@ class _Velocities:
             active = (self.status == CLOSED) & (self.laws.damping > 0)
             rows.append(np.sqrt(self.laws.damping[active])[:, None] * self.space.contacts[active])
         return np.concatenate(rows)
+
+
+def _moving(quotient: Complex, mu: Complex, tau: Array) -> Array:
+    """Return ``sum over a, b of quotient_ab (exp((mu_a + mu_b) t) - 1)`` at all t.
+
+    By ``exp(mu t) - 1`` of each: in short segments nothing else keeps its digits. What has decayed before all of some
+    times stays what it is, so that few terms remain for late times.
+    """
+    result = np.empty(tau.size)
+    for mine, alive in _batches(mu, tau):
+        over = ~alive
+        wave = np.expm1(np.outer(tau[mine], mu[alive]))
+        kept = quotient[np.ix_(alive, alive)]
+        linear = 2.0 * (quotient[alive].sum(axis=1) - quotient[np.ix_(alive, over)].sum(axis=1))
+        constant = quotient[np.ix_(over, over)].sum() - 2.0 * quotient[over].sum()
+        result[mine] = (np.einsum("ti,ti->t", wave @ kept, wave) + wave @ linear + constant).real
+    return result
+
+
+def _integrals(c: Complex, mu: Complex, tau: Array) -> Array:
+    """Return the real part of the integral of ``sum c exp(mu s)`` from 0 to all tau."""
+    result = np.empty(tau.size)
+    for mine, alive in _batches(mu, tau):
+        over = np.sum(c[~alive] / mu[~alive])
+        result[mine] = (_integral(mu[alive], tau[mine]) @ c[alive] - over).real
+    return result
+
+
+def _batches(mu: Complex, tau: Array) -> Iterator[tuple[NDArray[np.int64], NDArray[np.bool_]]]:
+    """Yield the places of times that are treated together, and which ``exp(mu t)`` have not decayed before them."""
+    order = np.argsort(tau, kind="stable")
+    at = 0
+    while at < tau.size:
+        first = tau[order[at]]
+        few = tau.size <= _FEW
+        until = tau.size if few else at + int(np.searchsorted(tau[order[at:]], _BATCH * first, side="right"))
+        yield order[at:until], mu.real * first > -_DECAYED
+        at = until
+
+
+def _gathered(coefficients: Complex, mu: Complex) -> tuple[Complex, Complex]:
+    """Return coefficients (k, n_mu) and exponents (n_mu,) of sums over blocks, from (k, n, e) and (n, e).
+
+    Exponents that blocks share, which are those of the loads and zero, stand in it once.
+    """
+    count = coefficients.shape[0]
+    own, shared = coefficients[:, :, :2].reshape(count, -1), coefficients[:, :, 2:].sum(axis=1)
+    together = np.hstack([own, shared])
+    exponents = np.concatenate([mu[:, :2].ravel(), mu[0, 2:] if mu.size else np.zeros(shared.shape[1])])
+    used = np.any(together != 0, axis=0)
+    return together[:, used], exponents[used]
 
 
 def _value(piece: Piece, tau: Array) -> Array:

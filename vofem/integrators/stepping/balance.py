@@ -1,4 +1,6 @@
-"""The balance of a step: ``A x = right - weight B'(R(u) - held)``, ``u = base + reach B x``, with reactions R of laws.
+"""The balance of a step, ``A x = right - per_reaction B'(R(u) - held)`` with the reactions R of laws.
+
+The coordinates of the laws are ``u = base + per_x B x``.
 
 There are two ways to solve it. Where laws are few, Newton's method runs on
 their coordinates u, through the compliance ``B A^-1 B'``. Where there are about
@@ -15,17 +17,24 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.integrators.stepping.contact_solve import compliance, law, only_force, solve_reactions
-from vofem.laws.kinds import CALLED, JUMP
+from vofem.integrators.stepping.contact_solve import (
+    Acting,
+    Direction,
+    bisect,
+    compliance,
+    law,
+    only_force,
+    solve_many,
+    solve_one,
+)
+from vofem.laws.kinds import CALLED, FEWEST_IN_BAND, JUMP
 from vofem.laws.rows import Rows, dot, subtract_row
 from vofem.laws.table import Laws
 from vofem.linalg.banded import factor, factor_in_place, solve, subtract_product, widen
 from vofem.linalg.jit import jit
+from vofem.linalg.vectors import copy, fill
 
 Array = NDArray[np.float64]
-
-#: Number of laws from which on the solution in the band is considered.
-_FEWEST = 16
 
 _MOST = 200
 _EPS = float(np.finfo(float).eps)
@@ -34,33 +43,67 @@ _EPS = float(np.finfo(float).eps)
 class Structure(NamedTuple):
     """The linear structure within a step: how x follows from reactions.
 
+    One of `alone`, `compliance` and `band` is there, and the others are None; where there are no laws, all are None.
+
     Attributes
     ----------
     factored : ndarray
         A, factored.
-    compliance : ndarray, shape (m, m)
-        ``reach weight B A^-1 B'``; of no size where `whole` stands for it.
-    whole : ndarray
-        The band of A, with room for ``B'B``; no rows where `compliance` stands for it.
-    reach, weight : float
+    alone : ndarray or None, shape (1, 1)
+        The compliance of the only law: ``per_x per_reaction b A^-1 b'``.
+    compliance : ndarray or None, shape (m, m)
+        ``per_x per_reaction B A^-1 B'``.
+    band : ndarray or None
+        The band of A, with room for ``B'B``.
+    per_x, per_reaction : float
+        Factors of x in the coordinates of the laws, and of the reactions in the equation of x.
     """
 
     factored: Array
-    compliance: Array
-    whole: Array
-    reach: float
-    weight: float
+    alone: Array | None
+    compliance: Array | None
+    band: Array | None
+    per_x: float
+    per_reaction: float
 
 
-def structure(band: Array, what: str, rows: Rows, laws: Laws, reach: float, weight: float) -> Structure:
+class Guess(NamedTuple):
+    """What is solved for: the reactions (m,), which hold a guess on entry, the coordinates u (m,) and x (n,)."""
+
+    reaction: Array
+    u: Array
+    x: Array
+
+
+class Known(NamedTuple):
+    """The right-hand side of a step.
+
+    Attributes
+    ----------
+    right : ndarray, shape (n,)
+    held : ndarray, shape (m,)
+        Reactions that `right` holds already.
+    base : ndarray, shape (m,)
+        Coordinates at x = 0.
+    """
+
+    right: Array
+    held: Array
+    base: Array
+
+
+def structure(band: Array, what: str, rows: Rows, laws: Laws, per_x: float, per_reaction: float) -> Structure:
     """Return the structure of a matrix A in band storage; `what` names it in errors."""
-    factored = factor(band, what)
-    width = _row_width(rows)
-    if _banded_pays(laws, band.shape[1], max(width, band.shape[0] - 1)):
-        whole = widen(band, max(width, band.shape[0] - 1))
-        return Structure(factored, np.empty((0, 0)), whole, reach, weight)
-    answer = reach * weight * compliance(rows, factored)
-    return Structure(factored, answer, np.empty((0, band.shape[1])), reach, weight)
+    factored, m = factor(band, what), laws.table.size
+    width = max(_row_width(rows), band.shape[0] - 1)
+    if m == 0:
+        return Structure(factored, None, None, None, per_x, per_reaction)
+    if _banded_pays(laws, band.shape[1], width):
+        return Structure(factored, None, None, widen(band, width), per_x, per_reaction)
+    answer = per_x * per_reaction * compliance(rows, factored)
+    if m == 1:
+        return Structure(factored, answer, None, None, per_x, per_reaction)
+    return Structure(factored, None, answer, None, per_x, per_reaction)
 
 
 def _row_width(rows: Rows) -> int:
@@ -77,32 +120,21 @@ def _banded_pays(laws: Laws, n: int, width: int) -> bool:
     """
     m, kind = laws.table.size, laws.table["kind"]
     suited = not np.any((kind == CALLED) | ((kind == JUMP) & (laws.table["gap"] > 0.0)))
-    return suited and m >= _FEWEST and m**3 / 24.0 + 1.5 * m**2 > 8.0 * n * (width + 1.0) ** 2
+    return suited and m >= FEWEST_IN_BAND and m**3 / 24.0 + 1.5 * m**2 > 8.0 * n * (width + 1.0) ** 2
 
 
 @jit
-def balance(
-    laws: Laws, structure: Structure, rows: Rows, right: Array, held: Array, base: Array, u0: Array, mean: bool,
-    rate: float, drag: Array, reaction: Array, u: Array, x: Array,
-) -> int:  # fmt: skip
+def balance(acting: Acting, structure: Structure, rows: Rows, known: Known, guess: Guess) -> int:
     """Find x, the reactions and the coordinates at the end of a step.
 
     Parameters
     ----------
-    laws : Laws
+    acting : Acting
     structure : Structure
     rows : Rows
         B.
-    right : ndarray, shape (n,)
-    held : ndarray, shape (m,)
-        Reactions that `right` holds already.
-    base, u0 : ndarray, shape (m,)
-        Coordinates at x = 0, and at the start of the step.
-    mean, rate, drag
-        As in `solve_reactions`.
-    reaction, u : ndarray, shape (m,)
-        Filled; on entry `reaction` holds a guess.
-    x : ndarray, shape (n,)
+    known : Known
+    guess : Guess
         Filled.
 
     Returns
@@ -110,59 +142,84 @@ def balance(
     steps : int
         0 where nothing acts; negative where no solution was found.
     """
-    m = u.size
-    free = np.empty(m)
-    x[:] = right
+    x = guess.x
+    copy(known.right, x)
     solve(structure.factored, x)
-    for j in range(m):
-        free[j] = base[j] + structure.reach * dot(rows, j, x)
-    if structure.whole.shape[0] > 0:
-        idle = True
-        for j in range(m):
-            u[j] = free[j]
-            idle = idle and held[j] == 0.0 and only_force(laws, j, u0[j], free[j], mean, rate, drag[j]) == 0.0
-        if idle:
-            reaction[:] = 0.0
-            return 0
-        return _in_band(laws, structure, rows, right, held, base, u0, mean, rate, drag, reaction, u, x)
-    for i in range(m):
-        for j in range(m):
-            if held[j] != 0.0:
-                free[i] += structure.compliance[i, j] * held[j]
-    found = solve_reactions(laws, structure.compliance, free, u0, mean, rate, drag, reaction, u)
-    changed = False
-    for j in range(m):
-        changed = changed or reaction[j] != held[j]
-    if changed:
-        x[:] = right
-        for j in range(m):
-            if reaction[j] != held[j]:
-                subtract_row(rows, j, structure.weight * (reaction[j] - held[j]), x)
-        solve(structure.factored, x)
-    return found
+    free = np.empty(guess.u.size)
+    for j in range(free.size):
+        free[j] = known.base[j] + structure.per_x * dot(rows, j, x)
+    return _find(structure.alone, structure.compliance, structure.band, acting, structure, rows, known, free, guess)
+
+
+@jit
+def _find(
+    alone: Array | None, many: Array | None, band: Array | None, acting: Acting, structure: Structure, rows: Rows,
+    known: Known, free: Array, guess: Guess,
+) -> int:  # fmt: skip
+    """Find the reactions in one of three ways, of which numba compiles the one whose matrix is not None."""
+    if band is not None:
+        return _in_band(band, acting, structure, rows, known, free, guess)
+    if alone is not None:
+        free[0] += alone[0, 0] * known.held[0]
+        reaction, u, solved = solve_one(acting, alone[0, 0], free[0], guess.reaction[0])
+        guess.reaction[0], guess.u[0] = reaction, u
+        if reaction != known.held[0]:
+            _answer(structure, rows, known, guess)
+        if not solved:
+            return -1
+        return 1 if reaction != 0.0 else 0
+    if many is not None:
+        for i in range(free.size):
+            for j in range(free.size):
+                if known.held[j] != 0.0:
+                    free[i] += many[i, j] * known.held[j]
+        found = solve_many(acting, many, free, guess.reaction, guess.u)
+        for j in range(free.size):
+            if guess.reaction[j] != known.held[j]:
+                _answer(structure, rows, known, guess)
+                break
+        return found
+    return 0
+
+
+@jit
+def _answer(structure: Structure, rows: Rows, known: Known, guess: Guess) -> None:
+    """Fill x with the answer to the reactions."""
+    copy(known.right, guess.x)
+    for j in range(guess.reaction.size):
+        if guess.reaction[j] != known.held[j]:
+            subtract_row(rows, j, structure.per_reaction * (guess.reaction[j] - known.held[j]), guess.x)
+    solve(structure.factored, guess.x)
 
 
 @jit
 def _in_band(
-    laws: Laws, structure: Structure, rows: Rows, right: Array, held: Array, base: Array, u0: Array, mean: bool,
-    rate: float, drag: Array, reaction: Array, u: Array, x: Array,
-) -> int:  # fmt: skip
+    matrix: Array, acting: Acting, structure: Structure, rows: Rows, known: Known, free: Array, guess: Guess
+) -> int:
     """Find x, u and the reactions by Newton's method on x; return the number of its steps, or -1.
 
     Reactions are extrapolated along the laws' tangents. They balance the
     structure to the last digit, also where a law is so steep that the rounding
     of u changes its force.
     """
-    n, m, reach, weight = x.size, u.size, structure.reach, structure.weight
-    force, slope, turn = np.empty(m), np.empty(m), np.empty(m)
-    band, move, product = np.empty(structure.whole.shape), np.empty(n), np.empty(n)
-    x[:] = 0.0
+    reaction, u, x = guess.reaction, guess.u, guess.x
+    n, m, per_x, per_reaction = x.size, u.size, structure.per_x, structure.per_reaction
+    idle = True
+    for j in range(m):
+        u[j] = free[j]
+        idle = idle and known.held[j] == 0.0 and only_force(acting, j, free[j]) == 0.0
+    if idle:
+        fill(reaction, 0.0)
+        return 0
+    force, slope, turn, none = np.empty(m), np.empty(m), np.empty(m), np.zeros(m)
+    band, move, product = np.empty_like(matrix), np.empty(n), np.empty(n)
+    fill(x, 0.0)
     whole_step = False
     for step in range(_MOST):
         off, size = 0.0, 0.0
         for j in range(m):
-            u[j] = base[j] + reach * dot(rows, j, x)
-            force[j], slope[j] = law(laws, j, u0[j], u[j], mean, rate, drag[j])
+            u[j] = known.base[j] + per_x * dot(rows, j, x)
+            force[j], slope[j] = law(acting, j, u[j])
             if not np.isfinite(force[j]):
                 return -1
             off, size = max(off, abs(force[j] - reaction[j])), max(size, abs(force[j]) + abs(reaction[j]))
@@ -170,33 +227,34 @@ def _in_band(
         demand = _EPS * 2.0 ** min(step, 22)
         if whole_step and off <= demand * size:
             return step
-        band[:] = structure.whole
-        move[:] = right
-        subtract_product(structure.whole, x, move)
+        for a in range(band.shape[0]):
+            copy(matrix[a], band[a])
+        copy(known.right, move)
+        subtract_product(matrix, x, move)
         for j in range(m):
-            if force[j] != held[j]:
-                subtract_row(rows, j, weight * (force[j] - held[j]), move)
+            if force[j] != known.held[j]:
+                subtract_row(rows, j, per_reaction * (force[j] - known.held[j]), move)
             if slope[j] != 0.0:
-                _add_square(rows, j, weight * reach * slope[j], band)
-        downhill = 0.0
-        product[:] = move
+                _add_square(rows, j, per_reaction * per_x * slope[j], band)
+        copy(move, product)
         if factor_in_place(band) >= 0:
             return -1
         solve(band, move)
+        downhill = 0.0
         for i in range(n):
             downhill += move[i] * product[i]
         still = True
         for j in range(m):
-            turn[j] = reach * dot(rows, j, move)
-            still = still and abs(turn[j]) <= demand * (abs(base[j]) + abs(u[j] - base[j]))
+            turn[j] = per_x * dot(rows, j, move)
+            still = still and abs(turn[j]) <= demand * (abs(known.base[j]) + abs(u[j] - known.base[j]))
         length = 1.0
         if not still:
-            product[:] = 0.0
-            subtract_product(structure.whole, move, product)
+            fill(product, 0.0)
+            subtract_product(matrix, move, product)
             stiff = 0.0
             for i in range(n):
                 stiff -= move[i] * product[i]
-            length = _line_search(laws, u0, u, turn, force, weight / reach, downhill, stiff, mean, rate, drag)
+            length = bisect(acting, Direction(u, turn, force, none, per_reaction / per_x, downhill, stiff))
         for i in range(n):
             x[i] += length * move[i]
         for j in range(m):
@@ -204,7 +262,7 @@ def _in_band(
         whole_step = length == 1.0
         if still:
             for j in range(m):
-                u[j] = base[j] + reach * dot(rows, j, x)
+                u[j] = known.base[j] + per_x * dot(rows, j, x)
             return step + 1
     return -1
 
@@ -217,36 +275,3 @@ def _add_square(rows: Rows, j: int, factor: float, band: Array) -> None:
             below = rows.column[e] - rows.column[f]
             if below >= 0:
                 band[below, rows.column[f]] += factor * rows.weight[e] * rows.weight[f]
-
-
-@jit
-def _uphill(
-    y: float, laws: Laws, u0: Array, u: Array, turn: Array, force: Array, ratio: float, downhill: float, stiff: float,
-    mean: bool, rate: float, drag: Array,
-) -> float:  # fmt: skip
-    """Return the derivative of the convex function at a fraction y of a step."""
-    total = y * stiff - downhill
-    for j in range(u.size):
-        if turn[j] != 0.0:
-            there = only_force(laws, j, u0[j], u[j] + y * turn[j], mean, rate, drag[j])
-            total += ratio * turn[j] * (there - force[j])
-    return total
-
-
-@jit
-def _line_search(
-    laws: Laws, u0: Array, u: Array, turn: Array, force: Array, ratio: float, downhill: float, stiff: float,
-    mean: bool, rate: float, drag: Array,
-) -> float:  # fmt: skip
-    if _uphill(1.0, laws, u0, u, turn, force, ratio, downhill, stiff, mean, rate, drag) <= 1e-12 * downhill:
-        return 1.0
-    low, high = 0.0, 1.0
-    for _ in range(50):
-        middle = 0.5 * (low + high)
-        if _uphill(middle, laws, u0, u, turn, force, ratio, downhill, stiff, mean, rate, drag) > 0.0:
-            high = middle
-        else:
-            low = middle
-        if high - low <= 1e-3 * low:
-            break
-    return 0.5 * (low + high)

@@ -9,6 +9,8 @@ equation, which is solved inside a bracket.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,11 +19,15 @@ from vofem.laws.rows import Rows, dot, subtract_row
 from vofem.laws.table import Laws
 from vofem.linalg.banded import solve
 from vofem.linalg.jit import jit
+from vofem.linalg.vectors import copy, fill
 
 Array = NDArray[np.float64]
 
 _MOST = 200
 _EPS = float(np.finfo(float).eps)
+
+#: Slope of the convex function at the end of a full step, over that at its start, up to which the step is taken.
+_FLAT = 1e-12
 
 #: Newton steps after which a residual at the rounding level of its own terms is accepted.
 _PATIENCE = 30
@@ -40,52 +46,147 @@ def compliance(rows: Rows, factored: Array) -> Array:
     return 0.5 * (result + result.T)
 
 
-@jit
-def law(laws: Laws, j: int, u0: float, u1: float, mean: bool, rate: float, drag: float) -> tuple[float, float]:
-    """Return force and slope of a law at the end of a step.
+class Dampers(NamedTuple):
+    """How dampers of contacts act over a step.
 
-    Parameters
+    Attributes
     ----------
-    mean : bool
-        The mean force over the path from u0 to u1, or the force at u1.
     rate : float
-        Factor in 1/s: the damper's force is its coefficient times this factor times the path ``u1 - u0``.
-    drag : float
-        A damper's force that does not depend on u1, N.
+        In 1/s: the force of a damper is its coefficient times this factor times the path ``u1 - u0``.
+    offset : ndarray, shape (m,)
+        What is subtracted from this force, N.
     """
-    one = laws.table[j]
-    force, slope = mean_and_slope(laws, j, u0, u1) if mean else force_and_tangent(laws, j, u1)
-    if one["damping"] > 0.0:
-        damper = one["damping"] * rate
-        force += damper * closed_share(laws, j, u0, u1) - drag
-        if u1 > one["gap"]:
-            slope += damper
-    return force, slope
+
+    rate: float
+    offset: Array
+
+
+class Acting(NamedTuple):
+    """How laws act over a step that starts at given coordinates.
+
+    Attributes
+    ----------
+    laws : Laws
+    start : ndarray, shape (m,)
+        Coordinates at the start of the step.
+    mean : True or None
+        True: a law acts by its mean force over the step. None: by its force at the end.
+    dampers : Dampers or None
+        None where no contact has a damper.
+    """
+
+    laws: Laws
+    start: Array
+    mean: bool | None
+    dampers: Dampers | None
 
 
 @jit
-def only_force(laws: Laws, j: int, u0: float, u1: float, mean: bool, rate: float, drag: float) -> float:
+def law(acting: Acting, j: int, u: float) -> tuple[float, float]:
+    """Return force and slope of a law over a step that ends at u."""
+    force, slope = _force_and_slope(acting.laws, acting.mean, j, acting.start[j], u)
+    more, steeper = _damper(acting.laws, acting.dampers, j, acting.start[j], u)
+    return force + more, slope + steeper
+
+
+@jit
+def _force_and_slope(laws: Laws, mean: bool | None, j: int, u0: float, u1: float) -> tuple[float, float]:
+    if mean is None:
+        return force_and_tangent(laws, j, u1)
+    return mean_and_slope(laws, j, u0, u1)
+
+
+@jit
+def _damper(laws: Laws, dampers: Dampers | None, j: int, u0: float, u1: float) -> tuple[float, float]:
+    """Return force and slope of the damper of a law."""
+    if dampers is None:
+        return 0.0, 0.0
+    one = laws.table[j]
+    if one["damping"] <= 0.0:
+        return 0.0, 0.0
+    coefficient = one["damping"] * dampers.rate
+    force = coefficient * closed_share(laws, j, u0, u1) - dampers.offset[j]
+    return force, coefficient if u1 > one["gap"] else 0.0
+
+
+@jit
+def only_force(acting: Acting, j: int, u: float) -> float:
     """Return the force of `law` alone."""
-    one = laws.table[j]
-    force = mean_force(laws, j, u0, u1) if mean else force_at(laws, j, u1)
-    if one["damping"] > 0.0:
-        force += one["damping"] * rate * closed_share(laws, j, u0, u1) - drag
-    return force
+    u0 = acting.start[j]
+    return _force(acting.laws, acting.mean, j, u0, u) + _damper(acting.laws, acting.dampers, j, u0, u)[0]
 
 
 @jit
-def _scalar(
-    laws: Laws, j: int, compliance: float, free: float, u0: float, mean: bool, rate: float, drag: float, guess: float
-) -> tuple[float, float, bool]:
-    """Return reaction, coordinate and success for one coordinate."""
-    force, slope = law(laws, j, u0, free, mean, rate, drag)
+def _force(laws: Laws, mean: bool | None, j: int, u0: float, u1: float) -> float:
+    if mean is None:
+        return force_at(laws, j, u1)
+    return mean_force(laws, j, u0, u1)
+
+
+class Direction(NamedTuple):
+    """A direction in which a convex function of the coordinates is minimised.
+
+    At a fraction y of the way its derivative is ``y curvature - descent + weight sum_j move_j (R_j - known_j - y
+    change_j)``, with the forces R of the laws at ``u + y move``.
+
+    Attributes
+    ----------
+    u, move : ndarray, shape (m,)
+        Coordinates at y = 0, and their change up to y = 1.
+    known, change : ndarray, shape (m,)
+    weight, descent, curvature : float
+    """
+
+    u: Array
+    move: Array
+    known: Array
+    change: Array
+    weight: float
+    descent: float
+    curvature: float
+
+
+@jit
+def _derivative(acting: Acting, way: Direction, y: float) -> float:
+    """Return the derivative of the convex function at a fraction y of the way."""
+    total = y * way.curvature - way.descent
+    for j in range(way.u.size):
+        if way.move[j] != 0.0:
+            there = only_force(acting, j, way.u[j] + y * way.move[j])
+            total += way.weight * way.move[j] * (there - way.known[j] - y * way.change[j])
+    return total
+
+
+@jit
+def bisect(acting: Acting, way: Direction) -> float:
+    """Return the fraction of the way at which the convex function is smallest: 1 where it falls all the way."""
+    if _derivative(acting, way, 1.0) <= _FLAT * way.descent:
+        return 1.0
+    low, high = 0.0, 1.0
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        if _derivative(acting, way, middle) > 0.0:
+            high = middle
+        else:
+            low = middle
+        if high - low <= 1e-3 * low:
+            break
+    return 0.5 * (low + high)
+
+
+@jit
+def solve_one(acting: Acting, compliance: float, free: float, guess: float) -> tuple[float, float, bool]:
+    """Return reaction, coordinate and success for the only law."""
+    # Not a literal 0, for which all laws would be compiled once more.
+    j = acting.start.size - 1
+    force, slope = law(acting, j, free)
     if force == 0.0:
         return 0.0, free, True
     # The root lies between two coordinates: with no force of the law, and with its force at the free coordinate.
     low, high = min(free, free - compliance * force), max(free, free - compliance * force)
     u = min(max(free - compliance * guess, low), high)
     for _ in range(_MOST):
-        force, slope = law(laws, j, u0, u, mean, rate, drag)
+        force, slope = law(acting, j, u)
         excess = (u - free) + compliance * force
         if excess > 0.0:
             high = u
@@ -106,23 +207,38 @@ def _scalar(
     if compliance * slope > 1.0:
         # Where the law is stiffer than the structure, the equation of balance loses fewer digits than the law does.
         return (free - u) / compliance, u, np.isfinite(u)
-    return only_force(laws, j, u0, u, mean, rate, drag), u, np.isfinite(u)
+    return only_force(acting, j, u), u, np.isfinite(u)
 
 
 @jit
-def _many(
-    laws: Laws,
-    compliance: Array,
-    free: Array,
-    u0: Array,
-    mean: bool,
-    rate: float,
-    drag: Array,
-    reaction: Array,
-    u: Array,
-) -> int:
-    """Solve for all coordinates; return the number of Newton steps, or -1."""
+def solve_many(acting: Acting, compliance: Array, free: Array, reaction: Array, u: Array) -> int:
+    """Find reactions and coordinates at the end of a step of several laws.
+
+    Parameters
+    ----------
+    acting : Acting
+    compliance : ndarray, shape (m, m)
+    free : ndarray, shape (m,)
+        Coordinates without reactions.
+    reaction, u : ndarray, shape (m,)
+        Filled; on entry `reaction` holds a guess.
+
+    Returns
+    -------
+    steps : int
+        Number of Newton steps, 0 where nothing acts; negative where no solution was found.
+    """
     m = free.size
+    idle = True
+    for j in range(m):
+        if only_force(acting, j, free[j]) != 0.0:
+            idle = False
+            break
+    if idle:
+        fill(reaction, 0.0)
+        copy(free, u)
+        return 0
+    # A guess from the last step may lie beyond a jump of the force; coordinates without force start from zero.
     force, slope = np.empty(m), np.empty(m)
     for step in range(_MOST):
         for i in range(m):
@@ -133,7 +249,7 @@ def _many(
         active = np.zeros(m, dtype=np.bool_)
         off, size_of = 0.0, 0.0
         for j in range(m):
-            force[j], slope[j] = law(laws, j, u0[j], u[j], mean, rate, drag[j])
+            force[j], slope[j] = law(acting, j, u[j])
             if not np.isfinite(force[j]):
                 return -1
             active[j] = force[j] != 0.0 or slope[j] != 0.0 or reaction[j] != 0.0
@@ -165,93 +281,9 @@ def _many(
         settled = settled or still or (rounded and step >= _PATIENCE)
         length = 1.0
         if not settled:
-            length = _line_search(laws, u0, u, move, reaction, change, mean, rate, drag)
+            length = bisect(acting, Direction(u, move, reaction, change, 1.0, 0.0, 0.0))
         for j in range(m):
             reaction[j] += length * change[j]
         if settled:
             return step + 1
     return -1
-
-
-@jit
-def _derivative(
-    x: float, laws: Laws, u0: Array, u: Array, move: Array, reaction: Array, change: Array, mean: bool, rate: float,
-    drag: Array,
-) -> float:  # fmt: skip
-    """Return the derivative of the convex function along a direction, up to a positive factor."""
-    total = 0.0
-    for j in range(u.size):
-        force = only_force(laws, j, u0[j], u[j] + x * move[j], mean, rate, drag[j])
-        total += move[j] * (force - reaction[j] - x * change[j])
-    return total
-
-
-@jit
-def _line_search(
-    laws: Laws, u0: Array, u: Array, move: Array, reaction: Array, change: Array, mean: bool, rate: float, drag: Array
-) -> float:
-    if _derivative(1.0, laws, u0, u, move, reaction, change, mean, rate, drag) <= 0.0:
-        return 1.0
-    low, high = 0.0, 1.0
-    for _ in range(50):
-        middle = 0.5 * (low + high)
-        if _derivative(middle, laws, u0, u, move, reaction, change, mean, rate, drag) > 0.0:
-            high = middle
-        else:
-            low = middle
-        if high - low <= 1e-3 * low:
-            break
-    return 0.5 * (low + high)
-
-
-@jit
-def solve_reactions(
-    laws: Laws,
-    compliance: Array,
-    free: Array,
-    u0: Array,
-    mean: bool,
-    rate: float,
-    drag: Array,
-    reaction: Array,
-    u: Array,
-) -> int:
-    """Find reactions and coordinates at the end of a step.
-
-    Parameters
-    ----------
-    laws : Laws
-    compliance : ndarray, shape (m, m)
-    free, u0 : ndarray, shape (m,)
-        Coordinates without reactions, and at the start of the step.
-    mean : bool
-        True: a law acts with its mean force over the step. False: with its force at the end.
-    rate : float
-        Weight in 1/s of the path in dampers' forces.
-    drag : ndarray, shape (m,)
-    reaction, u : ndarray, shape (m,)
-        Filled; on entry `reaction` holds a guess.
-
-    Returns
-    -------
-    steps : int
-        0 where nothing acts; negative where no solution was found.
-    """
-    m = free.size
-    idle = True
-    for j in range(m):
-        if only_force(laws, j, u0[j], free[j], mean, rate, drag[j]) != 0.0:
-            idle = False
-            break
-    if idle:
-        for j in range(m):
-            reaction[j] = 0.0
-            u[j] = free[j]
-        return 0
-    if m == 1:
-        # Not a literal 0, for which all laws would be compiled once more.
-        j = m - 1
-        reaction[0], u[0], found = _scalar(laws, j, compliance[0, 0], free[0], u0[0], mean, rate, drag[0], reaction[0])
-        return 1 if found else -1
-    # A guess from the last step may lie beyond a jump of the force; coordinates without force start from zero.
-    return _many(laws, compliance, free, u0, mean, rate, drag, reaction, u)

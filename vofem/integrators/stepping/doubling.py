@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from vofem.errors import ConvergenceError
 from vofem.integrators.method import Method
 from vofem.integrators.stepping.ladder import RUNGS, Ladder
-from vofem.integrators.stepping.record import Output
+from vofem.integrators.stepping.record import Record
 from vofem.integrators.stepping.setting import Setting
 from vofem.laws.evaluate import force_and_tangent, tangent_jumps
 from vofem.laws.table import Laws
@@ -48,7 +48,7 @@ class Attempt(NamedTuple):
         Contact solves; negative where a step has no solution.
     rough, smooth : float
         Error of displacements in m, and that of motion which the step resolves well.
-    kick : float
+    unresolved : float
         Largest change of a law's velocity that the step does not resolve, m/s.
     between : float
         Error of the motion between the ends of the step over the tolerance.
@@ -57,7 +57,7 @@ class Attempt(NamedTuple):
     solves: int
     rough: float = 0.0
     smooth: float = 0.0
-    kick: float = 0.0
+    unresolved: float = 0.0
     between: float = 0.0
 
 
@@ -87,7 +87,7 @@ class StepDoubling(Ladder, Setting):
         self.farthest = 0.0
         # What a run of a coarser tolerance found at the times of `check_times`, in band order.
         self.coarser = np.empty((0, 0))
-        self.keep_history(self.tick, t_end + 2.0 * self.largest)
+        self.keep_past(self.tick, t_end + 2.0 * self.largest)
 
     def measure(self, displacement: Array) -> None:
         """Set the displacement to which errors are related, from a rough run, shape (n, n_times)."""
@@ -108,14 +108,31 @@ class StepDoubling(Ladder, Setting):
         return min(self.time, self.t_end)
 
     @abstractmethod
-    def attempt(self, out: Output, cursor: int) -> Attempt:
+    def attempt(self, out: Record) -> Attempt:
         """Take the next step whole and in halves."""
 
     @abstractmethod
-    def take(self, out: Output, cursor: int) -> tuple[int, Array]:
-        """Keep the halves; return the output cursor and the events."""
+    def take(self, out: Record) -> None:
+        """Keep the halves."""
 
-    def withdraw(self, out: Output) -> None:
+    def unseen(self, swings: Array, response: Array) -> float:
+        """Return the motion by loads that no interpolation between the ends of steps shows, over the tolerance.
+
+        The motion between the ends of a step is interpolated by a polynomial. A short load causes motion that this
+        polynomial does not contain. That is no error of the steps and does not accumulate, but states between steps
+        have it.
+
+        Parameters
+        ----------
+        swings : ndarray, shape (2, n_loads)
+            Of `step_loads.of_halves`.
+        response : ndarray, shape (n_loads, n)
+            Displacement in half a step by a unit of them.
+        """
+        moved = swings @ np.abs(response)
+        return float(np.max(self.weight * moved, initial=0.0)) / self.whole
+
+    def withdraw(self, out: Record) -> None:
         """Undo an attempt."""
 
     @property
@@ -123,20 +140,18 @@ class StepDoubling(Ladder, Setting):
     def displacement(self) -> Array:
         """Displacements where the run stands, in band order."""
 
-    def advance(self, out: Output, cursor: int) -> tuple[int, Array]:
+    def advance(self, out: Record) -> None:
         """Take some steps; where a state is completed by the step after it, the last one goes beyond the end."""
-        found = []
+        room = out.events.shape[0] - 2 * self.status.size
         for _ in range(_CHUNK):
-            if self.beyond:
+            if self.beyond or out.happened[0] > room:
                 break
-            cursor, events = self._one(out, cursor)
-            found.append(events)
-        return cursor, np.concatenate(found)
+            self._one(out)
 
-    def _one(self, out: Output, cursor: int) -> tuple[int, Array]:
+    def _one(self, out: Record) -> None:
         while True:
             t, dt = self.time, self.length(self.rung)
-            tried = self.attempt(out, cursor)
+            tried = self.attempt(out)
             self.complain(dt)
             if tried.solves < 0 and self.at_the_bottom:
                 raise ConvergenceError(
@@ -145,13 +160,13 @@ class StepDoubling(Ladder, Setting):
                 )
             ratio = max(self.ratio(tried.rough, tried.smooth), tried.between) if tried.solves >= 0 else np.inf
             # An impact that the step does not resolve may change velocities for the whole rest of the run.
-            if tried.kick * self.t_end > _HARMLESS * self.whole:
+            if tried.unresolved * self.t_end > _HARMLESS * self.whole:
                 ratio = max(ratio, 2.0)
             if self.accepts(ratio):
                 break
             self.bands.counters.rejected += 1
             self.withdraw(out)
-        cursor, events = self.take(out, cursor)
+        self.take(out)
         after = self.now + 2 ** (RUNGS - self.rung)
         self.beyond = (self.now if self.lag else after) >= self.end
         self.farthest = max(self.farthest, float(np.max(self.weight * np.abs(self.displacement))))
@@ -159,13 +174,41 @@ class StepDoubling(Ladder, Setting):
         self.coarsest = max(self.coarsest, 0.5 * dt)
         self.steps += 0 if self.beyond and self.lag else 2
         self.count(self.steps, self.steps, tried.solves)
-        return cursor, events
+
+
+class Impact(NamedTuple):
+    """Scales of the errors of a step.
+
+    Attributes
+    ----------
+    weight : ndarray, shape (n,)
+        From unknowns to metres.
+    fineness : float
+        How finely impacts are resolved, over what is done by default.
+    """
+
+    weight: Array
+    fineness: float
+
+
+class Path(NamedTuple):
+    """Laws along two halves of a step.
+
+    Attributes
+    ----------
+    u, rates : ndarray, shape (3, n_laws)
+        Coordinates and their rates at the beginning and at the ends of both halves.
+    reactions : ndarray, shape (2, n_laws)
+        Of both halves, N.
+    """
+
+    u: Array
+    rates: Array
+    reactions: Array
 
 
 @jit
-def impact(
-    laws: Laws, contacts: int, dt: float, u: Array, rates: Array, reactions: Array, fineness: float
-) -> tuple[bool, float]:
+def impact(laws: Laws, contacts: int, dt: float, path: Path, fineness: float) -> tuple[bool, float]:
     """Return whether a law's tangent jumps in two halves of a step, and the largest change of rate not resolved, m/s.
 
     For a stiffness k, a mass m, a penetration s and its rate r, the velocity of the impact
@@ -182,28 +225,19 @@ def impact(
         How many of them are contacts, which come first.
     dt : float
         Size of a half in s.
-    u, rates : ndarray, shape (3, n_laws)
-        Coordinates of the laws and their rates at the beginning and at the ends of both halves.
-    reactions : ndarray, shape (k, n_laws)
-        Of both halves in the first two rows, N.
+    path : Path
     fineness : float
         How finely impacts are resolved, over what is done by default.
     """
-    acts, kick = False, 0.0
+    acts, unresolved = False, 0.0
+    u, rates = path.u, path.rates
     for j in range(u.shape[1]):
         r0, r1, r2 = rates[0, j], rates[1, j], rates[2, j]
         change = max(abs(r1 - r0), abs(r2 - r1))
         if j >= contacts:
-            if tangent_jumps(laws, j):
-                k0 = force_and_tangent(laws, j, u[0, j])[1]
-                k1 = force_and_tangent(laws, j, u[1, j])[1]
-                k2 = force_and_tangent(laws, j, u[2, j])[1]
-                stiff = max(abs(k0), abs(k1), abs(k2))
-                if max(abs(k1 - k0), abs(k2 - k1)) > 0.5 * stiff:
-                    acts = True
-                    reaction = max(abs(reactions[0, j]), abs(reactions[1, j]))
-                    if 0.5 * stiff * change * dt > _SOFT / fineness**2 * reaction:
-                        kick = max(kick, change)
+            jumps, more = _jump(laws, laws.kinds.hysteretic, j, dt, path, fineness)
+            acts = acts or jumps
+            unresolved = max(unresolved, more)
             continue
         deepest = max(u[0, j], u[1, j], u[2, j]) - laws.table[j]["gap"]
         if deepest <= 0.0:
@@ -211,5 +245,25 @@ def impact(
         acts = True
         speed = max(r0 * r0, r1 * r1, r2 * r2) + deepest * change / dt
         if change * change > (_RESOLVED / fineness) ** 2 * speed:
-            kick = max(kick, change)
-    return acts, kick
+            unresolved = max(unresolved, change)
+    return acts, unresolved
+
+
+@jit
+def _jump(laws: Laws, hysteretic: bool | None, j: int, dt: float, path: Path, fineness: float) -> tuple[bool, float]:
+    """Return what `impact` returns, of a law that is no contact."""
+    if hysteretic is None:
+        return False, 0.0
+    if not tangent_jumps(laws, j):
+        return False, 0.0
+    k0 = force_and_tangent(laws, j, path.u[0, j])[1]
+    k1 = force_and_tangent(laws, j, path.u[1, j])[1]
+    k2 = force_and_tangent(laws, j, path.u[2, j])[1]
+    stiff = max(abs(k0), abs(k1), abs(k2))
+    if max(abs(k1 - k0), abs(k2 - k1)) <= 0.5 * stiff:
+        return False, 0.0
+    reaction = max(abs(path.reactions[0, j]), abs(path.reactions[1, j]))
+    change = max(abs(path.rates[1, j] - path.rates[0, j]), abs(path.rates[2, j] - path.rates[1, j]))
+    if 0.5 * stiff * change * dt > _SOFT / fineness**2 * reaction:
+        return True, change
+    return True, 0.0

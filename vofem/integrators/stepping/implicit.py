@@ -16,7 +16,8 @@ from vofem.integrators.stepped import SteppedSolution, step_count, storage_times
 from vofem.integrators.stepping.checks import check_times
 from vofem.integrators.stepping.doubling import StepDoubling
 from vofem.integrators.stepping.march import Kernel, march, note_chatter, stored_energy
-from vofem.integrators.stepping.record import Output
+from vofem.integrators.stepping.nearby import check_nearby, note_growth
+from vofem.integrators.stepping.record import Record, take_events
 from vofem.integrators.stepping.step_loads import followed, note_loads
 from vofem.integrators.watching import Snapshot, Watch
 from vofem.laws.evaluate import may_jump
@@ -44,12 +45,12 @@ class Doubled:
     Attributes
     ----------
     equal : callable
-        Takes counters, the size of steps in s and their number; returns a kernel of equal steps.
+        Takes counters, a start, the size of steps in s and their number; returns a kernel of equal steps.
     doubling : callable
         Takes counters; returns a kernel whose steps follow a tolerance, without a plan.
     """
 
-    equal: Callable[[Counters, float, int], Kernel]
+    equal: Callable[[Counters, State, float, int], Kernel]
     doubling: Callable[[Counters], StepDoubling]
 
 
@@ -66,6 +67,7 @@ class Asked:
     watch: Watch | None = None
     resume: Snapshot | None = None
     probes: ProbeRows | None = None
+    nearby: bool | None = None
 
 
 def implicit_run(method: Method, made: Doubled, asked: Asked, blow_up: float, advised: str = "") -> SteppedSolution:
@@ -91,6 +93,7 @@ def implicit_run(method: Method, made: Doubled, asked: Asked, blow_up: float, ad
         If energy grows beyond what the loads can have done.
     """
     system, start, t_end = asked.system, asked.start, asked.t_end
+    check_nearby(asked.nearby)
     counters, notes, step = Counters(), list[str](), asked.dt
     kernel: Kernel
     if asked.tol is None:
@@ -99,13 +102,13 @@ def implicit_run(method: Method, made: Doubled, asked: Asked, blow_up: float, ad
             notes.append(f"step: dt = {step:.6g} s was chosen{why or ', a thousandth of the run'}{advised}")
         steps = step_count(t_end, step)
         stored = storage_times(asked.times, t_end, step, steps, system.size, notes)
-        kernel = made.equal(counters, step, steps)
+        kernel = made.equal(counters, start, step, steps)
     else:
         kernel = _doubling(made, asked, asked.tol, counters)
         stored = np.linspace(0.0, t_end, 1001) if asked.times is None else asked.times
     note_chatter(system, notes)
     note_loads(system, step, t_end, notes)
-    out = kernel.output(stored, asked.probes, t_end)
+    out = kernel.record(stored, asked.probes, t_end)
     solution = march(
         kernel, method, start, kernel.state.status.copy(), t_end, t_end if step is None else step, out, notes,
         first_energy=stored_energy(system, start.q, start.v), blow_up=blow_up, watch=asked.watch, resume=asked.resume,
@@ -114,6 +117,10 @@ def implicit_run(method: Method, made: Doubled, asked: Asked, blow_up: float, ad
     if isinstance(kernel, StepDoubling):
         solution.dt = kernel.coarsest
         _tell(kernel, out, notes)
+    elif step is not None:
+        size, count = step, step_count(t_end, step)
+        again = lambda beside: made.equal(Counters(), beside, size, count)  # noqa: E731
+        notes += note_growth(asked.nearby, system, start, kernel, out, again)
     return solution
 
 
@@ -125,14 +132,14 @@ def _doubling(made: Doubled, asked: Asked, tol: float, counters: Counters) -> St
     kernel.plan(asked.t_end, tol)
     # A run that goes on knows the size already.
     if asked.resume is None:
-        kernel.measure(_rough(made, asked.t_end, counters))
+        kernel.measure(_rough(made, asked, counters))
         _compare(made, kernel)
     else:
         kernel.measure(asked.start.q[:, None])
     return kernel
 
 
-def _tell(kernel: StepDoubling, out: Output, notes: list[str]) -> None:
+def _tell(kernel: StepDoubling, out: Record, notes: list[str]) -> None:
     """Add notes where the tolerance may not be kept."""
     tol = kernel.tolerance
     if kernel.forced:
@@ -177,20 +184,21 @@ def _compare(made: Doubled, kernel: StepDoubling) -> None:
         kernel.coarser = found
 
 
-def _rough(made: Doubled, t_end: float, counters: Counters) -> Array:
+def _rough(made: Doubled, asked: Asked, counters: Counters) -> Array:
     """Return the displacements of a rough run of equal steps, of which the largest is used."""
-    return _trial(made.equal(counters, t_end / _STEPS, _STEPS), np.linspace(0.0, t_end, _STEPS + 1))[0]
+    kernel = made.equal(counters, asked.start, asked.t_end / _STEPS, _STEPS)
+    return _trial(kernel, np.linspace(0.0, asked.t_end, _STEPS + 1))[0]
 
 
 def _trial(kernel: Kernel, times: Array) -> tuple[Array, bool]:
     """Run to the end; return the displacements at some times, and whether a law switched."""
-    out = kernel.output(times, None)
+    out = kernel.record(times, None)
     out.q[:] = 0.0
-    cursor, hit = 0, False
+    hit = False
     try:
         while not kernel.finished:
-            cursor, events = kernel.advance(out, cursor)
-            hit = hit or events.size > 0
+            kernel.advance(out)
+            hit = take_events(out).size > 0 or hit
     except ConvergenceError:
         # At large steps a stiff law may leave no solution in double precision. The displacements before that are used;
         # the run itself takes other steps, or raises the error.

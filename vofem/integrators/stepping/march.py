@@ -15,16 +15,16 @@ from vofem.integrators.rounding import static_loss
 from vofem.integrators.stepped import SteppedSolution
 from vofem.integrators.stepping.checks import check_times
 from vofem.integrators.stepping.energies import contact_energy, kinetic_energy, strain_energy
+from vofem.integrators.stepping.hysteresis import memory_energy
 from vofem.integrators.stepping.probes import MOST_STEPS, Recorded
-from vofem.integrators.stepping.recall import absorbed, memory_energy
-from vofem.integrators.stepping.record import Output, Trail, stored
+from vofem.integrators.stepping.record import LastStep, Record, shortened, stored, take_events
 from vofem.integrators.stepping.step_loads import StepLoads
 from vofem.integrators.stepping.telling import Seen, tell
 from vofem.integrators.watching import Snapshot, Watch, deferred_interrupts
 from vofem.kernel_mode import compiled
 from vofem.laws.callbacks import Callbacks
+from vofem.laws.group import StepPast
 from vofem.laws.rows import Rows, all_rows
-from vofem.laws.springpot import History, SpringpotLaws
 from vofem.laws.table import Laws
 from vofem.linalg.banded import band_order, band_width, solve, subtract_product
 from vofem.system import Counters, Events, State, System
@@ -94,9 +94,6 @@ def tally(bands: Banded, laws: Laws, callbacks: Callbacks | None, steps: int, ev
     counters.memory_updates = int(np.sum(laws.table["end"] > laws.table["start"])) * evaluations
     if callbacks is not None:
         counters.law_evaluations = callbacks.calls
-    springpots = system.group(SpringpotLaws)
-    if springpots is not None:
-        counters.history_updates = len(springpots) * evaluations
     if system.damped:
         counters.damping_evaluations = evaluations
 
@@ -107,16 +104,18 @@ class Kernel(Protocol):
     Attributes
     ----------
     bands : Banded
-    trail : Trail
+    trail : LastStep
+    past : StepPast or None
+        Internal variables of laws whose force over a step depends on earlier steps.
     place : tuple of str
         Names of the attributes that, beside `state` and `trail`, make up the state of the run.
     """
 
     bands: Banded
-    trail: Trail
+    trail: LastStep
     rows: Rows
     laws: Laws
-    history: History
+    past: StepPast | None
     place: tuple[str, ...]
 
     @property
@@ -131,11 +130,11 @@ class Kernel(Protocol):
     def finished(self) -> bool:
         """Whether the run is done."""
 
-    def output(self, times: Array, probes: ProbeRows | None, t_end: float | None = None) -> Output:
+    def record(self, times: Array, probes: ProbeRows | None, t_end: float | None = None) -> Record:
         """Return an empty record of the run at some times; see `setting.Setting`."""
 
-    def advance(self, out: Output, cursor: int) -> tuple[int, Array]:
-        """Take some steps; return the output cursor and the events (time, contact, status), one a row."""
+    def advance(self, out: Record) -> None:
+        """Take some steps, at least one, as long as the record has room for their events."""
 
     def reached(self) -> float:
         """Return the time of the state in `trail`, s."""
@@ -151,7 +150,7 @@ def march(
     initial: IntArray,
     t_end: float,
     dt: float,
-    out: Output,
+    out: Record,
     notes: list[str],
     *,
     first_energy: float,
@@ -171,7 +170,7 @@ def march(
         Status of the contacts at t = 0.
     t_end, dt : float
         In s.
-    out : Output
+    out : Record
     notes : list of str
     first_energy : float
         At t = 0, in the method's own form and without hysteretic springs, J.
@@ -193,22 +192,22 @@ def march(
     kernel.bands.over.until = t_end
     energy = stored_energy(system, start.q, start.v) + held
     log: list[Array] = []
-    cursor, wanted_end = 0, t_end
+    wanted_end = t_end
     recorded, missing = Recorded(), (0.0, 0.0)
     if resume is not None:
-        cursor, log, recorded = _restore(kernel, out, resume, notes)
+        log, recorded = _restore(kernel, out, resume, notes)
         missing = tuple(resume.get("missing", missing))
 
     def snapshot() -> Snapshot:
         seen = {"missing": list(missing), "watch": out.watch}
-        return _snapshot(kernel, out, cursor, log, recorded, notes) | seen
+        return _snapshot(kernel, out, log, recorded, notes) | seen
 
     with deferred_interrupts() as interrupted:
         while not kernel.finished:
-            cursor, new = kernel.advance(out, cursor)
-            recorded.drain(out.tap)
-            if new.size:
-                log.append(new)
+            kernel.advance(out)
+            recorded.drain(out.probes)
+            if out.happened[0]:
+                log.append(take_events(out))
             excess = _check(kernel, method, energy, dt, blow_up)
             if method.conserves and abs(excess) > abs(missing[0]):
                 missing = excess, kernel.reached()
@@ -216,18 +215,13 @@ def march(
             if watch is not None:
                 watch(kernel.reached(), snapshot, stop)
             if stop:
-                if not np.any(out.wanted[:cursor]):
+                done = shortened(out)
+                if not np.any(done.wanted):
                     raise KeyboardInterrupt
                 notes.append(
                     f"interrupted at t = {kernel.reached():g} s of {t_end:g} s: what was computed until then is here"
                 )
-                t_end = float(out.times[:cursor][out.wanted[:cursor]][-1])
-                out = Output(
-                    **{name: part.copy() for name, part in stored(out, cursor).items()},
-                    every_step=out.every_step,
-                    tap=out.tap,
-                    watch=out.watch,
-                )
+                out, t_end = done, float(done.times[done.wanted][-1])
                 break
     events = Events(initial=initial)
     if log:
@@ -249,7 +243,7 @@ def march(
     )  # fmt: skip
 
 
-def _outcome(kernel: Kernel, out: Output, columns: IntArray) -> tuple[Array, Samples, Energies, SpringSamples | None]:
+def _outcome(kernel: Kernel, out: Record, columns: IntArray) -> tuple[Array, Samples, Energies, SpringSamples | None]:
     """Return times, states, energies and hysteretic springs at some of the stored times."""
     system, back = kernel.bands.system, kernel.bands.back
     place = np.ix_(back, columns)
@@ -270,22 +264,20 @@ def _held(kernel: Kernel) -> tuple[float, float]:
 
     The work that springpots have absorbed counts as dissipated here.
     """
-    trail, lost = kernel.trail, absorbed(kernel.history)
+    trail, lost = kernel.trail, 0.0 if kernel.past is None else kernel.past.absorbed()
     if not kernel.laws.state.size:
         return 0.0, lost
     stored, more = memory_energy(kernel.laws, trail.memory, kernel.rows, trail.q)
     return float(stored), float(more) + lost
 
 
-def _snapshot(
-    kernel: Kernel, out: Output, cursor: int, log: list[Array], recorded: Recorded, notes: list[str]
-) -> Snapshot:
+def _snapshot(kernel: Kernel, out: Record, log: list[Array], recorded: Recorded, notes: list[str]) -> Snapshot:
     """Return the state of a run, as plain data, from which it can go on."""
     return {
         "state": kernel.state,
         "trail": kernel.trail,
         "place": {name: getattr(kernel, name) for name in kernel.place},
-        "output": stored(out, cursor),
+        "output": stored(out),
         "recorded": recorded.whole(),
         "log": np.concatenate(log) if log else np.empty((0, 3)),
         "counters": kernel.bands.counters,
@@ -293,8 +285,8 @@ def _snapshot(
     }
 
 
-def _restore(kernel: Kernel, out: Output, saved: Snapshot, notes: list[str]) -> tuple[int, list[Array], Recorded]:
-    """Set a kernel and its output to a snapshot; return the output's cursor, and events and record so far."""
+def _restore(kernel: Kernel, out: Record, saved: Snapshot, notes: list[str]) -> tuple[list[Array], Recorded]:
+    """Set a kernel and its record to a snapshot; return the events so far, and the points recorded at every step."""
     _fill(kernel.state, saved["state"])
     _fill(kernel.trail, saved["trail"])
     for name, value in saved["place"].items():
@@ -315,7 +307,8 @@ def _restore(kernel: Kernel, out: Output, saved: Snapshot, notes: list[str]) -> 
         setattr(kernel.bands.counters, name, value)
     notes[:] = saved["notes"]
     out.watch[:] = saved.get("watch", out.watch)
-    return cursor, [saved["log"]] if saved["log"].size else [], Recorded(saved["recorded"])
+    out.cursor[:] = cursor
+    return [saved["log"]] if saved["log"].size else [], Recorded(saved["recorded"])
 
 
 def _fill(target: Any, saved: Any) -> None:

@@ -27,10 +27,12 @@ class Tap(NamedTuple):
     filled: IntArray
 
 
-def tap(probes: ProbeRows | None, order: IntArray) -> Tap:
-    """Return a tap for unknowns taken in the given order; None stands for no points."""
-    n, room = (0, 0) if probes is None else (len(probes.names), MOST_STEPS + 2)
-    rows = compressed(None if probes is None else probes.rows, order)
+def tap(probes: ProbeRows | None, order: IntArray) -> Tap | None:
+    """Return a tap for unknowns taken in the given order, or None where there are no points."""
+    if probes is None:
+        return None
+    n, room = len(probes.names), MOST_STEPS + 2
+    rows = compressed(probes.rows, order)
     return Tap(rows, np.empty(room), np.empty((3, n, room)), np.zeros(1, dtype=np.int64))
 
 
@@ -52,8 +54,10 @@ class Recorded:
     def __init__(self, pieces: tuple[Array, ...] = ()) -> None:
         self._pieces = list(pieces)
 
-    def drain(self, tap: Tap) -> None:
+    def drain(self, tap: Tap | None) -> None:
         """Take over what a tap holds, as rows of time, q, v and a."""
+        if tap is None:
+            return
         k = int(tap.filled[0])
         if k:
             self._pieces.append(np.vstack([tap.times[None, :k], *tap.motion[:, :, :k]]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,18 +13,15 @@ from vofem.integrators.stepping.checks import check_times, watch
 from vofem.integrators.stepping.energies import kinetic_energy
 from vofem.integrators.stepping.march import Banded, chunk, tally
 from vofem.integrators.stepping.probes import tap
-from vofem.integrators.stepping.record import Output, Trail, leave, output, trail
-from vofem.laws import SpringpotLaws, initial_status
+from vofem.integrators.stepping.record import LastStep, Record, last_step, leave, record_of
+from vofem.laws import initial_status
 from vofem.laws.callbacks import callbacks_of
 from vofem.laws.evaluate import loaded
-from vofem.laws.rows import all_rows, compressed
-from vofem.laws.springpot import NO_HISTORY, NO_PACE, NO_SPRINGPOTS, Pace, Springpots
-from vofem.laws.table import build_laws
+from vofem.laws.group import StepPast
+from vofem.laws.rows import Rows, all_rows, compressed
+from vofem.laws.table import Laws, build_laws
 from vofem.linalg.banded import to_band
 from vofem.system import Counters, State, System
-
-if TYPE_CHECKING:
-    from vofem.integrators.stepping.history import Springpotted
 
 Array = NDArray[np.float64]
 
@@ -35,6 +32,14 @@ class Matrices(NamedTuple):
     mass: Array
     stiffness: Array
     damping: Array
+
+
+class Equations(NamedTuple):
+    """What compiled loops need of a system: M, K and C in band storage, and the laws with their rows."""
+
+    matrices: Matrices
+    rows: Rows
+    laws: Laws
 
 
 class Setting:
@@ -54,12 +59,16 @@ class Setting:
         The current state; changed in place.
     u, status : ndarray, shape (n_laws,), (n_contacts,)
         Coordinates of the laws and status of the contacts at t = 0.
+    trail : LastStep
+    past : StepPast, optional
+        Of laws whose force over a step depends on earlier steps, such as springpots.
     """
 
     place: tuple[str, ...] = ()
     dt: float | None = None
-    trail: Trail
+    trail: LastStep
     state: Any
+    past: StepPast | None = None
 
     def __init__(self, system: System, start: State, counters: Counters, t_end: float) -> None:
         self.start, self.damping = start, damping_matrix(system, counters)
@@ -76,51 +85,60 @@ class Setting:
         self.status = np.empty(0, dtype=np.int64)
         if system.contacts is not None:
             self.status = initial_status(system.contacts, start.q, start.v)
-        self.history = NO_HISTORY
-        self.springpotted: Springpotted | None = None
+        self.equations = Equations(self.matrices, self.rows, self.laws)
 
     def begin_trail(self, acceleration: Array) -> None:
         """Set `trail` to the start, with an acceleration in band order."""
         order = self.bands.order
-        self.trail = trail(order.size, self.laws.state)
+        self.trail = last_step(order.size, self.laws.state)
         leave(self.trail, self.start.q[order], self.start.v[order], acceleration)
 
-    # -- springpots -------------------------------------------------------------------------------
+    # -- laws whose force depends on earlier steps ------------------------------------------------
 
-    def keep_history(self, shortest: float, t_end: float) -> None:
-        """Set up the internal variables of springpots for steps of at least `shortest` s, up to `t_end` s."""
-        if self.bands.system.group(SpringpotLaws) is None:
-            return
-        from vofem.integrators.stepping.history import Springpotted
+    @property
+    def history(self) -> Any:
+        """Internal variables of the laws whose force over a step depends on earlier steps, part of a checkpoint."""
+        return None if self.past is None else self.past.state
 
-        self.springpotted = Springpotted(self.bands.system, shortest, t_end, self.bands.counters)
-        self.history = self.springpotted.begin(self.start)
-        self.place = (*self.place, "history")
+    @history.setter
+    def history(self, saved: Any) -> None:
+        assert self.past is not None
+        for mine, other in zip(self.past.state, saved, strict=True):
+            mine[...] = other
 
-    def springpots(self, times: Array) -> Springpots:
-        """Return the springpots at the orders of some times in s."""
-        return NO_SPRINGPOTS if self.springpotted is None else self.springpotted.at(times)
+    def keep_past(self, shortest: float, t_end: float) -> None:
+        """Set up the internal variables of these laws for steps of at least `shortest` s, up to `t_end` s."""
+        system, counters = self.bands.system, self.bands.counters
+        for group in system.laws:
+            past = group.past_in_steps(system.first_of(group), shortest, t_end)
+            if past is not None:
+                # A rough run before the run itself takes fewer.
+                counters.history_terms = max(counters.history_terms, past.terms)
+                past.begin(self.start)
+                self.past, self.place = past, (*self.place, "history")
+
+    def over(self, dt: float, times: Array) -> Any:
+        """Return what compiled loops need of these laws for steps of a size, given a time within each; or None."""
+        return None if self.past is None else self.past.over(dt, times)
 
     def most_steps(self, count: int) -> int:
-        """Return the number of steps, at most `count`, for which weights of springpots are computed together."""
-        return count if self.springpotted is None else self.springpotted.most_steps(count)
-
-    def pace(self, dt: float) -> Pace:
-        """Return the update of the internal variables of springpots over a step of a size in s."""
-        return NO_PACE if self.springpotted is None else self.springpotted.pace(dt)
+        """Return the number of steps, at most `count`, for which `over` is called once."""
+        return count if self.past is None else self.past.most_steps(count)
 
     # -- records and checks -----------------------------------------------------------------------
 
-    def output(self, times: Array, probes: ProbeRows | None, t_end: float | None = None) -> Output:
+    def record(self, times: Array, probes: ProbeRows | None, t_end: float | None = None) -> Record:
         """Return an empty record of the run at some times, and of points at every step.
 
         Where the end of the run in s is given, the record also holds what the checks of the run need.
         """
-        system, looks = self.bands.system, None
+        system, checks = self.bands.system, None
         if t_end is not None:
-            looks = check_times(t_end, self.dt, system.size), watch(system.contacts)
+            checks = check_times(t_end, self.dt, system.size), watch(system.contacts)
         points = tap(probes, self.bands.order)
-        return output(times, system.size, points, system.histories, self.laws.state.size, looks)
+        return record_of(
+            times, system.size, self.status.size, points, system.histories, self.laws.state.size, checks
+        )  # fmt: skip
 
     def kinetic(self, samples: Samples) -> Array:
         """Return the kinetic energy at the stored times, J."""
@@ -134,6 +152,8 @@ class Setting:
     def count(self, steps: int, evaluations: int, solves: int = 0) -> None:
         """Set the counters of steps and of evaluations of laws, and add contact solves."""
         tally(self.bands, self.laws, self.callbacks, steps, evaluations)
+        if self.past is not None:
+            self.bands.counters.history_updates = self.past.count * evaluations
         self.bands.counters.contact_solves += solves
 
     def nodal_loads(self, first: int, count: int, dt: float) -> Array:
@@ -159,8 +179,7 @@ class EqualSteps(Setting):
     def plan(self, dt: float, steps: int) -> None:
         """Set the step size in s and the number of steps."""
         self.dt, self.steps, self.done = dt, steps, 0
-        self.keep_history(dt, (steps + self.lag) * dt)
-        self.step_pace = self.pace(dt)
+        self.keep_past(dt, (steps + self.lag) * dt)
 
     @property
     def finished(self) -> bool:
@@ -171,8 +190,8 @@ class EqualSteps(Setting):
         """Return the time of the state in `trail`, s."""
         return max(self.done - self.lag, 0) * self.dt
 
-    def next_chunk(self) -> tuple[int, int, Springpots]:
-        """Return the next step, the number of steps in the next chunk, and the springpots in them."""
+    def next_chunk(self) -> tuple[int, int, Any]:
+        """Return the next step, the number of steps in the next chunk, and what `over` returns for them."""
         first = self.done
         count = min(self.most_steps(chunk(self.bands.system.size)), self.steps + self.lag - first)
-        return first, count, self.springpots((np.arange(first, first + count, dtype=float) + 0.5) * self.dt)
+        return first, count, self.over(self.dt, (np.arange(first, first + count, dtype=float) + 0.5) * self.dt)

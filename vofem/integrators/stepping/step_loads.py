@@ -277,6 +277,20 @@ def joined(parts: Array) -> Array:
     return whole
 
 
+def of_halves(parts: Array) -> tuple[Array, Array]:
+    """Return the moments over a step and both halves, (3, n_loads, 3), and `swing` over the halves, (2, n_loads).
+
+    `parts`, shape (3, n_loads, PARTS), are the moments over equal parts of the step.
+    """
+    cut = parts.shape[2] // 2
+    moments, swings = np.empty((3, parts.shape[1], 3)), np.empty((2, parts.shape[1]))
+    moments[:, :, 0] = joined(parts)
+    for k, part in enumerate((parts[:, :, :cut], parts[:, :, cut:])):
+        moments[:, :, k + 1] = joined(part)
+        swings[k] = swing(part, moments[0, :, k + 1], moments[1, :, k + 1])
+    return moments, swings
+
+
 def swing(parts: Array, m0: Array, m1: Array) -> Array:
     """Return the displacement of a unit mass, over the step squared, by loads from which mean and trend are removed.
 

@@ -92,7 +92,7 @@ def animate(
     subject : Result, PeriodicOrbit or Modes, or mapping of titles to Results or PeriodicOrbits
         Several are shown at the same times, side views and histories one below the other.
     path : path of a .webp, .gif or .mp4
-        mp4 needs the package imageio-ffmpeg. WebP files are smaller than GIF files, and browsers show both.
+        mp4 needs the extra ``vofem[movie]``. WebP files are smaller than GIF files, and browsers show both.
     view : str
         "side"; "history", the displacement of a point over time; or "phase", its velocity over its displacement.
     point : point, optional

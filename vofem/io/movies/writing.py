@@ -144,5 +144,5 @@ def _ffmpeg() -> Any:
     except ImportError as error:
         raise MissingPackageError(
             f"animate: mp4 needs the package imageio-ffmpeg, which cannot be imported ({error}); install it with "
-            "python -m pip install imageio-ffmpeg, or choose a path that ends in .webp or .gif"
+            "python -m pip install 'vofem[movie]', or choose a path that ends in .webp or .gif"
         ) from error

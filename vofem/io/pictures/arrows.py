@@ -27,8 +27,13 @@ def add_loads(drawing: Drawing, view: Snapshot, layout: Layout) -> None:
     for push in view.pushes:
         if push.kind == "weight":
             _weight(drawing, layout, push)
+        elif push.largest > 0.0 and push.kind == "moment":
+            _moment(drawing, layout, push)
         elif push.largest > 0.0:
-            (_moment if push.kind == "moment" else _forces)(drawing, layout, push)
+            bodies = {point.body for point in push.points}
+            above = [k for k in view.links if (k.a.body in bodies and k.side == "above") or k.b is not None]
+            taken = [_face(layout, p, 1.0)[0] for k in above for p in (k.a, k.b) if p is not None and p.body in bodies]
+            _forces(drawing, layout, push, taken)
 
 
 def add_contact_forces(drawing: Drawing, view: Snapshot, layout: Layout) -> None:
@@ -72,13 +77,15 @@ def _face(layout: Layout, point: Point, side: float) -> tuple[float, float]:
     return x + eta * direction[0], lane.axis + eta * direction[1] + side * depth
 
 
-def _forces(drawing: Drawing, layout: Layout, push: Push) -> None:
+def _forces(drawing: Drawing, layout: Layout, push: Push, taken: list[float]) -> None:
     """Add arrows on the upper face: they end there where they press, and begin there where they lift."""
     unit = layout.unit
     tops = []
     for point, value in zip(push.points, push.values, strict=True):
         size = _LONG * unit * abs(float(value)) / push.largest
         x, y = _face(layout, point, 1.0)
+        # Beside what stands on the same place from above.
+        x -= 34.0 * unit if any(abs(other - x) < 30.0 * unit for other in taken) else 0.0
         if not moves_across(point.body):
             way = np.sign(value) * size
             start, end = (x, y + 14.0 * unit), (x + way, y + 14.0 * unit)

@@ -166,7 +166,7 @@ class Entry:
     # -- writing ----------------------------------------------------------------------------------
 
     def write(self, made: Any, place: Place) -> dict[str, Any]:
-        """Return the table of an object without default values; report values that have no form in TOML."""
+        """Return the table of an object without default values; report values that a scene file cannot hold."""
         table: dict[str, Any] = {}
         try:
             values = self.values(made)

@@ -16,7 +16,7 @@ from vofem.io.scenes.place import INVALID, Book, Invalid, Place
 
 
 class Unwritable(Exception):  # noqa: N818 - never leaves this package
-    """A value has no form in TOML; the message says why."""
+    """A value cannot be written to a scene file; the message says why."""
 
 
 class Kind(Protocol):

@@ -156,7 +156,7 @@ class OneOf:
         for entry in self.entries.values():
             if type(value) is entry.made:
                 return {entry.name: entry.write_inside(value, book)}
-        raise Unwritable(f"{value!r} has no form in TOML; expected {self.expected}")
+        raise Unwritable(f"{value!r} cannot be written to a scene file; expected {self.expected}")
 
 
 @dataclass(frozen=True)
@@ -212,7 +212,7 @@ class FunctionOfTime:
             return float(function.value)  # type: ignore[attr-defined]
         if isinstance(function, (Approximated, Arbitrary)):
             raise Unwritable(
-                f"{function!r} is a callable, which has no form in TOML; use one of {self.functions.names()}"
+                f"{function!r} is a callable, which a scene file cannot hold; use one of {self.functions.names()}"
             )
         return self.functions.write(function, book)
 
@@ -264,5 +264,5 @@ class Coefficient:
         if isinstance(value, (list, np.ndarray)) and np.ndim(value) == 1:
             return [float(part) for part in np.asarray(value).tolist()]
         if callable(value) and type(value) not in (entry.made for entry in self.simple.other.entries.values()):
-            raise Unwritable(f"{value!r} is a callable, which has no form in TOML; use vofem.Polynomial")
+            raise Unwritable(f"{value!r} is a callable, which a scene file cannot hold; use vofem.Polynomial")
         return self.simple.write(value, book)

@@ -35,7 +35,7 @@ def scene_to_toml(
     Raises
     ------
     SceneFileError
-        If something has no form in TOML: callables, and initial states that are
+        If a scene file cannot hold something: callables, and initial states that are
         outcomes. All of it is listed.
     """
     as_scene("scene_to_toml", scene)
@@ -61,7 +61,7 @@ def _tables(things: tuple[Any, ...], entries: Mapping[str, Entry], root: Place) 
         if entry is None:
             kind = "bodies" if entries is BODIES else "effects"
             root.key(kind).index(k).report(
-                f"{type(thing).__name__} has no form in a scene file; build this scene in Python"
+                f"{type(thing).__name__} cannot be written to a scene file; build this scene in Python"
             )
             continue
         place = root.key(entry.name).index(counts.get(entry.name, 0))
@@ -74,13 +74,13 @@ def _initial(initial: Any, place: Place) -> list[str]:
     if initial is None:
         return []
     if not isinstance(initial, Mapping):
-        place.report(f"{_kind(initial)} has no form in a scene file; give displacements and velocities")
+        place.report(f"{_kind(initial)} cannot be written to a scene file; give displacements and velocities")
         return []
     blocks = []
     for body, state in initial.items():
         here = place.key(body.name)
         if hasattr(state, "state_of"):
-            here.report(f"{_kind(state)} has no form in a scene file; give displacements and velocities")
+            here.report(f"{_kind(state)} cannot be written to a scene file; give displacements and velocities")
             continue
         table = {}
         for name, value in zip(INITIAL, state, strict=True):

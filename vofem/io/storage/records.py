@@ -91,10 +91,10 @@ class Encoder:
         if isinstance(value, (StoredBody, StoredPoint)):
             return None
         if isinstance(value, (Beam, Mass)):
-            # What stands for it would have no fields, which results of beams offer.
+            # The substitute of such a body would have no fields along the axis, which results of beams offer.
             raise ArgumentError(
                 f"{value!r} is of a class derived from Beam or Mass, so it is no Beam and no Mass that could be made "
-                "again, and has no form in a file; derive from vofem.bodies.BaseBody instead"
+                "again, and a file cannot hold it; derive from vofem.bodies.BaseBody instead"
             )
         if isinstance(value, Body) and not isinstance(value, type):
             return "plain", StoredBody.of(value)

@@ -19,7 +19,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from vofem._validate import array
+from vofem._validate import array, number
 from vofem._version import __version__
 from vofem.errors import ArgumentError, SceneFileError, StorageError
 from vofem.files.hdf5 import reading, writing
@@ -40,12 +40,20 @@ SUFFIXES = (".vtkhdf", ".h5", ".hdf")
 FORMAT = 1
 
 
-def save(result: Result, path: str | os.PathLike[str], *, overwrite: bool = False, frames: Any = None) -> Path:
+def save(
+    result: Result,
+    path: str | os.PathLike[str],
+    *,
+    overwrite: bool = False,
+    frames: Any = None,
+    magnification: float = 1.0,
+) -> Path:
     """Write a run to one file; see `vofem.Result.save`."""
     if not isinstance(result, Result):
         raise ArgumentError(f"save: expected the Result of vofem.simulate, found {result!r}")
     goal = target(path, SUFFIXES)
     times = _frames(result, frames)
+    magnification = number("save: magnification", magnification, positive=True)
     with writing(goal, overwrite=overwrite) as blocks:
         file = blocks.file
         # All is written into groups that keep the order of their names, as netCDF wants it.
@@ -65,7 +73,7 @@ def save(result: Result, path: str | os.PathLike[str], *, overwrite: bool = Fals
         if has_segments(result):
             write_segments(blocks, own.create_group("segments"), result.solution)
         write_history(blocks, file.create_group("history", track_order=True), result)
-        write_fields(blocks, file.create_group("VTKHDF"), result, times)
+        write_fields(blocks, file.create_group("VTKHDF"), result, times, magnification)
     return goal
 
 

@@ -41,7 +41,12 @@ def solution_record(solution: Solution) -> dict[str, Any]:
         lifted = {name: getattr(solution, name) for name in kept}
         return {"kind": "truncated", "reduced": solution_record(solution.reduced), **lifted}
     if not isinstance(solution, EventSolution):
-        raise ArgumentError(f"a run that ends in a {type(solution).__name__} cannot be saved")
+        raise ArgumentError(
+            f"save: this result holds a {type(solution).__name__}, for which files of runs have no place; expected the "
+            "result of vofem.simulate, or of an orbit by shooting. An orbit by harmonic balance is saved with its "
+            "branch, vofem.continuation(...).save('branch.h5'), or as a run that starts from it: "
+            "vofem.simulate(scene, orbit.period, initial=orbit).save(...)"
+        )
     names = ("system", "space", "t_end", "counters", "notes")
     record = {"kind": "event_driven", **{name: getattr(solution, name) for name in names}}
     # Growth that nobody has asked for is computed when somebody does.

@@ -46,7 +46,7 @@ def write_tree(group: h5py.Group, value: Any, encode: Encode = lambda value: Non
     Raises
     ------
     ArgumentError
-        If something has no form in a file; the message names its path.
+        If a file cannot hold something; the message names its path.
     """
     write_text(group, "tree", json.dumps(_Writer(group, encode).node(value, "")))
 
@@ -134,7 +134,7 @@ class _Writer:
                 name: self._array(getattr(value, name), f"{path}.{name}") for name in ("data", "indices", "indptr")
             }
             return {"sparse": type(value).__name__, "shape": [int(n) for n in value.shape], "parts": parts}
-        raise ArgumentError(f"{path.removeprefix('.') or 'this'} is {value!r}, which has no form in a file")
+        raise ArgumentError(f"{path.removeprefix('.') or 'this'} is {value!r}, which a file cannot hold")
 
     def _array(self, array: NDArray, path: str) -> str:
         if array.dtype.kind not in "biufc":
@@ -209,6 +209,10 @@ _MOVED = {
     "vofem.system:NonlinearLaws": "vofem.laws.smooth:SmoothLaws",
     "vofem.system:MemoryLaws": "vofem.laws.hysteretic:HystereticLaws",
     "vofem.system:SpringpotLaws": "vofem.laws.springpot:SpringpotLaws",
+    "vofem.integrators.stepping.record:Trail": "vofem.integrators.stepping.record:LastStep",
+    "vofem.laws.springpot:History": "vofem.laws.springpot_steps:SpringpotState",
+    "vofem.integrators.generalized_alpha:_State": "vofem.integrators.generalized_alpha.step:State",
+    "vofem.integrators.central_difference:_State": "vofem.integrators.central_difference.step:State",
 }
 
 

@@ -34,7 +34,7 @@ def frame_times(times: Array, most: int = _MOST_FRAMES) -> Array:
     return distinct[np.round(np.linspace(0, distinct.size - 1, most)).astype(int)]
 
 
-def write_fields(blocks: Blocks, group: h5py.Group, result: Result, times: Array) -> None:
+def write_fields(blocks: Blocks, group: h5py.Group, result: Result, times: Array, magnification: float = 1.0) -> None:
     """Write geometry and fields, as `vofem.io.vtk.write_series` does, at some times.
 
     Parameters
@@ -43,11 +43,14 @@ def write_fields(blocks: Blocks, group: h5py.Group, result: Result, times: Array
         The empty group ``VTKHDF``.
     times : ndarray, shape (n_frames,)
         In s, increasing.
+    magnification : float
+        By which gaps are drawn larger.
     """
-    grid = Grid(result, place(result.scene, 1.0), _POINTS_PER_ELEMENT)
+    grid = Grid(result, place(result.scene, magnification), _POINTS_PER_ELEMENT)
     # VTK wants a string of fixed length in ASCII.
     group.attrs.create("Type", b"UnstructuredGrid", dtype="S16")
     group.attrs["Version"] = np.array([2, 0], dtype=np.int64)
+    group.attrs["magnification"] = magnification
     _geometry(group, grid)
     steps = group.create_group("Steps")
     steps.attrs["NSteps"] = np.int64(times.size)

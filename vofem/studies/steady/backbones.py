@@ -23,6 +23,7 @@ from vofem.integrators.event_driven.flow import Start, flow, modes_of
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.laws import CLOSED, OPEN, ContactLaws
 from vofem.scene import Scene, as_scene
+from vofem.studies.steady.arclength import until_positive
 from vofem.studies.steady.branch import Branch, BranchCounters, Orbits
 from vofem.studies.steady.counters import Work
 from vofem.studies.steady.newton import direction
@@ -258,16 +259,33 @@ class _Search:
             except ConvergenceError as error:
                 step *= 0.3
                 if step < _LEAST:
-                    raise ConvergenceError(
-                        f"backbone: followed up to a level of {np.exp(here):.9g}, and not to {level:.9g}: {error}. "
-                        "Where the backbone turns in energy, as at an internal resonance, it cannot be given at every "
-                        "energy"
-                    ) from error
+                    return self._past_turns(now, before, kind, level, error)
                 continue
             before, now, here = (here, now.y), found, ahead
             if ahead == goal:
                 return now
             step = min(1.6 * step, _LARGEST)
+
+    def _past_turns(
+        self, now: _Rest, before: tuple[float, Array] | None, kind: _Level, level: float, error: ConvergenceError
+    ) -> _Rest:
+        """Return the oscillation at a level beyond a place where the backbone turns in its level, by arclength."""
+
+        def level_of(y: Array) -> float:
+            return kind.of(self.system, self.space, y[:-1])[0] / level - 1.0
+
+        towards = now.y - before[1] if before is not None else now.y * np.append(np.ones(self.space.size), 0.0)
+        try:
+            first, last = until_positive(self.speeds, level_of, now.y, towards)
+            a, b = level_of(first), level_of(last)
+            guess = first + (last - first) * a / (a - b)
+            return self.solved(_Rest(guess[:-1], float(guess[-1])), kind, level)
+        except ConvergenceError as lost:
+            here = kind.of(self.system, self.space, now.z)[0]
+            raise ConvergenceError(
+                f"backbone: followed up to a level of {here:.9g}, and not to {level:.9g}: {error}. Beyond that level, "
+                f"where the backbone may turn: {lost}. Ask for lower energies or amplitudes"
+            ) from lost
 
     def solved(self, guess: _Rest, kind: _Level, level: float) -> _Rest:
         """Return the oscillation at a level near a guess."""
@@ -276,15 +294,9 @@ class _Search:
         for _ in range(_STEPS):
             if not np.all(np.isfinite(y)) or y[-1] <= 0.0:
                 break
-            begin = np.zeros((2 * n, n))
-            begin[:n] = np.eye(n)
-            one = flow(
-                self.system, Start(0.0, y[:n], np.zeros(n)), float(y[-1]), derivative=begin, counters=self.work.runs
-            )
-            self.work.flows += 1
+            speeds, slopes = self.speeds(y)
             value, slope = kind.of(self.system, self.space, y[:n])
-            _, speed = one.sizes
-            residual = np.append(one.velocity / speed, value / level - 1.0)
+            residual = np.append(speeds, value / level - 1.0)
             error = float(np.max(np.abs(residual)))
             if error < best:
                 best, kept = error, y
@@ -292,15 +304,35 @@ class _Search:
                 break
             if error <= _TOLERANCE:
                 break
-            assert one.monodromy is not None
             matrix = np.zeros((n + 1, n + 1))
-            matrix[:n, :n] = one.monodromy[n:] / speed
-            matrix[:n, n] = one.rate(at_start=False)[n:] / speed
+            matrix[:n] = slopes
             matrix[n, :n] = slope / level
             y = y - direction(matrix, residual)
         if best > _ROUNDING:
             raise ConvergenceError(f"Newton's method left a residual of {best:.2e}")
         return _Rest(kept[:n], float(kept[-1]))
+
+    def speeds(self, y: Array) -> tuple[Array, Array]:
+        """Return the modal velocities after half a period over the speed of the motion, and their derivative.
+
+        Parameters
+        ----------
+        y : ndarray, shape (n + 1,)
+            Modal displacement at rest, and half the period in s.
+
+        Returns
+        -------
+        ndarray, shape (n,), and ndarray, shape (n, n + 1)
+        """
+        n = self.space.size
+        begin = np.zeros((2 * n, n))
+        begin[:n] = np.eye(n)
+        one = flow(self.system, Start(0.0, y[:n], np.zeros(n)), float(y[-1]), derivative=begin, counters=self.work.runs)
+        self.work.flows += 1
+        assert one.monodromy is not None
+        _, speed = one.sizes
+        slopes = np.concatenate([one.monodromy[n:], one.rate(at_start=False)[n:, None]], axis=1) / speed
+        return one.velocity / speed, slopes
 
     def orbit(self, scene: Scene, rest: _Rest) -> PeriodicOrbit:
         """Return the orbit of an oscillation, from rest at the side that is farther from the stops."""

@@ -48,9 +48,9 @@ def between(family: Family, step: Step, share: float) -> tuple[Array, Any, Array
     secant = end - start
     length = float(np.linalg.norm(secant))
     # Hermite's cubic through both points with their tangents.
-    one = first.tangent / max(first.tangent @ secant / length, 0.1)
+    one = first.tangent / max(float(first.tangent @ secant) / length, 0.1)
     two = last.tangent * last.scales / scales
-    two = two / max(two @ secant / length, 0.1)
+    two = two / max(float(two @ secant) / length, 0.1)
     t = share
     guess = (
         (2 * t**3 - 3 * t**2 + 1) * start

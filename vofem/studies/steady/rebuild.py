@@ -11,7 +11,9 @@ from vofem.assembly import Model
 from vofem.bodies import Beam, BeamPoint, Mass
 from vofem.bodies.base import Body
 from vofem.effects import BaseMotion, Contact, DistributedLoad, PointLoad, PointMoment
+from vofem.integrators.event_driven.flow import share_modes
 from vofem.scene import Scene
+from vofem.studies.steady.shooting import MOST_UNKNOWNS
 from vofem.system import Load
 from vofem.time_functions import TimeFunction
 
@@ -55,6 +57,26 @@ def recompiled(scene: Scene, earlier: Scene) -> Scene:
             return scene
     model = _with_functions(earlier.model, scene, earlier, partners)
     return scene if model is None else scene.compiled_as(model)
+
+
+def like_guess(scene: Scene, guess: Any) -> Scene:
+    """Return a scene that uses what is known of the scene of a guess, as far as both are equal: assembly and modes.
+
+    Parameters
+    ----------
+    scene : Scene
+    guess : object
+        A `Result`, a `PeriodicOrbit`; anything else has nothing to share.
+    """
+    known = getattr(guess, "scene", None)
+    if not isinstance(known, Scene) or known is scene or not known.assembled:
+        return scene
+    if not scene.assembled:
+        scene = recompiled(scene, known)
+    system, earlier = scene.model.system, known.model.system
+    if system.size == earlier.size <= MOST_UNKNOWNS:
+        share_modes(system, earlier)
+    return scene
 
 
 def _same_body(new: Body, old: Body) -> bool:

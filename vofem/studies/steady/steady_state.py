@@ -13,6 +13,7 @@ from vofem.studies.steady.methods import METHODS, chosen, problem_of
 from vofem.studies.steady.newton import Solved, solved
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.problem import OrbitProblem
+from vofem.studies.steady.rebuild import like_guess
 from vofem.studies.steady.settle import from_rest
 from vofem.studies.steady.shooting import Shooting
 
@@ -67,6 +68,7 @@ def periodic(
     as_scene("periodic", scene)
     choice("periodic: method", method, METHODS)
     periods = whole("periodic: periods", periods)
+    scene = like_guess(scene, guess)
     method = chosen(scene, method, harmonics)
     problem = problem_of("periodic", scene, method, periods, period=period, harmonics=harmonics)
     found, notes = first_orbit("periodic", problem, guess)

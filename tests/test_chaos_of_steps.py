@@ -1,0 +1,91 @@
+"""Whether runs in time steps are chaotic: a second run from a start nearby tells, and regular runs raise no alarm."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+import vofem as vf
+from vofem.integrators.stepping import nearby
+
+STEPS = {"energy_conserving": 0.02, "generalized_alpha": 0.02, "central_difference": 0.02}
+
+
+def between_stops(omega, load=0.7, damping=0.02):
+    """A driven oscillator between two stops: chaotic at 1.1 rad/s, regular at 1.5 and 2 rad/s."""
+    mass = vf.Mass(1.0, stiffness=1.0, damping=damping, name="mass")
+    stops = [
+        vf.Contact(mass, gap=0.3, stiffness=100.0, side=side, acts_on="penetration", name=side)
+        for side in ("above", "below")
+    ]
+    return vf.Scene([mass], [*stops, vf.PointLoad(mass, vf.Sine(load, omega))], {mass: (0.0, 0.0 if load else 1.0)})
+
+
+def chaos(scene, t_end, method, **more):
+    result = vf.simulate(scene, t_end, method=method, dt=STEPS[method], times=[0.0, t_end], **more)
+    return [note for note in result.notes if note.startswith("chaos")]
+
+
+@pytest.mark.parametrize("method", STEPS)
+def test_a_chaotic_run_says_so(method):
+    """The rate is that of the perturbation that event_driven carries along."""
+    scene = between_stops(1.1)
+    (note,) = chaos(scene, 100.0, method)
+    tenfold = float(re.search(r"tenfold in some ([\d.e+-]+) s", note)[1])
+    growth = vf.simulate(scene, 100.0, method="event_driven", times=[0.0, 100.0]).sensitivity.growth[-1]
+    assert growth > 5.0
+    assert 0.6 < tenfold * growth / 100.0 < 1.6
+
+
+@pytest.mark.parametrize("method", STEPS)
+@pytest.mark.parametrize("omega", [1.5, 2.0])
+def test_a_regular_run_raises_no_alarm(method, omega):
+    assert chaos(between_stops(omega), 100.0, method) == []
+
+
+@pytest.mark.parametrize("method", STEPS)
+def test_runs_that_part_in_proportion_to_time_are_regular(method):
+    """Without load and damping the frequency depends on the amplitude: nearby runs part, but slowly."""
+    assert chaos(between_stops(1.0, load=0.0, damping=0.0), 200.0, method) == []
+
+
+def test_growth_is_judged_by_its_speed():
+    times = np.linspace(0.0, 100.0, 2001)
+    (note,) = nearby._judge(times, 1e-9 * 10.0 ** (times / 5.0))
+    assert "tenfold in some 5 s" in note
+    assert nearby._judge(times, 1e-9 * 10.0 ** (times / 20.0)) == []
+    assert nearby._judge(times, 1e-9 * (1.0 + 1e5 * times)) == []
+
+
+def test_the_second_run_is_made_where_it_is_wanted(monkeypatch):
+    made = []
+    monkeypatch.setattr(nearby, "_second", lambda kernel, times: made.append(kernel))
+    scene = between_stops(2.0)
+    quiet = vf.Scene([vf.Mass(1.0, 1.0)], [])
+    chaos(scene, 20.0, "energy_conserving", nearby=False)
+    chaos(scene, 0.5, "energy_conserving")
+    vf.simulate(quiet, 1.0, method="energy_conserving", dt=0.02)
+    assert made == []
+    chaos(scene, 20.0, "energy_conserving")
+    chaos(scene, 0.5, "energy_conserving", nearby=True)
+    assert len(made) == 2
+    monkeypatch.setattr(nearby, "_SECONDS", 0.0)
+    chaos(scene, 20.0, "energy_conserving")
+    assert len(made) == 2
+
+
+def test_the_run_itself_is_the_same():
+    runs = [
+        vf.simulate(between_stops(1.1), 20.0, method="energy_conserving", dt=0.02, nearby=wanted)
+        for wanted in (True, False)
+    ]
+    assert np.array_equal(runs[0].samples.q, runs[1].samples.q)
+    assert vars(runs[0].counters) == vars(runs[1].counters)
+
+
+@pytest.mark.parametrize("method", STEPS)
+def test_a_misspelt_wish_is_refused(method):
+    with pytest.raises(vf.ArgumentError, match="nearby is 'yes', expected True or False"):
+        chaos(between_stops(1.1), 1.0, method, nearby="yes")

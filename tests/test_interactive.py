@@ -1,0 +1,110 @@
+"""The window with a slider, and all frames of a run as meshes of pyvista."""
+
+import numpy as np
+import pytest
+
+import vofem as vf
+from vofem.io import show, vtk
+from vofem.io.interactive import plotter_of
+from vofem.io.probe import prepare_environment
+
+
+@pytest.fixture(scope="module")
+def run():
+    prepare_environment()
+    beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=4, supports={"left": "clamped"}, name="beam")
+    stop = vf.Contact(beam.at(1.0), gap=0.02, stiffness=2e3, side="below", acts_on="penetration", name="stop")
+    scene = vf.Scene([beam], [stop, vf.PointLoad(beam.at(1.0), vf.Sine(-0.2, 3.0))])
+    return beam, vf.simulate(scene, 3.0, times=np.linspace(0.0, 3.0, 13))
+
+
+def test_the_slider_moves_the_mesh(run):
+    beam, result = run
+    plotter, _ = plotter_of(result, magnification=2.0, off_screen=True)
+    try:
+        (slider,) = getattr(plotter, "widgets", plotter).slider_widgets
+        representation = slider.GetRepresentation()
+        assert (representation.GetMinimumValue(), representation.GetMaximumValue()) == (0.0, 3.0)
+        assert representation.GetTitleText() == "time [s]"
+        bodies = next(actor.mapper.dataset for actor in plotter.actors.values() if hasattr(actor, "mapper")
+                      and "kind" in getattr(actor.mapper.dataset, "cell_data", {}))  # fmt: skip
+        before = np.array(bodies.points)
+        # As a hand does it: the value changes, and the widget says so.
+        representation.SetValue(1.5)
+        slider.InvokeEvent("InteractionEvent")
+        after = np.array(bodies.points)
+        tip = int(np.nanargmax(bodies.point_data["x"]))
+        expected = 2.0 * result.displacement(beam.at(1.0), [1.5])[0]
+        assert after[tip, 1] - before[tip, 1] == pytest.approx(expected, rel=1e-9)
+        assert abs(expected) > 0.01
+        picture = plotter.screenshot(None, return_img=True)
+        assert picture.std() > 5.0
+    finally:
+        plotter.close()
+
+
+def test_orbits_and_masses_are_shown_too():
+    mass = vf.Mass(1.0, stiffness=1.0, damping=0.1, name="mass")
+    stop = vf.Contact(mass, gap=0.5, stiffness=8.0, side="above", acts_on="penetration", name="stop")
+    orbit = vf.periodic(vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(1.0, 1.0))]))
+    plotter, move = plotter_of(orbit, off_screen=True)
+    move(0.5 * orbit.period)
+    plotter.close()
+
+
+def test_wrong_arguments_and_no_display_are_named(run, monkeypatch):
+    _, result = run
+    with pytest.raises(vf.ArgumentError, match="subject is 3"):
+        plotter_of(3, off_screen=True)
+    with pytest.raises(vf.ArgumentError, match="scalars is 'stress', expected one of"):
+        plotter_of(result, scalars="stress", off_screen=True)
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with pytest.raises(vf.OutputError, match="no display"):
+        show(result)
+
+
+def test_all_frames_of_a_run_its_file_and_its_series_are_the_same(run, tmp_path):
+    beam, result = run
+    result.save(tmp_path / "run.vtkhdf", magnification=3.0)
+    vtk.write_series(result, tmp_path / "run.pvd", magnification=3.0)
+    found = [
+        vtk.frames(result, magnification=3.0),
+        vtk.frames(tmp_path / "run.vtkhdf"),
+        vtk.frames(tmp_path / "run.pvd"),
+    ]
+    for frames in found:
+        assert frames.magnification == 3.0
+        assert np.array_equal(frames.times, result.times)
+        assert len(frames) == len(frames[:]) == 13
+        for k in (0, 5, -1):
+            assert np.allclose(frames[k].points, found[0][k].points, atol=1e-12)
+            assert np.allclose(frames[k].point_data["eta"], found[0][k].point_data["eta"], atol=1e-14)
+        tip = int(np.nanargmax(frames[5].point_data["x"]))
+        assert frames[5].points[tip, 1] == pytest.approx(3.0 * result.displacement(beam.at(1.0))[5])
+
+
+def test_a_magnified_run_meets_its_stop_where_the_contact_closes(run, tmp_path):
+    """What ParaView shows: points at rest, moved by deflection times the magnification that the file was saved with."""
+    beam, result = run
+    contact = result.contacts["stop"]
+    instant = float(contact.closings[0])
+    result.save(tmp_path / "run.vtkhdf", magnification=3.0, frames=[0.0, instant])
+    mesh = vtk.frames(tmp_path / "run.vtkhdf")[1]
+    (line,) = np.flatnonzero(mesh.cell_data["kind"] == 2)
+    ends = mesh.get_cell(int(line)).points[:, 1]
+    assert abs(ends[0] - ends[1]) < 1e-9
+    loaded = vf.load(tmp_path / "run.vtkhdf")
+    assert np.array_equal(loaded.displacement(beam.at(1.0)), result.displacement(beam.at(1.0)))
+
+
+def test_frames_of_something_else_are_refused(run, tmp_path):
+    with pytest.raises(vf.StorageError, match="does not exist"):
+        vtk.frames(tmp_path / "no.vtkhdf")
+    with pytest.raises(vf.ArgumentError, match="source is 3"):
+        vtk.frames(3)
+    with pytest.raises(vf.ArgumentError, match="times belong to a Result"):
+        vtk.frames(tmp_path / "no.vtkhdf", [0.0])
+    with pytest.raises(vf.ArgumentError, match="magnification"):
+        run[1].save(tmp_path / "run.vtkhdf", magnification=0.0)

@@ -1,0 +1,134 @@
+"""Whether a run is chaotic: how far a second run of the same steps, from a start nearby, departs from it.
+
+The start of the second run is disturbed by a billionth of the motion, in the
+shape that the motion has at one time. Two regular runs part slowly: where
+frequencies depend on amplitudes, in proportion to time. Two chaotic runs part
+exponentially, so a thousandfold growth takes no longer the second time
+than the first. The second run costs as much as the run itself, without
+its set-up, and is made where that takes less than a second.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.errors import ArgumentError, VofemError
+from vofem.integrators.effort import seconds_of_steps
+from vofem.integrators.registry import advice
+from vofem.integrators.stepping.march import Kernel
+from vofem.integrators.stepping.record import Record, take_events
+from vofem.integrators.watching import deferred_interrupts
+from vofem.kernel_mode import compiled
+from vofem.laws.evaluate import may_jump
+from vofem.laws.table import kinds_of
+from vofem.system import State, System
+
+Array = NDArray[np.float64]
+
+#: Disturbance of the start over the largest displacement.
+_DISTURBANCE = 1e-9
+
+#: Growth of the disturbance by whose time the second run is judged, once and twice.
+_GROWTH = 1e3
+
+#: Time of twice that growth over the time of the first, from which on runs part slowly.
+_SLOWLY = 4.0
+
+#: Events below which no growth like that is to be expected.
+_FEWEST_EVENTS = 8
+
+#: Seconds that a second run may take unless it was asked for.
+_SECONDS = 1.0
+
+
+def check_nearby(nearby: object) -> None:
+    """Raise where the option is none that `note_growth` knows.
+
+    Raises
+    ------
+    ArgumentError
+    """
+    if nearby is not None and not isinstance(nearby, bool):
+        raise ArgumentError(
+            f"simulate: nearby is {nearby!r}, expected True or False, or None to look for chaos where it takes less "
+            "than a second"
+        )
+
+
+def note_growth(
+    nearby: bool | None, system: System, start: State, kernel: Kernel, out: Record, again: Callable[[State], Kernel]
+) -> list[str]:
+    """Return a note where a finished run of equal steps is chaotic.
+
+    Parameters
+    ----------
+    nearby : bool, optional
+        Whether to make a second run; None makes it where it is worth its cost.
+    system : System
+    start : State
+    kernel : Kernel
+        That of the run.
+    out : Record
+        Of the run, with the states at the times of its checks.
+    again : callable
+        Takes a start; returns a kernel of the same steps.
+    """
+    steps, events = kernel.bands.counters.steps, kernel.bands.counters.events
+    if nearby is None:
+        acts = events >= _FEWEST_EVENTS or (
+            may_jump(kernel.laws) and kinds_of(kernel.laws.table).hysteretic is not None
+        )
+        nearby = acts and seconds_of_steps(system, steps, compiled()) <= _SECONDS
+    if not nearby or not kernel.finished:
+        return []
+    known = np.flatnonzero(np.isfinite(out.q[0]))
+    columns = known[~out.wanted[known]] if np.any(~out.wanted[known]) else known
+    weight = system.scale[kernel.bands.order]
+    size = float(np.max(np.abs(weight[:, None] * out.q[:, columns]), initial=0.0))
+    if size == 0.0 or columns.size < 3:
+        return []
+    back, at = kernel.bands.back, columns[columns.size // 2]
+    moved = float(np.max(np.abs(weight * out.q[:, at])))
+    factor = _DISTURBANCE * size / max(moved, _GROWTH * _DISTURBANCE * size)
+    beside = State(start.q + factor * out.q[back, at], start.v + factor * out.v[back, at], start.memory)
+    found = _second(again(beside), out.times[columns])
+    if found is None:
+        return []
+    apart = np.max(np.abs(weight[:, None] * (found - out.q[:, columns])), axis=0) / size
+    return _judge(out.times[columns], np.maximum.accumulate(apart))
+
+
+def _second(kernel: Kernel, times: Array) -> Array | None:
+    """Return the displacements of a second run at some times, or None where it found none or was interrupted."""
+    out = kernel.record(times, None)
+    with deferred_interrupts() as interrupted:
+        try:
+            while not kernel.finished:
+                kernel.advance(out)
+                take_events(out)
+                if interrupted():
+                    return None
+        except VofemError:
+            return None
+    return out.q
+
+
+def _judge(times: Array, apart: Array) -> list[str]:
+    """Return a note where a disturbance grows exponentially; `apart` is relative, and does not fall."""
+    first, second = (_DISTURBANCE * growth for growth in (_GROWTH, _GROWTH**2))
+    if not apart[-1] >= second:
+        return []
+    once, twice = (float(times[np.argmax(apart >= level)]) for level in (first, second))
+    if twice > _SLOWLY * once:
+        return []
+    tenfold = twice / np.log10(_GROWTH**2)
+    return [
+        f"chaos: two runs of these steps whose starts differ by {_DISTURBANCE:.0e} of the displacements are "
+        f"{apart[-1]:.2g} of them apart at the end; a difference grows tenfold in some {tenfold:.2g} s. Errors of the "
+        f"steps grow as quickly: one of 1e-4 is as large as the motion after some {4.0 * tenfold:.2g} s. What comes "
+        f"later is a motion that the structure may have, not the one from this start; use statistics of it, or "
+        f"choose {advice(exact=True)} where it applies, which says until when it holds"
+    ]

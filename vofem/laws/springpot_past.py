@@ -1,0 +1,151 @@
+"""The past of springpots in a run: kernels, weights of orders, and the update over a step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.fractional.exponentials import exponentials
+from vofem.fractional.streaming import step_integrals
+from vofem.laws.springpot_steps import (
+    BEFORE,
+    FORCE,
+    MEAN,
+    WORK,
+    Springpots,
+    SpringpotState,
+    Update,
+    affine,
+    record_springpots,
+)
+
+Array = NDArray[np.float64]
+
+#: Relative error of the kernel, at all times of a run.
+_TOLERANCE = 1e-10
+
+#: Number of times at which an order that varies is checked before the first step.
+_LOOKS = 257
+
+#: Steps whose weights are computed at once where an order varies.
+_MOST_STEPS = 512
+
+
+class Springpot(Protocol):
+    """What is asked of a springpot; see `springpot.SpringpotLaw`."""
+
+    @property
+    def coefficient(self) -> float:
+        """In N s^order/m."""
+
+    @property
+    def varies(self) -> bool:
+        """Whether the order is a function of time."""
+
+    def orders(self, t: Array) -> Array:
+        """Return the orders at times in s."""
+
+
+class SpringpotPast:
+    """The past of springpots in a run whose steps are not below a size; see `group.StepPast`.
+
+    Parameters
+    ----------
+    laws : sequence of Springpot
+    rows : csr_matrix, shape (n_laws, n)
+    row : int
+        Number of the first of these laws among all laws.
+    shortest, t_end : float
+        Shortest step, and the longest time that will be reached, in s.
+
+    Raises
+    ------
+    ArgumentError
+        For an order that is beyond [0, 1] at one of some times.
+    """
+
+    def __init__(self, laws: Sequence[Springpot], rows: Any, row: int, shortest: float, t_end: float) -> None:
+        self._laws, self._rows, self.row = laws, rows, row
+        self._kernel = exponentials(shortest, max(t_end, shortest), _TOLERANCE)
+        self._varies = any(law.varies for law in self._laws)
+        self._updates: dict[float, Update] = {}
+        self.count = len(self._laws)
+        width = self._kernel.rates.size + 2
+        self.terms = self.count * width
+        for law in self._laws:
+            law.orders(np.linspace(0.0, t_end, _LOOKS))
+        self._constant = self._weights(np.zeros(1))
+        self.state = SpringpotState(np.zeros((self.count, width)), np.zeros((self.count, 7)))
+
+    def begin(self, start: Any) -> None:
+        """Set the internal variables to those at rest; at t = 0 only a dashpot (order 1) has a force."""
+        self.state.y[:], self.state.totals[:] = 0.0, 0.0
+        rates = np.asarray(self._rows @ start.v)
+        for i, law in enumerate(self._laws):
+            if law.orders(np.zeros(1))[0] == 1.0:
+                self.state.totals[i, [MEAN, FORCE, BEFORE + FORCE]] = law.coefficient * rates[i]
+
+    def begin_with_mean(self, start: Any, dt: float) -> None:
+        """Let the force at t = 0 be the mean over the first step.
+
+        With the force at t = 0, which grows like a power below 1, a sum over half steps would lose its order.
+        """
+        first = self.over(dt, np.array([0.5 * dt]))
+        for i, rate in enumerate(np.asarray(self._rows @ start.v)):
+            self.state.totals[i, MEAN] = affine(first, i, 0)[0] * rate
+
+    def most_steps(self, count: int) -> int:
+        """Return for how many steps, at most the given number, weights are to be computed at once."""
+        return min(count, _MOST_STEPS) if self._varies else count
+
+    def over(self, dt: float, times: Array) -> Springpots:
+        """Return the springpots over steps of a size in s, at the orders of some times, s."""
+        weights = self._weights(times) if self._varies else self._constant
+        return Springpots(self.row, weights, self._update(dt), *self.state)
+
+    def forces(self) -> Array:
+        """Return the forces at the last time, N, shape (n_laws,)."""
+        return self.state.totals[:, FORCE].copy()
+
+    def means(self) -> Array:
+        """Return the mean forces over the last step, N, shape (n_laws,)."""
+        return self.state.totals[:, MEAN].copy()
+
+    def record(self, times: Array, memory: Array, count: int) -> None:
+        """Record the springpots at the first times, where a run starts; see `record_springpots`."""
+        record_springpots(self.over(1.0, np.zeros(1)), times, memory, 0, count, 0.0, 1.0)
+
+    def absorbed(self) -> float:
+        """Return the work in J that all springpots have absorbed up to the time to which results are stored."""
+        return float(np.sum(self.state.totals[:, BEFORE + WORK]))
+
+    def _weights(self, times: Array) -> Array:
+        kernel = self._kernel
+        weights = np.empty((self.count, times.size, kernel.rates.size + 2))
+        for i, law in enumerate(self._laws):
+            orders = law.orders(times)
+            weights[i, :, :-2], weights[i, :, -2:] = kernel.weights(orders), kernel.faster(orders)
+            weights[i] *= law.coefficient
+        return weights
+
+    def _update(self, dt: float) -> Update:
+        """Return the update of the internal variables over a step of a size in s.
+
+        The last two numbers stand for all elements that are faster than the step. Their y follows the rate of
+        elongation at once, so two sums over them are enough: the first is multiplied by the rate of elongation, the
+        second by the change of that rate.
+        """
+        if dt not in self._updates:
+            rates = self._kernel.rates
+            start, end = step_integrals(rates, dt)
+            self._updates[dt] = Update(
+                dt,
+                decay=np.append(np.exp(-rates * dt), [0.0, 0.0]),
+                gain=np.append(start + end, [0.0, 1.0]),
+                old=np.append((start + end) / dt, [0.0, 1.0 / dt]),
+                new=np.append(end, [1.0, -1.0 / dt]),
+            )
+        return self._updates[dt]
