@@ -11,6 +11,7 @@ from scenes import paper_beam, two_masses
 import vofem as vf
 from vofem.assembly import SystemBuilder
 from vofem.integrators import event_driven
+from vofem.integrators.event_driven import follow
 from vofem.integrators.stepping import setting
 from vofem.laws import ContactLaws, HystereticLaws, LawGroup, callbacks
 
@@ -57,7 +58,7 @@ def test_builders_of_absent_effects_are_never_called(method, monkeypatch):
         "add_point_load", "add_body_load", "add_acceleration", "add_contact", "add_law",
     ):  # fmt: skip
         monkeypatch.setattr(SystemBuilder, name, refuse)
-    monkeypatch.setitem(event_driven.run.__globals__, "next_event", refuse)
+    monkeypatch.setattr(follow, "next_event", refuse)
     monkeypatch.setattr(ContactLaws, "force", refuse)
     monkeypatch.setattr(setting, "initial_status", refuse)
     monkeypatch.setattr(callbacks, "Callbacks", refuse)

@@ -40,6 +40,8 @@ def small_steps(monkeypatch, size):
     """Look at the outcome every few steps."""
     monkeypatch.setattr("vofem.integrators.stepping.march._CHUNK_WORK", size)
     monkeypatch.setattr("vofem.integrators.stepping.doubling._CHUNK", 170)
+    for name in ("FIRST_CALL", "MOST"):
+        monkeypatch.setattr(f"vofem.integrators.event_driven.follow.{name}", 1)
 
 
 def same(one, two, beam):

@@ -154,7 +154,13 @@ class System:
         ):
             self.share(other)
             return True
-        kinds = ["modal space", "magnitudes of contact rows", "damping matrix", "static loss"]
+        kinds = [
+            "modal space",
+            "magnitudes of contact rows",
+            "sizes of modal contact rows",
+            "damping matrix",
+            "static loss",
+        ]
         if mine is not None and theirs is not None and np.array_equal(mine.stiffness, theirs.stiffness):
             kinds += ["closed modes", "refined modes"]
         self.cache.adopt(kinds, other.cache)

@@ -27,7 +27,10 @@ _FEWEST = 20.0
 
 
 #: Seconds of compiled code: a segment between events or breakpoints, more for a mode, and a step, more for an unknown.
-_SEGMENT, _SEGMENT_MODE, _STEP_COMPILED, _UNKNOWN_COMPILED = 2.5e-4, 2e-6, 4e-6, 2e-7
+_SEGMENT, _SEGMENT_MODE, _STEP_COMPILED, _UNKNOWN_COMPILED = 3e-6, 2e-7, 4e-6, 2e-7
+
+#: Seconds of a segment in plain Python, more for a mode.
+_SEGMENT_PLAIN, _MODE_PLAIN = 4e-4, 2e-5
 
 #: Steps that one under a tolerance costs: it is taken whole and in halves, and smoothed.
 _TRIED = 5.0
@@ -35,8 +38,13 @@ _TRIED = 5.0
 
 def seconds_between_breakpoints(system: System, t_end: float) -> float:
     """Return the seconds that event_driven takes for the breakpoints of the loads, such as those of a record."""
-    count = len({b for load in system.loads for b in load.function.breakpoints(t_end)})
-    return count * (_SEGMENT + _SEGMENT_MODE * system.size)
+    return _breakpoints(system, t_end) * (_SEGMENT + _SEGMENT_MODE * system.size)
+
+
+def _breakpoints(system: System, t_end: float) -> int:
+    """Return how many times there are at which the loads change their closed form."""
+    found = [load.function.breakpoints(t_end) for load in system.loads if load.function.closed_form]
+    return int(np.unique(np.concatenate(found)).size) if found else 0
 
 
 def seconds_under_tolerance(system: System, t_end: float, tol: float) -> float:
@@ -122,8 +130,10 @@ def by_critical_steps(system: System, t_end: float, dt: float | None, tol: float
 
 
 def by_events(system: System, t_end: float, dt: float | None, tol: float | None) -> float:
-    """Return the seconds of a run from event to event with the fewest events; how many there are nobody knows."""
-    return _FEWEST * _MODE * system.size + (_SQUARE * system.size**2 if system.contacts is not None else 0.0)
+    """Return the seconds of a run between breakpoints with the fewest events; how many there are nobody knows."""
+    between = _breakpoints(system, t_end) * (_SEGMENT_PLAIN + _MODE_PLAIN * system.size)
+    contacts = _SQUARE * system.size**2 if system.contacts is not None else 0.0
+    return _FEWEST * _MODE * system.size + contacts + between
 
 
 def nothing(system: System, t_end: float, dt: float | None, tol: float | None) -> float:

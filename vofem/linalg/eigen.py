@@ -163,3 +163,11 @@ def _orthonormal(basis: Array, mass: Array, reference: float) -> Array:
         return left
     gram = np.linalg.cholesky(left.T @ mass @ left)
     return np.linalg.solve(gram, left.T).T
+
+
+def eigenvalues(matrix: Array) -> NDArray[np.complex128]:
+    """Return the eigenvalues of a matrix, shape (n,); columns of zeros, whose eigenvalues are zero, cost nothing."""
+    left = np.flatnonzero(np.any(matrix != 0.0, axis=0))
+    values = np.zeros(matrix.shape[0], dtype=complex)
+    values[: left.size] = np.linalg.eigvals(matrix[np.ix_(left, left)])
+    return values

@@ -10,10 +10,71 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.linalg.jit import jit
+from vofem.linalg.jit import jit, plain_form
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+
+
+#: pi/2 in three parts, of which the first two have 33 bits, and its inverse. Products with whole numbers below 2^20 are
+#: exact.
+_QUARTER = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)
+_QUARTERS = 0.6366197723675814
+
+#: Largest angle in rad that is reduced by these.
+_LARGEST_ANGLE = 1e5
+
+
+@jit
+def half_turns(frequency: Array, t: float, turn: Array, sine: Array) -> None:
+    """Fill in ``cos(w t) - 1`` and ``sin(w t)`` for many frequencies, shape (n,), with all digits however short t is.
+
+    The loop has no branches and calls no functions, so that compilers do several frequencies at once. Angles are
+    reduced to a quarter of pi, where the Taylor series of degree 17 is exact to rounding.
+    """
+    first, second, third = _QUARTER
+    for k in range(frequency.size):
+        x = 0.5 * frequency[k] * t
+        n = np.rint(x * _QUARTERS)
+        y = x - n * first
+        rest = y - n * second
+        tail = (y - rest) - n * second - n * third
+        z = rest + tail
+        low = (rest - z) + tail
+        q = z * z
+        s = -7.647163731819816e-13 + q * 2.8114572543455206e-15
+        s = 1.6059043836821613e-10 + q * s
+        s = -2.505210838544172e-08 + q * s
+        s = 2.7557319223985893e-06 + q * s
+        s = -0.0001984126984126984 + q * s
+        s = 0.008333333333333333 + q * s
+        s = -0.16666666666666666 + q * s
+        s = z + (z * q * s + low)
+        c = 4.779477332387385e-14 + q * -1.5619206968586225e-16
+        c = -1.1470745597729725e-11 + q * c
+        c = 2.08767569878681e-09 + q * c
+        c = -2.755731922398589e-07 + q * c
+        c = 2.48015873015873e-05 + q * c
+        c = -0.001388888888888889 + q * c
+        c = 0.041666666666666664 + q * c
+        c = 1.0 - (0.5 * q - (c * q * q - z * low))
+        odd = n - 2.0 * np.floor(0.5 * n)
+        turn[k] = -2.0 * (odd * (c * c) + (1.0 - odd) * (s * s))
+        sine[k] = (2.0 - 4.0 * odd) * s * c
+    for k in range(frequency.size):
+        if 0.5 * frequency[k] * t > _LARGEST_ANGLE:
+            half = 0.5 * frequency[k] * t
+            s, c = np.sin(half), np.cos(half)
+            turn[k], sine[k] = -2.0 * s * s, 2.0 * s * c
+
+
+@plain_form(half_turns)
+def _half_turns_of_all(frequency: Array, t: float, turn: Array, sine: Array) -> None:
+    """Do what `half_turns` does, for all frequencies at once."""
+    half = 0.5 * frequency * t
+    s, c = np.sin(half), np.cos(half)
+    turn[:] = -2.0 * s * s
+    sine[:] = 2.0 * s * c
 
 
 @jit

@@ -118,7 +118,8 @@ STEPPED: dict[str, Callable[[], Scene]] = {
 
 
 def _events() -> None:
-    simulate(_exact(), 4.0, times=np.linspace(0.0, 4.0, 41)).energy.balance_error  # noqa: B018
+    result = simulate(_exact(), 4.0, times=np.linspace(0.0, 4.0, 41))
+    result.energy.balance_error, result.sensitivity  # noqa: B018
     # A mass on a plane under its weight: resonance and rigid motion.
     free = Mass(1.0)
     stop = Contact(free, gap=0.1, stiffness=9.0, side="above", acts_on="penetration")

@@ -40,6 +40,20 @@ class TimeFunction(ABC):
     def piece(self, t0: float) -> Piece:
         """Return the closed form that holds from t0 to the next breakpoint."""
 
+    def lines(self, t0: Array) -> tuple[Array, Array] | None:
+        """Return value and slope of the pieces from many times on; None where these may be other than straight lines.
+
+        Parameters
+        ----------
+        t0 : ndarray, shape (n,)
+            In s.
+
+        Returns
+        -------
+        values, slopes : ndarray, shape (n,)
+        """
+        return None
+
     @property
     def looked(self) -> float:
         """Distance in s of the times at which a callable was evaluated; 0 if the shape is known, inf if nothing is."""
@@ -112,6 +126,10 @@ class TimeFunction(ABC):
 class PiecewiseStraight(TimeFunction):
     """A function that is a straight line between its breakpoints."""
 
+    def lines(self, t0: Array) -> tuple[Array, Array] | None:
+        """Return values and slopes."""
+        return self(t0), self.derivative(t0)
+
     def smooth_moments(self, left: Array, right: Array, width: float) -> Array:
         """Return the moments of straight lines."""
         middle = 0.5 * (left + right)
@@ -157,6 +175,16 @@ class Sum(TimeFunction):
     def smooth_moments(self, left: Array, right: Array, width: float) -> Array:
         """Return the sum of the moments."""
         return np.sum([term.smooth_moments(left, right, width) for term in self.terms], axis=0)
+
+    def lines(self, t0: Array) -> tuple[Array, Array] | None:
+        """Return the sums of values and slopes, where all terms are straight lines."""
+        values, slopes = np.zeros(np.shape(t0)), np.zeros(np.shape(t0))
+        for term in self.terms:
+            line = term.lines(t0)
+            if line is None:
+                return None
+            values, slopes = values + line[0], slopes + line[1]
+        return values, slopes
 
     def piece(self, t0: float) -> Piece:
         """Return the sum of the pieces."""
@@ -206,6 +234,11 @@ class Scaled(TimeFunction):
     def smooth_moments(self, left: Array, right: Array, width: float) -> Array:
         """Return the function's moments times the factor."""
         return self.factor * self.function.smooth_moments(left, right, width)
+
+    def lines(self, t0: Array) -> tuple[Array, Array] | None:
+        """Return the function's values and slopes times the factor."""
+        line = self.function.lines(t0)
+        return None if line is None else (self.factor * line[0], self.factor * line[1])
 
     def piece(self, t0: float) -> Piece:
         """Return the function's piece times the factor."""

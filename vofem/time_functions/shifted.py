@@ -47,6 +47,10 @@ class Shifted(TimeFunction):
             early = self.start + times < known
         return inside(times, t_end)
 
+    def lines(self, t0: Array) -> tuple[Array, Array] | None:
+        """Return the function's values and slopes at the shifted times."""
+        return self.function.lines(self.start + np.asarray(t0, dtype=float))
+
     def piece(self, t0: float) -> Piece:
         """Return the function's piece at the shifted time."""
         return self.function.piece(self.start + t0)

@@ -9,7 +9,7 @@ them too.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import EventStormError
+from vofem.integrators.event_driven.follow import Follower, Unwatched
 from vofem.integrators.event_driven.modal_space import ModalSpace, modal_space
 from vofem.integrators.event_driven.pinned import PIN_FRACTION
-from vofem.integrators.event_driven.search import EventFunctions, next_event
 from vofem.integrators.event_driven.solution import EventSolution
 from vofem.integrators.event_driven.tangent import Event, Tangent, acceleration
 from vofem.system import Counters, State, System
@@ -35,22 +35,6 @@ MOST_EVENTS = 10_000
 
 #: With fewer segments the size of a motion is looked up at these shares of the time too.
 _FEW, _INSIDE = 4, np.array([0.13, 0.37, 0.61, 0.86])
-
-
-@dataclass(frozen=True)
-class Unwatched:
-    """A contact whose events do not count for a while: it keeps the status that it has.
-
-    Attributes
-    ----------
-    contact : int
-    start, stop : float
-        Absolute times in s; outside of them it is watched.
-    """
-
-    contact: int
-    start: float
-    stop: float
 
 
 @dataclass(frozen=True)
@@ -219,41 +203,19 @@ def flow(
         status = start.status
         solution.begin_at(status, displacement, start.touching)
     tangent = None if derivative is None else Tangent(space, system.contacts, derivative[:n], derivative[n:])
-    stops = _stops(system, t, stop, unwatched)
-    events: list[FlowEvent] = []
-    at = 0
-    while t < stop:
-        while stops[at] <= t:
-            at += 1
-        motion = solution.add_segment(t, status, displacement, velocity)
-        duration = stops[at] - t
-        tau, entered = duration, None
-        if system.contacts is not None:
-            functions, owner, entering = solution.event_functions(motion)
-            functions, owner, entering = _watched(functions, owner, entering, unwatched, t)
-            if owner.size:
-                tau, hits, evaluations = next_event(functions, motion, duration)
-                counters.gap_evaluations += evaluations * len(system.contacts)
-                if hits.any():
-                    entered = dict(zip(owner[hits].tolist(), entering[hits].tolist(), strict=True))
-        displacement, velocity = solution.end_segment(tau)
-        if tangent is not None:
-            tangent.drift(motion.spectrum, tau)
-        t = stops[at] if tau >= duration else t + tau
-        if entered is None:
-            continue
-        after = solution.enter(t, status, entered, displacement, velocity, PIN_FRACTION)
-        for j in entered:
-            rate = float(space.contacts[j] @ velocity)
-            events.append(FlowEvent(t, j, int(status[j]), int(after[j]), rate))
-        if tangent is not None:
-            tangent.jump(Event(status, after, displacement, velocity, solution.load(t)))
-        status = after
-        if len(events) > most_events:
+    edges = [t, *_stops(system, t, stop, unwatched)]
+    follower = Follower(
+        solution, edges, t, status, displacement, velocity, PIN_FRACTION, most_events, unwatched
+    )  # fmt: skip
+    while follower.time < stop:
+        follower.advance()
+        if solution.record.events > most_events:
             raise EventStormError(
                 f"more than {most_events} contact events in a flow of {stop - start.time:g} s: contacts chatter"
             )
-    monodromy = None if tangent is None else np.concatenate([tangent.z, tangent.v])
+    displacement, velocity = follower.displacement, follower.velocity
+    events = _pass_along(solution, follower, tangent)
+    monodromy = None if tangent is None else tangent.matrix
     return Flow(start, stop, displacement, velocity, monodromy, tuple(events), solution)
 
 
@@ -264,16 +226,27 @@ def _stops(system: System, start: float, stop: float, unwatched: Sequence[Unwatc
     return [*(float(t) for t in np.unique([b for b in breaks if start < b < stop])), stop]
 
 
-def _watched(
-    functions: EventFunctions, owner: NDArray[np.int64], entering: Status, unwatched: Sequence[Unwatched], t: float
-) -> tuple[EventFunctions, NDArray[np.int64], Status]:
-    """Return event functions without those of contacts that are not watched from t on."""
-    out = [window.contact for window in unwatched if window.start <= t < window.stop]
-    if not out:
-        return functions, owner, entering
-    kept = ~np.isin(owner, out)
-    parts = {field.name: getattr(functions, field.name)[kept] for field in fields(functions)}
-    return EventFunctions(**parts), owner[kept], entering[kept]
+def _pass_along(solution: EventSolution, follower: Follower, tangent: Tangent | None) -> list[FlowEvent]:
+    """Carry perturbations, if any, along all segments of a flow; return its events."""
+    record, space = solution.record, solution.space
+    events: list[FlowEvent] = []
+    for index, duration in enumerate(record.durations):
+        if tangent is not None:
+            tangent.drift(solution.spectrum(index), duration)
+        if index + 1 < record.segments:
+            time, after = record.starts[index + 1], record.status(index + 1)
+            displacement, velocity = record.state(index + 1)
+        else:
+            time, after = follower.time, follower.status
+            displacement, velocity = follower.displacement, follower.velocity
+        before = record.status(index)
+        changed = np.flatnonzero(before != after).tolist()
+        for j in changed:
+            rate = float(space.contacts[j] @ velocity)
+            events.append(FlowEvent(float(time), j, int(before[j]), int(after[j]), rate))
+        if changed and tangent is not None:
+            tangent.jump(Event(before, after, displacement, velocity, solution.load(time)))
+    return events
 
 
 # -- systems that differ in their loads alone ---------------------------------------------------------

@@ -34,10 +34,10 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 #: A harmonic counts as resonant where the steady answer would exceed ten times the static one.
-_RESONANT = 0.1
+RESONANT = 0.1
 
 #: Time over that of the quickest block from which on it has decayed, and what is of second order in time is rounding.
-_LONG = 1e6
+LONG = 1e6
 
 
 class Special(NamedTuple):
@@ -153,7 +153,7 @@ class Motion:
             return spectrum.to_modes(z, v, shifted=False)
         both = blocks.out @ np.concatenate([z, v])
         displacement = both[: z.shape[0]]
-        short = tau * max(spectrum.frequency[-1], spectrum.delta.max()) < _LONG
+        short = tau * max(spectrum.frequency[-1], spectrum.delta.max()) < LONG
         if np.any(short):
             later = np.concatenate(self._remainders(tau, z, v))
             first = real.down(self.velocity)[:, None] * tau
@@ -234,7 +234,7 @@ def start_motion(spectrum: Spectrum, displacement: Array, velocity: Array, forci
     constant, slope = nothing, nothing
     pushed = bool(forcing.constant.any() or forcing.slope.any())
     if pushed:
-        (poly_z, poly_v), forcing = _static(spectrum, forcing, horizon)
+        (poly_z, poly_v), forcing = static_answer(spectrum, forcing, horizon)
         constant = spectrum.inputs(forcing.constant) if np.any(forcing.constant) else nothing
         slope = spectrum.inputs(forcing.slope) if np.any(forcing.slope) else nothing
         more_z, more_v = _polynomial(spectrum, constant, slope, slow, special)
@@ -261,7 +261,7 @@ def _response(
 ) -> tuple[Complex, Complex, NDArray[np.bool_] | None]:
     """Return impedance and ``i w + 2 delta`` of the blocks at a frequency, and which have steady answers; None: all."""
     impedance = p - w * w + 2j * delta * w
-    apart = np.abs(impedance) >= _RESONANT * np.maximum(p, w * w)
+    apart = np.abs(impedance) >= RESONANT * np.maximum(p, w * w)
     if w * horizon < 1.0:
         apart &= ~slow
     return np.asarray(impedance), np.asarray(1j * w + 2.0 * delta), None if apart.all() else apart
@@ -277,7 +277,7 @@ def _special(entries: list[tuple[int, complex, complex, complex, bool]]) -> Spec
 _NOTHING = _special([])
 
 
-def _static(spectrum: Spectrum, forcing: Forcing, horizon: float) -> tuple[tuple[Array, Array], Forcing]:
+def static_answer(spectrum: Spectrum, forcing: Forcing, horizon: float) -> tuple[tuple[Array, Array], Forcing]:
     """Return the answer of complex modes to constants and ramps as far as statics tells it, and the forcing left.
 
     A stiff contact behind a gap exerts a force on its way to rest that would

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from vofem._validate import number, whole
 from vofem.errors import EventStormError, MethodError
+from vofem.integrators.event_driven.follow import Follower
 from vofem.integrators.event_driven.lifted import TruncatedSolution
 from vofem.integrators.event_driven.modal_space import modal_space
 from vofem.integrators.event_driven.pinned import PIN_FRACTION
 from vofem.integrators.event_driven.reduction import loss_in_all_modes
-from vofem.integrators.event_driven.search import next_event
 from vofem.integrators.event_driven.solution import EventSolution
 from vofem.integrators.event_driven.truncated import (
     FULL_UNKNOWNS,
@@ -168,37 +168,23 @@ def _follow(
         t, status = 0.0, solution.begin(start, displacement, velocity, pin_fraction)
     else:
         t, status, displacement, velocity = solution.go_on(resume)
-    breaks = [b for load in system.loads for b in load.function.breakpoints(t_end)]
-    stops = [*np.unique(breaks), t_end]
-    stop = 0
+    breaks = np.concatenate([[0.0], *(load.function.breakpoints(t_end) for load in system.loads)])
+    edges = np.append(np.unique(breaks), t_end)
+    follower = Follower(solution, edges, t, status, displacement, velocity, pin_fraction, max_events)
 
     def snapshot() -> Snapshot:
-        return solution.snapshot(t, status, displacement, velocity)
+        return solution.snapshot(follower.time, follower.status, follower.displacement, follower.velocity)
 
     with deferred_interrupts() as interrupted:
-        while t < t_end:
-            while stops[stop] <= t:
-                stop += 1
-            motion = solution.add_segment(t, status, displacement, velocity)
-            tau, duration = stops[stop] - t, stops[stop] - t
-            entered = None
-            if system.contacts is not None:
-                functions, owner, entering = solution.event_functions(motion)
-                tau, hits, evaluations = next_event(functions, motion, duration)
-                solution.counters.gap_evaluations += evaluations * len(system.contacts)
-                if hits.any():
-                    entered = dict(zip(owner[hits].tolist(), entering[hits].tolist(), strict=True))
-            displacement, velocity = solution.end_segment(tau)
-            t = stops[stop] if tau >= duration else t + tau
-            if entered is not None:
-                status = solution.enter(t, status, entered, displacement, velocity, pin_fraction)
-                if solution.counters.events > max_events:
-                    raise EventStormError(_storm(system, solution, t, max_events))
-            cut = interrupted() and t < t_end
+        while follower.time < t_end:
+            follower.advance()
+            if solution.counters.events > max_events:
+                raise EventStormError(_storm(system, solution, follower.time, max_events))
+            cut = interrupted() and follower.time < t_end
             if watch is not None:
-                watch(t, snapshot, cut)
+                watch(follower.time, snapshot, cut)
             if cut:
-                solution.cut(t)
+                solution.cut(follower.time)
                 break
     solution.conclude()
     return solution

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from vofem.integrators.event_driven.clusters import ClusterFlow, cluster_change
 from vofem.integrators.event_driven.motion import Motion, special_response
-from vofem.linalg.exponential import oscillator_change, oscillator_remainder
+from vofem.linalg.exponential import half_turns, oscillator_change, oscillator_remainder
 from vofem.linalg.jit import jit
 
 Array = NDArray[np.float64]
@@ -41,7 +41,7 @@ _FAINT = 16.0 * _ROUNDING
 
 
 #: Motions smaller than this are multiplied by a power of two before the search.
-_TINY = 1e-100
+TINY = 1e-100
 
 #: Order of the highest derivative computed where a function stays close to zero, and the step, over the shortest
 #: time scale, below which high derivatives are used.
@@ -84,13 +84,15 @@ class EventFunctions:
     harmonic: Complex
 
 
-class _Watch(NamedTuple):
-    """Event functions: changes of ``w z + u v + slope tau + steady`` since start; u has no columns for real modes.
+class Watch(NamedTuple):
+    """Event functions: changes of ``w z + u v + slope tau + steady`` since start.
 
-    In complex modes `rate` is the rate at tau = 0, a sum of terms of the size `rate_size`, and `offset` is its rounding
-    error when computed from the blocks.
+    `mixed` says that modes are complex: for real modes u, u_size, rate and rate_size are not looked at. In complex
+    modes `rate` is the rate at tau = 0, a sum of terms of the size `rate_size`, and `offset` is its rounding error when
+    computed from the blocks.
     """
 
+    mixed: bool
     w: Array
     u: Array
     w_size: Array
@@ -104,7 +106,7 @@ class _Watch(NamedTuple):
     constant: Array
 
 
-class _Flow(NamedTuple):
+class BlockFlow(NamedTuple):
     """The motion of the blocks, as compiled code takes it; the names are those of `Motion` and `Special`."""
 
     delta: Array
@@ -126,7 +128,8 @@ class _Flow(NamedTuple):
 class _Point(NamedTuple):
     """Work space: block states, rates, changes without the particular part, sizes of inputs' shares, phi, rate.
 
-    In complex modes the part of the changes in proportion to time is left out.
+    In complex modes the part of the changes in proportion to time is left out. `root` holds the damped frequencies in
+    rad/s, 0 for blocks that do not oscillate, `turn` and `sine` the cosines of their phases less 1 and the sines.
     """
 
     z: Array
@@ -139,6 +142,9 @@ class _Point(NamedTuple):
     v_size: Array
     phi: Array
     rate: Array
+    root: Array
+    turn: Array
+    sine: Array
 
 
 def next_event(functions: EventFunctions, motion: Motion, duration: float) -> tuple[float, NDArray[np.bool_], int]:
@@ -169,11 +175,11 @@ def next_event(functions: EventFunctions, motion: Motion, duration: float) -> tu
         poly = poly + u @ motion.poly_v
         steady = steady + u @ motion.steady_v
     constant = np.maximum(np.abs(functions.constant), np.abs(poly[:, 0]))
-    watch = _Watch(
-        w, u, functions.w_size, functions.u_size, functions.start, functions.rate, functions.rate_size,
+    watch = Watch(
+        u.shape[1] > 0, w, u, functions.w_size, functions.u_size, functions.start, functions.rate, functions.rate_size,
         np.zeros(w.shape[0]), poly[:, 1] + functions.slope, steady, constant,
     )  # fmt: skip
-    flow = _Flow(
+    flow = BlockFlow(
         spectrum.delta, spectrum.p, spectrum.frequency, *motion.start, motion.z, motion.v, motion.omega,
         motion.special.block, motion.special.exponent, motion.special.g1, motion.special.g2, motion.special.ramp,
         motion.clusters,
@@ -181,19 +187,19 @@ def next_event(functions: EventFunctions, motion: Motion, duration: float) -> tu
     factor = _raise(watch, flow)
     if factor != 1.0:
         watch, flow = _raised(watch, flow, factor)
-    return _march(watch, flow, spectrum.levels, duration)
+    return march(watch, flow, spectrum.levels, duration)
 
 
-def _raise(watch: _Watch, flow: _Flow) -> float:
+def _raise(watch: Watch, flow: BlockFlow) -> float:
     """Return a power of two that scales tiny motions to about 1, so that squares do not underflow; 1 for others."""
-    if flow.z0.size and np.abs(flow.z0).max() >= _TINY:
+    if flow.z0.size and np.abs(flow.z0).max() >= TINY:
         return 1.0
-    size = _largest(watch, flow)
-    return float(np.ldexp(1.0, -int(np.frexp(size)[1]))) if 0.0 < size < _TINY else 1.0
+    size = largest_term(watch, flow)
+    return float(np.ldexp(1.0, -int(np.frexp(size)[1]))) if 0.0 < size < TINY else 1.0
 
 
 @jit
-def _largest(watch: _Watch, flow: _Flow) -> float:
+def largest_term(watch: Watch, flow: BlockFlow) -> float:
     """Return the largest magnitude of the terms of the event functions."""
     size = 0.0
     for k in range(flow.z0.size):
@@ -209,7 +215,7 @@ def _largest(watch: _Watch, flow: _Flow) -> float:
     return size
 
 
-def _raised(watch: _Watch, flow: _Flow, factor: float) -> tuple[_Watch, _Flow]:
+def _raised(watch: Watch, flow: BlockFlow, factor: float) -> tuple[Watch, BlockFlow]:
     """Return the same motion, which is linear in its state and its loads, multiplied by a factor."""
     clusters = flow.clusters
     together = clusters._replace(
@@ -237,17 +243,26 @@ def _raised(watch: _Watch, flow: _Flow, factor: float) -> tuple[_Watch, _Flow]:
 
 
 @jit
-def _evaluate(tau: float, watch: _Watch, flow: _Flow, at: _Point) -> None:
+def _evaluate(tau: float, watch: Watch, flow: BlockFlow, at: _Point) -> None:
     """Fill `at` with the states, the event functions and their rates at tau."""
     n, m = flow.p.size, watch.w.shape[0]
     z, v, zdot, vdot, dz, dv = at.z, at.v, at.zdot, at.vdot, at.dz, at.dv
-    mixed = watch.u.shape[1] > 0
+    mixed = watch.mixed
+    half_turns(at.root, tau, at.turn, at.sine)
     for k in range(n):
         delta, p, z0, v0 = flow.delta[k], flow.p[k], flow.z0[k], flow.v0[k]
-        if mixed:
-            c, s = oscillator_remainder(delta, p, tau)
-        else:
+        if at.root[k] == 0.0:
             c, s = oscillator_change(delta, p, tau)
+        elif delta == 0.0:
+            c, s = at.turn[k], at.sine[k] / at.root[k]
+        else:
+            decay = np.expm1(-delta * tau)
+            c, s = decay + at.turn[k] + decay * at.turn[k], (1.0 + decay) * at.sine[k] / at.root[k]
+        if mixed:
+            if max(delta, flow.frequency[k]) * tau > 0.5:
+                c, s = c + delta * tau, s - tau
+            else:
+                c, s = oscillator_remainder(delta, p, tau)
         dz[k] = c * z0 + s * (v0 + delta * z0)
         dv[k] = c * v0 - s * (p * z0 + delta * v0)
         z[k] = z0 + dz[k]
@@ -294,15 +309,16 @@ def _evaluate(tau: float, watch: _Watch, flow: _Flow, at: _Point) -> None:
         for k in range(n):
             value += watch.w[j, k] * dz[k]
             slope += watch.w[j, k] * zdot[k]
-        for k in range(watch.u.shape[1]):
-            value += watch.u[j, k] * dv[k]
-            slope += watch.u[j, k] * vdot[k]
+        if mixed:
+            for k in range(n):
+                value += watch.u[j, k] * dv[k]
+                slope += watch.u[j, k] * vdot[k]
         at.phi[j] = value
         at.rate[j] = slope
 
 
 @jit
-def _evaluate_clusters(tau: float, flow: _Flow, at: _Point) -> None:
+def _evaluate_clusters(tau: float, flow: BlockFlow, at: _Point) -> None:
     """Fill in the states, changes and rates of the blocks that belong to clusters."""
     clusters = flow.clusters
     for c in range(clusters.rate.size):
@@ -326,13 +342,20 @@ def _evaluate_clusters(tau: float, flow: _Flow, at: _Point) -> None:
 
 
 @jit
-def _noise(watch: _Watch, flow: _Flow, tau: float, at: _Point, noise: Array) -> None:
+def _noise(
+    watch: Watch, flow: BlockFlow, tau: float, at: _Point, free: Array, cap: Array, noise: Array
+) -> None:  # fmt: skip
     """Fill in the level below which each function is lost in the rounding of the terms that make it up by tau.
 
     In complex modes these are what is of second order in tau, and the rates at tau = 0: a slow block, whose velocity
     over its frequency is large beside all displacements, counts by what it changes in this time.
+
+    Parameters
+    ----------
+    free, cap : ndarray, shape (n,)
+        Free energy of the blocks as sqrt(2 E), and the amplitude that it allows.
     """
-    mixed = watch.u.shape[1] > 0
+    mixed = watch.mixed
     for j in range(watch.w.shape[0]):
         size = watch.constant[j] + abs(watch.slope[j]) * tau
         if mixed:
@@ -340,11 +363,9 @@ def _noise(watch: _Watch, flow: _Flow, tau: float, at: _Point, noise: Array) -> 
         for h in range(flow.omega.size):
             size += abs(watch.steady[j, h])
         for k in range(flow.p.size):
-            energy = np.sqrt(flow.v0[k] ** 2 + flow.p[k] * flow.z0[k] ** 2)
-            amplitude = abs(flow.z0[k]) + abs(flow.v0[k]) * tau
-            if flow.frequency[k] > 0.0:
-                amplitude = min(amplitude, energy / flow.frequency[k])
+            amplitude = min(abs(flow.z0[k]) + abs(flow.v0[k]) * tau, cap[k])
             if mixed:
+                energy = free[k]
                 # Free energy does not grow, so it bounds the second derivatives.
                 push = (2.0 * flow.delta[k] + flow.frequency[k]) * energy
                 jerk = 2.0 * flow.delta[k] * push + flow.p[k] * energy
@@ -356,26 +377,26 @@ def _noise(watch: _Watch, flow: _Flow, tau: float, at: _Point, noise: Array) -> 
 
 
 @jit
-def _rate_size(j: int, watch: _Watch, flow: _Flow, at: _Point) -> float:
+def _rate_size(j: int, watch: Watch, flow: BlockFlow, at: _Point) -> float:
     """Return a bound on the terms that the rate of a function is summed of."""
     size = abs(watch.slope[j])
     for h in range(flow.omega.size):
         size += flow.omega[h] * abs(watch.steady[j, h])
     for k in range(flow.p.size):
         size += watch.w_size[j, k] * abs(at.zdot[k])
-        if watch.u.shape[1]:
+        if watch.mixed:
             size += watch.u_size[j, k] * abs(at.vdot[k])
     return size
 
 
 @jit
-def _still(j: int, watch: _Watch, flow: _Flow, at: _Point) -> bool:
+def _still(j: int, watch: Watch, flow: BlockFlow, at: _Point) -> bool:
     """Return whether the rate of a function is the rounding of its terms."""
     return abs(at.rate[j]) <= _ROUNDING * _rate_size(j, watch, flow, at)
 
 
 @jit
-def _faint(j: int, watch: _Watch, flow: _Flow, at: _Point) -> bool:
+def _faint(j: int, watch: Watch, flow: BlockFlow, at: _Point) -> bool:
     """Return whether the rate of a function of complex modes is below the rounding of its terms."""
     size = abs(watch.slope[j])
     for h in range(flow.omega.size):
@@ -399,8 +420,8 @@ def _reach(distance: float, rate: float, curvature: float) -> float:
 @jit
 def _far_reach(
     j: int,
-    watch: _Watch,
-    flow: _Flow,
+    watch: Watch,
+    flow: BlockFlow,
     at: _Point,
     tau: float,
     duration: float,
@@ -467,7 +488,7 @@ def _far_reach(
         for k in range(n):
             value[i] += watch.w[j, k] * z[k]
             size[i] += watch.w_size[j, k] * z_size[k]
-            if watch.u.shape[1]:
+            if watch.mixed:
                 value[i] += watch.u[j, k] * v[k]
                 size[i] += watch.u_size[j, k] * v_size[k]
     reach = step
@@ -484,14 +505,27 @@ def _far_reach(
 
 
 @jit
-def _march(
-    watch: _Watch, flow: _Flow, levels: NDArray[np.int64], duration: float
+def march(
+    watch: Watch, flow: BlockFlow, levels: NDArray[np.int64], duration: float
 ) -> tuple[float, NDArray[np.bool_], int]:
+    """Return what `next_event` returns; motions are not tiny, and `levels` are those of the spectrum."""
     n, m = flow.p.size, watch.w.shape[0]
     delta, p, frequency = flow.delta, flow.p, flow.frequency
-    mixed = watch.u.shape[1] > 0
-    work = np.empty((8, n))
-    at = _Point(work[0], work[1], work[2], work[3], work[4], work[5], work[6], work[7], np.empty(m), np.empty(m))
+    mixed = watch.mixed
+    work = np.empty((16, n))
+    at = _Point(
+        work[0], work[1], work[2], work[3], work[4], work[5], work[6], work[7], np.empty(m), np.empty(m), work[8],
+        work[9], work[10],
+    )  # fmt: skip
+    for k in range(n):
+        square = p[k] - delta[k] * delta[k]
+        at.root[k] = np.sqrt(square) if square > 0.0 else 0.0
+    # Free energy of the blocks as sqrt(2 E), the amplitude that it allows, and the inverse of the frequency.
+    free, cap, slowness = work[11], work[12], work[13]
+    for k in range(n):
+        free[k] = np.sqrt(flow.v0[k] ** 2 + p[k] * flow.z0[k] ** 2)
+        cap[k] = free[k] / frequency[k] if frequency[k] > 0.0 else np.inf
+        slowness[k] = 1.0 / frequency[k] if frequency[k] > 0.0 else np.inf
     noise = np.empty(m)
     hits = np.zeros(m, dtype=np.bool_)
     evaluations = 0
@@ -524,7 +558,7 @@ def _march(
                 watch.rate[j] = at.rate[j]
                 watch.rate_size[j] = _rate_size(j, watch, flow, at)
             watch.offset[j] = watch.rate[j] - at.rate[j]
-    speed, amplitude, push, jerk = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    speed, amplitude, push, jerk = work[14], work[15], np.empty(n), np.empty(n)
     tau, before = 0.0, 0.0
     # When each function was last seen at or below zero: one above it within rounding has its root before `before`.
     below = np.zeros(m)
@@ -539,7 +573,7 @@ def _march(
     patience = 0.1 / quickest if quickest > 0.0 else np.inf
     while True:
         _evaluate(tau, watch, flow, at)
-        _noise(watch, flow, tau, at, noise)
+        _noise(watch, flow, tau, at, free, cap, noise)
         evaluations += 1
         if tau > 0.0:
             found = False
@@ -557,10 +591,9 @@ def _march(
         # Free energy never grows; inputs make sqrt(2 E) grow at most in proportion to time.
         for k in range(n):
             speed[k] = np.sqrt(at.v[k] ** 2 + p[k] * at.z[k] ** 2) + (g2[k] + frequency[k] * g1[k]) * step
+            amplitude[k] = abs(at.z[k]) + (speed[k] + g1[k]) * step
             if frequency[k] > 0.0:
-                amplitude[k] = min(speed[k] / frequency[k], abs(at.z[k]) + (speed[k] + g1[k]) * step)
-            else:
-                amplitude[k] = abs(at.z[k]) + (speed[k] + g1[k]) * step
+                amplitude[k] = min(amplitude[k], speed[k] * slowness[k])
             push[k] = (2.0 * delta[k] + frequency[k]) * speed[k] + g2[k]
             jerk[k] = 2.0 * delta[k] * push[k] + p[k] * (speed[k] + g1[k]) + g2_rate[k]
         for c in range(clusters.rate.size):
@@ -646,7 +679,7 @@ def _march(
         if x <= first:
             first, winner = x, j
     _evaluate(first, watch, flow, at)
-    _noise(watch, flow, first, at, noise)
+    _noise(watch, flow, first, at, free, cap, noise)
     evaluations += 1
     for j in range(m):
         # A function that only rounding moves away from zero, as for bodies at rest that touch, is left out of the

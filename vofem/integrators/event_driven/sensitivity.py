@@ -20,7 +20,9 @@ from numpy.typing import NDArray
 
 from vofem.integrators.event_driven.clusters import add_clusters, free_flow
 from vofem.integrators.event_driven.modal_space import ModalSpace
+from vofem.integrators.event_driven.record import Record
 from vofem.integrators.event_driven.spectrum import Spectrum
+from vofem.integrators.event_driven.status_table import Table, dot, from_blocks, to_blocks
 from vofem.linalg.exponential import oscillator
 from vofem.linalg.jit import jit
 from vofem.system import CLOSED, OPEN, PINNED, ContactLaws
@@ -93,6 +95,37 @@ class Perturbation:
         self._z, self._v = z, v
         self._renormalise()
 
+    def follow(self, table: Table, slots: Status, record: Record, index: int, growth: Array) -> int:
+        """Travel along segments in compiled code, as far as all statuses have slots.
+
+        Parameters
+        ----------
+        slots : ndarray of int, shape (n_statuses,)
+            In the table, of the statuses of the record; -1 for those without.
+        index : int
+            The first segment.
+        growth : ndarray, shape (n_segments + 1,)
+            At the ends of segments; filled.
+
+        Returns
+        -------
+        index : int
+            The first segment that is left.
+        """
+        rows, none = self._space.contacts, np.zeros(0)
+        force, damping = none, none
+        if self._laws is not None:
+            force = np.where(self._laws.jump, self._laws.stiffness * self._laws.gap, 0.0)
+            damping = np.array(self._laws.damping, dtype=float)
+        growth[index] = self.growth
+        z, v = np.array(self._z), np.array(self._v)
+        done = _travel(
+            table, slots, record.status_numbers, record.durations, record.buffers.velocity, np.array(rows), force,
+            damping, self._frequency, index, z, v, growth,
+        )  # fmt: skip
+        self._z, self._v, self.growth = z, v, float(growth[done])
+        return int(done)
+
     def _renormalise(self) -> None:
         scaled = self._frequency * self._z
         size = math.sqrt(float(self._v @ self._v + scaled @ scaled))
@@ -106,3 +139,55 @@ def _drift(delta: Array, p: Array, z: Array, v: Array, t: float) -> None:
     for k in range(p.size):
         c, s = oscillator(delta[k], p[k], t)
         z[k], v[k] = c * z[k] + s * (v[k] + delta[k] * z[k]), c * v[k] - s * (p[k] * z[k] + delta[k] * v[k])
+
+
+@jit
+def _travel(
+    table: Table, slots: Status, numbers: Status, durations: Array, velocity: Array, rows: Array, force: Array,
+    damping: Array, frequency: Array, index: int, z: Array, v: Array, growth: Array,
+) -> int:  # fmt: skip
+    """Do what `Perturbation.drift` and `Perturbation.jump` do, segment after segment; return the first that is left."""
+    n, segments = z.size, numbers.size
+    in_blocks, both, change = np.empty((2, n)), np.empty((2, 2 * n)), np.empty(n)
+    while index < segments:
+        s = slots[numbers[index]]
+        after = slots[numbers[index + 1]] if index + 1 < segments else s
+        if s < 0 or after < 0:
+            return index
+        to_blocks(table, s, z, v, in_blocks[0], in_blocks[1], both)
+        _drift(table.delta[s], table.p[s], in_blocks[0], in_blocks[1], durations[index])
+        from_blocks(table, s, in_blocks[0], in_blocks[1], z, v, both)
+        growth[index + 1] = growth[index] + _scaled(frequency, z, v)
+        if after != s:
+            change[:] = 0.0
+            for j in range(rows.shape[0]):
+                if table.sign[s, j] == table.sign[after, j]:
+                    continue
+                speed = dot(rows[j], velocity[index + 1])
+                if speed == 0.0:
+                    continue
+                push = damping[j] * speed + force[j]
+                # Sign 1 is that of an open contact, which closes.
+                factor = -table.sign[s, j] * push * dot(rows[j], z) / speed
+                for k in range(n):
+                    change[k] += factor * rows[j, k]
+            for k in range(n):
+                v[k] += change[k]
+            growth[index + 1] += _scaled(frequency, z, v)
+        index += 1
+    return index
+
+
+@jit
+def _scaled(frequency: Array, z: Array, v: Array) -> float:
+    """Scale a perturbation to size 1; return the decimal logarithm of its size."""
+    square = 0.0
+    for k in range(z.size):
+        square += v[k] ** 2 + (frequency[k] * z[k]) ** 2
+    size = np.sqrt(square)
+    if size == 0.0:
+        return 0.0
+    for k in range(z.size):
+        z[k] /= size
+        v[k] /= size
+    return float(np.log10(size))

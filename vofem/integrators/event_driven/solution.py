@@ -16,19 +16,22 @@ from vofem.integrators.base import (
     Sensitivity,
     status_at,
 )
+from vofem.integrators.event_driven.load_table import LoadTable, load_table
 from vofem.integrators.event_driven.modal_samples import ModalSamples
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.integrators.event_driven.motion import Forcing, Motion, start_motion
 from vofem.integrators.event_driven.pinned import Reactions, may_pin, reactions, should_pin
 from vofem.integrators.event_driven.record import Record
+from vofem.integrators.event_driven.sampling import sample_segments
 from vofem.integrators.event_driven.search import EventFunctions
 from vofem.integrators.event_driven.segment import Segment, Segments
 from vofem.integrators.event_driven.sensitivity import Perturbation
 from vofem.integrators.event_driven.spectrum import Spectra, Spectrum
+from vofem.integrators.event_driven.status_table import MOST_MODES, StatusTable
 from vofem.integrators.unclosed import never_closed, open_throughout
 from vofem.kernel_mode import as_it_ran, compiled, kernels
 from vofem.laws import initial_status
-from vofem.system import CLOSED, OPEN, PINNED, ContactLaws, Counters, Events, State, System
+from vofem.system import CLOSED, OPEN, PINNED, Counters, Events, State, System
 from vofem.time_functions import Piece, TimeFunction
 
 Array = NDArray[np.float64]
@@ -38,13 +41,17 @@ F = TypeVar("F", bound=Callable[..., Any])
 _CANCELLING = 8.0
 Status = NDArray[np.int64]
 
+#: Statuses that the growth of a perturbation is followed through in compiled code.
+_MOST_SLOTS = 1000
+
 #: With fewer events growth is not looked at unasked: it would cost more than it tells.
 _MANY_EVENTS = 30
 
 
-#: Segments whose closed forms are kept, so that sampling a run starts from them: as many as hold so many numbers, but
-#: few where each may keep another eigensystem in memory, and only the last one in systems of more modes than these.
-_MOST_NUMBERS, _MOST_MOTIONS, _FEW_MODES = 12_000_000, 32, 300
+#: Segments whose closed forms are kept, so that sampling a run starts from them: as many as hold so many numbers (one
+#: has an overhead of about 150), but few where each may keep another eigensystem in memory, and only the last one in
+#: systems of more modes than these.
+_MOST_NUMBERS, _OVERHEAD, _MOST_MOTIONS, _FEW_MODES = 12_000_000, 150, 32, 300
 
 #: Numbers that a closed form holds for each mode.
 _EACH = 20
@@ -54,6 +61,10 @@ _ENERGY = 0.01
 
 #: Numbers of the last samples that are kept in modes.
 _MOST_KEPT = 20_000_000
+
+#: With more modes than these, and more times a segment, the samples of a segment are computed at once by products of
+#: matrices.
+_BY_MATRICES, _MANY_TIMES = 100, 8
 
 #: Times at which contacts that never close are looked at.
 _LOOKS = 257
@@ -113,13 +124,13 @@ class EventSolution:
         self._spectra = Spectra(space, system.contacts, counters, system.cache)
         self.record = Record(space.size, space.contacts.shape[0])
         # Gap functions at the end of the last segment, before an event there.
-        self._gaps_now: Array | None = None
+        self.gaps_now: Array | None = None
         self._initial = np.empty(0, dtype=np.int64)
         # Whether springs of closed contacts act from somewhere else than zero.
         self._pushed = system.contacts is not None and bool(np.any(system.contacts.offset))
         # Counters tell of the run; what sampling costs later is not counted.
         self._motions: dict[int, Motion] = {}
-        self._load_functions, self._loads = _gathered(system, space)
+        self.load_functions, self.load_vectors = _gathered(system, space)
         # Statuses in the order of the run, each with its first segment, whose eigensystems are still to be computed.
         self._awaited: list[tuple[int, Status]] = []
 
@@ -145,13 +156,16 @@ class EventSolution:
         return solution
 
     @cached_property
-    def _row_sizes(self) -> Array:
+    def row_sizes(self) -> Array:
         """Bounds on the terms that the modal rows of the contacts are summed of, shape (n_contacts, n).
 
         The gap between bodies that move together is a difference of displacements, and known to their rounding.
         """
-        assert self.system.contacts is not None
-        return np.asarray(abs(self.system.contacts.rows) @ np.abs(self.space.shapes))
+        laws, shapes = self.system.contacts, self.space.shapes
+        assert laws is not None
+        return self.system.cache.get(
+            "sizes of modal contact rows", None, lambda: np.asarray(abs(laws.rows) @ np.abs(shapes))
+        )
 
     @property
     def modes(self) -> tuple[Array, Array]:
@@ -173,7 +187,7 @@ class EventSolution:
             "log": np.column_stack([events.time, events.contact, events.status]).astype(float).reshape(-1, 3),
             "initial": self._initial,
             "now": (t, status, displacement, velocity),
-            "gaps": self._gaps_now,
+            "gaps": self.gaps_now,
             "counters": self.counters,
         }
 
@@ -188,7 +202,13 @@ class EventSolution:
         for name, value in vars(saved["counters"]).items():
             setattr(self.counters, name, value)
         # Snapshots of earlier versions hold no gap functions.
-        self._gaps_now = saved["gaps"] if "gaps" in saved else self._gaps_at_end(self.record.segments - 1)
+        self.gaps_now = (
+            saved["gaps"]
+            if "gaps" in saved
+            else self._gaps_at_end(self.record.segments - 1)
+            if self.system.contacts is not None
+            else None
+        )
         t, status, displacement, velocity = saved["now"]
         return t, status, displacement, velocity
 
@@ -225,7 +245,7 @@ class EventSolution:
         if laws is not None and touching is not None:
             gaps = self.space.contacts @ displacement - laws.gap
             gaps[touching] = 0.0
-            self._gaps_now = gaps
+            self.gaps_now = gaps
 
     def add_segment(self, t: float, status: Status, displacement: Array, velocity: Array) -> Motion:
         """Begin a segment at time t in a modal state.
@@ -238,10 +258,12 @@ class EventSolution:
             switched = np.flatnonzero((status != record.status(record.segments - 1)) & (status != PINNED))
             if switched.size:
                 displacement = self._at_gaps(switched, displacement)
+        gaps = self.gaps_at(status, displacement)
         record.add(t, status, displacement, velocity)
         index = record.segments - 1
         if self.system.contacts is not None:
-            self._set_gaps(index, self._gaps_now)
+            record.buffers.gaps[index] = gaps
+            record.known_gaps = index + 1
         self.counters.steps += 1
         return self.motion(index)
 
@@ -270,7 +292,7 @@ class EventSolution:
         self.record.buffers.durations[index] = duration
         motion, (displacement, velocity) = self.motion(index), self._whole_changes(index)
         if self.system.contacts is not None:
-            self._gaps_now = self.record.buffers.gaps[index] + self.space.contacts @ displacement
+            self.gaps_now = self.record.buffers.gaps[index] + self.space.contacts @ displacement
         return motion.displacement + displacement, motion.velocity + velocity
 
     def _whole_changes(self, index: int) -> tuple[Array, Array]:
@@ -284,33 +306,49 @@ class EventSolution:
         They are sums of changes, so that they are known far better than
         displacements are; a contact that has just closed or opened has 0.
         """
+        record = self.record
         # Only a run that an earlier version has saved does not know them yet.
-        for k in range(self.record.known_gaps, index + 1):
-            self._set_gaps(k, self._gaps_at_end(k - 1) if k else None)
-        return self.record.buffers.gaps[index]
+        for k in range(record.known_gaps, index + 1):
+            before, now = None if k == 0 else self._gaps_at_end(k - 1), record.status(k)
+            changed = None if k == 0 else now != record.status(k - 1)
+            record.buffers.gaps[k] = self._gaps(now, record.state(k)[0], before, changed)
+            record.known_gaps = k + 1
+        return record.buffers.gaps[index]
+
+    def gaps_at(self, status: Status, displacement: Array) -> Array:
+        """Return the gap functions at the begin of the segment that comes next, shape (n_contacts,)."""
+        if self.system.contacts is None:
+            return np.zeros(0)
+        changed = status != self.record.last_status if self.record.segments else None
+        return self._gaps(status, displacement, self.gaps_now, changed)
 
     def _gaps_at_end(self, index: int) -> Array:
         """Return the gap functions at the end of a segment, before an event there, shape (n_contacts,)."""
         return np.asarray(self.gap_functions(index) + self.space.contacts @ self._whole_changes(index)[0])
 
-    def _set_gaps(self, index: int, before: Array | None) -> None:
-        """Keep the gap functions at the begin of a segment, given those at the end of the one before.
+    def _gaps(
+        self, status: Status, displacement: Array, before: Array | None, changed: NDArray[np.bool_] | None
+    ) -> Array:
+        """Return the gap functions at the begin of a segment.
 
-        Without these they are computed from the displacement.
+        Parameters
+        ----------
+        before : ndarray, shape (n_contacts,), optional
+            Those at the end of the segment before; without them they are computed from the displacement.
+        changed : ndarray of bool, shape (n_contacts,), optional
+            Contacts that have just switched.
         """
-        laws, rows, record = self.system.contacts, self.space.contacts, self.record
+        laws, rows = self.system.contacts, self.space.contacts
         assert laws is not None
-        status, (displacement, _) = record.status(index), record.state(index)
         if before is None:
-            gaps = rows @ displacement - laws.gap
+            gaps = np.asarray(rows @ displacement - laws.gap)
             gaps[np.abs(gaps) <= _TOUCHING * (np.abs(rows) @ np.abs(displacement) + np.abs(laws.gap))] = 0.0
         else:
             gaps = before.copy()
-            if index:
-                gaps[status != record.status(index - 1)] = 0.0
+        if changed is not None:
+            gaps[changed] = 0.0
         gaps[status == PINNED] = 0.0
-        record.buffers.gaps[index] = gaps
-        record.known_gaps = index + 1
+        return gaps
 
     def event_functions(self, motion: Motion) -> tuple[EventFunctions, NDArray[np.int64], Status]:
         """Return the functions to watch in the last segment, the contact of each and the status it leads to.
@@ -322,16 +360,13 @@ class EventSolution:
         assert laws is not None
         spectrum, count = motion.spectrum, motion.omega.size
         status, gaps = self.record.status(index), self.gap_functions(index)
-        known = spectrum.event_functions.get(count)
-        if known is None:
-            known = spectrum.event_functions[count] = self._plain_functions(laws, status, spectrum, count)
-        functions, plain, leads, sign = known
+        functions, plain, leads, sign = self._plain_functions(status, spectrum, count)
         rate = sign * (self.space.contacts[plain] @ motion.velocity)
-        rate_size = self._row_sizes[plain] @ np.abs(motion.velocity)
+        rate_size = self.row_sizes[plain] @ np.abs(motion.velocity)
         constant = functions.constant
         if functions.u.shape[1]:
             # Rounding that earlier segments have left: the search itself counts only what this one changes.
-            constant = np.abs(constant) + self._row_sizes[plain] @ np.abs(motion.displacement)
+            constant = np.abs(constant) + self.row_sizes[plain] @ np.abs(motion.displacement)
         functions = EventFunctions(
             functions.w, functions.u, functions.w_size, functions.u_size, sign * gaps[plain], rate, rate_size,
             constant, functions.slope, functions.harmonic,
@@ -362,13 +397,25 @@ class EventSolution:
         leads = np.concatenate([leads, np.full(held.size, OPEN), np.full(held.size, CLOSED)])
         return functions, np.concatenate([plain, held, held]), leads
 
+    def functions_of(self, status: Status) -> EventFunctions:
+        """Return the event functions of a status without pinned contacts, as far as they do not depend on the state."""
+        return self._plain_functions(status, self.spectrum_of(status), 0)[0]
+
     def _plain_functions(
-        self, laws: ContactLaws, status: Status, spectrum: Spectrum, count: int
+        self, status: Status, spectrum: Spectrum, count: int
     ) -> tuple[EventFunctions, NDArray[np.int64], Status, Array]:
         """Return what `event_functions` does for contacts that are not pinned, the same whenever a status returns.
 
         And the signs of their gap functions.
         """
+        known = spectrum.event_functions.get(count)
+        if known is not None:
+            return known  # type: ignore[no-any-return]
+        laws = self.system.contacts
+        if laws is None:
+            none, empty = np.zeros(0), np.zeros((0, self.space.size))
+            rest = EventFunctions(empty, empty, empty, empty, none, none, none, none, none, empty.astype(complex))
+            return rest, np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), none
         plain = np.flatnonzero(status != PINNED)
         sign = np.where(status[plain] == CLOSED, -1.0, 1.0)
         rows = sign[:, None] * self.space.contacts[plain]
@@ -377,7 +424,7 @@ class EventSolution:
             level = level - rows @ spectrum.real.shift
         none = np.zeros(plain.size)
         functions = EventFunctions(
-            *spectrum.rows(rows, self._row_sizes[plain]),
+            *spectrum.rows(rows, self.row_sizes[plain]),
             none,
             none,
             none,
@@ -385,7 +432,9 @@ class EventSolution:
             none,
             np.zeros((plain.size, count), dtype=complex),
         )
-        return functions, plain, np.where(status[plain] == CLOSED, OPEN, CLOSED), sign
+        known = functions, plain, np.where(status[plain] == CLOSED, OPEN, CLOSED), sign
+        spectrum.event_functions[count] = known
+        return known
 
     def enter(
         self, t: float, status: Status, entered: dict[int, int], displacement: Array, velocity: Array, fraction: float
@@ -411,7 +460,7 @@ class EventSolution:
     def load(self, t: float) -> Array:
         """Return the modal load at time t, shape (n,)."""
         total = np.zeros(self.space.size)
-        for vector, function in zip(self._loads, self._load_functions, strict=True):
+        for vector, function in zip(self.load_vectors, self.load_functions, strict=True):
             total += vector * float(function(t))
         return total
 
@@ -481,7 +530,29 @@ class EventSolution:
 
     def load_pieces(self, t: float) -> list[Piece]:
         """Return the closed form near time t of every load; loads with one function of time are one."""
-        return [function.piece(t) for function in self._load_functions if isinstance(function, TimeFunction)]
+        return [function.piece(t) for function in self.load_functions if isinstance(function, TimeFunction)]
+
+    def spectrum_of(self, status: Status) -> Spectrum:
+        """Return the eigensystem of a status that the run has come to."""
+        return self._spectra[status]
+
+    @cached_property
+    def table(self) -> StatusTable:
+        """Eigensystems of the statuses as the compiled loops take them."""
+        laws = self.system.contacts
+        damped = self.system.damped or (laws is not None and bool(np.any(laws.damping > 0)))
+        return StatusTable(self.load_vectors, self.space.contacts.shape[0], self.t_end, damped)
+
+    def slot(self, status: Status) -> int:
+        """Return the slot of a status in `table`; -1 where a contact is pinned or modes are in clusters."""
+        slot = self.table.slot(status)
+        if slot >= 0 or np.any(status == PINNED):
+            return slot
+        spectrum = self.spectrum_of(status)
+        if spectrum.plain is not None:
+            return -1
+        number, functions = self.record.number(status), self.functions_of(status)
+        return self.table.enter(status, number, spectrum, functions, self.offset_force(status))
 
     def spectrum(self, index: int) -> Spectrum:
         """Return the eigensystem of a segment."""
@@ -507,7 +578,7 @@ class EventSolution:
         if size > _FEW_MODES:
             return 1
         # Eigensystems that `Spectra` keeps cost nothing more.
-        return max(_MOST_NUMBERS // (_EACH * max(size, 1)), 1) if self._spectra.all_kept else _MOST_MOTIONS
+        return max(_MOST_NUMBERS // (_OVERHEAD + _EACH * size), 1) if self._spectra.all_kept else _MOST_MOTIONS
 
     def _await(self, index: int) -> None:
         """Compute the eigensystems of a restored run up to a segment, in the order of the run.
@@ -522,7 +593,7 @@ class EventSolution:
         space = self.space
         constant, slope = np.zeros(space.size), np.zeros(space.size)
         harmonics: dict[float, NDArray[np.complex128]] = {}
-        for vector, piece in zip(self._loads, self.load_pieces(t), strict=True):
+        for vector, piece in zip(self.load_vectors, self.load_pieces(t), strict=True):
             if piece.constant:
                 constant += piece.constant * vector
             if piece.slope:
@@ -530,11 +601,8 @@ class EventSolution:
             for w, amplitude in piece.harmonics:
                 wave = amplitude * vector
                 harmonics[w] = harmonics[w] + wave if w in harmonics else wave
-        laws = self.system.contacts
-        if laws is not None:
-            closed = status == CLOSED
-            if closed.any() and self._pushed:
-                constant += (laws.stiffness * laws.offset * closed) @ space.contacts
+        if self._pushed:
+            constant += self.offset_force(status)
         if spectrum.real.shift_force is not None:
             constant += spectrum.real.shift_force
         omega = np.array(list(harmonics))
@@ -542,6 +610,13 @@ class EventSolution:
         for h, wave in enumerate(harmonics.values()):
             waves[:, h] = wave
         return Forcing(omega, waves, constant, slope)
+
+    def offset_force(self, status: Status) -> Array:
+        """Return the modal force of the springs of closed contacts that act from somewhere else than zero, (n,)."""
+        laws = self.system.contacts
+        if laws is None or not self._pushed:
+            return np.zeros(self.space.size)
+        return np.asarray((laws.stiffness * laws.offset * (status == CLOSED)) @ self.space.contacts)
 
     def visit(self, times: Array) -> list[tuple[int, NDArray[np.int64], Array]]:
         """Return (segment, indices into times, local times) for all segments that hold some of the times."""
@@ -576,7 +651,10 @@ class EventSolution:
         z, v = np.empty((self.space.size, times.size)), np.empty((self.space.size, times.size))
         gaps = gaps and self.system.contacts is not None
         s = np.empty((len(self.space.contacts) if gaps else 0, times.size))
+        sampled = self._sample_compiled(times, z, v, s)
         for index, mine, tau in self.visit(times):
+            if sampled[self.record.status_numbers[index]]:
+                continue
             motion = self.motion(index)
             displacement, velocity = motion.mode_changes(tau)
             if gaps:
@@ -584,6 +662,32 @@ class EventSolution:
             z[:, mine] = displacement + motion.displacement[:, None]
             v[:, mine] = velocity + motion.velocity[:, None]
         return z, v, s
+
+    def _sample_compiled(self, times: Array, z: Array, v: Array, gaps: Array) -> NDArray[np.bool_]:
+        """Fill in samples in compiled code; return for each status of the record whether its segments are done."""
+        record, slots, loads = self.record, self._slots(), self._load_table
+        none = np.zeros(len(record.statuses), dtype=bool)
+        if loads is None or not np.any(slots >= 0) or not times.size:
+            return none
+        order = np.argsort(times, kind="stable")
+        segments = np.searchsorted(record.starts, times[order], side="right") - 1
+        if self.space.size > _BY_MATRICES and times.size > _MANY_TIMES * np.unique(segments).size:
+            return none
+        if gaps.size:
+            self.gap_functions(record.segments - 1)
+        sample_segments(
+            self.table.arrays, slots, np.array(self.space.contacts), loads, record.buffers, self.t_end, segments,
+            times[order] - record.starts[segments], order, z, v, gaps,
+        )  # fmt: skip
+        return slots >= 0
+
+    @cached_property
+    def _load_table(self) -> LoadTable | None:
+        """The loads from the begin of the run to its end."""
+        begin = float(self.record.starts[0])
+        breaks = np.concatenate([[begin], *(function.breakpoints(self.t_end) for function in self.load_functions)])
+        edges = np.append(np.unique(breaks[breaks >= begin]), self.t_end)
+        return load_table(self.load_functions, edges) if self.t_end > begin else None
 
     @_evaluation
     def sample(self, times: Array) -> ModalSamples:
@@ -597,7 +701,7 @@ class EventSolution:
         a = -space.stiffness[:, None] * z - space.damping[:, None] * v
         if space.coupling is not None:
             a -= space.coupling @ v
-        for vector, function in zip(self._loads, self._load_functions, strict=True):
+        for vector, function in zip(self.load_vectors, self.load_functions, strict=True):
             a += np.outer(vector, function(times))
         if self.system.contacts is not None:
             a -= space.contacts.T @ self._contact_force(times, v, s)
@@ -654,20 +758,35 @@ class EventSolution:
     def sensitivity(self) -> Sensitivity:
         """Growth of a perturbation along the run, in closed form."""
         laws = self.system.contacts
-        traveller = Perturbation(self.space, laws)
-        growth = [0.0]
-        record = self.record
-        for index, duration in enumerate(record.durations):
+        record, traveller = self.record, Perturbation(self.space, laws)
+        growth = np.zeros(record.segments + 1)
+        index, slots = 0, self._slots()
+        while index < record.segments:
+            done = traveller.follow(self.table.arrays, slots, record, index, growth) if slots.size else index
+            if done > index:
+                index = done
+                continue
             self._await(index)
             status = record.status(index)
-            traveller.drift(self._spectra[status], duration)
+            traveller.drift(self._spectra[status], record.durations[index])
             if index + 1 < record.segments:
                 after, (_, velocity) = record.status(index + 1), record.state(index + 1)
                 changed = np.flatnonzero(after != status)
                 if changed.size:
                     traveller.jump([(int(j), int(status[j]), int(after[j])) for j in changed], velocity)
-            growth.append(traveller.growth)
-        return Sensitivity(np.append(self.segment_starts, self.t_end), np.array(growth))
+            index += 1
+            growth[index] = traveller.growth
+        return Sensitivity(np.append(self.segment_starts, self.t_end), growth)
+
+    def _slots(self) -> Status:
+        """Return the slots in `table` of the statuses of the record, -1 for those without.
+
+        Empty in plain Python and where the table cannot hold all of them.
+        """
+        statuses = self.record.statuses
+        if not compiled() or self.space.size > MOST_MODES or len(statuses) > min(_MOST_SLOTS, self.table.capacity):
+            return np.zeros(0, dtype=np.int64)
+        return np.array([self.slot(status) for status in statuses], dtype=np.int64)
 
     @property
     def start_energy(self) -> float:
@@ -691,7 +810,7 @@ class EventSolution:
             pinning = self._lost_in_pinning()
         if (damped or system.loads or pinning is not None) and times.size:
             work_and_dissipation(
-                space, self._loads, system.contacts, self._segments(times), damped, pinning, work, dissipated
+                space, self.load_vectors, system.contacts, self._segments(times), damped, pinning, work, dissipated
             )
         kinetic = 0.5 * np.sum(v**2, axis=0)
         strain = 0.5 * np.sum(space.stiffness[:, None] * z**2, axis=0)

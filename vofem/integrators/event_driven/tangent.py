@@ -27,6 +27,10 @@ Array = NDArray[np.float64]
 Status = NDArray[np.int64]
 
 
+#: A perturbation that has shrunk to this share of what it was is left out: a tenth of rounding, squared.
+_NOTHING = 1e-33
+
+
 class Event(NamedTuple):
     """An event as perturbations see it.
 
@@ -50,6 +54,8 @@ class Event(NamedTuple):
 class Tangent:
     """Some perturbations of a modal state, as columns.
 
+    Perturbations that have decayed to nothing, as those of fast damped modes do soon, are no longer followed.
+
     Parameters
     ----------
     space : ModalSpace
@@ -59,12 +65,36 @@ class Tangent:
 
     Attributes
     ----------
-    z, v : ndarray, shape (n, k)
+    z, v : ndarray, shape (n, number of columns)
+        The perturbations that are left.
+    columns : ndarray of int
+        Which ones these are.
     """
 
     def __init__(self, space: ModalSpace, laws: ContactLaws | None, displacement: Array, velocity: Array) -> None:
         self._space, self._laws = space, laws
         self.z, self.v = displacement, velocity
+        self.columns = np.arange(displacement.shape[1])
+        self._first_sizes = self._sizes()
+
+    @property
+    def matrix(self) -> Array:
+        """All perturbations, displacements above velocities, shape (2n, k)."""
+        n = self.z.shape[0]
+        whole = np.zeros((2 * n, self._first_sizes.size))
+        whole[:n, self.columns], whole[n:, self.columns] = self.z, self.v
+        return whole
+
+    def _sizes(self) -> Array:
+        """Return the largest number of every column that is left."""
+        return np.asarray(np.maximum(np.abs(self.z).max(axis=0, initial=0.0), np.abs(self.v).max(axis=0, initial=0.0)))
+
+    def _drop_what_has_decayed(self) -> None:
+        # A column that is not finite stays.
+        left = ~(self._sizes() <= _NOTHING * self._first_sizes[self.columns])
+        if not left.all():
+            self.z, self.v = np.ascontiguousarray(self.z[:, left]), np.ascontiguousarray(self.v[:, left])
+            self.columns = self.columns[left]
 
     def drift(self, spectrum: Spectrum, duration: float) -> None:
         """Follow the free motion of a status for a duration in s."""
@@ -80,6 +110,7 @@ class Tangent:
                 both = both + matrix_change(np.ascontiguousarray(cluster.generator), duration) @ both
                 after_z[k], after_v[k] = both[: k.size], both[k.size :]
         self.z, self.v = spectrum.to_modes(after_z, after_v, shifted=False)
+        self._drop_what_has_decayed()
 
     def jump(self, event: Event) -> None:
         """Pass an event; contacts that switch at once are passed one after the other."""

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from vofem.integrators.event_driven.flow import Flow, Start, Unwatched
 from vofem.integrators.event_driven.tangent import acceleration
+from vofem.linalg.eigen import eigenvalues
 from vofem.studies.steady.orbit import DECIDED, PeriodicOrbit
 from vofem.studies.steady.problem import Evaluation
 from vofem.studies.steady.shooting import Shooting, relative
@@ -122,6 +123,8 @@ class EventEvaluation:
         """Eigenvalues of the monodromy matrix; infinite ones where a contact that acts on the displacement grazes."""
         from scipy.linalg import eigvals
 
+        if self.starts is None and np.all(np.isfinite(self.ends)):
+            return eigenvalues(self.ends)
         with np.errstate(divide="ignore", invalid="ignore"):
             found = np.asarray(eigvals(self.ends, self.starts), dtype=complex)
         return np.where(np.isfinite(found), found, np.inf)

@@ -19,6 +19,7 @@ from vofem.errors import ConvergenceError, EventStormError, MethodError
 from vofem.initial import Initial, StoredState
 from vofem.integrators.event_driven.flow import Flow, Start, Unwatched, flow, modal_state, modes_of, share_modes
 from vofem.integrators.event_driven.run import refusal
+from vofem.linalg.eigen import eigenvalues
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.simulate.plan import Plan, run_plan
@@ -79,9 +80,12 @@ class ShootingEvaluation:
     @cached_property
     def multipliers(self) -> Complex:
         """Eigenvalues of the monodromy matrix."""
-        if not np.all(np.isfinite(self.monodromy)):
+        # The unknowns do not matter for the eigenvalues, and perturbations that have decayed have those that are zero.
+        matrix = self.flow.monodromy
+        assert matrix is not None
+        if not np.all(np.isfinite(matrix)):
             raise ConvergenceError("the monodromy matrix is not finite: the orbit grazes a contact")
-        return np.linalg.eigvals(self.monodromy).astype(complex)
+        return eigenvalues(matrix)
 
     @cached_property
     def uncertainty(self) -> float:

@@ -1,0 +1,244 @@
+"""The compiled loop over segments: the same runs as by steps in Python, and few returns to Python."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+import vofem as vf
+from vofem.integrators.event_driven import follow, solution, status_table, tangent
+from vofem.integrators.event_driven.flow import Start, Unwatched, flow, modes_of
+from vofem.integrators.event_driven.load_table import load_table
+from vofem.kernel_mode import kernels
+from vofem.linalg.exponential import half_turns
+from vofem.system import Counters
+
+
+def beam_on_a_stop(elements=6, *effects, acts_on="displacement", stiffness=20.0, damping=0.0):
+    beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=elements, supports={"left": "clamped"})
+    tip = beam.at(1.0)
+    stop = vf.Contact(tip, gap=0.03, stiffness=stiffness, damping=damping, side="below", acts_on=acts_on)
+    return vf.Scene([beam], [stop, vf.PointLoad(tip, vf.Sine(0.1, 1.0)), *effects])
+
+
+def rattle(load=None):
+    mass = vf.Mass(1.0, stiffness=1.0)
+    stop = vf.Contact(mass, gap=0.5, stiffness=100.0, side="above", acts_on="penetration")
+    return vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(1.0, 1.3) if load is None else load)])
+
+
+def dropped():
+    mass = vf.Mass(1.0)
+    stop = vf.Contact(mass, gap=0.5, stiffness=100.0, side="below", acts_on="penetration")
+    return vf.Scene([mass], [stop, vf.Gravity(9.81)])
+
+
+def chain():
+    masses = [vf.Mass(1.0) for _ in range(5)]
+    effects = [vf.Contact(a, b, gap=0.01, stiffness=1e4, acts_on="penetration") for a, b in itertools.pairwise(masses)]
+    load = vf.Tabulated([0.0, 0.03, 0.06, 0.2], [0.0, 30.0, -10.0, 20.0]) + vf.Sine(5.0, 40.0)
+    return vf.Scene(masses, [*effects, vf.PointLoad(masses[1], load)], initial={masses[0]: (0.0, 1.0)})
+
+
+def pinned():
+    """A mass that chatters on its stop under the displacement law and comes to rest there."""
+    mass = vf.Mass(1.0, damping=0.8)
+    stop = vf.Contact(mass, gap=0.1, stiffness=400.0, side="below", acts_on="displacement")
+    return vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(0.3, 0.9) - 10.0)])
+
+
+SCENES = {
+    "beam, displacement law": (beam_on_a_stop, 9.0),
+    "beam, stiff": (lambda: beam_on_a_stop(8, acts_on="penetration", stiffness=1e4), 5.0),
+    "beam, damped": (
+        lambda: beam_on_a_stop(6, vf.RayleighDamping(0.1, 1e-3), acts_on="penetration", damping=0.3),
+        20.0,
+    ),
+    "beam, damped uniformly": (lambda: beam_on_a_stop(6, vf.RayleighDamping(0.1, 0.0)), 9.0),
+    "mass, harmonic": (rattle, 60.0),
+    "mass, resonance": (lambda: rattle(vf.Sine(0.05, 1.0)), 60.0),
+    "mass, pulses": (lambda: rattle(vf.Pulse(2.0, 1.0, 0.5) + vf.Ramp(0.3, 4.0, 9.0) + vf.Sine(0.8, 1.1)), 30.0),
+    "free fall": (dropped, 20.0),
+    "chain": (chain, 0.2),
+    "pinned": (pinned, 12.0),
+}
+
+
+def run(scene, t_end, **options):
+    with kernels(compiled=True):
+        return vf.simulate(scene, t_end, method="event_driven", times=np.linspace(0.0, t_end, 61), **options)
+
+
+def counted(monkeypatch):
+    """Count the calls of the compiled loop and the steps in Python."""
+    counts = {"calls": 0, "steps": 0}
+    loop, step = follow.run_segments, follow.Follower._step
+
+    def run_segments(*arguments):
+        counts["calls"] += 1
+        return loop(*arguments)
+
+    def _step(self):
+        counts["steps"] += 1
+        step(self)
+
+    monkeypatch.setattr(follow, "run_segments", run_segments)
+    monkeypatch.setattr(follow.Follower, "_step", _step)
+    return counts
+
+
+def coordinates(result):
+    samples = result.solution.sample(result.times)
+    return samples.q, samples.v
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_loop_does_what_steps_in_python_do(name, monkeypatch):
+    build, t_end = SCENES[name]
+    by_loop = run(build(), t_end)
+    counts = counted(monkeypatch)
+    for module in (follow, solution):
+        monkeypatch.setattr(module, "MOST_MODES", 0)
+    by_steps = run(build(), t_end)
+    assert counts["calls"] == 0
+    assert counts["steps"] == by_steps.counters.steps
+    one, two = by_loop.solution.events, by_steps.solution.events
+    assert one.contact.size > 3
+    assert np.array_equal(one.contact, two.contact)
+    assert np.array_equal(one.status, two.status)
+    assert one.time == pytest.approx(two.time, rel=1e-9, abs=1e-9)
+    for kind in (0, 1):
+        mine, other = coordinates(by_loop)[kind], coordinates(by_steps)[kind]
+        assert mine == pytest.approx(other, abs=1e-8 * np.abs(other).max())
+    assert by_loop.notes == by_steps.notes
+    assert by_loop.sensitivity.growth == pytest.approx(by_steps.sensitivity.growth, abs=1e-5)
+    assert abs(by_loop.energy.balance_error) < 1e-11
+
+
+def test_few_returns_to_python(monkeypatch):
+    """Statuses that are met for the first time, and arrays that grow: nothing that grows with the number of events."""
+    counts = counted(monkeypatch)
+    result = run(rattle(), 4000.0)
+    assert result.counters.events > 1500
+    assert counts["steps"] == 0
+    assert counts["calls"] <= 20
+    assert abs(result.energy.balance_error) < 1e-11
+
+
+def test_breakpoints_stay_in_the_loop(monkeypatch):
+    counts = counted(monkeypatch)
+    times = np.linspace(0.0, 20.0, 4001)
+    result = run(rattle(vf.Tabulated(times, np.sin(1.3 * times))), 20.0)
+    assert result.counters.steps > 4000
+    assert counts["steps"] == 0
+    assert counts["calls"] <= 20
+
+
+@pytest.mark.parametrize("name", ["beam, damped", "chain", "pinned"])
+def test_results_do_not_depend_on_when_the_loop_returns(name, monkeypatch):
+    build, t_end = SCENES[name]
+    whole = run(build(), t_end)
+    monkeypatch.setattr(follow, "FIRST_CALL", 1)
+    monkeypatch.setattr(follow, "MOST", 1)
+    counts = counted(monkeypatch)
+    often = run(build(), t_end)
+    assert counts["calls"] + counts["steps"] >= often.counters.steps
+    for mine, other in zip(coordinates(whole), coordinates(often), strict=True):
+        assert np.array_equal(mine, other)
+    assert np.array_equal(whole.solution.events.time, often.solution.events.time)
+
+
+def test_results_do_not_depend_on_the_memory_for_statuses(monkeypatch):
+    build, t_end = SCENES["chain"]
+    whole = run(build(), t_end)
+    monkeypatch.setattr(status_table, "_MOST_MEMORY", 1)
+    little = run(build(), t_end)
+    assert whole.counters.statuses > 3
+    assert little.solution.table.capacity == 2
+    for name in ("starts", "displacement", "velocity", "gaps"):
+        assert np.array_equal(getattr(whole.solution.segments, name), getattr(little.solution.segments, name))
+    # Samples are then computed otherwise.
+    for mine, other in zip(coordinates(whole), coordinates(little), strict=True):
+        assert mine == pytest.approx(other, abs=1e-13)
+
+
+def flow_of(scene, **options):
+    system = scene.model.system
+    with kernels(compiled=True):
+        space = modes_of(system, Counters())
+        numbers = np.random.default_rng(3)
+        start = Start(0.3, 0.02 * numbers.normal(size=space.size) / (1.0 + space.stiffness), np.zeros(space.size))
+        return flow(system, start, 12.0, derivative=np.eye(2 * space.size), **options)
+
+
+@pytest.mark.parametrize("windows", [[], [Unwatched(0, 1.0, 2.0), Unwatched(0, 9.0, np.inf)]], ids=["all", "windows"])
+def test_flows_are_those_of_steps_in_python(windows, monkeypatch):
+    build = SCENES["beam, damped"][0]
+    counts = counted(monkeypatch)
+    by_loop = flow_of(build(), unwatched=windows)
+    assert counts["steps"] == 0
+    monkeypatch.setattr(follow, "MOST_MODES", 0)
+    by_steps = flow_of(build(), unwatched=windows)
+    assert counts["steps"] >= 4
+    assert len(by_loop.events) == len(by_steps.events) > 1
+    for mine, other in zip(by_loop.events, by_steps.events, strict=True):
+        assert (mine.contact, mine.before, mine.after) == (other.contact, other.before, other.after)
+        assert mine.time == pytest.approx(other.time, rel=1e-11)
+        assert not any(window.start <= mine.time < window.stop for window in windows)
+    assert by_loop.displacement == pytest.approx(by_steps.displacement, abs=1e-11)
+    assert by_loop.velocity == pytest.approx(by_steps.velocity, abs=1e-10)
+    assert by_loop.monodromy == pytest.approx(by_steps.monodromy, abs=1e-9 * np.abs(by_steps.monodromy).max())
+
+
+def test_perturbations_that_have_decayed_are_left_out(monkeypatch):
+    """Their share of the derivative is below rounding, and what is left is a part of all perturbations."""
+    build = SCENES["beam, damped"][0]
+    short = flow_of(build()).monodromy
+    monkeypatch.setattr(tangent, "_NOTHING", 0.0)
+    whole = flow_of(build()).monodromy
+    assert np.abs(short - whole).max() <= 1e-25 * np.abs(whole).max()
+    assert np.count_nonzero(np.any(short != 0.0, axis=0)) < 0.8 * short.shape[1]
+
+
+def test_half_turns_keep_all_digits():
+    """Against sums of extended precision, from tiny angles to those of thousands of turns, and beyond the reduction."""
+    numbers = np.random.default_rng(7)
+    for size in (1e-9, 1e-4, 1.0, 50.0, 1e4, 1e6):
+        frequency = size * numbers.uniform(0.0, 1.0, 400)
+        turn, sine = np.empty(400), np.empty(400)
+        with kernels(compiled=True):
+            half_turns(frequency, 1.37, turn, sine)
+        # The angle as it is known: half of the product in double precision.
+        half = np.asarray(0.5 * frequency * 1.37, dtype=np.longdouble)
+        exact = -2.0 * np.sin(half) ** 2, 2.0 * np.sin(half) * np.cos(half)
+        for mine, other in zip((turn, sine), exact, strict=True):
+            assert np.all(np.abs(mine - other) <= 2e-15 * np.abs(other) + 1e-19)
+
+
+FUNCTIONS = [
+    vf.Tabulated([0.1, 0.5, 0.9], [1.0, -2.0, 3.0]),
+    2.0 * vf.Tabulated([0.0, 0.4], [1.0, 5.0]) - vf.Ramp(3.0, 0.2, 0.7),
+    vf.Pulse(2.0, 0.3, 0.2) + 1.5,
+    vf.Sine(2.0, 5.0, 0.3) + vf.Ramp(1.0, 0.6),
+    vf.Sine(1.0, 3.0) + vf.Sine(0.5, 7.0, 1.0),
+]
+
+
+@pytest.mark.parametrize("function", FUNCTIONS, ids=str)
+def test_tables_of_loads_are_the_functions(function):
+    edges = np.array([0.0, *np.unique(function.breakpoints(1.0)), 1.0])
+    table = load_table([function], edges)
+    for k, (left, right) in enumerate(itertools.pairwise(edges)):
+        t = np.linspace(left, right, 7)[:-1]
+        value = table.constant[k, 0] + table.slope[k, 0] * (t - left)
+        for h in range(table.counts[k]):
+            value = value + (table.amplitude[k, 0, h] * np.exp(1j * table.omega[k, h] * (t - left))).real
+        assert value == pytest.approx(function(t), rel=1e-13, abs=1e-13)
+
+
+def test_large_tables_of_loads_are_left_to_python(monkeypatch):
+    monkeypatch.setattr("vofem.integrators.event_driven.load_table._MOST_NUMBERS", 3)
+    counts = counted(monkeypatch)
+    result = run(rattle(vf.Sine(1.0, 1.3) + vf.Pulse(0.1, 1.0, 1.0)), 20.0)
+    assert counts["calls"] == 0
+    assert counts["steps"] == result.counters.steps

@@ -1,0 +1,239 @@
+"""Follows a motion from segment to segment: in compiled code where that can, else in Python.
+
+A step in Python handles every segment: contacts that are pinned, events of
+several contacts at once, clusters of complex modes. The compiled loop
+(`loop.run_segments`) handles the common ones, many in one call. Which of them
+does a segment depends on the motion alone, so that a run that goes on from a
+snapshot gives the same bits.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vofem.integrators.event_driven.clusters import NO_CLUSTERS
+from vofem.integrators.event_driven.load_table import LoadTable, load_table
+from vofem.integrators.event_driven.loop import (
+    EVALUATIONS,
+    EVENTS,
+    FULL,
+    SEGMENTS,
+    SLOT,
+    SPECIAL,
+    SWITCHED,
+    Laws,
+    Now,
+    run_segments,
+)
+from vofem.integrators.event_driven.search import EventFunctions, next_event
+from vofem.integrators.event_driven.solution import EventSolution
+from vofem.integrators.event_driven.status_table import MOST_MODES
+from vofem.kernel_mode import compiled
+from vofem.system import CLOSED, OPEN
+
+Array = NDArray[np.float64]
+Status = NDArray[np.int64]
+
+#: Segments in the first call of the compiled loop; seconds that a call may take; segments and events in any call.
+FIRST_CALL, _SECONDS, MOST = 64, 0.1, 100_000
+
+
+@dataclass(frozen=True)
+class Unwatched:
+    """A contact whose events do not count for a while: it keeps the status that it has.
+
+    Attributes
+    ----------
+    contact : int
+    start, stop : float
+        Absolute times in s; outside of them it is watched.
+    """
+
+    contact: int
+    start: float
+    stop: float
+
+
+class Follower:
+    """A motion that is followed from segment to segment.
+
+    Parameters
+    ----------
+    solution : EventSolution
+        Keeps the segments.
+    edges : array_like, shape (k,)
+        Times in s between which the loads are of one closed form, from the begin of the run on; the motion is followed
+        to the last one.
+    time : float
+        From where on to follow, s.
+    status : ndarray of int, shape (n_contacts,)
+    displacement, velocity : ndarray, shape (n,)
+        Modal state there.
+    pin_fraction : float
+        See `pinned`.
+    most_events : int
+        After so many events `advance` returns, for the caller to give up.
+    unwatched : sequence of Unwatched
+
+    Attributes
+    ----------
+    time, status, displacement, velocity
+        Where the motion stands.
+    calls, steps : int
+        How often the compiled loop was called, and how many segments Python has done.
+    """
+
+    def __init__(
+        self, solution: EventSolution, edges: ArrayLike, time: float, status: Status, displacement: Array,
+        velocity: Array, pin_fraction: float, most_events: int, unwatched: Sequence[Unwatched] = (),
+    ) -> None:  # fmt: skip
+        self.solution = solution
+        self.time, self.status, self.displacement, self.velocity = time, status, displacement, velocity
+        self.calls, self.steps = 0, 0
+        self._edges = np.asarray(edges, dtype=float)
+        self._stop = 0
+        self._pin_fraction, self._most_events = pin_fraction, most_events
+        self._unwatched = tuple(unwatched)
+        self._segments = FIRST_CALL
+        self._in_loop = compiled() and solution.space.size <= MOST_MODES
+
+    def advance(self) -> None:
+        """Go on for one segment or more, for about 0.1 s at most where these are in compiled code."""
+        slot = self._slot() if self._in_loop else -1
+        if slot >= 0:
+            self._loop(slot)
+        else:
+            self._step()
+
+    # -- in Python --------------------------------------------------------------------------------
+
+    def _step(self) -> None:
+        """Go on for one segment."""
+        solution, edges = self.solution, self._edges
+        self.steps += 1
+        while edges[self._stop] <= self.time:
+            self._stop += 1
+        t, stop = self.time, float(edges[self._stop])
+        motion = solution.add_segment(t, self.status, self.displacement, self.velocity)
+        tau, duration = stop - t, stop - t
+        entered = None
+        if solution.system.contacts is not None:
+            functions, owner, entering = self._watched(*solution.event_functions(motion))
+            if owner.size:
+                tau, hits, evaluations = next_event(functions, motion, duration)
+                solution.counters.gap_evaluations += evaluations * len(solution.system.contacts)
+                if hits.any():
+                    entered = dict(zip(owner[hits].tolist(), entering[hits].tolist(), strict=True))
+        self.displacement, self.velocity = solution.end_segment(tau)
+        self.time = stop if tau >= duration else t + tau
+        if entered is not None:
+            self.status = solution.enter(
+                self.time, self.status, entered, self.displacement, self.velocity, self._pin_fraction
+            )
+
+    def _watched(
+        self, functions: EventFunctions, owner: NDArray[np.int64], entering: Status
+    ) -> tuple[EventFunctions, NDArray[np.int64], Status]:
+        """Return event functions without those of contacts that are not watched now."""
+        out = [window.contact for window in self._unwatched if window.start <= self.time < window.stop]
+        if not out:
+            return functions, owner, entering
+        kept = ~np.isin(owner, out)
+        parts = {field.name: getattr(functions, field.name)[kept] for field in fields(functions)}
+        return EventFunctions(**parts), owner[kept], entering[kept]
+
+    # -- in compiled code -------------------------------------------------------------------------
+
+    @cached_property
+    def _loads(self) -> LoadTable | None:
+        return load_table(self.solution.load_functions, self._edges)
+
+    @cached_property
+    def _laws(self) -> Laws:
+        solution = self.solution
+        rows, laws = np.array(solution.space.contacts), solution.system.contacts
+        squares = np.sum(rows**2, axis=1)
+        if laws is None:
+            return Laws(rows, rows, squares, squares, squares, squares)
+        # As in `pinned.may_pin`.
+        scale = np.where(laws.jump, 1.01 * squares * self._pin_fraction * laws.gap, 0.0)
+        return Laws(
+            rows, np.array(solution.row_sizes), squares, np.array(laws.gap, dtype=float),
+            scale * laws.stiffness * laws.gap, scale * laws.damping,
+        )  # fmt: skip
+
+    @cached_property
+    def _now(self) -> Now:
+        n, contacts = self.solution.space.contacts.shape[1], self.solution.space.contacts.shape[0]
+        watched = np.ones(contacts, dtype=bool)
+        return Now(np.zeros(1), np.zeros(6, dtype=np.int64), np.zeros(n), np.zeros(n), np.zeros(contacts), watched)
+
+    def _slot(self) -> int:
+        """Return the slot of the status for the compiled loop; -1 where the next segment is for Python."""
+        status, record = self.status, self.solution.record
+        if self._loads is None:
+            return -1
+        if record.segments and np.count_nonzero(status != record.last_status) > 1:
+            return -1
+        return self.solution.slot(status)
+
+    def _loop(self, slot: int) -> None:
+        """Go on in compiled code from a slot, and with a step in Python where that does not do the next segment."""
+        assert self._loads is not None
+        solution, now = self.solution, self._now
+        record, counters = solution.record, solution.counters
+        now.time[0] = self.time
+        now.displacement[:], now.velocity[:] = self.displacement, self.velocity
+        changed = np.flatnonzero(self.status != record.last_status) if record.segments else ()
+        now.place[SLOT], now.place[SWITCHED] = slot, changed[0] if len(changed) else -1
+        now.place[SEGMENTS], now.place[EVENTS], now.place[EVALUATIONS] = record.segments, record.events, 0
+        now.gaps[:] = solution.gaps_at(self.status, self.displacement)
+        until = np.inf
+        now.watched[:] = True
+        for window in self._unwatched:
+            if window.start <= self.time < window.stop:
+                now.watched[window.contact] = False
+            until = min([t for t in (window.start, window.stop, until) if t > self.time], default=np.inf)
+        first, first_event, begun = record.segments, record.events, time.perf_counter()
+        record.make_room(1, 1)
+        while True:
+            reason = run_segments(
+                solution.table.arrays, self._laws, self._loads, now, record.buffers, NO_CLUSTERS, solution.t_end, until,
+                self._segments, self._most_events,
+            )  # fmt: skip
+            self.calls += 1
+            record.segments, record.events = int(now.place[SEGMENTS]), int(now.place[EVENTS])
+            if reason != FULL:
+                break
+            more = max(min(record.segments, MOST), 1)
+            record.make_room(more, more)
+        seconds = time.perf_counter() - begun
+        if record.segments - first >= self._segments:
+            self._segments = min(2 * self._segments, MOST) if seconds < 0.5 * _SECONDS else self._segments
+            self._segments = max(self._segments // 2, 1) if seconds > 2.0 * _SECONDS else self._segments
+        record.known_gaps = record.segments if now.gaps.size else 0
+        counters.steps += record.segments - first
+        counters.events += record.events - first_event
+        counters.gap_evaluations += int(now.place[EVALUATIONS]) * now.gaps.size
+        if record.segments > first:
+            self._take_over()
+        if reason == SPECIAL:
+            self._step()
+
+    def _take_over(self) -> None:
+        """Stand where the compiled loop has stopped."""
+        now, record = self._now, self.solution.record
+        self.time = float(now.time[0])
+        self.displacement, self.velocity = now.displacement.copy(), now.velocity.copy()
+        self.solution.gaps_now = now.gaps.copy()
+        self.status = record.last_status
+        if now.place[SWITCHED] >= 0:
+            contact = now.place[SWITCHED]
+            self.status = self.status.copy()
+            self.status[contact] = OPEN if self.status[contact] == CLOSED else CLOSED

@@ -1,0 +1,271 @@
+"""The loop over segments and events in compiled code.
+
+It does what a step of `follow.Follower` does in Python, segment after segment:
+begin the motion of the status, search for the next event, move to it, change
+the status. It returns where it needs something that it does not have (the
+eigensystem of a status that is new, room for more segments) and where a segment
+is not of the common kind; that segment is left to Python.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.integrators.event_driven.block_motion import Blocks, begin, move, work_space
+from vofem.integrators.event_driven.clusters import ClusterFlow
+from vofem.integrators.event_driven.load_table import LoadTable
+from vofem.integrators.event_driven.record import Buffers
+from vofem.integrators.event_driven.search import TINY, BlockFlow, Watch, largest_term, march
+from vofem.integrators.event_driven.status_table import Table, dot, to_blocks
+from vofem.linalg.jit import jit
+from vofem.system import CLOSED, OPEN
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+#: Why the loop returns: the run is at its end, the segments asked for are done, a status has no slot, the record is
+#: full, a segment is not of the common kind, or there were too many events.
+DONE, PAUSED, NEW_STATUS, FULL, SPECIAL, STORM = range(6)
+
+#: What `Now.place` holds: the slot of the status, the interval of the loads, the contact that has just switched or -1,
+#: numbers of segments and of events in the record, and how often event functions were evaluated.
+SLOT, INTERVAL, SWITCHED, SEGMENTS, EVENTS, EVALUATIONS = range(6)
+
+#: Terms of a contact's coordinate over its size, from which on it is a difference of large numbers.
+CANCELLING = 8.0
+
+
+class Laws(NamedTuple):
+    """The contacts of a run.
+
+    Attributes
+    ----------
+    rows, row_sizes : ndarray, shape (n_contacts, n)
+        Modal rows, and bounds on the terms that they are summed of.
+    squares : ndarray, shape (n_contacts,)
+        Of the rows.
+    gap : ndarray, shape (n_contacts,)
+        In m.
+    pinning, pinning_rate : ndarray, shape (n_contacts,)
+        A contact may be pinned where its speed squared is below ``pinning + pinning_rate speed``.
+    """
+
+    rows: Array
+    row_sizes: Array
+    squares: Array
+    gap: Array
+    pinning: Array
+    pinning_rate: Array
+
+
+class Now(NamedTuple):
+    """Where a run stands; changed in place.
+
+    Attributes
+    ----------
+    time : ndarray, shape (1,)
+        In s.
+    place : ndarray of int, shape (6,)
+        See `SLOT` and what follows it.
+    displacement, velocity : ndarray, shape (n,)
+        Modal.
+    gaps : ndarray, shape (n_contacts,)
+        Gap functions, m.
+    watched : ndarray of bool, shape (n_contacts,)
+        Contacts whose events count.
+    """
+
+    time: Array
+    place: Integers
+    displacement: Array
+    velocity: Array
+    gaps: Array
+    watched: NDArray[np.bool_]
+
+
+@jit
+def _at_gap(laws: Laws, j: int, displacement: Array) -> None:
+    """Put a contact that has just switched at its gap, as `EventSolution` does."""
+    size = 0.0
+    for k in range(displacement.size):
+        size += abs(laws.rows[j, k] * displacement[k])
+    off = dot(laws.rows[j], displacement) - laws.gap[j]
+    if size <= CANCELLING * (abs(laws.gap[j]) + abs(off)):
+        share = off / laws.squares[j]
+        for k in range(displacement.size):
+            displacement[k] -= laws.rows[j, k] * share
+
+
+@jit
+def _watch(
+    table: Table, s: int, laws: Laws, blocks: Blocks, count: int, gaps: Array, displacement: Array, velocity: Array
+) -> Watch:
+    """Return the event functions of a segment, as `EventSolution.event_functions` and `search.next_event` do."""
+    m, n = table.w.shape[1], velocity.size
+    mixed = table.mixed[s]
+    w = table.w[s]
+    u = table.u[s] if mixed else table.w[s]
+    u_size = table.u_size[s] if mixed else table.w_size[s]
+    start, rate, rate_size, constant, slope = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m)
+    steady = np.zeros((m, count), dtype=np.complex128)
+    for j in range(m):
+        sign = table.sign[s, j]
+        start[j] = sign * gaps[j]
+        level, poly, moving = table.level[s, j], 0.0, 0.0
+        for k in range(n):
+            poly += w[j, k] * blocks.poly_z[k]
+            moving += w[j, k] * blocks.rate_z[k]
+        if mixed:
+            level = abs(level)
+            for k in range(n):
+                poly += u[j, k] * blocks.poly_v[k]
+                moving += u[j, k] * blocks.rate_v[k]
+                level += laws.row_sizes[j, k] * abs(displacement[k])
+                rate_size[j] += laws.row_sizes[j, k] * abs(velocity[k])
+            rate[j] = sign * dot(laws.rows[j], velocity)
+        constant[j] = max(abs(level), abs(poly))
+        slope[j] = moving
+        for h in range(count):
+            for k in range(n):
+                steady[j, h] += w[j, k] * blocks.steady_z[k, h]
+            if mixed:
+                for k in range(n):
+                    steady[j, h] += u[j, k] * blocks.steady_v[k, h]
+    return Watch(
+        mixed, w, u, table.w_size[s], u_size, start, rate, rate_size, np.zeros(m), slope, steady, constant
+    )  # fmt: skip
+
+
+@jit
+def _without(watch: Watch, watched: NDArray[np.bool_]) -> Watch:
+    """Return event functions of which those of contacts that are not watched stay where they are, below zero."""
+    w, u, w_size, u_size = watch.w.copy(), watch.u.copy(), watch.w_size.copy(), watch.u_size.copy()
+    size = np.abs(watch.start).max()
+    for j in range(watched.size):
+        if watched[j]:
+            continue
+        for part in (w, u, w_size, u_size):
+            part[j] = 0.0
+        for values in (watch.rate, watch.rate_size, watch.slope, watch.constant):
+            values[j] = 0.0
+        watch.steady[j] = 0.0j
+        watch.start[j] = -size
+    return Watch(
+        watch.mixed, w, u, w_size, u_size, watch.start, watch.rate, watch.rate_size, watch.offset, watch.slope,
+        watch.steady, watch.constant,
+    )  # fmt: skip
+
+
+@jit
+def _only(hits: NDArray[np.bool_]) -> int:
+    """Return the one that is true, -1 where none is and -2 where several are."""
+    found = -1
+    for j in range(hits.size):
+        if hits[j]:
+            if found >= 0:
+                return -2
+            found = j
+    return found
+
+
+@jit
+def run_segments(
+    table: Table, laws: Laws, loads: LoadTable, now: Now, out: Buffers, clusters: ClusterFlow, horizon: float,
+    until: float, segments: int, events: int,
+) -> int:  # fmt: skip
+    """Follow a run from segment to segment; return why it stops, see `DONE` and what follows it.
+
+    Parameters
+    ----------
+    now : Now
+        Where the run stands, before and after.
+    out : Buffers
+        Of the record, filled.
+    clusters : ClusterFlow
+        None.
+    horizon : float
+        For how long motions may be followed, s.
+    until : float
+        A time in s at which to stop before the end.
+    segments : int
+        How many segments to do before `PAUSED`.
+    events : int
+        How many events there may be in all.
+    """
+    n, m = now.displacement.size, laws.gap.size
+    place, intervals, most = now.place, loads.constant.shape[0], loads.omega.shape[1]
+    blocks = work_space(n, most)
+    start, change, both = np.empty(n), np.empty((2, n)), np.empty((3, 2 * n))
+    for _ in range(segments):
+        t = now.time[0]
+        if t >= loads.edges[intervals] or t >= until:
+            return DONE
+        while loads.edges[place[INTERVAL] + 1] <= t:
+            place[INTERVAL] += 1
+        row, interval, s = place[SEGMENTS], place[INTERVAL], place[SLOT]
+        if s < 0:
+            return NEW_STATUS
+        if row >= out.starts.size or place[EVENTS] >= out.event_time.size:
+            return FULL
+        start[:] = now.displacement
+        if place[SWITCHED] >= 0:
+            _at_gap(laws, place[SWITCHED], start)
+        to_blocks(table, s, start, now.velocity, blocks.z_start, blocks.v_start, both)
+        special = begin(table, s, loads, interval, t, horizon, blocks)
+        omega = loads.omega[interval, : loads.counts[interval]]
+        duration = loads.edges[interval + 1] - t
+        tau, hit, evaluations = duration, -1, 0
+        if m:
+            watch = _watch(table, s, laws, blocks, omega.size, now.gaps, start, now.velocity)
+            if not np.all(now.watched):
+                watch = _without(watch, now.watched)
+            flow = BlockFlow(
+                table.delta[s], table.p[s], table.frequency[s], blocks.z_start, blocks.v_start, blocks.z, blocks.v,
+                omega, blocks.block[:special], blocks.exponent[:special], blocks.g1[:special], blocks.g2[:special],
+                blocks.ramp[:special], clusters,
+            )  # fmt: skip
+            largest = 0.0
+            for k in range(n):
+                largest = max(largest, abs(blocks.z[k]))
+            if largest < TINY and 0.0 < largest_term(watch, flow) < TINY:
+                return SPECIAL
+            tau, hits, evaluations = march(watch, flow, table.levels[s, : table.level_count[s]], duration)
+            hit = _only(hits)
+            if hit == -2:
+                return SPECIAL
+        move(table, s, omega, blocks, special, tau, now.velocity, change, both)
+        if hit >= 0:
+            speed = 0.0
+            for k in range(n):
+                speed += laws.rows[hit, k] * (now.velocity[k] + change[1, k])
+            speed = abs(speed)
+            if speed * speed < laws.pinning[hit] + laws.pinning_rate[hit] * speed:
+                return SPECIAL
+        out.starts[row], out.durations[row], out.status[row] = t, tau, table.number[s]
+        out.gaps[row] = now.gaps
+        for k in range(n):
+            out.displacement[row, k], out.velocity[row, k] = start[k], now.velocity[k]
+            now.displacement[k] = start[k] + change[0, k]
+            now.velocity[k] += change[1, k]
+        for j in range(m):
+            now.gaps[j] += dot(laws.rows[j], change[0])
+        now.time[0] = loads.edges[interval + 1] if tau >= duration else t + tau
+        place[SEGMENTS] = row + 1
+        place[EVALUATIONS] += evaluations
+        place[SWITCHED] = hit
+        if hit < 0:
+            continue
+        now.gaps[hit] = 0.0
+        e = place[EVENTS]
+        out.event_time[e], out.event_contact[e] = now.time[0], hit
+        out.event_status[e] = CLOSED if table.sign[s, hit] > 0.0 else OPEN
+        place[EVENTS] = e + 1
+        place[SLOT] = table.following[s, hit]
+        if e + 1 > events:
+            return STORM
+        if place[SLOT] < 0:
+            return NEW_STATUS
+    return PAUSED
