@@ -190,8 +190,8 @@ class Follower:
         record, counters = solution.record, solution.counters
         now.time[0] = self.time
         now.displacement[:], now.velocity[:] = self.displacement, self.velocity
-        changed = np.flatnonzero(self.status != record.last_status) if record.segments else ()
-        now.place[SLOT], now.place[SWITCHED] = slot, changed[0] if len(changed) else -1
+        changed = np.flatnonzero(self.status != record.last_status).tolist() if record.segments else []
+        now.place[SLOT], now.place[SWITCHED] = slot, changed[0] if changed else -1
         now.place[SEGMENTS], now.place[EVENTS], now.place[EVALUATIONS] = record.segments, record.events, 0
         now.gaps[:] = solution.gaps_at(self.status, self.displacement)
         until = np.inf

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,7 +78,7 @@ class Record:
 
     def make_room(self, segments: int, events: int) -> None:
         """Let the arrays have rows for so many further segments and events."""
-        parts = list(self.buffers)
+        parts: list[Any] = list(self.buffers)
         for k, part in enumerate(parts):
             used, more = (self.segments, segments) if k < _SEGMENT_ARRAYS else (self.events, events)
             if used + more > part.shape[0]:
@@ -156,8 +156,8 @@ class Record:
         parts, rows = self.buffers, slice(self.events)
         if not self.events:
             return Events(initial=initial)
-        times, contacts, status = (part[rows].copy() for part in parts[_SEGMENT_ARRAYS:])
-        return Events(times, contacts, status, initial)
+        times, contacts, status = parts.event_time[rows], parts.event_contact[rows], parts.event_status[rows]
+        return Events(times.copy(), contacts.copy(), status.copy(), initial)
 
     def fill(self, segments: Segments, times: Array, contacts: Status, status: Status) -> None:
         """Take over the segments and events of an earlier run."""

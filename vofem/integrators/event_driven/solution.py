@@ -410,7 +410,7 @@ class EventSolution:
         """
         known = spectrum.event_functions.get(count)
         if known is not None:
-            return known  # type: ignore[no-any-return]
+            return known
         laws = self.system.contacts
         if laws is None:
             none, empty = np.zeros(0), np.zeros((0, self.space.size))
