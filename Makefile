@@ -4,6 +4,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+SITE_STAMP := $(VENV)/.installed-site
 JOBS ?= 2
 
 .PHONY: demo test docs dist lint types unit verification setup accuracy lock clean
@@ -15,13 +16,13 @@ demo: setup
 test: lint types unit
 
 # The site, into site/index.html: the pages of docs/, a gallery of examples/ and the reference. Warnings are errors.
-docs: setup
+docs: $(SITE_STAMP)
 	$(BIN)/python tools/site_pages.py
 	PYTHONPATH=tools NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --clean
 	@echo "wrote site/index.html"
 
 # Wheel and sdist, into dist/.
-dist: setup
+dist: $(SITE_STAMP)
 	rm -rf dist
 	$(BIN)/python -m build --quiet --outdir dist
 	$(BIN)/python -m twine check --strict dist/*
@@ -53,12 +54,20 @@ $(STAMP): pyproject.toml requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
 	touch $(STAMP)
 
+# What only `make docs` and `make dist` need.
+$(SITE_STAMP): $(STAMP) requirements-site.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-site.lock
+	touch $(SITE_STAMP)
+
 # Resolve the ranges of pyproject.toml anew and write down what was found.
 lock:
 	rm -rf build/lock && $(PYTHON) -m venv build/lock
 	build/lock/bin/python -m pip install --quiet --disable-pip-version-check '.[dev]'
 	{ echo '# Written by `make lock`: the versions that `make test` was run with.'; \
 	  build/lock/bin/python -m pip freeze --exclude vofem; } > requirements.lock
+	build/lock/bin/python -m pip install --quiet --disable-pip-version-check '.[docs,dist]'
+	{ echo '# Written by `make lock`: what `make docs` and `make dist` need beside requirements.lock.'; \
+	  build/lock/bin/python -m pip freeze --exclude vofem | grep -vxFf requirements.lock; } > requirements-site.lock
 
 clean:
 	rm -rf $(VENV) build dist site output *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
