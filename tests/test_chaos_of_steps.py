@@ -24,7 +24,7 @@ def between_stops(omega, load=0.7, damping=0.02):
 
 
 def chaos(scene, t_end, method, **more):
-    result = vf.simulate(scene, t_end, method=method, dt=STEPS[method], times=[0.0, t_end], **more)
+    result = vf.simulate(scene, t_end, method=method, times=[0.0, t_end], **{"dt": STEPS[method]} | more)
     return [note for note in result.notes if note.startswith("chaos")]
 
 
@@ -45,10 +45,20 @@ def test_a_regular_run_raises_no_alarm(method, omega):
     assert chaos(between_stops(omega), 100.0, method) == []
 
 
-@pytest.mark.parametrize("method", STEPS)
-def test_runs_that_part_in_proportion_to_time_are_regular(method):
-    """Without load and damping the frequency depends on the amplitude: nearby runs part, but slowly."""
-    assert chaos(between_stops(1.0, load=0.0, damping=0.0), 200.0, method) == []
+@pytest.mark.parametrize(
+    ("method", "dt"), [("energy_conserving", 0.02), ("generalized_alpha", 0.005), ("central_difference", 0.005)]
+)
+def test_runs_that_part_in_proportion_to_time_are_regular(method, dt):
+    """Without load and damping the frequency depends on the amplitude: nearby runs part, but slowly.
+
+    Longer steps of the last two methods do not resolve the impacts, and depart from each other exponentially.
+    """
+    assert chaos(between_stops(1.0, load=0.0, damping=0.0), 200.0, method, dt=dt) == []
+
+
+def test_steps_that_do_not_resolve_impacts_depart_from_each_other():
+    (note,) = chaos(between_stops(1.0, load=0.0, damping=0.0), 200.0, "generalized_alpha", dt=0.01)
+    assert "Where smaller steps leave this note out" in note
 
 
 def test_growth_is_judged_by_its_speed():

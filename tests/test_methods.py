@@ -176,7 +176,7 @@ def test_options_have_the_defaults_that_they_tell(method):
     taken = inspect.signature(module.run).parameters
     assert ("dt" in taken, "tol" in taken, "probes" in taken) == (method.steps, method.adaptive, method.records)
     if method.name == "generalized_alpha":
-        taken = inspect.signature(module.parameters).parameters
+        taken = {**taken, **inspect.signature(module.parameters).parameters}
     assert {name: taken[name].default for name in method.options} == dict(method.options)
     assert method.name in method_names()
 

@@ -60,6 +60,11 @@ def method_named(name: str) -> Method:
     return _METHODS[name]
 
 
+def without_second_run(name: str) -> dict[str, object]:
+    """Return the options with which a method makes no second run for the sake of a note; studies time one run."""
+    return {"nearby": False} if "nearby" in _METHODS[name].options else {}
+
+
 def ranked() -> list[Method]:
     """Return the methods that "auto" chooses from, the one that it prefers first."""
     return sorted((m for m in _METHODS.values() if m.rank is not None), key=lambda m: -(m.rank or 0))

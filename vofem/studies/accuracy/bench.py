@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from vofem.errors import ArgumentError, VofemError
 from vofem.integrators.methods import EVENT_DRIVEN
+from vofem.integrators.registry import without_second_run
 from vofem.kernel_mode import compiled
 from vofem.result import Result
 from vofem.scene import Scene, as_scene
@@ -249,6 +250,7 @@ def _simulate(scene: Scene, t_end: float, setting: Setting, times: Array) -> Res
         times=times,
         progress=False,
         compiled=compiled(),
+        **without_second_run(setting.method),
     )
 
 

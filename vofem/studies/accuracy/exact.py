@@ -162,5 +162,6 @@ def _stepped(scene: Scene, question: Question, steps: int) -> Observed:
         times=question.times,
         progress=False,
         compiled=compiled(),
+        nearby=False,
     )
     return observe(result, question.point)
