@@ -60,7 +60,7 @@ def method_named(name: str) -> Method:
     return _METHODS[name]
 
 
-def without_second_run(name: str) -> dict[str, object]:
+def without_second_run(name: str) -> dict[str, Any]:
     """Return the options with which a method makes no second run for the sake of a note; studies time one run."""
     return {"nearby": False} if "nearby" in _METHODS[name].options else {}
 
