@@ -1,4 +1,8 @@
-"""Clusters: parts of a damped system that cannot be split into blocks, as close roots have nearly dependent modes.
+"""Clusters: parts of a damped system whose complex frequencies nearly coincide.
+
+Modes of nearly equal frequencies are almost linearly dependent, so a motion
+cannot be written in them without a loss of digits. Such modes are kept
+together in one cluster.
 
 A cluster has ``2m`` coordinates with ``x' = T x + g(t)``. They are stored in the
 places (z, v) of m blocks. The motion is computed by a matrix exponential in which
