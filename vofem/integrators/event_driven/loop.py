@@ -19,8 +19,9 @@ from vofem.integrators.event_driven.clusters import ClusterFlow
 from vofem.integrators.event_driven.load_table import LoadTable
 from vofem.integrators.event_driven.record import Buffers
 from vofem.integrators.event_driven.search import TINY, BlockFlow, Watch, largest_term, march
-from vofem.integrators.event_driven.status_table import Table, dot, to_blocks
+from vofem.integrators.event_driven.status_table import Table, to_blocks
 from vofem.linalg.jit import jit
+from vofem.linalg.vectors import inner
 from vofem.system import CLOSED, OPEN
 
 Array = NDArray[np.float64]
@@ -92,7 +93,7 @@ def _at_gap(laws: Laws, j: int, displacement: Array) -> None:
     size = 0.0
     for k in range(displacement.size):
         size += abs(laws.rows[j, k] * displacement[k])
-    off = dot(laws.rows[j], displacement) - laws.gap[j]
+    off = inner(laws.rows[j], displacement) - laws.gap[j]
     if size <= CANCELLING * (abs(laws.gap[j]) + abs(off)):
         share = off / laws.squares[j]
         for k in range(displacement.size):
@@ -125,7 +126,7 @@ def _watch(
                 moving += u[j, k] * blocks.rate_v[k]
                 level += laws.row_sizes[j, k] * abs(displacement[k])
                 rate_size[j] += laws.row_sizes[j, k] * abs(velocity[k])
-            rate[j] = sign * dot(laws.rows[j], velocity)
+            rate[j] = sign * inner(laws.rows[j], velocity)
         constant[j] = max(abs(level), abs(poly))
         slope[j] = moving
         for h in range(count):
@@ -251,7 +252,7 @@ def run_segments(
             now.displacement[k] = start[k] + change[0, k]
             now.velocity[k] += change[1, k]
         for j in range(m):
-            now.gaps[j] += dot(laws.rows[j], change[0])
+            now.gaps[j] += inner(laws.rows[j], change[0])
         now.time[0] = loads.edges[interval + 1] if tau >= duration else t + tau
         place[SEGMENTS] = row + 1
         place[EVALUATIONS] += evaluations

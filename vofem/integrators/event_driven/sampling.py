@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from vofem.integrators.event_driven.block_motion import begin, move, work_space
 from vofem.integrators.event_driven.load_table import LoadTable
 from vofem.integrators.event_driven.record import Buffers
-from vofem.integrators.event_driven.status_table import Table, dot, to_blocks
+from vofem.integrators.event_driven.status_table import Table, to_blocks
 from vofem.linalg.jit import jit
+from vofem.linalg.vectors import inner
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -60,4 +61,4 @@ def sample_segments(
             z[m, columns[i]] = parts.displacement[k, m] + change[0, m]
             v[m, columns[i]] = parts.velocity[k, m] + change[1, m]
         for j in range(gaps.shape[0]):
-            gaps[j, columns[i]] = parts.gaps[k, j] + dot(rows[j], change[0])
+            gaps[j, columns[i]] = parts.gaps[k, j] + inner(rows[j], change[0])

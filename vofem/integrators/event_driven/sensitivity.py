@@ -22,9 +22,10 @@ from vofem.integrators.event_driven.clusters import add_clusters, free_flow
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.integrators.event_driven.record import Record
 from vofem.integrators.event_driven.spectrum import Spectrum
-from vofem.integrators.event_driven.status_table import Table, dot, from_blocks, to_blocks
+from vofem.integrators.event_driven.status_table import Table, from_blocks, to_blocks
 from vofem.linalg.exponential import oscillator
 from vofem.linalg.jit import jit
+from vofem.linalg.vectors import inner
 from vofem.system import CLOSED, OPEN, PINNED, ContactLaws
 
 Array = NDArray[np.float64]
@@ -163,12 +164,12 @@ def _travel(
             for j in range(rows.shape[0]):
                 if table.sign[s, j] == table.sign[after, j]:
                     continue
-                speed = dot(rows[j], velocity[index + 1])
+                speed = inner(rows[j], velocity[index + 1])
                 if speed == 0.0:
                     continue
                 push = damping[j] * speed + force[j]
                 # Sign 1 is that of an open contact, which closes.
-                factor = -table.sign[s, j] * push * dot(rows[j], z) / speed
+                factor = -table.sign[s, j] * push * inner(rows[j], z) / speed
                 for k in range(n):
                     change[k] += factor * rows[j, k]
             for k in range(n):

@@ -292,12 +292,3 @@ def from_blocks(table: Table, s: int, z: Array, v: Array, displacement: Array, v
     add_products(both[0], table.out[s], both[1])
     to_modes(table, s, both[1, :n], displacement)
     to_modes(table, s, both[1, n:], velocity)
-
-
-@jit
-def dot(a: Array, b: Array) -> float:
-    """Return the scalar product of two vectors."""
-    total = 0.0
-    for k in range(a.size):
-        total += a[k] * b[k]
-    return total
