@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import SingularSystemError
-from vofem.linalg.jit import jit
+from vofem.linalg.jit import jit, plain_form
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -99,6 +99,10 @@ def factor_in_place(band: Array) -> int:
 def solve(factored: Array, x: Array) -> None:
     """Solve ``A x = x`` in place."""
     width, n = factored.shape[0] - 1, factored.shape[1]
+    if width == 3 and n > 3:
+        # Beams of Hermite elements.
+        _solve_four_diagonals(factored, x)
+        return
     for i in range(n):
         value = x[i]
         for a in range(1, min(width, n - 1 - i) + 1):
@@ -107,9 +111,53 @@ def solve(factored: Array, x: Array) -> None:
         x[i] /= factored[0, i]
     for i in range(n - 1, -1, -1):
         value = x[i]
-        for a in range(1, min(width, n - 1 - i) + 1):
+        for a in range(min(width, n - 1 - i), 0, -1):
             value -= factored[a, i] * x[i + a]
         x[i] = value
+
+
+@jit
+def _solve_four_diagonals(factored: Array, x: Array) -> None:
+    """Do what `solve` does where the half-bandwidth is 3.
+
+    The unknowns on which the next ones depend stay in registers, and the newest of them enters a sum last: a sweep
+    waits for its own results, so this takes a third of the time. There are at least four unknowns.
+    """
+    n = x.size
+    here, next1, next2 = x[0], x[1], x[2]
+    for i in range(n - 3):
+        next3 = x[i + 3] - factored[3, i] * here
+        x[i] = here / factored[0, i]
+        here, next1, next2 = next1 - factored[1, i] * here, next2 - factored[2, i] * here, next3
+    next1 -= factored[1, n - 3] * here
+    next2 -= factored[2, n - 3] * here
+    last1 = next1 / factored[0, n - 2]
+    last2 = (next2 - factored[1, n - 2] * next1) / factored[0, n - 1]
+    last1 -= factored[1, n - 2] * last2
+    last0 = here / factored[0, n - 3] - factored[2, n - 3] * last2 - factored[1, n - 3] * last1
+    x[n - 3], x[n - 2], x[n - 1] = last0, last1, last2
+    for i in range(n - 4, -1, -1):
+        value = x[i] - factored[3, i] * last2 - factored[2, i] * last1 - factored[1, i] * last0
+        x[i] = value
+        last0, last1, last2 = value, last0, last1
+
+
+@plain_form(solve)
+def _solve_in_lists(factored: Array, x: Array) -> None:
+    # Python's own numbers in lists take a fifth of the time of single entries of arrays.
+    width, n = factored.shape[0] - 1, factored.shape[1]
+    rows, values = factored.tolist(), x.tolist()
+    for i in range(n):
+        value = values[i]
+        for a in range(1, min(width, n - 1 - i) + 1):
+            values[i + a] -= rows[a][i] * value
+    values = [value / pivot for value, pivot in zip(values, rows[0], strict=True)]
+    for i in range(n - 1, -1, -1):
+        value = values[i]
+        for a in range(min(width, n - 1 - i), 0, -1):
+            value -= rows[a][i] * values[i + a]
+        values[i] = value
+    x[:] = values
 
 
 @jit
@@ -118,6 +166,18 @@ def subtract_product(band: Array, x: Array, y: Array) -> None:
     width, n = band.shape[0] - 1, band.shape[1]
     for i in range(n):
         y[i] -= band[0, i] * x[i]
-        for a in range(1, min(width, n - 1 - i) + 1):
+    # Two loops for each diagonal, because the processor then takes several entries at once.
+    for a in range(1, width + 1):
+        for i in range(n - a):
             y[i + a] -= band[a, i] * x[i]
+        for i in range(n - a):
             y[i] -= band[a, i] * x[i + a]
+
+
+@plain_form(subtract_product)
+def _subtract_diagonals(band: Array, x: Array, y: Array) -> None:
+    n = band.shape[1]
+    y -= band[0] * x
+    for a in range(1, band.shape[0]):
+        y[a:] -= band[a, : n - a] * x[: n - a]
+        y[: n - a] -= band[a, : n - a] * x[a:]

@@ -64,7 +64,7 @@ class CompiledFunction:
     @cached_property
     def callee(self) -> Any:
         """The function as other compiled functions call it."""
-        from vofem.linalg.callee_compiler import callee
+        from vofem.linalg.compilers import callee
 
         try:
             return callee(self.py_func)
@@ -134,11 +134,16 @@ def _numba() -> Any:
 
 
 def _compiled(function: Callable[..., Any]) -> Any:
+    from vofem.linalg.compilers import entry_compiler
+
     numba = _numba()
+    options: dict[str, Any] = {}
+    with contextlib.suppress(ImportError, AttributeError):  # a numba that is built differently
+        options["pipeline_class"] = entry_compiler()
     try:
-        made = numba.njit(cache=True)(function)
+        made = numba.njit(cache=True, **options)(function)
     except RuntimeError:  # numba: "cannot cache function: no locator available"
-        return numba.njit(function)
+        return numba.njit(**options)(function)
     # numba looks at a function's own file only, though code that it calls is compiled into it:
     # after a change elsewhere it would go on with the old. Internal names may change with its versions.
     with contextlib.suppress(AttributeError):

@@ -41,10 +41,18 @@ def _fill(into: Array, value: float) -> None:
 @jit
 def inner(one: Array, two: Array) -> float:
     """Return the sum of the products of the entries of two vectors."""
-    total = 0.0
-    for i in range(one.size):
-        total += one[i] * two[i]
-    return total
+    # Four sums at a time: each waits for its own last addition only.
+    n = one.size
+    even = n - n % 4
+    first, second, third, fourth = 0.0, 0.0, 0.0, 0.0
+    for i in range(0, even, 4):
+        first += one[i] * two[i]
+        second += one[i + 1] * two[i + 1]
+        third += one[i + 2] * two[i + 2]
+        fourth += one[i + 3] * two[i + 3]
+    for i in range(even, n):
+        first += one[i] * two[i]
+    return (first + second) + (third + fourth)
 
 
 @plain_form(inner)

@@ -87,19 +87,26 @@ def wave(half: Array) -> tuple[Array, Array, Array]:
     """
     y = np.asarray(half, dtype=float)
     small = np.abs(y) < _SMALL
-    near, far = np.where(small, y, 0.0), np.where(small, 1.0, y)
+    if np.all(small):
+        return _near(y)
+    near, far = _near(np.where(small, y, 0.0)), np.where(small, 1.0, y)
     sine, cosine = np.sin(far), np.cos(far)
-    z = near * near
+    m0 = np.where(small, near[0], sine / far)
+    m1 = np.where(small, near[1], (sine - far * cosine) / (2.0 * far**2))
+    m2 = np.where(small, near[2], ((far**2 - 3.0) * sine + 3.0 * far * cosine) / (6.0 * far**3))
+    return m0, m1, m2
+
+
+def _near(y: Array) -> tuple[Array, Array, Array]:
+    """Return the moments of a wave by series."""
+    z = y * y
     # Coefficients of (-z)^k: 1/(2k+1)!, (k+1)/(2k+3)! and -4 (k+1)(k+2)/(6 (2k+5)!) with a factor z.
     series0, series1, series2 = np.zeros(z.shape), np.zeros(z.shape), np.zeros(z.shape)
     for k in range(9, -1, -1):
         series0 = _INVERSE[2 * k + 1] - z * series0
         series1 = (k + 1.0) * _INVERSE[2 * k + 3] - z * series1
         series2 = (k + 1.0) * (k + 2.0) * _INVERSE[2 * k + 5] - z * series2
-    m0 = np.where(small, series0, sine / far)
-    m1 = np.where(small, near * series1, (sine - far * cosine) / (2.0 * far**2))
-    m2 = np.where(small, -(2.0 / 3.0) * z * series2, ((far**2 - 3.0) * sine + 3.0 * far * cosine) / (6.0 * far**3))
-    return m0, m1, m2
+    return series0, y * series1, -(2.0 / 3.0) * z * series2
 
 
 #: 1/n!

@@ -72,7 +72,7 @@ def _advance(
         Whether the step after them has no solution.
     """
     dt, count, contacts = factored.dt, values.shape[1], state.status.size
-    start, found, solves = Start(state.q, state.v, state.u), Found(np.empty(state.q.size), state.reaction), 0
+    start, found, solves = Start(state.q, state.v, state.u), Found(space.rate, state.reaction), 0
     for k in range(count):
         if out.happened[0] + contacts > out.events.shape[0]:
             return k, solves, False

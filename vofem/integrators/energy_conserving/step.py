@@ -130,6 +130,8 @@ class Scratch(NamedTuple):
     ahead: Array
     none: Array
     held: Array
+    free: Array
+    rate: Array
     dampers: Dampers | None
 
 
@@ -137,9 +139,9 @@ def scratch(n: int, laws: Laws) -> Scratch:
     """Return work space for n unknowns and some laws."""
     m = laws.table.size
     dampers = None if laws.kinds.dampers is None else Dampers(0.0, np.zeros(m))
-    return Scratch(
-        np.empty(n), np.empty(n), np.empty(n), np.empty(m), np.empty(m), np.zeros(m), np.empty(m), dampers
-    )  # fmt: skip
+    change, right, work, rate = np.empty((4, n))
+    base, ahead, held, free = np.empty((4, m))
+    return Scratch(change, right, work, base, ahead, np.zeros(m), held, free, rate, dampers)
 
 
 @jit
@@ -191,7 +193,7 @@ def step(equations: Equations, factored: Factored, push: Array, start: Start, fo
 def _balance(equations: Equations, factored: Factored, start: Start, found: Found, space: Scratch, held: Array) -> int:
     """Find the reactions and the change of p that balance `space.right`, which holds some reactions already."""
     acting = Acting(equations.laws, start.u, True, _dampers(space.dampers, 1.0 / factored.dt))
-    known, guess = Known(space.right, held, space.base), Guess(found.reaction, space.ahead, space.change)
+    known, guess = Known(space.right, held, space.base), Guess(found.reaction, space.ahead, space.change, space.free)
     return balance(acting, factored.structure, equations.rows, known, guess)
 
 

@@ -65,7 +65,7 @@ def scratch(n: int, laws: Laws) -> Scratch:
     """Return work space for n unknowns and some laws."""
     m = laws.table.size
     end = Motion(np.empty(n), np.empty(n), np.empty(n))
-    guess = Guess(np.empty(m), np.empty(m), end.a)
+    guess = Guess(np.empty(m), np.empty(m), end.a, np.empty(m))
     dampers = None if laws.kinds.dampers is None else Dampers(0.0, np.zeros(m))
     return Scratch(
         end, np.empty(n), np.zeros(n), np.empty(n), np.empty(m), np.empty(m), np.zeros(m), guess, dampers

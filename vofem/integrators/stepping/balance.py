@@ -68,11 +68,15 @@ class Structure(NamedTuple):
 
 
 class Guess(NamedTuple):
-    """What is solved for: the reactions (m,), which hold a guess on entry, the coordinates u (m,) and x (n,)."""
+    """What is solved for: the reactions (m,), which hold a guess on entry, the coordinates u (m,) and x (n,).
+
+    `free`, shape (m,), is work space: the coordinates without reactions.
+    """
 
     reaction: Array
     u: Array
     x: Array
+    free: Array
 
 
 class Known(NamedTuple):
@@ -142,10 +146,9 @@ def balance(acting: Acting, structure: Structure, rows: Rows, known: Known, gues
     steps : int
         0 where nothing acts; negative where no solution was found.
     """
-    x = guess.x
+    x, free = guess.x, guess.free
     copy(known.right, x)
     solve(structure.factored, x)
-    free = np.empty(guess.u.size)
     for j in range(free.size):
         free[j] = known.base[j] + structure.per_x * dot(rows, j, x)
     return _find(structure.alone, structure.compliance, structure.band, acting, structure, rows, known, free, guess)

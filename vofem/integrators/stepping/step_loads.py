@@ -130,11 +130,12 @@ class StepLoads:
         self.counters = counters
         self.until = np.inf
 
-    def moments(self, left: Array, right: Array) -> Array:
-        """Return the loads' moments over steps, shape (3, n_loads, n)."""
-        self.counters.load_evaluations += left.size * len(self.functions)
-        result = np.empty((3, len(self.functions), left.size))
-        for k, function in enumerate(self.functions):
+    def moments(self, left: Array, right: Array, of: NDArray[np.bool_] | None = None) -> Array:
+        """Return the moments of loads, by default of all, over steps, shape (3, n_loads, n)."""
+        functions = self.functions if of is None else [self.functions[k] for k in np.flatnonzero(of)]
+        self.counters.load_evaluations += left.size * len(functions)
+        result = np.empty((3, len(functions), left.size))
+        for k, function in enumerate(functions):
             result[:, k] = self._of(function, left, right)
         return result
 
@@ -156,11 +157,15 @@ class StepLoads:
         second are means of m2 over the two adjacent steps. Values take the place of the means for loads without
         breakpoints that change little in a step, and for plain callables whose means follow from their values.
         """
-        means = self._hats(first, count, dt)
+        means = np.zeros((2, len(self.functions), count))
+        slow = self._slow(dt)
         # Slow loads enter by their values, as in the published equations of the methods.
-        for k in np.flatnonzero(self._slow(dt)).tolist():
+        for k in np.flatnonzero(slow).tolist():
             times = np.minimum(np.arange(first, first + count, dtype=float) * dt, self.until)
-            means[0, k], means[1, k] = self.functions[k](times), 0.0
+            means[0, k] = self.functions[k](times)
+            self.counters.load_evaluations += count
+        if not np.all(slow):
+            means[:, ~slow] = self._hats(first, count, dt, ~slow)
         for k, function in enumerate(self.functions):
             if not function.closed_form and not function.breakpoints(self.until).size:
                 self._look(function, first, dt, means[:, k])
@@ -205,9 +210,10 @@ class StepLoads:
         means[0, nodes[near] - first] = values[nodes[near] - begin]
         means[1, nodes[near] - first] = 0.0
 
-    def _hats(self, first: int, count: int, dt: float) -> Array:
+    def _hats(self, first: int, count: int, dt: float, of: NDArray[np.bool_]) -> Array:
+        """Return the means that `nodal` describes, of some loads."""
         steps = np.arange(max(first - 1, 0), first + count, dtype=float)
-        m0, m1, m2 = self.moments(steps * dt, (steps + 1.0) * dt)
+        m0, m1, m2 = self.moments(steps * dt, (steps + 1.0) * dt, of)
         before, after = 0.5 * m0 + m1, 0.5 * m0 - m1
         if first == 0:
             # One side alone has half the weight.
