@@ -6,6 +6,7 @@ import importlib.util
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import vofem as vf
@@ -125,6 +126,17 @@ def test_a_chain_of_wagons(capsys):
     assert "14.3 of 22.5 kJ" in capsys.readouterr().out
 
 
+def test_fitting(capsys):
+    """The fit finds the parameters from which the measurement was made, within a few deviations, and says how well."""
+    names = run_page(DOCS / "fitting.md")
+    found, deviation = names["found"], names["deviation"]
+    assert np.all(np.abs(found.x - [8.0, np.log10(3000.0)]) < 3.0 * deviation)
+    assert 0.7 < names["misfit"] < 1.3
+    printed = capsys.readouterr().out
+    for text in ("gap 8.00 mm, stiffness 3000 N/m", "noise: 0.89", "367\n", "+- 0.006 mm", "+- 0.06 %"):
+        assert text in printed
+
+
 #: Pages whose Python is run, and where nothing more is asserted than what it writes.
 OTHERS = {
     "recipes.md": ["run.gif", "run.vtkhdf", "tip.csv"],
@@ -137,6 +149,7 @@ OTHERS = {
 OWN = {
     *("README.md", "pictures.md", "steady-states.md", "sweeps.md"),
     *("first-scene.md", "strip-on-a-stop.md", "tube-in-supports.md", "chain.md"),
+    "fitting.md",
 }
 
 
