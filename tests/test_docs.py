@@ -157,7 +157,9 @@ OWN = {
 def test_python_of_other_pages_runs(name, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     run_page(DOCS / name)
-    assert sorted(path.name for path in tmp_path.iterdir() if path.is_file()) == OTHERS[name]
+    # On a slow machine the page's long run has been saved on its way.
+    written = {path.name for path in tmp_path.iterdir() if path.is_file()} - {"long.checkpoint"}
+    assert sorted(written) == OTHERS[name]
 
 
 def test_no_page_with_python_is_left_out():
