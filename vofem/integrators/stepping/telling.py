@@ -18,6 +18,7 @@ from vofem.integrators.registry import advice
 from vofem.integrators.rounding import static_loss
 from vofem.integrators.stepped import step_count
 from vofem.integrators.stepping.checks import MISSED, POWER, REACH
+from vofem.integrators.stepping.energies import kinetic_energy
 from vofem.integrators.unclosed import never_closed
 from vofem.system import ContactLaws, Events, System
 
@@ -28,6 +29,9 @@ _ENERGY = 0.01
 
 #: The same between two steps, where states are interpolated.
 _BETWEEN = 0.1
+
+#: Largest energy, over the largest kinetic energy, that is rounding.
+_NO_ENERGY = 1e-12
 
 #: ``omega dt`` of the motion that carries the energy beyond which steps do not resolve it.
 _COARSE = 0.5
@@ -98,7 +102,8 @@ def tell(
     on = np.abs(times / dt - np.round(times / dt)) < 1e-6 if dt is not None else np.ones(times.size, dtype=bool)
     total = parts.kinetic + parts.strain + parts.contact
     scale = max(float(np.max(np.abs(part[on]), initial=0.0)) for part in (total, parts.work, parts.dissipated))
-    if not 0.0 < scale < np.inf:
+    # A method's own form of energy may differ from the usual one, and be zero but for rounding in the first step.
+    if not _NO_ENERGY * float(np.max(kinetic_energy(system, seen.samples.v), initial=0.0)) < scale < np.inf:
         return notes
     missing = (total - first + parts.dissipated - parts.work) / scale
     if dt is None:
