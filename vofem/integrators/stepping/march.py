@@ -45,6 +45,9 @@ _PLAIN_WORK = 10_000
 #: Factored matrices of a method that are kept with a system: those of all step sizes that `tol` tries, and some more.
 MOST_FACTORED = 48
 
+#: Names in checkpoints of earlier versions, and what they are called now.
+_FORMER_NAMES = {"now": "ticks", "rung": "level", "uneasy": "last_hard"}
+
 #: Number of laws from which on the order of the unknowns takes account of their rows.
 _MANY = 16
 
@@ -293,7 +296,7 @@ def _restore(kernel: Kernel, out: Record, saved: Snapshot, notes: list[str]) -> 
     _fill(kernel.state, saved["state"])
     _fill(kernel.trail, saved["trail"])
     for name, value in saved["place"].items():
-        setattr(kernel, name, value)
+        setattr(kernel, _FORMER_NAMES.get(name, name), value)
     output = saved["output"]
     cursor = int(output["times"].size)
     # Earlier versions have stored wanted times only.
