@@ -37,7 +37,7 @@ class CentralDifference(EqualSteps):
         # Second-order start: half a step back with the acceleration of the initial conditions.
         half = start.v[order] - 0.5 * dt * self.start_acceleration[order]
         self.state = State(start.q[order].copy(), half, self.status, self.laws.state)
-        self.begin_trail(np.zeros(system.size))
+        self.begin_at_start(np.zeros(system.size))
 
     def _factor(self) -> tuple[Array, tuple[Array, Array] | None]:
         """Return the factored ``M + dt C/2``, and `shape` and `compliance` of `Implicit`, or None."""
@@ -68,7 +68,7 @@ class CentralDifference(EqualSteps):
         """Take some steps."""
         first, count, springpots = self.next_chunk()
         taken = advance(
-            self.size, self.equations, self.nodal_loads(first, count, self.dt), first, self.state, self.trail, out,
+            self.size, self.equations, self.nodal_loads(first, count, self.dt), first, self.state, self.last_step, out,
             self.space, springpots,
         )  # fmt: skip
         self.complain(self.dt)

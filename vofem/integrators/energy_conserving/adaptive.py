@@ -136,7 +136,7 @@ class AdaptiveSteps(StepDoubling, Midpoint):
         for k, found in enumerate((self.trial.first, self.trial.second)):
             _take(
                 self.equations, self._size(self.level + 1), self.forcing, values, k, self.time, found, self.state,
-                self.trail, out, self.space, half,
+                self.last_step, out, self.space, half,
             )  # fmt: skip
 
     def _loads(self, t: float, dt: float, half: Factored) -> tuple[Array, float]:

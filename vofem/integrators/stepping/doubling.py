@@ -104,7 +104,7 @@ class StepDoubling(StepSizeControl, Setting):
         return self.beyond
 
     def reached(self) -> float:
-        """Return the time of the state in `trail`, s."""
+        """Return the time of the state in `last_step`, s."""
         return min(self.time, self.t_end)
 
     @abstractmethod

@@ -45,7 +45,7 @@ _PLAIN_WORK = 10_000
 #: Factored matrices of a method that are kept with a system: those of all step sizes that `tol` tries, and some more.
 MOST_FACTORED = 48
 
-#: Names in checkpoints of earlier versions, and what they are called now.
+#: Names in checkpoints of earlier versions, and what they are called today.
 _FORMER_NAMES = {"now": "ticks", "rung": "level", "uneasy": "last_hard"}
 
 #: Number of laws from which on the order of the unknowns takes account of their rows.
@@ -107,15 +107,15 @@ class Kernel(Protocol):
     Attributes
     ----------
     bands : Banded
-    trail : LastStep
+    last_step : LastStep
     past : StepPast or None
         Internal variables of laws whose force over a step depends on earlier steps.
     place : tuple of str
-        Names of the attributes that, beside `state` and `trail`, make up the state of the run.
+        Names of the attributes that, beside `state` and `last_step`, make up the state of the run.
     """
 
     bands: Banded
-    trail: LastStep
+    last_step: LastStep
     rows: Rows
     laws: Laws
     past: StepPast | None
@@ -140,13 +140,13 @@ class Kernel(Protocol):
         """Take some steps, at least one, as long as the record has room for their events."""
 
     def reached(self) -> float:
-        """Return the time of the state in `trail`, s."""
+        """Return the time of the state in `last_step`, s."""
 
     def kinetic(self, samples: Samples) -> Array:
         """Return the kinetic energy of the method's own balance at the stored times, J."""
 
     def uncounted(self) -> float:
-        """Return a bound on the energy that loads have given to the state in `trail` but not yet done as work, J."""
+        """Return a bound on the energy that loads have given at the end of `last_step` and that work does not count, J."""
 
 
 def march(
@@ -266,14 +266,14 @@ def _outcome(kernel: Kernel, out: Record, columns: IntArray) -> tuple[Array, Sam
 
 
 def _held(kernel: Kernel) -> tuple[float, float]:
-    """Return the energies in J that hysteretic springs store, and have dissipated, at the state in `trail`.
+    """Return the energies in J that hysteretic springs store, and have dissipated, at the state in `last_step`.
 
     The work that springpots have absorbed counts as dissipated here.
     """
-    trail, lost = kernel.trail, 0.0 if kernel.past is None else kernel.past.absorbed()
+    last_step, lost = kernel.last_step, 0.0 if kernel.past is None else kernel.past.absorbed()
     if not kernel.laws.state.size:
         return 0.0, lost
-    stored, more = memory_energy(kernel.laws, trail.memory, kernel.rows, trail.q)
+    stored, more = memory_energy(kernel.laws, last_step.memory, kernel.rows, last_step.q)
     return float(stored), float(more) + lost
 
 
@@ -281,7 +281,7 @@ def _snapshot(kernel: Kernel, out: Record, log: list[Array], recorded: Recorded,
     """Return the state of a run, as plain data, from which it can go on."""
     return {
         "state": kernel.state,
-        "trail": kernel.trail,
+        "trail": kernel.last_step,
         "place": {name: getattr(kernel, name) for name in kernel.place},
         "output": stored(out),
         "recorded": recorded.whole(),
@@ -294,7 +294,7 @@ def _snapshot(kernel: Kernel, out: Record, log: list[Array], recorded: Recorded,
 def _restore(kernel: Kernel, out: Record, saved: Snapshot, notes: list[str]) -> tuple[list[Array], Recorded]:
     """Set a kernel and its record to a snapshot; return the events so far, and the points recorded at every step."""
     _fill(kernel.state, saved["state"])
-    _fill(kernel.trail, saved["trail"])
+    _fill(kernel.last_step, saved["trail"])
     for name, value in saved["place"].items():
         setattr(kernel, _FORMER_NAMES.get(name, name), value)
     output = saved["output"]
@@ -344,10 +344,10 @@ def stored_energy(system: System, q: Array, v: Array) -> float:
 
 def _check(kernel: Kernel, method: Method, first: float, dt: float, blow_up: float) -> float:
     """Return what is missing from the balance of energy where the run stands, J; raise where that is a blow-up."""
-    trail, back = kernel.trail, kernel.bands.back
+    last_step, back = kernel.last_step, kernel.bands.back
     held, lost = _held(kernel)
-    now = stored_energy(kernel.bands.system, trail.q[back], trail.v[back]) + held
-    work, dissipated = float(trail.work[1]), float(trail.dissipated[1]) + lost
+    now = stored_energy(kernel.bands.system, last_step.q[back], last_step.v[back]) + held
+    work, dissipated = float(last_step.work[1]), float(last_step.dissipated[1]) + lost
     scale = abs(first) + abs(work) + abs(dissipated) + kernel.uncounted()
     excess = now - first - work + dissipated
     if not excess <= blow_up * scale + 1e-300:

@@ -40,7 +40,7 @@ class LastStep(NamedTuple):
     size: Array
 
 
-def last_step(n: int, memory: Array) -> LastStep:
+def no_step(n: int, memory: Array) -> LastStep:
     """Return an empty record of the last step of n unknowns, with the internal variables of hysteretic laws."""
     return LastStep(np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(2), np.zeros(2), memory.copy(), np.zeros(1))
 
