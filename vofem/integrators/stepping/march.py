@@ -146,7 +146,7 @@ class Kernel(Protocol):
         """Return the kinetic energy of the method's own balance at the stored times, J."""
 
     def uncounted(self) -> float:
-        """Return a bound on the energy that loads have given at the end of `last_step` and that work does not count, J."""
+        """Return a bound on the energy that loads have given until `last_step`, beyond the work counted there, J."""
 
 
 def march(

@@ -145,7 +145,7 @@ class Setting:
         return kinetic_energy(self.bands.system, samples.v)
 
     def uncounted(self) -> float:
-        """Return a bound on the energy that loads have given at the end of `last_step` and that work does not count, J."""
+        """Return a bound on the energy that loads have given until `last_step`, beyond the work counted there, J."""
         return 0.0
 
     def complain(self, dt: float) -> None:
