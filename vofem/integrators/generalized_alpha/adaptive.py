@@ -52,7 +52,7 @@ class AdaptiveSteps(StepDoubling, Alpha):
         """Return all arrays that a step changes, but those of states that are stored."""
         past = () if self.past is None else tuple(self.past.state)
         probes = () if out.probes is None else (out.probes.filled,)
-        return *self.state, *self.last_step, *past, *probes, out.watch, out.past, out.cursor, out.happened
+        return *self.state, *self.last_step, *past, *probes, out.contact_checks, out.past, out.cursor, out.happened
 
     def _one_step(self, dt: float, number: int, out: Record) -> int:
         """Take the step of a number and a size; return contact solves, or -1 where there is no solution."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from vofem.integrators.generalized_alpha.parameters import Parameters
 from vofem.integrators.generalized_alpha.step import Size, State, advance, scratch
 from vofem.integrators.stepping.balance import Structure, structure
-from vofem.integrators.stepping.checks import look
+from vofem.integrators.stepping.checks import check_contacts
 from vofem.integrators.stepping.hysteresis import record_hysteresis
 from vofem.integrators.stepping.march import MOST_FACTORED
 from vofem.integrators.stepping.record import Motion, Record, store
@@ -93,7 +93,7 @@ class Alpha(Setting):
     def store_start(self, out: Record, dt: float) -> None:
         """Store the state at t = 0. Then give the structure the impulse of loads there."""
         state = self.state
-        look(out.watch, self.rows, dt, state.q, state.v)
+        check_contacts(out.contact_checks, self.rows, dt, state.q, state.v)
         store(out, 0.0, dt, True, self.last_step, Motion(state.q, state.v, state.a), state.a)
         record_hysteresis(self.laws, self.laws.kinds.hysteretic, self.last_step.memory, self.rows, out)
         if self.past is not None:

@@ -17,9 +17,9 @@ from vofem.integrators.stepping.checks import check_times
 from vofem.integrators.stepping.energies import contact_energy, kinetic_energy, strain_energy
 from vofem.integrators.stepping.hysteresis import memory_energy
 from vofem.integrators.stepping.probes import MOST_STEPS, Recorded
+from vofem.integrators.stepping.quality import Checked, quality_notes
 from vofem.integrators.stepping.record import LastStep, Record, shortened, stored, take_events
 from vofem.integrators.stepping.step_loads import StepLoads
-from vofem.integrators.stepping.telling import Seen, tell
 from vofem.integrators.watching import Snapshot, Watch, deferred_interrupts
 from vofem.kernel_mode import compiled
 from vofem.laws.callbacks import Callbacks
@@ -205,8 +205,8 @@ def march(
         missing = tuple(resume.get("missing", missing))
 
     def snapshot() -> Snapshot:
-        seen = {"missing": list(missing), "watch": out.watch}
-        return _snapshot(kernel, out, log, recorded, notes) | seen
+        checked = {"missing": list(missing), "watch": out.contact_checks}
+        return _snapshot(kernel, out, log, recorded, notes) | checked
 
     with deferred_interrupts() as interrupted:
         while not kernel.finished:
@@ -235,13 +235,12 @@ def march(
         events = Events(time.copy(), which.astype(np.int64), entered.astype(np.int64), initial)
     counters.events = events.time.size
     first_energy += held
-    looked = np.flatnonzero(np.isin(out.times, check_times(wanted_end, kernel.dt, system.size)))
+    checked = np.flatnonzero(np.isin(out.times, check_times(wanted_end, kernel.dt, system.size)))
     # A run that goes on from a checkpoint of an earlier version has not stored all of them.
-    looked = looked[np.isfinite(out.q[0, looked])]
-    times, samples, parts, _ = _outcome(kernel, out, looked)
-    notes += tell(
-        system, method, Seen(times, samples, parts, out.watch, missing), events, first_energy, kernel.dt, wanted_end
-    )  # fmt: skip
+    checked = checked[np.isfinite(out.q[0, checked])]
+    times, samples, parts, _ = _outcome(kernel, out, checked)
+    found = Checked(times, samples, parts, out.contact_checks, missing)
+    notes += quality_notes(system, method, found, events, first_energy, kernel.dt, wanted_end)
     points = None if probes is None else recorded.samples(probes.names, wanted_end * (1.0 + 1e-12))
     times, samples, parts, springs = _outcome(kernel, out, np.flatnonzero(out.wanted))
     return SteppedSolution(
@@ -312,7 +311,7 @@ def _restore(kernel: Kernel, out: Record, saved: Snapshot, notes: list[str]) -> 
     for name, value in vars(saved["counters"]).items():
         setattr(kernel.bands.counters, name, value)
     notes[:] = saved["notes"]
-    out.watch[:] = saved.get("watch", out.watch)
+    out.contact_checks[:] = saved.get("watch", out.contact_checks)
     out.cursor[:] = cursor
     return [saved["log"]] if saved["log"].size else [], Recorded(saved["recorded"])
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from vofem.integrators.base import ProbeRows, Samples
 from vofem.integrators.damping_matrix import damping_matrix
-from vofem.integrators.stepping.checks import check_times, watch
+from vofem.integrators.stepping.checks import check_times, contact_checks
 from vofem.integrators.stepping.energies import kinetic_energy
 from vofem.integrators.stepping.march import Banded, chunk, tally
 from vofem.integrators.stepping.probes import tap
@@ -134,7 +134,7 @@ class Setting:
         """
         system, checks = self.bands.system, None
         if t_end is not None:
-            checks = check_times(t_end, self.dt, system.size), watch(system.contacts)
+            checks = check_times(t_end, self.dt, system.size), contact_checks(system.contacts)
         points = tap(probes, self.bands.order)
         return record_of(
             times, system.size, self.status.size, points, system.histories, self.laws.state.size, checks

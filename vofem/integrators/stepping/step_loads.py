@@ -26,7 +26,7 @@ PARTS = 16
 #: Steps in the shortest time of a load that resolve it.
 _RESOLVED = 2.0
 
-#: Steps in the shortest time of a smooth load from which on its means over steps, or values at their ends, tell it.
+#: Steps in the shortest time of a smooth load from which on its values at the ends of steps describe it well enough.
 _SLOW = 4.0
 
 #: Error of the mean of a plain callable, over its values about the end of a step, up to which values replace the mean.

@@ -1,4 +1,4 @@
-"""What runs tell of themselves: energy, steps too large, contacts passed over, rounding, coarse meshes."""
+"""Notes of runs on their own quality: energy, steps too large, contacts passed over, rounding, coarse meshes."""
 
 from __future__ import annotations
 
