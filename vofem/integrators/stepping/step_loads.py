@@ -14,7 +14,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.integrators.looked import LOOKS, loads_by_values
+from vofem.integrators.sampled_loads import FEWEST_SAMPLES, loads_by_values
 from vofem.system import Counters, LoadFunction, System
 from vofem.time_functions import carried
 
@@ -30,7 +30,7 @@ _RESOLVED = 2.0
 _SLOW = 4.0
 
 #: Error of the mean of a plain callable, over its values about the end of a step, up to which values replace the mean.
-_TOLD = 1e-4
+_SAME = 1e-4
 
 #: Phase in rad by which motion may be late before there is a note.
 _OFF = 0.02
@@ -163,7 +163,7 @@ class StepLoads:
             means[0, k], means[1, k] = self.functions[k](times), 0.0
         for k, function in enumerate(self.functions):
             if not function.closed_form and not function.breakpoints(self.until).size:
-                self._look(function, first, dt, means[:, k])
+                self._smooth_callable(function, first, dt, means[:, k])
         return means
 
     def steps(self, first: int, count: int, dt: float) -> Array:
@@ -180,7 +180,7 @@ class StepLoads:
              for f in self.functions], dtype=bool,
         )  # fmt: skip
 
-    def _look(self, function: LoadFunction, first: int, dt: float, means: Array) -> None:
+    def _smooth_callable(self, function: LoadFunction, first: int, dt: float, means: Array) -> None:
         """Replace means, shape (2, count), by values of a plain callable where the means follow from the values.
 
         The mean of a smooth function follows from values one step apart, with an error of the fourth power of the
@@ -193,14 +193,15 @@ class StepLoads:
             return
         values = function(np.minimum(np.arange(begin, last + 1, dtype=float) * dt, self.until))
         three = np.lib.stride_tricks.sliding_window_view(values, 3)
-        told, at = three @ np.array([1.0, 10.0, 1.0]) / 12.0, begin + 1
+        predicted, at = three @ np.array([1.0, 10.0, 1.0]) / 12.0, begin + 1
         if first == 0:
             three = np.concatenate([three[:1], three])
-            told, at = np.append(three[0] @ np.array([7.0, 6.0, -1.0]) / 12.0, told), 0
-        nodes = np.arange(at, at + told.size)
+            predicted, at = np.append(three[0] @ np.array([7.0, 6.0, -1.0]) / 12.0, predicted), 0
+        nodes = np.arange(at, at + predicted.size)
         wanted = (nodes >= first) & (nodes < first + count)
         near = np.flatnonzero(
-            wanted & (np.abs(told - means[0, np.clip(nodes - first, 0, count - 1)]) <= _TOLD * np.max(np.abs(three), 1))
+            wanted
+            & (np.abs(predicted - means[0, np.clip(nodes - first, 0, count - 1)]) <= _SAME * np.max(np.abs(three), 1))
         )
         means[0, nodes[near] - first] = values[nodes[near] - begin]
         means[1, nodes[near] - first] = 0.0
@@ -227,7 +228,7 @@ class StepLoads:
         return values, first - values
 
     def _of(self, function: LoadFunction, left: Array, right: Array) -> Array:
-        width, until = self.until / LOOKS, self.until
+        width, until = self.until / FEWEST_SAMPLES, self.until
         near = right <= until + 1e-9 * (right - left)
         if np.all(near):
             return function.moments(left, np.minimum(right, until), width)
