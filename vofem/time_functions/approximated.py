@@ -258,12 +258,10 @@ class Approximated(TimeFunction):
         return Piece(tuple(harmonics), float(c[0] + c[1] * shift / length), float(c[1] / length))
 
 
-def _fit(
-    function: TimeFunction, left: float, right: float, times: Array, values_there: Array
-) -> tuple[Array, float, float]:
+def _fit(function: TimeFunction, left: float, right: float, times: Array, given: Array) -> tuple[Array, float, float]:
     """Return coefficients, error at the points of check and size of the values on one piece.
 
-    The values `values_there` at those of the `times` that lie on the piece are compared too.
+    The values `given` at those of the `times` that lie on the piece are compared too.
     """
     # The value at the right end is that before a jump there.
     inside = np.minimum(left + (right - left) * _NODES, np.nextafter(right, left))
@@ -273,6 +271,6 @@ def _fit(
     size = float(max(np.max(np.abs(values)), np.max(np.abs(checks))))
     part = slice(np.searchsorted(times, left), np.searchsorted(times, right))
     if part.stop > part.start:
-        off = _basis((times[part] - left) / (right - left), 1.0) @ coefficients - values_there[part]
-        error, size = max(error, float(np.max(np.abs(off)))), max(size, float(np.max(np.abs(values_there[part]))))
+        off = _basis((times[part] - left) / (right - left), 1.0) @ coefficients - given[part]
+        error, size = max(error, float(np.max(np.abs(off)))), max(size, float(np.max(np.abs(given[part]))))
     return coefficients, error, size
