@@ -194,9 +194,9 @@ def march(
         If energy grows beyond what the loads can have done, or a state is no longer finite.
     """
     system, counters = kernel.bands.system, kernel.bands.counters
-    held = _held(kernel)[0]
+    in_springs = _spring_energies(kernel)[0]
     kernel.bands.over.until = t_end
-    energy = stored_energy(system, start.q, start.v) + held
+    energy = stored_energy(system, start.q, start.v) + in_springs
     log: list[Array] = []
     wanted_end = t_end
     recorded, missing = Recorded(), (0.0, 0.0)
@@ -234,7 +234,7 @@ def march(
         time, which, entered = np.concatenate(log).T
         events = Events(time.copy(), which.astype(np.int64), entered.astype(np.int64), initial)
     counters.events = events.time.size
-    first_energy += held
+    first_energy += in_springs
     checked = np.flatnonzero(np.isin(out.times, check_times(wanted_end, kernel.dt, system.size)))
     # A run that goes on from a checkpoint of an earlier version has not stored all of them.
     checked = checked[np.isfinite(out.q[0, checked])]
@@ -255,8 +255,8 @@ def _outcome(kernel: Kernel, out: Record, columns: IntArray) -> tuple[Array, Sam
     samples = Samples(out.q[place], out.v[place], out.a[place])
     strain, dissipated, springs = strain_energy(system, samples.q), out.dissipated[columns], None
     if system.recorded:
-        force, held, lost = out.memory[:, :, columns]
-        springs = SpringSamples(force, held, lost, out.past[:, 0])
+        force, energy, loss = out.memory[:, :, columns]
+        springs = SpringSamples(force, energy, loss, out.past[:, 0])
         strain = strain + springs.stored.sum(axis=0)
         dissipated = dissipated + springs.dissipated.sum(axis=0)
     contact = contact_energy(system.contacts, samples.q)
@@ -264,16 +264,16 @@ def _outcome(kernel: Kernel, out: Record, columns: IntArray) -> tuple[Array, Sam
     return out.times[columns], samples, parts, springs
 
 
-def _held(kernel: Kernel) -> tuple[float, float]:
+def _spring_energies(kernel: Kernel) -> tuple[float, float]:
     """Return the energies in J that hysteretic springs store, and have dissipated, at the state in `last_step`.
 
     The work that springpots have absorbed counts as dissipated here.
     """
-    last_step, lost = kernel.last_step, 0.0 if kernel.past is None else kernel.past.absorbed()
+    last_step, absorbed = kernel.last_step, 0.0 if kernel.past is None else kernel.past.absorbed()
     if not kernel.laws.state.size:
-        return 0.0, lost
-    stored, more = memory_energy(kernel.laws, last_step.memory, kernel.rows, last_step.q)
-    return float(stored), float(more) + lost
+        return 0.0, absorbed
+    energy, loss = memory_energy(kernel.laws, last_step.memory, kernel.rows, last_step.q)
+    return float(energy), float(loss) + absorbed
 
 
 def _snapshot(kernel: Kernel, out: Record, log: list[Array], recorded: Recorded, notes: list[str]) -> Snapshot:
@@ -344,9 +344,9 @@ def stored_energy(system: System, q: Array, v: Array) -> float:
 def _check(kernel: Kernel, method: Method, first: float, dt: float, blow_up: float) -> float:
     """Return what is missing from the balance of energy where the run stands, J; raise where that is a blow-up."""
     last_step, back = kernel.last_step, kernel.bands.back
-    held, lost = _held(kernel)
-    now = stored_energy(kernel.bands.system, last_step.q[back], last_step.v[back]) + held
-    work, dissipated = float(last_step.work[1]), float(last_step.dissipated[1]) + lost
+    in_springs, loss = _spring_energies(kernel)
+    now = stored_energy(kernel.bands.system, last_step.q[back], last_step.v[back]) + in_springs
+    work, dissipated = float(last_step.work[1]), float(last_step.dissipated[1]) + loss
     scale = abs(first) + abs(work) + abs(dissipated) + kernel.uncounted()
     excess = now - first - work + dissipated
     if not excess <= blow_up * scale + 1e-300:

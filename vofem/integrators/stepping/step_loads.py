@@ -236,18 +236,18 @@ class StepLoads:
         moments[:, near] = function.moments(left[near], np.minimum(right[near], until), width)
         for k in np.flatnonzero(~near):
             a, b = float(left[k]), float(right[k])
-            begin, reach = max(a, until), b - until
-            if reach > until:
+            begin, beyond = max(a, until), b - until
+            if beyond > until:
                 # A step longer than the run.
                 later = function.moments(0.0, until, width)
                 later[1:] = 0.0
             else:
-                m0, m1, m2 = function.moments(until - reach, 2.0 * until - begin, width)
-                mean, trend, _ = function.moments(until - reach, until, width)
+                m0, m1, m2 = function.moments(until - beyond, 2.0 * until - begin, width)
+                mean, trend, _ = function.moments(until - beyond, until, width)
                 point = mean + 6.0 * trend
-                if 2.0 * reach <= until:
+                if 2.0 * beyond <= until:
                     # The trend of a short or fast load predicts nothing, so it is limited to that of the means.
-                    past = function.moments(until - 2.0 * reach, until - reach, width)[0]
+                    past = function.moments(until - 2.0 * beyond, until - beyond, width)[0]
                     ahead = 2.0 * mean - past
                     low, high = np.minimum.reduce([past, mean, ahead]), np.maximum.reduce([past, mean, ahead])
                     point = np.clip(point, low, high)
