@@ -90,6 +90,28 @@ def test_the_command_line_goes_before_the_file(scene, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
+    ("times", "t_end", "said"),
+    [
+        (
+            "[0.0, 3.0, 6.0]",
+            "8",
+            "the times of the file end at 6 s, so no states are stored between there and --t-end at 8 s",
+        ),
+        ("[0.0, 3.0, 6.0]", "5", "2 of the 3 times of the file lie within --t-end; these are kept"),
+        ("[0.0, 3.0]", "5", None),
+        ("[0.0, 3.0, 6.0]", "6", None),
+    ],
+)
+def test_times_of_the_file_and_another_end(scene, tmp_path, capsys, times, t_end, said):
+    scene.write_text(SHORT.replace("t_end = 6.0", f"t_end = 6.0\ntimes = {times}"))
+    assert cli.main(["run", str(scene), "--no-pictures", "--t-end", t_end, "--output", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    assert (said in printed) if said else ("of the file" not in printed)
+    expected = [t for t in (0.0, 3.0, 6.0) if t <= float(t_end) and f"{t}" in times]
+    assert columns(tmp_path / "histories.csv")["t [s]"].tolist() == expected
+
+
+@pytest.mark.parametrize(
     ("words", "message"),
     [
         (["--t-end", "-1"], "t_end is -1.0, expected a positive number"),

@@ -312,7 +312,7 @@ def test_a_step_that_is_tried_leaves_no_trace():
     scene = vf.Scene(scene.bodies, scene.effects, {mass: (4.9, 3.0)})
     kernel = AdaptiveSteps(scene.model.system, scene.initial_state(), Counters(), 30.0)
     kernel.plan(30.0, 1e-6)
-    kernel.rung = 0
+    kernel.level = 0
     before = kernel.state.memory.copy()
     found = kernel.attempt(kernel.record(np.zeros(0), None))
     assert found.solves >= 0

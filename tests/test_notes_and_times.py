@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import vofem as vf
-from vofem.integrators.stepping.checks import MISSED, POWER, REACH, check_times, look, watch
+from vofem.integrators.stepping.checks import MISSED, PEAK, POWER, check_contacts, check_times, contact_checks
 from vofem.laws.rows import compressed
 
 STEPPING = ("energy_conserving", "generalized_alpha", "central_difference")
@@ -160,11 +160,11 @@ def test_what_a_watch_finds():
     mass = vf.Mass(1.0, stiffness=1.0)
     scene = vf.Scene([mass], [stop(mass, gap=1.0 - 1e-9), stop(mass, gap=0.5, name="closing", stiffness=7.0)])
     laws = scene.model.system.contacts
-    rows, table = compressed(laws.rows, np.arange(1)), watch(laws)
+    rows, table = compressed(laws.rows, np.arange(1)), contact_checks(laws)
     for t in (0.01 * np.arange(3900)).tolist():
-        look(table, rows, 0.01, np.array([np.sin(t)]), np.array([np.cos(t)]))
+        check_contacts(table, rows, 0.01, np.array([np.sin(t)]), np.array([np.cos(t)]))
     assert table[:, MISSED].tolist() == [6, 0]
-    assert table[:, REACH] == pytest.approx([0.0, 0.5], abs=1e-4)
+    assert table[:, PEAK] == pytest.approx([0.0, 0.5], abs=1e-4)
     # (u - gap) u' is largest where sin^2 - cos^2 = gap sin.
     top = (0.5 + np.sqrt(0.25 + 8.0)) / 4.0
     assert table[1, POWER] == pytest.approx(7.0 * (top - 0.5) * np.sqrt(1.0 - top**2), rel=1e-4)

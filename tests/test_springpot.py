@@ -414,7 +414,7 @@ def test_a_step_that_is_tried_leaves_no_trace():
     _, scene = oscillator(0.5, STARTS["struck"])
     kernel = AdaptiveSteps(scene.model.system, scene.initial_state(), Counters(), 8.0)
     kernel.plan(8.0, 1e-6)
-    kernel.rung = 0
+    kernel.level = 0
     kernel.history.y[:] = np.linspace(0.1, 0.2, kernel.history.y.size)
     before = [part.copy() for part in kernel.history]
     found = kernel.attempt(kernel.record(np.zeros(0), None))

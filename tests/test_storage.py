@@ -20,7 +20,7 @@ from vofem import cli
 from vofem.files.hdf5 import reading, writing
 from vofem.integrators.base import Samples
 from vofem.integrators.event_driven.motion import Forcing
-from vofem.io.run_pictures import telling_points
+from vofem.io.run_pictures import points_of_interest
 from vofem.io.storage.tree import read_tree, write_tree
 from vofem.time_functions import Piece
 
@@ -104,7 +104,7 @@ def assert_whole(loaded, result):
     between = np.unique(np.append(np.linspace(0.0, result.solution.t_end, 137), result.times[::7]))
     asked = [None, between if result.method == "event_driven" else result.times[3:9]]
     for t in asked:
-        for point in telling_points(result.scene):
+        for point in points_of_interest(result.scene):
             for what in ("displacement", "velocity", "acceleration"):
                 assert same(getattr(loaded, what)(point, t), getattr(result, what)(point, t)), (what, point)
         for beam in [body for body in result.scene.bodies if isinstance(body, vf.Beam)]:
@@ -161,7 +161,7 @@ def test_a_loaded_scene_runs_again_to_the_same_bits(tmp_path):
         result = ran(name)
         loaded = saved_and_loaded(result, tmp_path / f"{name}.vtkhdf")
         again = vf.simulate(loaded.scene, result.solution.t_end, method=result.method, times=result.times)
-        for point in telling_points(result.scene):
+        for point in points_of_interest(result.scene):
             assert same(again.displacement(point), result.displacement(point))
 
 
@@ -248,7 +248,7 @@ def test_a_run_with_callables_is_read_whole(tmp_path):
     beam = result.scene.bodies[0]
     loaded = saved_and_loaded(result, tmp_path / "run.vtkhdf")
     for run in (loaded, saved_and_loaded(loaded, tmp_path / "again.vtkhdf")):
-        for point in telling_points(result.scene):
+        for point in points_of_interest(result.scene):
             for what in ("displacement", "velocity", "acceleration"):
                 assert same(getattr(run, what)(point), getattr(result, what)(point))
         for end in ("left", "right"):

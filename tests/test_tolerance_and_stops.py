@@ -172,7 +172,7 @@ def tried(law, start, phase, fineness=1.0):
     scene = vf.Scene([mass], [effect], {mass: start})
     kernel = AdaptiveSteps(scene.model.system, scene.initial_state(), Counters(), 1.0)
     kernel.plan(2.0 * 32 * phase / 100.0, 1e-3, fineness)
-    kernel.rung = 0
+    kernel.level = 0
     assert kernel.length(1) == pytest.approx(phase / 100.0)
     found = kernel.attempt(None)
     assert found.solves >= 0

@@ -12,7 +12,19 @@ import pytest
 
 import vofem as vf
 from vofem.cli import main
-from vofem.verification import FAILED, PASSED, REFUSED, STOPPED, TOLD, Case, How, Quantity, catalogue, select, verify
+from vofem.verification import (
+    FAILED,
+    PASSED,
+    REFUSED,
+    REPORTED,
+    STOPPED,
+    Case,
+    How,
+    Quantity,
+    catalogue,
+    select,
+    verify,
+)
 from vofem.verification.case import DYNAMIC
 from vofem.verification.report import junit, markdown, markdown_details, summary
 from vofem.verification.runner import judge
@@ -96,9 +108,9 @@ def verdict(case, method="central_difference"):
         (1.0005, How(1e-3), None, PASSED),
         (1.01, How(1e-3), None, FAILED),
         (np.nan, How(1e-3), None, FAILED),
-        (1.01, How(1e-3, expected=TOLD, says="rounding"), "rounding: much", TOLD),
-        (1.0, How(1e-3, expected=TOLD, says="rounding"), None, PASSED),
-        (1.01, How(1e-3, expected=TOLD, says="rounding"), "energy: much", FAILED),
+        (1.01, How(1e-3, expected=REPORTED, says="rounding"), "rounding: much", REPORTED),
+        (1.0, How(1e-3, expected=REPORTED, says="rounding"), None, PASSED),
+        (1.01, How(1e-3, expected=REPORTED, says="rounding"), "energy: much", FAILED),
         (1.0, How(1e-3, says="coarse"), None, FAILED),
         (1.0, How(1e-3, expected=REFUSED), None, FAILED),
         (1.0, How(1e-3, expected=STOPPED), None, FAILED),

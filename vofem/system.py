@@ -33,8 +33,8 @@ class LoadFunction(Protocol):
         """Return the times at which the closed form changes."""
 
     @property
-    def looked(self) -> float:
-        """Distance in s of the times at which a callable was looked at; 0 where the shape is known, inf where not."""
+    def sample_spacing(self) -> float:
+        """Distance in s of the times at which a callable was evaluated; 0 if the shape is known, inf if nothing is."""
 
     def shortest(self, t_end: float) -> float:
         """Return the shortest time in s over which the function changes its course."""

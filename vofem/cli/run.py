@@ -87,12 +87,19 @@ def _changes(arguments: argparse.Namespace, file: SceneFile) -> dict[str, Any]:
     given = {"method": arguments.method, "t_end": arguments.t_end, "t_start": arguments.t_start, "dt": arguments.dt}
     changes = {name: value for name, value in given.items() if value is not None}
     times = None if file.run is None else file.run.arguments()["times"]
-    if "t_end" in changes and times is not None:
-        within = [t for t in np.asarray(times, dtype=float).tolist() if t <= changes["t_end"]]
+    if file.run is not None and times is not None and "t_end" in changes:
+        t_end = changes["t_end"]
+        within = [t for t in np.asarray(times, dtype=float).tolist() if t <= t_end]
         # A start alone is no history.
         kept = len(within) > 1
         changes["times"] = within if kept else None
         if len(within) < len(times):
             what = "these are kept" if kept else "results are stored as if the file gave none"
             print(f"note: {len(within)} of the {len(times)} times of the file lie within --t-end; {what}", flush=True)
+        elif max(within) < t_end and t_end > file.run.t_end:
+            print(
+                f"note: the times of the file end at {max(within):g} s, so no states are stored between there and "
+                f"--t-end at {t_end:g} s; take times out of the file, or let them go on to {t_end:g} s",
+                flush=True,
+            )
     return changes

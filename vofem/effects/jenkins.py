@@ -127,10 +127,10 @@ class BilinearSpring(IwanSpring):
         self.hardening = number(f"{label}: hardening", hardening, minimum=0)
         if not self.hardening < 1.0:
             raise ArgumentError(f"{label}: hardening is {self.hardening:g}, expected a number from 0 to below 1")
-        reach = np.array([1.0, 2.0]) * self.linear_limit
-        pull = self.stiffness * self.linear_limit * np.array([1.0, 1.0 + self.hardening])
-        super().__init__(a, b, elongation=reach, force=pull, of=of, name=name)
-        self._law = _jenkins(label, name, self.stiffness * np.array([1.0, self.hardening]), reach[:1], self.units)
+        elongations = np.array([1.0, 2.0]) * self.linear_limit
+        forces = self.stiffness * self.linear_limit * np.array([1.0, 1.0 + self.hardening])
+        super().__init__(a, b, elongation=elongations, force=forces, of=of, name=name)
+        self._law = _jenkins(label, name, self.stiffness * np.array([1.0, self.hardening]), elongations[:1], self.units)
 
 
 def _law(label: str, name: str, elongation: Array, force: Array, units: Units) -> HystereticLaw:

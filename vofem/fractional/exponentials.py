@@ -152,8 +152,8 @@ def _built(dt: float, t_end: float, aim: float) -> Exponentials:
     few = next(count for largest, count in _FEW if spacing <= largest)
     # exp(-y) by interpolation between 0 and the largest slow rate.
     slowest = 4.0 * (0.025 * aim * math.factorial(few)) ** (1.0 / few) / t_end
-    reach = math.log(1.0 / aim) + 2.0
-    count = math.ceil(math.log(reach / (slowest * dt)) / spacing) + 1
+    largest_exponent = math.log(1.0 / aim) + 2.0
+    count = math.ceil(math.log(largest_exponent / (slowest * dt)) / spacing) + 1
     fast = slowest * np.exp(spacing * np.arange(count))
     points: Array = 0.5 - 0.5 * np.cos(np.arange(few) * np.pi / (few - 1.0))
     moments = np.asarray(np.linalg.inv(np.vander(points, increasing=True).T), dtype=np.float64)

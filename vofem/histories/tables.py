@@ -50,7 +50,7 @@ _ENERGIES = ("kinetic", "strain", "contact", "dissipated", "work")
 _STATUS = {OPEN: "opens", CLOSED: "closes", PINNED: "is pinned"}
 
 
-def telling_points(scene: Scene) -> tuple[Any, ...]:
+def points_of_interest(scene: Scene) -> tuple[Any, ...]:
     """Return the points of the contacts and, where there are none, of the other effects.
 
     A body that none of them touches gives its own: a mass itself, a line its right end.
@@ -70,7 +70,7 @@ def telling_points(scene: Scene) -> tuple[Any, ...]:
 def named_points(what: str, scene: Scene, points: Mapping[str, Any] | Iterable[Any] | None) -> dict[str, Any]:
     """Return points by name: those that are given, or some telling ones of the scene."""
     if points is None:
-        points = telling_points(scene)[:MOST]
+        points = points_of_interest(scene)[:MOST]
     if isinstance(points, Mapping):
         return {name: as_point(f"{what}: {name}", point) for name, point in points.items()}
     listed = [points] if hasattr(points, "row") else points

@@ -10,7 +10,7 @@ import numpy as np
 from vofem.system import Counters, LoadFunction, System
 
 #: Looks at the direction of the load in a run, and in a period of it.
-_LOOKS, _LOOKS_IN_A_PERIOD = 4096, 32
+_SAMPLES, _SAMPLES_IN_A_PERIOD = 4096, 32
 
 
 class AppliedForce:
@@ -61,19 +61,19 @@ class AppliedForce:
             if at_left != before and left > 0.0:
                 # A jump of the force is a very fast rise or fall.
                 rising = at_left > before
-            looks = np.linspace(left, right, self._looks(left, right, t_end) + 1)
+            samples = np.linspace(left, right, self._samples_between(left, right, t_end) + 1)
             # Rates within the span: at its end the one of the next span may be told.
-            looks[-1] = right - 1e-9 * (right - left)
-            rates = np.array([rate(t) for t in looks.tolist()])
+            samples[-1] = right - 1e-9 * (right - left)
+            rates = np.array([rate(t) for t in samples.tolist()])
             small = 1e-14 * np.max(np.abs(rates))
             for k, value in enumerate(rates.tolist()):
                 if abs(value) <= small or (value > 0.0) == rising:
                     continue
                 turn = begin
                 if k and rates[k - 1] != 0.0 and (rates[k - 1] > 0.0) != (value > 0.0):
-                    turn = float(brentq(rate, looks[k - 1], looks[k], xtol=1e-15 * right, rtol=8.9e-16))
+                    turn = float(brentq(rate, samples[k - 1], samples[k], xtol=1e-15 * right, rtol=8.9e-16))
                 elif k:
-                    turn = float(looks[k - 1])
+                    turn = float(samples[k - 1])
                 if turn > begin:
                     spans.append((begin, turn, rising))
                 begin, rising = turn, not rising
@@ -81,10 +81,10 @@ class AppliedForce:
             before = self(np.nextafter(right, left))
         return spans
 
-    def _looks(self, left: float, right: float, t_end: float) -> int:
-        count = max(8, int(np.ceil(_LOOKS * (right - left) / t_end)))
+    def _samples_between(self, left: float, right: float, t_end: float) -> int:
+        count = max(8, int(np.ceil(_SAMPLES * (right - left) / t_end)))
         for _, function in self._parts:
             if function.closed_form:
                 fastest = max((abs(w) for w, _ in function.piece(left).harmonics), default=0.0)  # type: ignore[attr-defined]
-                count = max(count, int(np.ceil(_LOOKS_IN_A_PERIOD * fastest * (right - left) / (2.0 * np.pi))))
+                count = max(count, int(np.ceil(_SAMPLES_IN_A_PERIOD * fastest * (right - left) / (2.0 * np.pi))))
         return count

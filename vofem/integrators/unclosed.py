@@ -20,20 +20,20 @@ def open_throughout(laws: ContactLaws, events: Events) -> NDArray[np.bool_]:
     return never
 
 
-def never_closed(laws: ContactLaws, events: Events, reach: Array) -> list[str]:
+def never_closed(laws: ContactLaws, events: Events, peak: Array) -> list[str]:
     """Return a note on contacts that never closed, nor came near it.
 
     Parameters
     ----------
     laws : ContactLaws
     events : Events
-    reach : ndarray, shape (n_contacts,)
-        Largest value of ``b.q`` that each contact came to, m.
+    peak : ndarray, shape (n_contacts,)
+        Largest value of ``b.q`` in the run, m.
     """
-    far = np.flatnonzero(open_throughout(laws, events) & (reach < _PART * laws.gap))
+    far = np.flatnonzero(open_throughout(laws, events) & (peak < _PART * laws.gap))
     if not far.size:
         return []
     j = int(far[0])
-    moved = f"came within {laws.gap[j] - reach[j]:.4g} m of closing, its gap being {laws.gap[j]:.4g} m"
+    moved = f"came within {laws.gap[j] - peak[j]:.4g} m of closing, its gap being {laws.gap[j]:.4g} m"
     others = "" if far.size == 1 else f"; so did {far.size - 1} other contacts"
     return [f"contacts: contact {laws.names[j]!r} never closed: at its nearest it {moved}{others}. Check gap and side"]

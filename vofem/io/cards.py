@@ -12,7 +12,7 @@ import numpy as np
 
 from vofem.errors import VofemError
 from vofem.histories import Table
-from vofem.histories.tables import telling_points
+from vofem.histories.tables import points_of_interest
 from vofem.histories.touches import spans_of
 from vofem.result import Result
 from vofem.scene import Scene
@@ -60,13 +60,13 @@ def _result(result: Result) -> str:
     def figure(axes: Any) -> None:
         from vofem.io.pictures.histories import time_history
 
-        time_history(result, telling_points(result.scene)[0], ax=axes)
+        time_history(result, points_of_interest(result.scene)[0], ax=axes)
 
     return _card("Result", rows, _axes(figure), result.notes)
 
 
 def _orbit(orbit: PeriodicOrbit) -> str:
-    point = telling_points(orbit.scene)[0]
+    point = points_of_interest(orbit.scene)[0]
     rows = [
         ("method", orbit.method),
         ("frequency of the loads", f"{orbit.omega:.6g} rad/s, {orbit.omega / (2.0 * np.pi):.6g} Hz"),
@@ -99,7 +99,7 @@ def _branch(branch: Branch) -> str:
 
     def figure(axes: Any) -> None:
         some = np.unique(np.linspace(0, len(branch) - 1, _ORBITS).round().astype(int))
-        point = telling_points(branch.orbits[0].scene)[0]
+        point = points_of_interest(branch.orbits[0].scene)[0]
         heights = [branch.orbits[int(k)].amplitude(point) for k in some]
         axes.plot(branch.values[some], heights, ".-", color="#16181d", markersize=3, linewidth=1.0)
         axes.set(xlabel="parameter", ylabel="amplitude [m]")

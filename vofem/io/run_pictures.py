@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from vofem.histories.tables import MOST, telling_points
+from vofem.histories.tables import MOST, points_of_interest
 from vofem.io.scenes.settings import OutputSettings
 from vofem.result import Result
 from vofem.scene import Scene
@@ -14,7 +14,7 @@ from vofem.scene import Scene
 
 def history_points(scene: Scene, output: OutputSettings) -> tuple[Any, ...]:
     """Return the points that the settings name, or some telling ones."""
-    return output.history or telling_points(scene)[:MOST]
+    return output.history or points_of_interest(scene)[:MOST]
 
 
 def picture_times(result: Result, output: OutputSettings) -> tuple[float, ...]:

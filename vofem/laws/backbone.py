@@ -57,8 +57,8 @@ def backbone(laws: Laws, j: int, w: float) -> tuple[float, float]:
             law["limit"],
             laws.parameters[law["first"]],
         )
-        reach = span + k * w
-        return limit * (k * w / reach), limit * k * (span / reach) / reach
+        total = span + k * w
+        return limit * (k * w / total), limit * k * (span / total) / total
     a, n, at = _knot(laws, j, w)
     return _cubic(laws, a, n, at, w)
 
@@ -73,8 +73,8 @@ def backbone_mean(laws: Laws, j: int, w0: float, w1: float) -> float:
             law["limit"],
             laws.parameters[law["first"]],
         )
-        reach = span + k * w0
-        x = k * (w1 - w0) / reach
+        total = span + k * w0
+        x = k * (w1 - w0) / total
         # 1 - log(1 + x)/x.
         if x < 0.1:
             bend = 0.0
@@ -82,7 +82,7 @@ def backbone_mean(laws: Laws, j: int, w0: float, w1: float) -> float:
                 bend = x * (1.0 / (n + 1) - bend)
         else:
             bend = 1.0 - math.log1p(x) / x
-        return limit * (bend + (k * w0 / reach) * (1.0 - bend))
+        return limit * (bend + (k * w0 / total) * (1.0 - bend))
     p = laws.parameters
     a, n, first = _knot(laws, j, w0)
     last = _knot(laws, j, w1)[2]

@@ -20,7 +20,7 @@ from vofem.laws.callbacks import FORCE, MEAN, STORED, TANGENT, call
 from vofem.laws.contact import contact_force, contact_kinks, contact_mean, damper_path, ideal_mean_slope
 from vofem.laws.group import CLOSED, LawGroup
 from vofem.laws.hysteretic import (
-    LOST,
+    DISSIPATED,
     commit_slopes,
     force_slopes,
     hysteretic_commit,
@@ -156,9 +156,9 @@ def _stored(laws: Laws, called: bool | None, j: int, u: float) -> float:
 
 
 @jit
-def lost(laws: Laws, j: int, u: float) -> float:
+def dissipated(laws: Laws, j: int, u: float) -> float:
     """Return the energy in J that a law with internal variables has dissipated when its path has reached u."""
-    return laws.state[laws.table[j]["start"] + LOST] + hysteretic_loss(laws, j, u)
+    return laws.state[laws.table[j]["start"] + DISSIPATED] + hysteretic_loss(laws, j, u)
 
 
 @jit

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 #: Where a cyclic law's internal variables hold what; the first one is that of every law.
-LOST = 0
+DISSIPATED = 0
 _UP_AT, _UP, _DOWN_AT, _DOWN, _RESIDUAL = 1, 2, 3, 4, 5
 
 
@@ -103,8 +103,8 @@ class HystereticLaw:
         """
         if self.kind == JENKINS:
             return np.zeros(1 + (self.parameters.size - 1) // 2)
-        reach = self.onset / self.stiffness
-        return np.array([0.0, reach, self.onset, reach, self.onset, 0.0])
+        linear_limit = self.onset / self.stiffness
+        return np.array([0.0, linear_limit, self.onset, linear_limit, self.onset, 0.0])
 
 
 @dataclass(frozen=True)
@@ -310,14 +310,14 @@ def hysteretic_stored(laws: Laws, j: int, u: float) -> float:
 def hysteretic_commit(laws: Laws, j: int, u: float) -> None:
     """Update the internal variables to the end u of the path."""
     law = laws.table[j]
-    laws.state[law["start"] + LOST] += hysteretic_loss(laws, j, u)
+    laws.state[law["start"] + DISSIPATED] += hysteretic_loss(laws, j, u)
     s, k = law["start"], law["stiffness"]
     if law["kind"] == JENKINS:
         u -= law["gap"]
         a, count = law["first"], law["end"] - s - 1
         for e in range(count):
-            reach = laws.parameters[a + 1 + count + e] / laws.parameters[a + 1 + e]
-            laws.state[s + 1 + e] = min(max(laws.state[s + 1 + e], u - reach), u + reach)
+            slip_limit = laws.parameters[a + 1 + count + e] / laws.parameters[a + 1 + e]
+            laws.state[s + 1 + e] = min(max(laws.state[s + 1 + e], u - slip_limit), u + slip_limit)
         return
     low, high = _edges(laws, j)
     u -= law["gap"]
@@ -340,8 +340,8 @@ def hysteretic_kinks(laws: Laws, j: int) -> list[float]:
     """Return the coordinates at which the tangent of law j jumps on a path from its present internal variables."""
     law = laws.table[j]
     if law["kind"] == JENKINS:
-        place, reach = _sliders(laws, j)
-        return np.sort(np.concatenate([place - reach, place + reach]) + law["gap"]).tolist()
+        place, slip = _sliders(laws, j)
+        return np.sort(np.concatenate([place - slip, place + slip]) + law["gap"]).tolist()
     low, high = _edges(laws, j)
     return [float(low + law["gap"]), float(high + law["gap"])]
 
@@ -359,9 +359,9 @@ def force_slopes(laws: Laws, j: int, u: float) -> Array:
     law = laws.table[j]
     slopes = np.zeros(law["end"] - law["start"])
     if law["kind"] == JENKINS:
-        place, reach = _sliders(laws, j)
+        place, slip = _sliders(laws, j)
         first = law["first"] + 1
-        slopes[1:] = np.where(np.abs(u - law["gap"] - place) < reach, -laws.parameters[first : first + place.size], 0.0)
+        slopes[1:] = np.where(np.abs(u - law["gap"] - place) < slip, -laws.parameters[first : first + place.size], 0.0)
         return slopes
     low, high = _edges(laws, j)
     k, tangent = law["stiffness"], hysteretic_force(laws, j, u)[1]
@@ -383,8 +383,8 @@ def commit_slopes(laws: Laws, j: int, u: float) -> tuple[Array, Array]:
     size = law["end"] - law["start"]
     past, end = np.eye(size), np.zeros(size)
     if law["kind"] == JENKINS:
-        place, reach = _sliders(laws, j)
-        slips = np.append(False, np.abs(u - law["gap"] - place) > reach)
+        place, slip = _sliders(laws, j)
+        slips = np.append(False, np.abs(u - law["gap"] - place) > slip)
         past[slips] = 0.0
         end[slips] = 1.0
         return past, end

@@ -126,8 +126,8 @@ def mean_reaction(law: ScalarLaw, u0: float, u1: float) -> float:
     """Return the mean force over a path: from the potential over long paths, by quadrature over short ones."""
     if abs(u1 - u0) > _LONG * max(abs(u0), abs(u1)):
         return (law.energy(u1) - law.energy(u0)) / (u1 - u0)
-    middle, reach = 0.5 * (u0 + u1), 0.5 * (u1 - u0) * _GAUSS
-    return (5.0 * law.reaction(middle - reach) + 8.0 * law.reaction(middle) + 5.0 * law.reaction(middle + reach)) / 18.0
+    middle, half = 0.5 * (u0 + u1), 0.5 * (u1 - u0) * _GAUSS
+    return (5.0 * law.reaction(middle - half) + 8.0 * law.reaction(middle) + 5.0 * law.reaction(middle + half)) / 18.0
 
 
 @dataclass(frozen=True)

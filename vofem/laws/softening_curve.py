@@ -13,7 +13,7 @@ from vofem.errors import ArgumentError
 Array = NDArray[np.float64]
 
 #: Elongation, in linear limits, up to which a backbone is tabulated; beyond it goes on straight.
-_REACH = 1e4
+_RANGE = 1e4
 
 #: Largest force, in forces at the linear limit, up to which a limit load is looked for.
 _LARGEST = 1e4
@@ -83,8 +83,8 @@ def tabulate(label: str, level: Callable[[float], float], stiffness: float, onse
     between them is below 1e-11, or until they coincide at a kink.
     """
     curve = _Curve(label, level, stiffness, onset, limit)
-    reach = onset / stiffness
-    targets = np.geomspace(reach, _REACH * reach, 160)[1:]
+    linear_limit = onset / stiffness
+    targets = np.geomspace(linear_limit, _RANGE * linear_limit, 160)[1:]
     forces = [onset, *(curve.roughly(w) for w in targets.tolist())]
     knots = {force: (curve.elongation(force), curve.slope(force)) for force in forces}
     todo = list(pairwise(sorted(knots)))
@@ -114,7 +114,7 @@ class _Curve:
         self, label: str, level: Callable[[float], float], stiffness: float, onset: float, limit: float
     ) -> None:
         self._label, self._level, self._stiffness, self._onset = label, level, stiffness, onset
-        self._top = limit if np.isfinite(limit) else onset * _REACH
+        self._top = limit if np.isfinite(limit) else onset * _RANGE
 
     def elongation(self, force: float) -> float:
         """Return the elongation at a force, inf from the limit load on."""

@@ -38,7 +38,7 @@ class SpringpotState(NamedTuple):
     y : ndarray, shape (n, k)
         The last one is the rate of elongation over the last step, m/s.
     totals : ndarray, shape (n, 7)
-        Mean force over the last step; force (N), energy held and work absorbed (J) at the last time; the same at the
+        Mean force over the last step; force (N), energy stored and work absorbed (J) at the last time; the same at the
         time before, up to which results are stored.
     """
 
@@ -51,7 +51,7 @@ class SpringpotState(NamedTuple):
         return {"totals" if name == "told" else name: value for name, value in fields.items()}
 
 
-MEAN, FORCE, HELD, WORK, BEFORE = 0, 1, 2, 3, 3
+MEAN, FORCE, STORED, WORK, BEFORE = 0, 1, 2, 3, 3
 
 
 class Springpots(NamedTuple):
@@ -109,13 +109,13 @@ def set_laws(pots: Springpots, s: int, laws: Laws, u: Array, ahead: float, share
 def carry_on(pots: Springpots, i: int, s: int, rate: float, mean: float) -> None:
     """Update the internal variables of springpot i over step s, of a rate of elongation and a mean force."""
     s = min(s, pots.weight.shape[1] - 1)
-    held = 0.0
+    stored = 0.0
     for k in range(pots.update.decay.size):
         y = pots.update.decay[k] * pots.y[i, k] + pots.update.gain[k] * rate
         pots.y[i, k] = y
-        held += 0.5 * pots.weight[i, s, k] * y * y
+        stored += 0.5 * pots.weight[i, s, k] * y * y
     pots.totals[i, MEAN] = mean
-    pots.totals[i, HELD] = held
+    pots.totals[i, STORED] = stored
 
 
 @jit
@@ -151,11 +151,11 @@ def record_springpots(
         x = min(max(1.0 - (t - times[c]) / dt, 0.0), 1.0)
         for i in range(n):
             force = (1.0 - x) * totals[i, BEFORE + FORCE] + x * totals[i, FORCE]
-            held = (1.0 - x) * totals[i, BEFORE + HELD] + x * totals[i, HELD]
+            stored = (1.0 - x) * totals[i, BEFORE + STORED] + x * totals[i, STORED]
             work = (1.0 - x) * totals[i, BEFORE + WORK] + x * totals[i, WORK]
             memory[0, row + i, c] = force
-            memory[1, row + i, c] = held
-            memory[2, row + i, c] = work - held
+            memory[1, row + i, c] = stored
+            memory[2, row + i, c] = work - stored
     for i in range(n):
-        for what in (FORCE, HELD, WORK):
+        for what in (FORCE, STORED, WORK):
             totals[i, BEFORE + what] = totals[i, what]

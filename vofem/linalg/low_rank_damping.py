@@ -158,14 +158,14 @@ def _equations(s: Complex, p: Array, damping: CoupledDamping) -> _Equations:
     turned = solve @ ((compliance + wide * rate) * weights)
     mine = rows[:, mode].T
     nu = (solve @ mine[:, :, None])[:, :, 0]
-    drag = np.sum(mine * weights * nu, axis=1)
-    drag_rate = -np.sum(mine * weights * (turned @ nu[:, :, None])[:, :, 0], axis=1)
+    damping = np.sum(mine * weights * nu, axis=1)
+    damping_rate = -np.sum(mine * weights * (turned @ nu[:, :, None])[:, :, 0], axis=1)
     return _Equations(
         mode,
         inverse,
         nu,
-        here + s * drag,
-        2.0 * s + own[mode] + drag + s * drag_rate,
+        here + s * damping,
+        2.0 * s + own[mode] + damping + s * damping_rate,
         np.sum(change, axis=1) + np.trace(turned, axis1=1, axis2=2),
     )
 

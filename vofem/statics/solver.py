@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from vofem.errors import SingularSystemError
 from vofem.integrators.rounding import graded
 from vofem.laws import CLOSED, OPEN, PINNED
-from vofem.laws.evaluate import commit_all, lost, response, stored
+from vofem.laws.evaluate import commit_all, dissipated, response, stored
 from vofem.laws.rows import all_rows
 from vofem.laws.table import build_laws
 from vofem.statics.coordinates import Coordinates
@@ -352,7 +352,7 @@ class EquilibriumSolver:
         commit_all(self.laws, self.u)
         for j, u in enumerate(self.u.tolist()):
             if self.laws.table[j]["end"] > self.laws.table[j]["start"]:
-                energies[:, j] = stored(self.laws, j, u), lost(self.laws, j, u)
+                energies[:, j] = stored(self.laws, j, u), dissipated(self.laws, j, u)
         return energies[0], energies[1]
 
     def borne(self, reaction: Array) -> Array:

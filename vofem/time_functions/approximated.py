@@ -30,8 +30,8 @@ _SAFETY = 2.0
 #: Parts into which the time is cut before any look at the function.
 _FIRST = 16
 
-#: Times, evenly spread, at which the function is looked at beside those of the pieces.
-_LOOKS = 8192
+#: Equally spaced times at which the function is evaluated beside those of the pieces.
+_SAMPLES = 8192
 
 
 def _basis(tau: Array, length: Any) -> Array:
@@ -155,9 +155,9 @@ class Approximated(TimeFunction):
         edges = np.unique(np.concatenate([grid, known[(known > 0.0) & (known < self.t_end)]]))
         waiting = list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
         resolution = 4.0 * float(np.spacing(self.t_end))
-        looks = self.t_end * (np.arange(_LOOKS) + 0.5) / _LOOKS
-        seen = looks, function(looks)
-        fits = [_fit(function, *piece, *seen) for piece in waiting]
+        times = self.t_end * (np.arange(_SAMPLES) + 0.5) / _SAMPLES
+        samples = times, function(times)
+        fits = [_fit(function, *piece, *samples) for piece in waiting]
         largest = max(fit[2] for fit in fits)
         done: list[tuple[float, Array, float]] = []
         stack = list(zip(waiting, fits, strict=True))
@@ -180,7 +180,7 @@ class Approximated(TimeFunction):
                 )
             middle = 0.5 * (left + right)
             for part in ((left, middle), (middle, right)):
-                stack.append((part, _fit(function, *part, *seen)))
+                stack.append((part, _fit(function, *part, *samples)))
         done.sort(key=lambda piece: piece[0])
         starts, rows, errors = zip(*done, strict=True)
         return np.array(starts), np.array(rows), max(errors)
@@ -221,9 +221,9 @@ class Approximated(TimeFunction):
         return self.starts[(self.starts > 0.0) & (self.starts < t_end)]
 
     @property
-    def looked(self) -> float:
-        """Distance in s of the times at which the callable was looked at."""
-        return self.t_end / _LOOKS
+    def sample_spacing(self) -> float:
+        """Distance in s of the times at which the callable was evaluated."""
+        return self.t_end / _SAMPLES
 
     def shortest(self, t_end: float) -> float:
         """Return a few times the shortest piece; jumps, which are narrowed down, do not count."""
@@ -258,10 +258,10 @@ class Approximated(TimeFunction):
         return Piece(tuple(harmonics), float(c[0] + c[1] * shift / length), float(c[1] / length))
 
 
-def _fit(function: TimeFunction, left: float, right: float, looks: Array, seen: Array) -> tuple[Array, float, float]:
+def _fit(function: TimeFunction, left: float, right: float, times: Array, given: Array) -> tuple[Array, float, float]:
     """Return coefficients, error at the points of check and size of the values on one piece.
 
-    Checked are also the values `seen` at those of the times `looks` that lie inside.
+    The values `given` at those of the `times` that lie on the piece are compared too.
     """
     # The value at the right end is that before a jump there.
     inside = np.minimum(left + (right - left) * _NODES, np.nextafter(right, left))
@@ -269,8 +269,8 @@ def _fit(function: TimeFunction, left: float, right: float, looks: Array, seen: 
     coefficients = np.asarray(np.linalg.solve(_TAKE, values), dtype=float)
     error = _SAFETY * float(np.max(np.abs(_CHECK @ coefficients - checks)))
     size = float(max(np.max(np.abs(values)), np.max(np.abs(checks))))
-    part = slice(np.searchsorted(looks, left), np.searchsorted(looks, right))
+    part = slice(np.searchsorted(times, left), np.searchsorted(times, right))
     if part.stop > part.start:
-        off = _basis((looks[part] - left) / (right - left), 1.0) @ coefficients - seen[part]
-        error, size = max(error, float(np.max(np.abs(off)))), max(size, float(np.max(np.abs(seen[part]))))
+        off = _basis((times[part] - left) / (right - left), 1.0) @ coefficients - given[part]
+        error, size = max(error, float(np.max(np.abs(off)))), max(size, float(np.max(np.abs(given[part]))))
     return coefficients, error, size

@@ -55,7 +55,7 @@ class TimeFunction(ABC):
         return None
 
     @property
-    def looked(self) -> float:
+    def sample_spacing(self) -> float:
         """Distance in s of the times at which a callable was evaluated; 0 if the shape is known, inf if nothing is."""
         return 0.0
 
@@ -160,9 +160,9 @@ class Sum(TimeFunction):
         return np.unique(np.concatenate([term.breakpoints(t_end) for term in self.terms]))
 
     @property
-    def looked(self) -> float:
+    def sample_spacing(self) -> float:
         """The largest distance among the terms."""
-        return max(term.looked for term in self.terms)
+        return max(term.sample_spacing for term in self.terms)
 
     def shortest(self, t_end: float) -> float:
         """Return the shortest of the terms' times."""
@@ -219,9 +219,9 @@ class Scaled(TimeFunction):
         return self.function.breakpoints(t_end)
 
     @property
-    def looked(self) -> float:
+    def sample_spacing(self) -> float:
         """The distance of the function."""
-        return self.function.looked
+        return self.function.sample_spacing
 
     def shortest(self, t_end: float) -> float:
         """Return the time of the function."""
@@ -287,7 +287,7 @@ class Arbitrary(TimeFunction):
     function: Callable[[Any], Any]
 
     closed_form = False
-    looked = np.inf
+    sample_spacing = np.inf
 
     def __call__(self, t: ArrayLike) -> Array:
         """Return the values at times t."""

@@ -56,9 +56,9 @@ class Shifted(TimeFunction):
         return self.function.piece(self.start + t0)
 
     @property
-    def looked(self) -> float:
-        """Distance in s of the times at which a callable was looked at."""
-        return self.function.looked
+    def sample_spacing(self) -> float:
+        """Distance in s of the times at which a callable was evaluated."""
+        return self.function.sample_spacing
 
     def shortest(self, t_end: float) -> float:
         """Return the shortest time in s, until the end of the run, over which the function changes its course."""

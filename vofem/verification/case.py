@@ -15,8 +15,8 @@ from vofem.statics import Equilibrium, equilibrium
 from vofem.studies.steady import Branch, PeriodicOrbit, continuation, periodic
 from vofem.vibration import Modes, modes
 
-#: Verdicts. "told": beyond its tolerance, and a note of the run says so.
-PASSED, TOLD, REFUSED, STOPPED, FAILED = "passed", "told", "refused", "stopped", "FAILED"
+#: Verdicts. "reported": beyond its tolerance, and a note of the run says so.
+PASSED, REPORTED, REFUSED, STOPPED, FAILED = "passed", "reported", "refused", "stopped", "FAILED"
 
 #: The methods of this package, of each of which the cases say what is expected. Those that are made for one law have
 #: tests of their own.
@@ -73,7 +73,7 @@ class How:
     options : dict
         Of `simulate`, such as dt.
     expected : str
-        PASSED, TOLD, REFUSED or STOPPED.
+        PASSED, REPORTED, REFUSED or STOPPED.
     says : str
         Regular expression that the error message, or one of the notes, must match.
     slow : bool

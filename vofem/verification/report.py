@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from xml.etree import ElementTree
 
 from vofem.integrators.registry import method_names
-from vofem.verification.case import FAILED, PASSED, REFUSED, STOPPED, TOLD, subjects
+from vofem.verification.case import FAILED, PASSED, REFUSED, REPORTED, STOPPED, subjects
 from vofem.verification.runner import Measured, Outcome
 
 HEADINGS = ("case", "source", "quantity", "reference", "got", "error", "tolerance", "method", "verdict")
@@ -54,7 +54,7 @@ def summary(outcomes: Iterable[Outcome]) -> str:
     """Return how many runs came to which verdict, on one line."""
     outcomes = tuple(outcomes)
     counts = {
-        verdict: sum(o.verdict == verdict for o in outcomes) for verdict in (PASSED, TOLD, REFUSED, STOPPED, FAILED)
+        verdict: sum(o.verdict == verdict for o in outcomes) for verdict in (PASSED, REPORTED, REFUSED, STOPPED, FAILED)
     }
     cases = len({o.case.name for o in outcomes})
     said = ", ".join(f"{count} {verdict}" for verdict, count in counts.items() if count or verdict == FAILED)
@@ -86,7 +86,7 @@ def markdown(outcomes: Iterable[Outcome], details: str = "") -> str:
         "A run has one of these outcomes:",
         "",
         "- **passed**: every quantity is within its tolerance.",
-        "- **told**: a quantity is beyond its tolerance at this step, and `result.notes` says so.",
+        "- **reported**: a quantity is beyond its tolerance at this step, and `result.notes` says so.",
         "- **refused**: an error before the first step. It names a method that can treat the case where there is one.",
         "- **stopped**: a typed error on the way: energy out of nothing, no convergence, a load that is no number.",
         "- **FAILED**: anything else.",
@@ -123,7 +123,7 @@ def _matrix(heading: str, names: Sequence[str], outcomes: Sequence[Outcome]) -> 
     return [*lines, ""]
 
 
-_VERDICTS = (PASSED, TOLD, REFUSED, STOPPED, FAILED)
+_VERDICTS = (PASSED, REPORTED, REFUSED, STOPPED, FAILED)
 _HARD = "hard cases of this package"
 _PROGRAMS = ("code_aster", "VPCS", "ANSYS", "NLvib")
 _ORIGINS = (_HARD, *_PROGRAMS, "other publications")
@@ -150,7 +150,7 @@ def _counts(
 
 
 def markdown_details(outcomes: Iterable[Outcome]) -> str:
-    """Return a section for every case as Markdown: its source, all quantities, and what users are told."""
+    """Return a section for every case as Markdown: its source, all quantities, and the notes of the runs."""
     outcomes = tuple(outcomes)
     lines = [
         "# Verification in detail",

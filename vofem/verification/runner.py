@@ -10,7 +10,19 @@ from fnmatch import fnmatchcase
 
 from vofem._validate import nearest, one_of
 from vofem.errors import ArgumentError, SingularSystemError, VofemError
-from vofem.verification.case import DYNAMIC, FAILED, PASSED, REFUSED, STOPPED, TOLD, Case, How, Quantity, Run, subjects
+from vofem.verification.case import (
+    DYNAMIC,
+    FAILED,
+    PASSED,
+    REFUSED,
+    REPORTED,
+    STOPPED,
+    Case,
+    How,
+    Quantity,
+    Run,
+    subjects,
+)
 
 
 @dataclass(frozen=True)
@@ -37,7 +49,7 @@ class Outcome:
     case : Case
     method : str
     verdict : str
-        PASSED, TOLD, REFUSED, STOPPED or FAILED.
+        PASSED, REPORTED, REFUSED, STOPPED or FAILED.
     measured : tuple of Measured
         Empty where the run ended with an error.
     message : str
@@ -152,7 +164,7 @@ def _of_error(case: Case, method: str, how: How, verdict: str, message: str) -> 
     if not re.search(how.says, message):
         return FAILED, (), f"{verdict}, but the message says nothing of {how.says!r}: {message}"
     named = re.findall(r"method='(\w+)'", message)
-    able = {name for name in DYNAMIC if name in case.how and case.how[name].expected in (PASSED, TOLD)}
+    able = {name for name in DYNAMIC if name in case.how and case.how[name].expected in (PASSED, REPORTED)}
     if verdict == REFUSED and named and able and not able & set(named):
         return FAILED, (), f"refused, but no method that the message names passes: {message}"
     if verdict == REFUSED and method in DYNAMIC and able and not named:
@@ -161,17 +173,17 @@ def _of_error(case: Case, method: str, how: How, verdict: str, message: str) -> 
 
 
 def _of_values(how: How, measured: tuple[Measured, ...], notes: list[str]) -> tuple[str, str]:
-    if how.expected not in (PASSED, TOLD):
+    if how.expected not in (PASSED, REPORTED):
         return FAILED, f"ran to its end, expected {how.expected}"
     note = next((note for note in notes if re.search(how.says, note)), None) if how.says else ""
     good = all(m.good for m in measured)
-    if good and how.expected == TOLD:
+    if good and how.expected == REPORTED:
         return PASSED, note or ""
     if note is None:
         return FAILED, f"no note says {how.says!r}; there are {notes}"
     if good:
         return PASSED, note
-    return (TOLD, note) if how.expected == TOLD else (FAILED, "beyond its tolerance")
+    return (REPORTED, note) if how.expected == REPORTED else (FAILED, "beyond its tolerance")
 
 
 def _measure(case: Case, how: How, values: Mapping[str, float]) -> Iterator[Measured]:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.integrators.stepping.checks import look
+from vofem.integrators.stepping.checks import check_contacts
 from vofem.integrators.stepping.hysteresis import record_hysteresis
 from vofem.integrators.stepping.record import LastStep, Motion, Record, leave, log_event, rounding, store, switched
 from vofem.integrators.stepping.setting import Equations
@@ -143,7 +143,7 @@ def advance(
         store(out, t, dt, step == 0, before, Motion(q, v, a), a)
         record_hysteresis(laws, laws.kinds.hysteretic, before.memory, rows, out)
         _record_springpots(springpots, t, dt, out)
-        look(out.watch, rows, dt, q, v)
+        check_contacts(out.contact_checks, rows, dt, q, v)
         leave(before, q, v, a)
         for i in range(n):
             half[i] += dt * a[i]

@@ -117,8 +117,8 @@ class AdaptiveSteps(StepDoubling, Midpoint):
     def attempt(self, out: Record) -> Attempt:
         """Take the next step whole and in halves."""
         sizes = Sizes(
-            self._size(self.rung), self._size(self.rung + 1),
-            self._size(max(self.rung - 3, 0)).structure.factored,
+            self._size(self.level), self._size(self.level + 1),
+            self._size(max(self.level - 3, 0)).structure.factored,
         )  # fmt: skip
         values, between = self._loads(self.time, sizes.whole.dt, sizes.half)
         springpots = self._springpots(sizes.whole.dt, sizes.half.dt)
@@ -135,8 +135,8 @@ class AdaptiveSteps(StepDoubling, Midpoint):
         half = None if springpots is None else springpots.half
         for k, found in enumerate((self.trial.first, self.trial.second)):
             _take(
-                self.equations, self._size(self.rung + 1), self.forcing, values, k, self.time, found, self.state,
-                self.trail, out, self.space, half,
+                self.equations, self._size(self.level + 1), self.forcing, values, k, self.time, found, self.state,
+                self.last_step, out, self.space, half,
             )  # fmt: skip
 
     def _loads(self, t: float, dt: float, half: Factored) -> tuple[Array, float]:

@@ -43,7 +43,7 @@ class FixedSteps(EqualSteps, Midpoint):
         first, count, springpots = self.next_chunk()
         values = self.load_values(self.bands.over.steps(first, count, self.dt))
         taken, solves, failed = _advance(
-            self.equations, self.factored, self.forcing, values, first, self.state, self.trail, out, self.space,
+            self.equations, self.factored, self.forcing, values, first, self.state, self.last_step, out, self.space,
             springpots,
         )  # fmt: skip
         self.complain(self.dt)

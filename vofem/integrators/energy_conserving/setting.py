@@ -28,7 +28,7 @@ class Midpoint(Setting):
         )
         self.space = scratch(n, self.laws)
         self.forcing = forcing(n, bool(system.loads))
-        self.begin_trail(self.state.acceleration)
+        self.begin_at_start(self.state.acceleration)
 
     def factor(self, dt: float) -> Factored:
         """Return the factored matrix of a step size, with the compliance of the laws' rows."""

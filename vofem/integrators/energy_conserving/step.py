@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.integrators.stepping.balance import Guess, Known, Structure, balance
-from vofem.integrators.stepping.checks import look
+from vofem.integrators.stepping.checks import check_contacts
 from vofem.integrators.stepping.contact_solve import Acting, Dampers
 from vofem.integrators.stepping.hysteresis import record_hysteresis
 from vofem.integrators.stepping.record import LastStep, Motion, Record, leave, log_event, rounding, store, switched
@@ -251,7 +251,7 @@ def accept(
         state.acceleration[i] = rate
     store(out, t, last if last > 0.0 else dt, last == 0.0, before, Motion(q, v, now), arriving)
     record_hysteresis(laws, laws.kinds.hysteretic, before.memory, rows, out)
-    look(out.watch, rows, last, q, v)
+    check_contacts(out.contact_checks, rows, last, q, v)
     leave(before, q, v, leaving)
     taken = 0.0
     if matrices.damping.shape[0] > 0:

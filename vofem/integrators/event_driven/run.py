@@ -24,10 +24,10 @@ from vofem.integrators.event_driven.truncated import (
     run_truncated,
     too_many_inputs,
 )
-from vofem.integrators.looked import loads_by_values
 from vofem.integrators.methods import EVENT_DRIVEN
 from vofem.integrators.registry import advice
 from vofem.integrators.rounding import graded
+from vofem.integrators.sampled_loads import loads_by_values
 from vofem.integrators.watching import Snapshot, Watch, deferred_interrupts
 from vofem.system import Counters, State, System
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from vofem.integrators.generalized_alpha.setting import Alpha
 from vofem.integrators.methods import GENERALIZED_ALPHA
 from vofem.integrators.stepping.doubling import Attempt, Path, StepDoubling, impact
-from vofem.integrators.stepping.ladder import RUNGS
 from vofem.integrators.stepping.record import Record
 from vofem.integrators.stepping.step_loads import of_halves
+from vofem.integrators.stepping.step_size import HALVINGS
 from vofem.linalg.banded import solve, subtract_product
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ class AdaptiveSteps(StepDoubling, Alpha):
         #: Size of the last step in s, 0 before the first one, and what the acceleration gained in it.
         self.last, self.gain = 0.0, np.zeros(self.state.q.size)
         self.aside = self.record(np.zeros(0), None)
-        self.begin(self.length(self.rung + 1))
+        self.begin(self.length(self.level + 1))
 
     @property
     def displacement(self) -> Array:
@@ -52,7 +52,7 @@ class AdaptiveSteps(StepDoubling, Alpha):
         """Return all arrays that a step changes, but those of states that are stored."""
         past = () if self.past is None else tuple(self.past.state)
         probes = () if out.probes is None else (out.probes.filled,)
-        return *self.state, *self.trail, *past, *probes, out.watch, out.past, out.cursor, out.happened
+        return *self.state, *self.last_step, *past, *probes, out.contact_checks, out.past, out.cursor, out.happened
 
     def _one_step(self, dt: float, number: int, out: Record) -> int:
         """Take the step of a number and a size; return contact solves, or -1 where there is no solution."""
@@ -67,12 +67,12 @@ class AdaptiveSteps(StepDoubling, Alpha):
 
     def attempt(self, out: Record) -> Attempt:
         """Take the next step whole, and again in halves, which stay."""
-        half = self.length(self.rung + 1)
-        number = self.now // 2 ** (RUNGS - self.rung)
-        if self.now == 0:
+        half = self.length(self.level + 1)
+        number = self.ticks // 2 ** (HALVINGS - self.level)
+        if self.ticks == 0:
             self.begin(half)
         self.before = [part.copy() for part in self._parts(out)], self.last, self.gain
-        if self.now == 0:
+        if self.ticks == 0:
             self.store_start(out, half)
         begun = [part.copy() for part in self._parts(out)]
         self.aside.happened[0] = 0
@@ -105,7 +105,7 @@ class AdaptiveSteps(StepDoubling, Alpha):
 
     def _smooth(self, error: Array) -> Array:
         """Return ``((1 - am) A^-1 M)^2`` of an error, A of steps eight times as long: what the step resolves well."""
-        factored = self.size_of(self.length(max(self.rung - 3, 0))).structure.factored
+        factored = self.size_of(self.length(max(self.level - 3, 0))).structure.factored
         for _ in range(2):
             moved = np.zeros(error.size)
             subtract_product(self.matrices.mass, error, moved)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from vofem.integrators.generalized_alpha.parameters import Parameters
 from vofem.integrators.generalized_alpha.step import Size, State, advance, scratch
 from vofem.integrators.stepping.balance import Structure, structure
-from vofem.integrators.stepping.checks import look
+from vofem.integrators.stepping.checks import check_contacts
 from vofem.integrators.stepping.hysteresis import record_hysteresis
 from vofem.integrators.stepping.march import MOST_FACTORED
 from vofem.integrators.stepping.record import Motion, Record, store
@@ -88,21 +88,21 @@ class Alpha(Setting):
             force -= self.every_row.T @ held
         self.state.a[:] = force[order]
         solve(factor(self.matrices.mass, "the mass matrix"), self.state.a)
-        self.begin_trail(self.state.a)
+        self.begin_at_start(self.state.a)
 
     def store_start(self, out: Record, dt: float) -> None:
         """Store the state at t = 0. Then give the structure the impulse of loads there."""
         state = self.state
-        look(out.watch, self.rows, dt, state.q, state.v)
-        store(out, 0.0, dt, True, self.trail, Motion(state.q, state.v, state.a), state.a)
-        record_hysteresis(self.laws, self.laws.kinds.hysteretic, self.trail.memory, self.rows, out)
+        check_contacts(out.contact_checks, self.rows, dt, state.q, state.v)
+        store(out, 0.0, dt, True, self.last_step, Motion(state.q, state.v, state.a), state.a)
+        record_hysteresis(self.laws, self.laws.kinds.hysteretic, self.last_step.memory, self.rows, out)
         if self.past is not None:
             self.past.record(out.times, out.memory, int(out.cursor[0]))
         if np.any(self.kick):
             gain = np.zeros(self.kick.size)
             subtract_product(self.matrices.mass, self.kick, gain)
             # The work of the impulse is what the kinetic energy gains.
-            self.trail.work[:] -= float(gain @ (state.v + 0.5 * self.kick))
+            self.last_step.work[:] -= float(gain @ (state.v + 0.5 * self.kick))
             state.v[:] += self.kick
 
     def steps_of(self, dt: float, first: int, count: int, springpots: Any, out: Record) -> tuple[int, int, bool]:
@@ -111,7 +111,7 @@ class Alpha(Setting):
         if first == 0:
             values[: self.at_start.size, 0] = self.at_start
         found: tuple[int, int, bool] = advance(
-            self.size_of(dt), self.equations, values, first, self.state, self.trail, out, self.space, springpots
+            self.size_of(dt), self.equations, values, first, self.state, self.last_step, out, self.space, springpots
         )
         return found
 

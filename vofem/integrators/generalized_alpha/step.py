@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from vofem.integrators.generalized_alpha.parameters import Parameters
 from vofem.integrators.stepping.balance import Guess, Known, Structure, balance
-from vofem.integrators.stepping.checks import look
+from vofem.integrators.stepping.checks import check_contacts
 from vofem.integrators.stepping.contact_solve import Acting, Dampers
 from vofem.integrators.stepping.hysteresis import commit_and_record
 from vofem.integrators.stepping.record import LastStep, Motion, Record, leave, log_event, rounding, store, switched
@@ -130,7 +130,7 @@ def advance(
         store(out, t, dt, False, before, Motion(q, v, space.output), space.output)
         commit_and_record(laws, laws.kinds.hysteretic, space.u0, before.memory, rows, out)
         _record_springpots(springpots, t, dt, out)
-        look(out.watch, rows, dt, q, v)
+        check_contacts(out.contact_checks, rows, dt, q, v)
         leave(before, q, v, space.output)
     return count, solves, False
 

@@ -60,14 +60,14 @@ def _irregular(count: int) -> Array:
 
 
 #: Columns of the record of a contact: its data, the last step, and the findings.
-_GAP, _STIFFNESS, _OFFSET, _S, _RATE, MISSED, REACH, POWER = range(8)
+_GAP, _STIFFNESS, _OFFSET, _S, _RATE, MISSED, PEAK, POWER = range(8)
 
 
-def watch(laws: ContactLaws | None) -> Array:
+def contact_checks(laws: ContactLaws | None) -> Array:
     """Return the record that compiled loops keep of every contact from step to step, shape (n_contacts, 8).
 
     Three columns hold findings. MISSED counts the closings between two steps
-    at which the contact was open. REACH is the largest value of ``b.q - gap``
+    at which the contact was open. PEAK is the largest value of ``b.q - gap``
     at a step, m. POWER is the largest power that a contact spring with an ideal
     switch absorbed or released, W.
     """
@@ -77,22 +77,22 @@ def watch(laws: ContactLaws | None) -> Array:
     table[:, _GAP], table[:, _OFFSET] = laws.gap, laws.offset
     table[:, _STIFFNESS] = np.where(np.isinf(laws.resolution), laws.stiffness, 0.0)
     # No step before the first one: comparisons with NaN are false.
-    table[:, _S:MISSED], table[:, REACH] = np.nan, -np.inf
+    table[:, _S:MISSED], table[:, PEAK] = np.nan, -np.inf
     return table
 
 
 @jit
-def look(watch: Array, rows: Rows, dt: float, q: Array, v: Array) -> None:
+def check_contacts(table: Array, rows: Rows, dt: float, q: Array, v: Array) -> None:
     """Update the record of all contacts where a step of size dt ends in displacements q and velocities v."""
-    for j in range(watch.shape[0]):
+    for j in range(table.shape[0]):
         u, rate = dot(rows, j, q), dot(rows, j, v)
-        s, s0, rate0 = u - watch[j, _GAP], watch[j, _S], watch[j, _RATE]
+        s, s0, rate0 = u - table[j, _GAP], table[j, _S], table[j, _RATE]
         # The step's own error may be a tenth of what the gap function rises within the step.
         turns = rate0 > 0.0 and rate < 0.0 and s0 <= 0.0 and s <= 0.0
         if turns and s0 + 0.55 * dt * rate0 * (rate0 / (rate0 - rate)) > 0.0:
-            watch[j, MISSED] += 1.0
-        watch[j, _S], watch[j, _RATE] = s, rate
-        watch[j, REACH] = max(watch[j, REACH], s)
+            table[j, MISSED] += 1.0
+        table[j, _S], table[j, _RATE] = s, rate
+        table[j, PEAK] = max(table[j, PEAK], s)
         if s > 0.0:
-            power = abs(watch[j, _STIFFNESS] * (u - watch[j, _OFFSET]) * rate)
-            watch[j, POWER] = max(watch[j, POWER], power)
+            power = abs(table[j, _STIFFNESS] * (u - table[j, _OFFSET]) * rate)
+            table[j, POWER] = max(table[j, POWER], power)

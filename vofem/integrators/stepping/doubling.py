@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from vofem.errors import ConvergenceError
 from vofem.integrators.method import Method
-from vofem.integrators.stepping.ladder import RUNGS, Ladder
 from vofem.integrators.stepping.record import Record
 from vofem.integrators.stepping.setting import Setting
+from vofem.integrators.stepping.step_size import HALVINGS, StepSizeControl
 from vofem.laws.evaluate import force_and_tangent, tangent_jumps
 from vofem.laws.table import Laws
 from vofem.linalg.jit import jit
@@ -61,7 +61,7 @@ class Attempt(NamedTuple):
     between: float = 0.0
 
 
-class StepDoubling(Ladder, Setting):
+class StepDoubling(StepSizeControl, Setting):
     """A run of steps chosen by their error; a method adds `attempt`, `take` and `withdraw`.
 
     Attributes
@@ -73,14 +73,14 @@ class StepDoubling(Ladder, Setting):
     """
 
     place: tuple[str, ...] = (
-        *Ladder.place, "tolerance", "steps", "coarsest", "beyond", "farthest", "coarser", "fineness",
+        *StepSizeControl.place, "tolerance", "steps", "coarsest", "beyond", "farthest", "coarser", "fineness",
     )  # fmt: skip
     lag = 1
     method: Method
 
     def plan(self, t_end: float, tolerance: float, fineness: float = 1.0) -> None:
         """Set the end in s, the tolerance, and how finely impacts are resolved, over what is done by default."""
-        self.climb(t_end, tolerance)
+        self.set_range(t_end, tolerance)
         self.weight = self.bands.system.scale[self.bands.order]
         self.period = self.bands.over.period(t_end)
         self.steps, self.coarsest, self.beyond, self.fineness = 0, 0.0, False, fineness
@@ -104,7 +104,7 @@ class StepDoubling(Ladder, Setting):
         return self.beyond
 
     def reached(self) -> float:
-        """Return the time of the state in `trail`, s."""
+        """Return the time of the state in `last_step`, s."""
         return min(self.time, self.t_end)
 
     @abstractmethod
@@ -150,10 +150,10 @@ class StepDoubling(Ladder, Setting):
 
     def _one(self, out: Record) -> None:
         while True:
-            t, dt = self.time, self.length(self.rung)
+            t, dt = self.time, self.length(self.level)
             tried = self.attempt(out)
             self.complain(dt)
-            if tried.solves < 0 and self.at_the_bottom:
+            if tried.solves < 0 and self.at_smallest:
                 raise ConvergenceError(
                     f"{self.method.name} found no solution of the step from t = {t:g} s, however small; "
                     "a nonlinear spring that softens may leave none"
@@ -167,8 +167,8 @@ class StepDoubling(Ladder, Setting):
             self.bands.counters.rejected += 1
             self.withdraw(out)
         self.take(out)
-        after = self.now + 2 ** (RUNGS - self.rung)
-        self.beyond = (self.now if self.lag else after) >= self.end
+        after = self.ticks + 2 ** (HALVINGS - self.level)
+        self.beyond = (self.ticks if self.lag else after) >= self.last_tick
         self.farthest = max(self.farthest, float(np.max(self.weight * np.abs(self.displacement))))
         self.step_on(ratio)
         self.coarsest = max(self.coarsest, 0.5 * dt)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.integrators.stepping.record import Record
-from vofem.laws.evaluate import commit, commit_all, force_at, lost, stored
+from vofem.laws.evaluate import commit, commit_all, dissipated, force_at, stored
 from vofem.laws.rows import Rows, dot
 from vofem.laws.table import Laws
 from vofem.linalg.jit import jit
@@ -39,7 +39,7 @@ def _record(laws: Laws, rows: Rows, out: Record, first: int, cursor: int) -> Non
                 u, i = dot(rows, j, out.q[:, c]), laws.table[j]["history"]
                 out.memory[0, i, c] = force_at(laws, j, u)
                 out.memory[1, i, c] = stored(laws, j, u)
-                out.memory[2, i, c] = lost(laws, j, u)
+                out.memory[2, i, c] = dissipated(laws, j, u)
     last = cursor - 1
     while last >= first and not out.wanted[last]:
         last -= 1
@@ -63,12 +63,12 @@ def commit_and_record(laws: Laws, hysteretic: bool | None, u: Array, before: Arr
 
 @jit
 def memory_energy(laws: Laws, state: Array, rows: Rows, q: Array) -> tuple[float, float]:
-    """Return the energies in J that all laws with internal variables hold at q and have dissipated."""
+    """Return the energies in J that all laws with internal variables store at q, and that they have dissipated."""
     before = Laws(laws.table, laws.parameters, state, laws.kinds)
-    held, gone = 0.0, 0.0
+    energy, loss = 0.0, 0.0
     for j in range(laws.table.size):
         if laws.table[j]["end"] > laws.table[j]["start"]:
             u = dot(rows, j, q)
-            held += stored(before, j, u)
-            gone += lost(before, j, u)
-    return held, gone
+            energy += stored(before, j, u)
+            loss += dissipated(before, j, u)
+    return energy, loss

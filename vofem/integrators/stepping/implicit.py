@@ -116,7 +116,7 @@ def implicit_run(method: Method, made: Doubled, asked: Asked, blow_up: float, ad
     )  # fmt: skip
     if isinstance(kernel, StepDoubling):
         solution.dt = kernel.coarsest
-        _tell(kernel, out, notes)
+        _note_tolerance(kernel, out, notes)
     elif step is not None:
         size, count = step, step_count(t_end, step)
         again = lambda beside: made.equal(Counters(), beside, size, count)  # noqa: E731
@@ -139,7 +139,7 @@ def _doubling(made: Doubled, asked: Asked, tol: float, counters: Counters) -> St
     return kernel
 
 
-def _tell(kernel: StepDoubling, out: Record, notes: list[str]) -> None:
+def _note_tolerance(kernel: StepDoubling, out: Record, notes: list[str]) -> None:
     """Add notes where the tolerance may not be kept."""
     tol = kernel.tolerance
     if kernel.forced:
@@ -166,7 +166,7 @@ def _tell(kernel: StepDoubling, out: Record, notes: list[str]) -> None:
 
 
 def _compare(made: Doubled, kernel: StepDoubling) -> None:
-    """Run a scene with impacts at a coarser tolerance first, and leave what it finds for `_tell`.
+    """Run a scene with impacts at a coarser tolerance first, and leave what it finds for `_note_tolerance`.
 
     The errors of steps bound that of the run where it is smooth. What an impact does depends on velocities, and on
     fast motion that displacements do not show, so two runs are compared. The coarser one takes about half the steps.

@@ -17,9 +17,9 @@ from vofem.integrators.stepping.checks import check_times
 from vofem.integrators.stepping.energies import contact_energy, kinetic_energy, strain_energy
 from vofem.integrators.stepping.hysteresis import memory_energy
 from vofem.integrators.stepping.probes import MOST_STEPS, Recorded
+from vofem.integrators.stepping.quality import Checked, quality_notes
 from vofem.integrators.stepping.record import LastStep, Record, shortened, stored, take_events
 from vofem.integrators.stepping.step_loads import StepLoads
-from vofem.integrators.stepping.telling import Seen, tell
 from vofem.integrators.watching import Snapshot, Watch, deferred_interrupts
 from vofem.kernel_mode import compiled
 from vofem.laws.callbacks import Callbacks
@@ -44,6 +44,9 @@ _PLAIN_WORK = 10_000
 
 #: Factored matrices of a method that are kept with a system: those of all step sizes that `tol` tries, and some more.
 MOST_FACTORED = 48
+
+#: Names in checkpoints of earlier versions, and what they are called today.
+_FORMER_NAMES = {"now": "ticks", "rung": "level", "uneasy": "last_hard"}
 
 #: Number of laws from which on the order of the unknowns takes account of their rows.
 _MANY = 16
@@ -104,15 +107,15 @@ class Kernel(Protocol):
     Attributes
     ----------
     bands : Banded
-    trail : LastStep
+    last_step : LastStep
     past : StepPast or None
         Internal variables of laws whose force over a step depends on earlier steps.
     place : tuple of str
-        Names of the attributes that, beside `state` and `trail`, make up the state of the run.
+        Names of the attributes that, beside `state` and `last_step`, make up the state of the run.
     """
 
     bands: Banded
-    trail: LastStep
+    last_step: LastStep
     rows: Rows
     laws: Laws
     past: StepPast | None
@@ -137,10 +140,13 @@ class Kernel(Protocol):
         """Take some steps, at least one, as long as the record has room for their events."""
 
     def reached(self) -> float:
-        """Return the time of the state in `trail`, s."""
+        """Return the time of the state in `last_step`, s."""
 
     def kinetic(self, samples: Samples) -> Array:
         """Return the kinetic energy of the method's own balance at the stored times, J."""
+
+    def uncounted(self) -> float:
+        """Return a bound on the energy that loads have given until `last_step`, beyond the work counted there, J."""
 
 
 def march(
@@ -188,9 +194,9 @@ def march(
         If energy grows beyond what the loads can have done, or a state is no longer finite.
     """
     system, counters = kernel.bands.system, kernel.bands.counters
-    held = _held(kernel)[0]
+    in_springs = _spring_energies(kernel)[0]
     kernel.bands.over.until = t_end
-    energy = stored_energy(system, start.q, start.v) + held
+    energy = stored_energy(system, start.q, start.v) + in_springs
     log: list[Array] = []
     wanted_end = t_end
     recorded, missing = Recorded(), (0.0, 0.0)
@@ -199,8 +205,8 @@ def march(
         missing = tuple(resume.get("missing", missing))
 
     def snapshot() -> Snapshot:
-        seen = {"missing": list(missing), "watch": out.watch}
-        return _snapshot(kernel, out, log, recorded, notes) | seen
+        checked = {"missing": list(missing), "watch": out.contact_checks}
+        return _snapshot(kernel, out, log, recorded, notes) | checked
 
     with deferred_interrupts() as interrupted:
         while not kernel.finished:
@@ -228,14 +234,13 @@ def march(
         time, which, entered = np.concatenate(log).T
         events = Events(time.copy(), which.astype(np.int64), entered.astype(np.int64), initial)
     counters.events = events.time.size
-    first_energy += held
-    looked = np.flatnonzero(np.isin(out.times, check_times(wanted_end, kernel.dt, system.size)))
+    first_energy += in_springs
+    checked = np.flatnonzero(np.isin(out.times, check_times(wanted_end, kernel.dt, system.size)))
     # A run that goes on from a checkpoint of an earlier version has not stored all of them.
-    looked = looked[np.isfinite(out.q[0, looked])]
-    times, samples, parts, _ = _outcome(kernel, out, looked)
-    notes += tell(
-        system, method, Seen(times, samples, parts, out.watch, missing), events, first_energy, kernel.dt, wanted_end
-    )  # fmt: skip
+    checked = checked[np.isfinite(out.q[0, checked])]
+    times, samples, parts, _ = _outcome(kernel, out, checked)
+    found = Checked(times, samples, parts, out.contact_checks, missing)
+    notes += quality_notes(system, method, found, events, first_energy, kernel.dt, wanted_end)
     points = None if probes is None else recorded.samples(probes.names, wanted_end * (1.0 + 1e-12))
     times, samples, parts, springs = _outcome(kernel, out, np.flatnonzero(out.wanted))
     return SteppedSolution(
@@ -250,8 +255,8 @@ def _outcome(kernel: Kernel, out: Record, columns: IntArray) -> tuple[Array, Sam
     samples = Samples(out.q[place], out.v[place], out.a[place])
     strain, dissipated, springs = strain_energy(system, samples.q), out.dissipated[columns], None
     if system.recorded:
-        force, held, lost = out.memory[:, :, columns]
-        springs = SpringSamples(force, held, lost, out.past[:, 0])
+        force, energy, loss = out.memory[:, :, columns]
+        springs = SpringSamples(force, energy, loss, out.past[:, 0])
         strain = strain + springs.stored.sum(axis=0)
         dissipated = dissipated + springs.dissipated.sum(axis=0)
     contact = contact_energy(system.contacts, samples.q)
@@ -259,23 +264,23 @@ def _outcome(kernel: Kernel, out: Record, columns: IntArray) -> tuple[Array, Sam
     return out.times[columns], samples, parts, springs
 
 
-def _held(kernel: Kernel) -> tuple[float, float]:
-    """Return the energies in J that hysteretic springs store, and have dissipated, at the state in `trail`.
+def _spring_energies(kernel: Kernel) -> tuple[float, float]:
+    """Return the energies in J that hysteretic springs store, and have dissipated, at the state in `last_step`.
 
     The work that springpots have absorbed counts as dissipated here.
     """
-    trail, lost = kernel.trail, 0.0 if kernel.past is None else kernel.past.absorbed()
+    last_step, absorbed = kernel.last_step, 0.0 if kernel.past is None else kernel.past.absorbed()
     if not kernel.laws.state.size:
-        return 0.0, lost
-    stored, more = memory_energy(kernel.laws, trail.memory, kernel.rows, trail.q)
-    return float(stored), float(more) + lost
+        return 0.0, absorbed
+    energy, loss = memory_energy(kernel.laws, last_step.memory, kernel.rows, last_step.q)
+    return float(energy), float(loss) + absorbed
 
 
 def _snapshot(kernel: Kernel, out: Record, log: list[Array], recorded: Recorded, notes: list[str]) -> Snapshot:
     """Return the state of a run, as plain data, from which it can go on."""
     return {
         "state": kernel.state,
-        "trail": kernel.trail,
+        "trail": kernel.last_step,
         "place": {name: getattr(kernel, name) for name in kernel.place},
         "output": stored(out),
         "recorded": recorded.whole(),
@@ -288,9 +293,9 @@ def _snapshot(kernel: Kernel, out: Record, log: list[Array], recorded: Recorded,
 def _restore(kernel: Kernel, out: Record, saved: Snapshot, notes: list[str]) -> tuple[list[Array], Recorded]:
     """Set a kernel and its record to a snapshot; return the events so far, and the points recorded at every step."""
     _fill(kernel.state, saved["state"])
-    _fill(kernel.trail, saved["trail"])
+    _fill(kernel.last_step, saved["trail"])
     for name, value in saved["place"].items():
-        setattr(kernel, name, value)
+        setattr(kernel, _FORMER_NAMES.get(name, name), value)
     output = saved["output"]
     cursor = int(output["times"].size)
     # Earlier versions have stored wanted times only.
@@ -306,7 +311,7 @@ def _restore(kernel: Kernel, out: Record, saved: Snapshot, notes: list[str]) -> 
     for name, value in vars(saved["counters"]).items():
         setattr(kernel.bands.counters, name, value)
     notes[:] = saved["notes"]
-    out.watch[:] = saved.get("watch", out.watch)
+    out.contact_checks[:] = saved.get("watch", out.contact_checks)
     out.cursor[:] = cursor
     return [saved["log"]] if saved["log"].size else [], Recorded(saved["recorded"])
 
@@ -338,11 +343,11 @@ def stored_energy(system: System, q: Array, v: Array) -> float:
 
 def _check(kernel: Kernel, method: Method, first: float, dt: float, blow_up: float) -> float:
     """Return what is missing from the balance of energy where the run stands, J; raise where that is a blow-up."""
-    trail, back = kernel.trail, kernel.bands.back
-    held, lost = _held(kernel)
-    now = stored_energy(kernel.bands.system, trail.q[back], trail.v[back]) + held
-    work, dissipated = float(trail.work[1]), float(trail.dissipated[1]) + lost
-    scale = abs(first) + abs(work) + abs(dissipated)
+    last_step, back = kernel.last_step, kernel.bands.back
+    in_springs, loss = _spring_energies(kernel)
+    now = stored_energy(kernel.bands.system, last_step.q[back], last_step.v[back]) + in_springs
+    work, dissipated = float(last_step.work[1]), float(last_step.dissipated[1]) + loss
+    scale = abs(first) + abs(work) + abs(dissipated) + kernel.uncounted()
     excess = now - first - work + dissipated
     if not excess <= blow_up * scale + 1e-300:
         loss = static_loss(kernel.bands.system)

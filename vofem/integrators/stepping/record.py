@@ -40,7 +40,7 @@ class LastStep(NamedTuple):
     size: Array
 
 
-def last_step(n: int, memory: Array) -> LastStep:
+def no_step(n: int, memory: Array) -> LastStep:
     """Return an empty record of the last step of n unknowns, with the internal variables of hysteretic laws."""
     return LastStep(np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(2), np.zeros(2), memory.copy(), np.zeros(1))
 
@@ -76,7 +76,7 @@ class Record(NamedTuple):
         Number of these events.
     probes : Tap or None
         Points that are recorded at every step.
-    watch : ndarray, shape (n_contacts, 8)
+    contact_checks : ndarray, shape (n_contacts, 8)
         What the checks of the run know of every contact, see `checks`.
     """
 
@@ -93,7 +93,7 @@ class Record(NamedTuple):
     events: Array
     happened: IntArray
     probes: Tap | None
-    watch: Array
+    contact_checks: Array
 
 
 #: Fields of a record that hold one entry for every time, and what is known at the last one.

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from vofem.integrators.base import ProbeRows, Samples
 from vofem.integrators.damping_matrix import damping_matrix
-from vofem.integrators.stepping.checks import check_times, watch
+from vofem.integrators.stepping.checks import check_times, contact_checks
 from vofem.integrators.stepping.energies import kinetic_energy
 from vofem.integrators.stepping.march import Banded, chunk, tally
 from vofem.integrators.stepping.probes import tap
-from vofem.integrators.stepping.record import LastStep, Record, last_step, leave, record_of
+from vofem.integrators.stepping.record import LastStep, Record, leave, no_step, record_of
 from vofem.laws import initial_status
 from vofem.laws.callbacks import callbacks_of
 from vofem.laws.evaluate import loaded
@@ -50,7 +50,7 @@ class Setting:
     Attributes
     ----------
     place : tuple of str
-        Names of the attributes that, beside `state` and `trail`, make up the state of the run.
+        Names of the attributes that, beside `state` and `last_step`, make up the state of the run.
     dt : float, optional
         Size of all steps in s; None where they follow a tolerance.
     damping : csr_matrix, optional
@@ -59,14 +59,14 @@ class Setting:
         The current state; changed in place.
     u, status : ndarray, shape (n_laws,), (n_contacts,)
         Coordinates of the laws and status of the contacts at t = 0.
-    trail : LastStep
+    last_step : LastStep
     past : StepPast, optional
         Of laws whose force over a step depends on earlier steps, such as springpots.
     """
 
     place: tuple[str, ...] = ()
     dt: float | None = None
-    trail: LastStep
+    last_step: LastStep
     state: Any
     past: StepPast | None = None
 
@@ -87,11 +87,11 @@ class Setting:
             self.status = initial_status(system.contacts, start.q, start.v)
         self.equations = Equations(self.matrices, self.rows, self.laws)
 
-    def begin_trail(self, acceleration: Array) -> None:
-        """Set `trail` to the start, with an acceleration in band order."""
+    def begin_at_start(self, acceleration: Array) -> None:
+        """Set `last_step` to the start, with an acceleration in band order."""
         order = self.bands.order
-        self.trail = last_step(order.size, self.laws.state)
-        leave(self.trail, self.start.q[order], self.start.v[order], acceleration)
+        self.last_step = no_step(order.size, self.laws.state)
+        leave(self.last_step, self.start.q[order], self.start.v[order], acceleration)
 
     # -- laws whose force depends on earlier steps ------------------------------------------------
 
@@ -134,7 +134,7 @@ class Setting:
         """
         system, checks = self.bands.system, None
         if t_end is not None:
-            checks = check_times(t_end, self.dt, system.size), watch(system.contacts)
+            checks = check_times(t_end, self.dt, system.size), contact_checks(system.contacts)
         points = tap(probes, self.bands.order)
         return record_of(
             times, system.size, self.status.size, points, system.histories, self.laws.state.size, checks
@@ -143,6 +143,10 @@ class Setting:
     def kinetic(self, samples: Samples) -> Array:
         """Return the kinetic energy at the stored times, J."""
         return kinetic_energy(self.bands.system, samples.v)
+
+    def uncounted(self) -> float:
+        """Return a bound on the energy that loads have given until `last_step`, beyond the work counted there, J."""
+        return 0.0
 
     def complain(self, dt: float) -> None:
         """Raise the error that a law written in Python has reported."""
@@ -187,7 +191,7 @@ class EqualSteps(Setting):
         return self.done >= self.steps + self.lag
 
     def reached(self) -> float:
-        """Return the time of the state in `trail`, s."""
+        """Return the time of the state in `last_step`, s."""
         return max(self.done - self.lag, 0) * self.dt
 
     def next_chunk(self) -> tuple[int, int, Any]:

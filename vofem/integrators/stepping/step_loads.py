@@ -14,7 +14,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.integrators.looked import LOOKS, loads_by_values
+from vofem.integrators.sampled_loads import FEWEST_SAMPLES, loads_by_values
 from vofem.system import Counters, LoadFunction, System
 from vofem.time_functions import carried
 
@@ -26,11 +26,11 @@ PARTS = 16
 #: Steps in the shortest time of a load that resolve it.
 _RESOLVED = 2.0
 
-#: Steps in the shortest time of a smooth load from which on its means over steps, or values at their ends, tell it.
+#: Steps in the shortest time of a smooth load from which on its values at the ends of steps describe it well enough.
 _SLOW = 4.0
 
 #: Error of the mean of a plain callable, over its values about the end of a step, up to which values replace the mean.
-_TOLD = 1e-4
+_SAME = 1e-4
 
 #: Phase in rad by which motion may be late before there is a note.
 _OFF = 0.02
@@ -168,7 +168,7 @@ class StepLoads:
             means[:, ~slow] = self._hats(first, count, dt, ~slow)
         for k, function in enumerate(self.functions):
             if not function.closed_form and not function.breakpoints(self.until).size:
-                self._look(function, first, dt, means[:, k])
+                self._smooth_callable(function, first, dt, means[:, k])
         return means
 
     def steps(self, first: int, count: int, dt: float) -> Array:
@@ -185,7 +185,7 @@ class StepLoads:
              for f in self.functions], dtype=bool,
         )  # fmt: skip
 
-    def _look(self, function: LoadFunction, first: int, dt: float, means: Array) -> None:
+    def _smooth_callable(self, function: LoadFunction, first: int, dt: float, means: Array) -> None:
         """Replace means, shape (2, count), by values of a plain callable where the means follow from the values.
 
         The mean of a smooth function follows from values one step apart, with an error of the fourth power of the
@@ -198,14 +198,15 @@ class StepLoads:
             return
         values = function(np.minimum(np.arange(begin, last + 1, dtype=float) * dt, self.until))
         three = np.lib.stride_tricks.sliding_window_view(values, 3)
-        told, at = three @ np.array([1.0, 10.0, 1.0]) / 12.0, begin + 1
+        predicted, at = three @ np.array([1.0, 10.0, 1.0]) / 12.0, begin + 1
         if first == 0:
             three = np.concatenate([three[:1], three])
-            told, at = np.append(three[0] @ np.array([7.0, 6.0, -1.0]) / 12.0, told), 0
-        nodes = np.arange(at, at + told.size)
+            predicted, at = np.append(three[0] @ np.array([7.0, 6.0, -1.0]) / 12.0, predicted), 0
+        nodes = np.arange(at, at + predicted.size)
         wanted = (nodes >= first) & (nodes < first + count)
         near = np.flatnonzero(
-            wanted & (np.abs(told - means[0, np.clip(nodes - first, 0, count - 1)]) <= _TOLD * np.max(np.abs(three), 1))
+            wanted
+            & (np.abs(predicted - means[0, np.clip(nodes - first, 0, count - 1)]) <= _SAME * np.max(np.abs(three), 1))
         )
         means[0, nodes[near] - first] = values[nodes[near] - begin]
         means[1, nodes[near] - first] = 0.0
@@ -233,7 +234,7 @@ class StepLoads:
         return values, first - values
 
     def _of(self, function: LoadFunction, left: Array, right: Array) -> Array:
-        width, until = self.until / LOOKS, self.until
+        width, until = self.until / FEWEST_SAMPLES, self.until
         near = right <= until + 1e-9 * (right - left)
         if np.all(near):
             return function.moments(left, np.minimum(right, until), width)
@@ -241,18 +242,18 @@ class StepLoads:
         moments[:, near] = function.moments(left[near], np.minimum(right[near], until), width)
         for k in np.flatnonzero(~near):
             a, b = float(left[k]), float(right[k])
-            begin, reach = max(a, until), b - until
-            if reach > until:
+            begin, beyond = max(a, until), b - until
+            if beyond > until:
                 # A step longer than the run.
                 later = function.moments(0.0, until, width)
                 later[1:] = 0.0
             else:
-                m0, m1, m2 = function.moments(until - reach, 2.0 * until - begin, width)
-                mean, trend, _ = function.moments(until - reach, until, width)
+                m0, m1, m2 = function.moments(until - beyond, 2.0 * until - begin, width)
+                mean, trend, _ = function.moments(until - beyond, until, width)
                 point = mean + 6.0 * trend
-                if 2.0 * reach <= until:
+                if 2.0 * beyond <= until:
                     # The trend of a short or fast load predicts nothing, so it is limited to that of the means.
-                    past = function.moments(until - 2.0 * reach, until - reach, width)[0]
+                    past = function.moments(until - 2.0 * beyond, until - beyond, width)[0]
                     ahead = 2.0 * mean - past
                     low, high = np.minimum.reduce([past, mean, ahead]), np.maximum.reduce([past, mean, ahead])
                     point = np.clip(point, low, high)

@@ -16,7 +16,7 @@ from vofem.bodies.base import as_point
 from vofem.errors import ArgumentError
 from vofem.files.whole import replacing, target
 from vofem.histories.impacts import window_of
-from vofem.histories.tables import telling_points
+from vofem.histories.tables import points_of_interest
 from vofem.io.movies.mode_shapes import mode_snapshots
 from vofem.io.movies.views import HistoryView, PhaseView, SideView, View, side_view
 from vofem.io.movies.writing import SUFFIXES, check, true_rate, write
@@ -163,7 +163,7 @@ def animate(
 
 
 def _of_runs(
-    subject: Any, view: str, point: Any, window: Any, pace: tuple[float | None, int | None, float],
+    subject: Any, view: str, point: Any, window: Any, timing: tuple[float | None, int | None, float],
     size: tuple[int, int], magnification: float | None,
 ) -> tuple[list[View], int, float]:  # fmt: skip
     """Return the views of all runs, the number of frames, and the time that they show, s."""
@@ -177,7 +177,7 @@ def _of_runs(
     runs = {title: one.result if isinstance(one, PeriodicOrbit) else one for title, one in named.items()}
     last = min(min(float(run.times[-1]), run.solution.t_end) for run in runs.values())
     begin, end = window_of("animate", window, last)
-    count = _count(end - begin, *pace, _LOOP if repeats else _FRAMES)
+    count = _count(end - begin, *timing, _LOOP if repeats else _FRAMES)
     times = np.linspace(begin, end, count, endpoint=not repeats)
     views: list[View] = []
     for title, run in runs.items():
@@ -185,7 +185,7 @@ def _of_runs(
         if view == "side":
             views.append(side_view(run, at, size, magnification, title))
         else:
-            place = as_point("animate: point", point or telling_points(run.scene)[0])
+            place = as_point("animate: point", point or points_of_interest(run.scene)[0])
             made = HistoryView if view == "history" else PhaseView
             views.append(made(run, place, at, (begin, end), size, title))
     sides = [one for one in views if isinstance(one, SideView) and one.magnification is not None]

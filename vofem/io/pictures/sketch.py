@@ -103,7 +103,7 @@ def _title(drawing: Drawing, view: Snapshot, layout: Layout, before: str) -> Non
     # The size of a mode shape is arbitrary.
     told = [] if view.title else sorted(view.bodies, key=lambda s: -float(np.max(np.abs(s.eta))))[:3]
     for state in told:
-        place, value = _most_telling(state.body, state.x, state.eta)
+        place, value = _labelled_place(state.body, state.x, state.eta)
         name = state.body.name if len(view.bodies) > 1 else ""
         factor, unit = length(value)
         number = f"{three_digits(value / factor)} {unit}"
@@ -121,7 +121,7 @@ def _spelled(time: float) -> str:
     return f"{time:.3f} s" if time >= 0.1 or time == 0.0 else spell(time, "s")
 
 
-def _most_telling(body: object, x: Array, eta: Array) -> tuple[str, float]:
+def _labelled_place(body: object, x: Array, eta: Array) -> tuple[str, float]:
     """Return a place and its displacement: a free tip, or where the beam is deflected most."""
     if not isinstance(body, Beam):
         k = int(np.argmax(np.abs(eta)))

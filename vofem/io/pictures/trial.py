@@ -25,7 +25,7 @@ def _window() -> str:
     return str(name) if pixel[0] > 200 and pixel[1] < 60 and pixel[2] < 60 else "blank"
 
 
-def _tell(*words: str) -> None:
+def _print(*words: str) -> None:
     sys.stdout.write(" ".join(words) + "\n")
     sys.stdout.flush()
 
@@ -38,7 +38,7 @@ def draw(path: str) -> None:
         from vofem.io.pictures import backend_vtk
 
         Path(path).write_bytes(backend_vtk.draw(drawing))
-    _tell("vofem-probe", found)
+    _print("vofem-probe", found)
 
 
 def serve() -> None:
@@ -46,7 +46,7 @@ def serve() -> None:
     # Ctrl-C is for the process that waits for the pictures.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     found = _window()
-    _tell("vofem-probe", found)
+    _print("vofem-probe", found)
     if found == "blank":
         return
     from vofem.io.pictures import backend_vtk
@@ -54,4 +54,4 @@ def serve() -> None:
     for line in sys.stdin:
         source, goal = (Path(part) for part in line.rstrip("\n").split("\t"))
         goal.write_bytes(backend_vtk.draw(pickle.loads(source.read_bytes())))
-        _tell("vofem-drawn")
+        _print("vofem-drawn")

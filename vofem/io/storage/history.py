@@ -19,7 +19,7 @@ from vofem.effects.two_points import Units, units_of
 from vofem.files.hdf5 import FILTERS, Blocks
 from vofem.histories import Energy
 from vofem.integrators.base import ContactSamples, ProbeSamples, Samples
-from vofem.io.run_pictures import telling_points
+from vofem.io.run_pictures import points_of_interest
 from vofem.io.storage.blocks import read_columns, stream_columns, write_columns
 from vofem.io.storage.tree import read_array
 from vofem.lookup import rows_over
@@ -179,7 +179,7 @@ def _degrees_of_freedom(file: _Group, result: Result) -> None:
 
 
 def _probes(file: _Group, result: Result) -> None:
-    points: tuple[Point, ...] = telling_points(result.scene)
+    points: tuple[Point, ...] = points_of_interest(result.scene)
     file.coordinate("probe", [point.name for point in points], long_name="points that the scene names")
     rows = rows_over(result.model, result.scene.bodies, points)
     for name, of, unit in _MOTION:

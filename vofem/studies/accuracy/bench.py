@@ -131,15 +131,15 @@ class Bench:
             wanted += [n for n in (finest * factor // 2, finest * factor) if n not in wanted]
         new = [n for n in wanted if n not in self._exact]
         for done, n in enumerate(new):
-            self._tell(done, len(new), f"assembling {n} elements" if n else "assembling")
+            self._report(done, len(new), f"assembling {n} elements" if n else "assembling")
             begin = time.perf_counter()
             _ = self.source.scene(n).model
             self._assembly[n] = time.perf_counter() - begin
         jobs = [(self.source.scene(n), self.question) for n in new]
-        self._tell(0, len(jobs), "reference")
+        self._report(0, len(jobs), "reference")
         for done, (index, found) in enumerate(spread(exact, jobs, self.effort.workers)):
             self._exact[new[index]] = found
-            self._tell(done + 1, len(jobs), "reference")
+            self._report(done + 1, len(jobs), "reference")
         self._choose_reference(max(self._exact))
 
     def _choose_reference(self, finest: int) -> None:
@@ -228,7 +228,7 @@ class Bench:
         result = _simulate(scene, short, setting, np.array([0.0, short]))
         result.displacement(self.question.point)
 
-    def _tell(self, done: int, total: int, what: str) -> None:
+    def _report(self, done: int, total: int, what: str) -> None:
         if self.effort.progress is not None:
             self.effort.progress(done, total, what)
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,10 @@ Status = NDArray[np.int64]
 
 class Chart(Protocol):
     """Coordinates of orbits."""
+
+    @property
+    def also(self) -> tuple[tuple[int, float], ...]:
+        """Other contacts that graze in the same orbit, with their phases; empty where there are none."""
 
     def evaluate(self, problem: Any, y: Array, *, derivative: bool = True) -> Evaluation:
         """Return the equations at coordinates y, shape (n,)."""
@@ -56,6 +60,7 @@ class OriginChart:
     """
 
     unwatched: tuple[tuple[int, float, float], ...] = ()
+    also: ClassVar[tuple[tuple[int, float], ...]] = ()
 
     def evaluate(self, problem: Any, y: Array, *, derivative: bool = True) -> Evaluation:
         """Return the equations."""

@@ -97,11 +97,11 @@ def signature(chart: Any, evaluation: Any, without: Collection[int] = ()) -> tup
 
     Contacts that graze together with that of the chart do not count, nor those `without` which the orbit is taken.
     """
-    flow = getattr(evaluation, "flow", None)
+    flow: Flow | None = evaluation.flow
     if flow is None:
         return None
     counts: dict[int, int] = {}
-    left_out = {*without, *(contact for contact, _ in getattr(chart, "also", ()))}
+    left_out = {*without, *(contact for contact, _ in chart.also)}
     for _, contact, before, after, _ in switches(chart, flow):
         if before == OPEN and after != OPEN and contact not in left_out:
             counts[contact] = counts.get(contact, 0) + 1

@@ -223,7 +223,7 @@ def before(family: Family, interval: Interval, at: Point) -> Point:
     for sign in (-1.0, 1.0):
         moved = y + sign * step * tangent * scales
         other: Shooting = family.at(moved[-1])  # type: ignore[assignment]
-        flow = origin.evaluate(other, moved[:-1], derivative=False).flow  # type: ignore[attr-defined]
+        flow = origin.evaluate(other, moved[:-1], derivative=False).flow
         time = phase / other.loads.omega
         z, _ = flow.solution.modal(np.array([flow.start.time + (time - flow.start.time) % other.duration]))
         laws = other.system.contacts

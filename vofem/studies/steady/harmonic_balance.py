@@ -19,7 +19,7 @@ harmonics that the force has beyond H, which are known.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,6 +81,7 @@ class HarmonicEvaluation:
     size: float
     settled: NDArray[np.bool_]
     slope: Array | None = field(repr=False, default=None)
+    flow: ClassVar[None] = None
 
     @property
     def jacobian(self) -> Array:

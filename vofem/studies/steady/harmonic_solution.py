@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vofem.integrators.base import ContactSamples, Energies, SpringSamples, status_at
 from vofem.integrators.event_driven.modal_samples import ModalSamples
 from vofem.laws import HystereticLaws, SpringpotLaws
-from vofem.laws.evaluate import commit, force_and_tangent, lost, stored
+from vofem.laws.evaluate import commit, dissipated, force_and_tangent, stored
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.studies.steady.law_path import LawPaths
@@ -176,7 +176,7 @@ class HarmonicSolution:
             for _ in range(motion.laws.passes):
                 for value in at_turns:
                     commit(records, j, value)
-            begin = lost(records, j, at_times[0])
+            begin = dissipated(records, j, at_times[0])
             part = np.searchsorted(turns, times, side="right")
             done = 0
             for k, value in enumerate(at_times):
@@ -185,7 +185,7 @@ class HarmonicSolution:
                     done += 1
                 out[0, i, k] = force_and_tangent(records, j, value)[0]
                 out[1, i, k] = stored(records, j, value)
-                out[2, i, k] = lost(records, j, value) - begin
+                out[2, i, k] = dissipated(records, j, value) - begin
             commit(records, j, at_times[-1])
         return out[0], out[1], out[2], records.state.copy()
 

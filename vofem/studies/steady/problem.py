@@ -28,6 +28,10 @@ class Evaluation(Protocol):
         """What the equations leave over, shape (n,)."""
 
     @property
+    def flow(self) -> Any:
+        """The `Flow` over one orbit; None where the method solves for an orbit as a whole."""
+
+    @property
     def jacobian(self) -> Array:
         """Derivative of the residual with respect to the unknowns, shape (n, n); only where it was asked for."""
 

@@ -9,7 +9,7 @@ import numpy as np
 from vofem.bodies import Mass
 from vofem.effects import Contact, Gravity, Spring
 from vofem.scene import Scene
-from vofem.verification.case import TOLD, Case, Quantity, Run, exact, stepping
+from vofem.verification.case import REPORTED, Case, Quantity, Run, exact, stepping
 
 DOYEN = "Doyen, Ern, Piperno, SIAM J. Sci. Comput. 33 (2011) 223, doi:10.1137/100791440"
 
@@ -44,8 +44,8 @@ def _impact(stiffness: float, count: int = 400) -> Case:
     if stiffness < 100.0:
         how = exact(5e-5) | stepping(1e-4, 5e-5)
     else:
-        told = "stiffer than"
-        how = exact(1e-2, expected=TOLD, says=told) | stepping(1e-5, 1e-2, expected=TOLD, says=told, slow=True)
+        note = "stiffer than"
+        how = exact(1e-2, expected=REPORTED, says=note) | stepping(1e-5, 1e-2, expected=REPORTED, says=note, slow=True)
     return Case(15, name, "closed form, Z v (1 - exp(-K0 t/Z))", quantities, measure, how)
 
 

@@ -10,7 +10,19 @@ import numpy as np
 from vofem.bodies import Beam
 from vofem.effects import PointLoad
 from vofem.scene import Scene
-from vofem.verification.case import ALPHA, CENTRAL, CONSERVING, REFUSED, STOPPED, TOLD, Case, How, Quantity, Run, exact
+from vofem.verification.case import (
+    ALPHA,
+    CENTRAL,
+    CONSERVING,
+    REFUSED,
+    REPORTED,
+    STOPPED,
+    Case,
+    How,
+    Quantity,
+    Run,
+    exact,
+)
 
 
 def cases() -> Iterator[Case]:
@@ -38,7 +50,7 @@ def _graded(ratio: float) -> Case:
     nodes = np.concatenate([[0.0], np.cumsum(lengths) / np.sum(lengths)])
     nodes[-1] = 1.0
     how = {"equilibrium": How(1e-9)} | exact(1e-6)
-    how |= {m: How(1e-6, {"dt": 1e-3}, TOLD, "rounding") for m in (CONSERVING, ALPHA)}
+    how |= {m: How(1e-6, {"dt": 1e-3}, REPORTED, "rounding") for m in (CONSERVING, ALPHA)}
     if ratio > 1e5:
         how |= exact(0.0, expected=REFUSED, says="rounding")
         how |= {m: How(0.0, {"dt": 1e-3}, STOPPED, "rounding") for m in (CONSERVING, ALPHA)}
@@ -50,7 +62,7 @@ def _graded(ratio: float) -> Case:
 def _fine(elements: int) -> Case:
     slow = elements > 1000
     how = {"equilibrium": How(1e-9, slow=slow)} | exact(1e-6, slow=slow)
-    how |= {m: How(1e-6, {"dt": 1e-3}, TOLD, "rounding", slow=slow) for m in (CONSERVING, ALPHA)}
+    how |= {m: How(1e-6, {"dt": 1e-3}, REPORTED, "rounding", slow=slow) for m in (CONSERVING, ALPHA)}
     how[CENTRAL] = How(0.0, {"dt": 1e-3}, REFUSED, "critical step", slow=slow)
     if elements > 50_000:
         how |= {m: How(0.0, {"dt": 1e-3}, STOPPED, "rounding", slow=slow) for m in (CONSERVING, ALPHA)}

@@ -14,8 +14,8 @@ from vofem.verification.case import (
     CENTRAL,
     CONSERVING,
     REFUSED,
+    REPORTED,
     STOPPED,
-    TOLD,
     Case,
     How,
     Quantity,
@@ -115,10 +115,10 @@ def _long_time(phase: float, steps: int = 1_000_000) -> Case:
     slow = phase != 1.0
     how = exact(1e-9, slow=slow) | {CONSERVING: How(1e-10, {"dt": dt}, slow=slow)}
     how[CENTRAL] = (
-        How(0.01, {"dt": dt}, TOLD, "energy: ") if phase < 2.0 else How(0.0, {"dt": dt}, REFUSED, "critical step")
+        How(0.01, {"dt": dt}, REPORTED, "energy: ") if phase < 2.0 else How(0.0, {"dt": dt}, REFUSED, "critical step")
     )
     options = {"dt": dt, "rho_infinity": 1.0}
-    how[ALPHA] = How(0.01, options, TOLD, "energy: ") if phase < 0.5 else How(0.0, options, STOPPED, "blew up")
+    how[ALPHA] = How(0.01, options, REPORTED, "energy: ") if phase < 0.5 else How(0.0, options, STOPPED, "blew up")
     quantities = (Quantity("energy drift", 0.0, relative=False),)
     return Case(7, f"long-time energy, 1e6 steps, omega dt = {phase:g}", CLOSED_FORM, quantities, measure, how)
 
@@ -205,7 +205,7 @@ def _huge_step() -> Case:
 
     how = exact(1e-9)
     how[CONSERVING] = How(1e-10, {"dt": 1.0}, says="do not resolve")
-    how[ALPHA] = How(0.01, {"dt": 1.0}, TOLD, "do not resolve")
+    how[ALPHA] = How(0.01, {"dt": 1.0}, REPORTED, "do not resolve")
     how[CENTRAL] = How(0.0, {"dt": 1.0}, REFUSED, "critical step")
     quantities = (Quantity("energy drift", 0.0, relative=False),)
     return Case(29, "huge steps, omega dt = 1e6", CLOSED_FORM, quantities, measure, how)

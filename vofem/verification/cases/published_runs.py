@@ -23,7 +23,18 @@ from vofem.effects import (
 )
 from vofem.scene import Scene
 from vofem.simulate import simulate
-from vofem.verification.case import ALPHA, CENTRAL, CONSERVING, EVENT_DRIVEN, REFUSED, TOLD, Case, How, Quantity, Run
+from vofem.verification.case import (
+    ALPHA,
+    CENTRAL,
+    CONSERVING,
+    EVENT_DRIVEN,
+    REFUSED,
+    REPORTED,
+    Case,
+    How,
+    Quantity,
+    Run,
+)
 from vofem.verification.cases.oscillators import bilinear, release_on_a_stop
 from vofem.verification.published_data import entry, published, source
 
@@ -217,7 +228,7 @@ def _zener() -> Case:
     how = {
         EVENT_DRIVEN: How(4e-9),
         CONSERVING: How(2e-6, {"dt": 1e-4}),
-        ALPHA: How(2e-6, {"dt": 1e-4}, TOLD, "energy: "),
+        ALPHA: How(2e-6, {"dt": 1e-4}, REPORTED, "energy: "),
     }
     how[CENTRAL] = How(0.0, {"dt": 1e-4}, REFUSED, "critical step")
     return Case(None, "mass on a Zener element", source(data), quantities, measure, how)

@@ -14,8 +14,8 @@ from vofem.verification.case import (
     CENTRAL,
     CONSERVING,
     REFUSED,
+    REPORTED,
     STOPPED,
-    TOLD,
     Case,
     How,
     Quantity,
@@ -81,9 +81,9 @@ def _rebound(phase: float, entries: int = 40) -> Case:
         return {"speed out, the worst of all [m/s]": max(speeds, key=lambda v: abs(v - 1.0))}
 
     how = exact(1e-12) | {CONSERVING: How(1e-10, {"dt": dt})}
-    told = How(0.01, {"dt": dt}, TOLD, "energy: ")
-    how[ALPHA] = told if phase < 5.0 else How(0.01, {"dt": dt}, STOPPED, "blew up")
-    how[CENTRAL] = told if phase < 2.0 else How(0.01, {"dt": dt}, REFUSED, "critical step")
+    reported = How(0.01, {"dt": dt}, REPORTED, "energy: ")
+    how[ALPHA] = reported if phase < 5.0 else How(0.01, {"dt": dt}, STOPPED, "blew up")
+    how[CENTRAL] = reported if phase < 2.0 else How(0.01, {"dt": dt}, REFUSED, "critical step")
     quantities = (Quantity("speed out, the worst of all [m/s]", 1.0),)
     name = f"rebound of a free mass, {entries} entries, omega dt = {phase:g}"
     return Case(6, name, CLOSED_FORM, quantities, measure, how)

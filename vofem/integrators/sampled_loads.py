@@ -1,4 +1,4 @@
-"""Loads whose shape is known by some of their values only."""
+"""Notes on loads that are known by their values at some times only."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from vofem.system import System
 
 #: Times in a run, at least, at which a plain callable is evaluated.
-LOOKS = 20_000
+FEWEST_SAMPLES = 20_000
 
 
 def loads_by_values(system: System, t_end: float) -> list[str]:
@@ -21,8 +21,8 @@ def loads_by_values(system: System, t_end: float) -> list[str]:
     """
     notes = []
     for load in system.loads:
-        # What is approximated was looked at beforehand, a plain callable is looked at by the run.
-        width = load.function.looked if np.isfinite(load.function.looked) else t_end / LOOKS
+        # An approximated callable was evaluated beforehand, a plain callable is evaluated by the run.
+        width = load.function.sample_spacing if np.isfinite(load.function.sample_spacing) else t_end / FEWEST_SAMPLES
         if width > 0.0:
             notes.append(
                 f"load: {load.name} is known by its values at times {width:.3g} s apart only, and what is shorter may "

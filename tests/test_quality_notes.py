@@ -1,4 +1,4 @@
-"""What runs tell of themselves: energy, steps too large, contacts passed over, rounding, coarse meshes."""
+"""Notes of runs on their own quality: energy, steps too large, contacts passed over, rounding, coarse meshes."""
 
 from __future__ import annotations
 
@@ -108,6 +108,25 @@ def test_a_blow_up_through_rounding_says_so():
         vf.simulate(scene, 1.0, method="energy_conserving", dt=1e-3)
     with pytest.raises(vf.SingularSystemError, match="rounding has made the stiffness matrix indefinite"):
         vf.simulate(scene, 1.0, method="event_driven")
+
+
+def test_one_step_under_a_load_that_begins_is_no_blow_up():
+    """The velocity after the step holds half a step of the load, whose work is counted with the next half step."""
+    beam = vf.Beam(1.0, 1.0, 1.0, 25, {"left": "clamped"})
+    scene = vf.Scene([beam], [vf.PointLoad(beam.at("right"), vf.Sine(0.1, 1.0))])
+    result = vf.simulate(scene, 4.27e-5, method="central_difference", dt=4.27e-5)
+    assert 0.0 < result.velocity(beam.at("right"))[-1] < 1e-6
+    assert told(result, "step: the whole run")
+    assert not told(result, "energy:")
+
+
+@pytest.mark.parametrize("load", [1e3, vf.Sine(1e3, 20.0)])
+def test_a_blow_up_under_a_load_is_still_found(load):
+    mass = vf.Mass(1.0)
+    spring = vf.NonlinearSpring(mass, potential=lambda u: 1e6 * u**4 / 4, force=lambda u: 1e6 * u**3, name="hard")
+    scene = vf.Scene([mass], [spring, vf.PointLoad(mass, load)])
+    with pytest.raises(vf.InstabilityError, match=r"blew up"):
+        vf.simulate(scene, 0.3, method="central_difference", dt=0.1)
 
 
 @pytest.mark.parametrize("size", [1e-50, 1e-170, 1e-300])

@@ -1,9 +1,9 @@
-"""Step sizes that follow a tolerance: from the error of a step to the next size, for any method that steps in time.
+"""The choice of step sizes under a tolerance: the error of a step decides on the size of the next one.
 
-Sizes are halves of halves of the largest one, and times whole multiples of the
-smallest: what a method factors for a size serves whenever that size comes
-again, and no time is accumulated. What a step is and how its error is
-estimated is the method's business.
+The largest size is halved some times: a step has one of 41 sizes. A matrix that
+a method has factored for a size can therefore be used again. All times are whole
+multiples of the smallest size, so no rounding accumulates. This module knows
+errors only; the method takes the steps and estimates their errors (`doubling`).
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 #: Halvings of the largest step.
-RUNGS = 40
+HALVINGS = 40
 
 #: Steps in a run at the largest step size.
 _FEWEST = 32
@@ -29,17 +29,17 @@ _EASY = 0.2
 _MANY = 32
 
 
-class Ladder:
-    """Where a run stands, the size of its next step, and what a step's error does to it.
+class StepSizeControl:
+    """The time that a run has reached, the size of its next step, and the decision on a step by its error.
 
     Attributes
     ----------
     largest, tick : float
         Largest and smallest size of a step, s.
-    now, end : int
-        Time reached, and the end of the run, in ticks.
-    rung : int
-        The next step has the size ``largest / 2**rung``.
+    ticks, last_tick : int
+        Time reached, and the end of the run, in units of `tick`.
+    level : int
+        The next step has the size ``largest / 2**level``.
     size : float
         Displacement that errors are related to, m.
     forced : int
@@ -47,26 +47,26 @@ class Ladder:
     period : float
         Of the fastest load, s. Steps that are large against it grow when all steps of a period allow it, and do not
         follow its phase: the errors of large steps would all be made at the same phase, and add up.
-    uneasy : int
-        Time in ticks at which a step was refused or near its share for the last time.
+    last_hard : int
+        Time, in units of `tick`, at which a step was last refused or had an error near its share.
     """
 
-    #: What says where a run stands; the rest follows from the plan.
-    place: tuple[str, ...] = ("now", "rung", "forced", "size", "uneasy")
+    #: Attributes that change during a run; the others follow from its arguments.
+    place: tuple[str, ...] = ("ticks", "level", "forced", "size", "last_hard")
 
-    def climb(self, t_end: float, tolerance: float) -> None:
+    def set_range(self, t_end: float, tolerance: float) -> None:
         """Set the end in s and the tolerance."""
         self.t_end, self.tolerance = t_end, tolerance
         self.largest = t_end / _FEWEST
-        self.tick = self.largest / 2**RUNGS
-        self.now, self.end = 0, _FEWEST * 2**RUNGS
-        self.rung, self.forced, self.size = _FIRST, 0, 0.0
-        self.period, self.uneasy = 0.0, 0
+        self.tick = self.largest / 2**HALVINGS
+        self.ticks, self.last_tick = 0, _FEWEST * 2**HALVINGS
+        self.level, self.forced, self.size = _FIRST, 0, 0.0
+        self.period, self.last_hard = 0.0, 0
 
     @property
     def time(self) -> float:
         """Time at which the next step begins, s."""
-        return self.now * self.tick
+        return self.ticks * self.tick
 
     @property
     def whole(self) -> float:
@@ -74,13 +74,13 @@ class Ladder:
         return self.tolerance * self.size + _TINY
 
     @property
-    def at_the_bottom(self) -> bool:
+    def at_smallest(self) -> bool:
         """Whether no smaller step can be taken."""
-        return self.rung + 1 >= RUNGS
+        return self.level + 1 >= HALVINGS
 
-    def length(self, rung: int) -> float:
+    def length(self, level: int) -> float:
         """Return the size in s of a step."""
-        return self.largest / 2**rung
+        return self.largest / 2**level
 
     def ratio(self, rough: float, smooth: float) -> float:
         """Return the error of a step in m over its share of the tolerance.
@@ -89,26 +89,26 @@ class Ladder:
         every step: their sum is held. Those of faster motion come and go, and
         halving the step would not lessen them for long: their root mean square is held.
         """
-        share = self.length(self.rung) / self.t_end
+        share = self.length(self.level) / self.t_end
         return max(smooth / (share * self.whole), rough / (np.sqrt(share) * self.whole))
 
     def accepts(self, ratio: float) -> bool:
         """Decide on a step by its error over its share; where it is refused the next one is half as long."""
-        if not ratio <= 1.0 and not self.at_the_bottom:
-            self.rung += 1
-            self.uneasy = self.now
+        if not ratio <= 1.0 and not self.at_smallest:
+            self.level += 1
+            self.last_hard = self.ticks
             return False
         self.forced += not ratio <= 1.0
         return True
 
     def step_on(self, ratio: float) -> None:
         """Go on by the step that was accepted, and choose the size of the next one."""
-        length = self.length(self.rung)
-        self.now += 2 ** (RUNGS - self.rung)
+        length = self.length(self.level)
+        self.ticks += 2 ** (HALVINGS - self.level)
         if not ratio < _EASY:
-            self.uneasy = self.now
+            self.last_hard = self.ticks
         patience = self.period / self.tick if self.period < _MANY * length else 0.0
         # The error over the step's length grows fourfold with a doubled step, and times stay multiples of steps.
-        aligned = self.rung > 0 and self.now % 2 ** (RUNGS - self.rung + 1) == 0
-        if ratio < _EASY and aligned and self.now - self.uneasy >= patience:
-            self.rung -= 1
+        aligned = self.level > 0 and self.ticks % 2 ** (HALVINGS - self.level + 1) == 0
+        if ratio < _EASY and aligned and self.ticks - self.last_hard >= patience:
+            self.level -= 1

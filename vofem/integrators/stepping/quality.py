@@ -17,7 +17,8 @@ from vofem.integrators.method import Method
 from vofem.integrators.registry import advice
 from vofem.integrators.rounding import static_loss
 from vofem.integrators.stepped import step_count
-from vofem.integrators.stepping.checks import MISSED, POWER, REACH
+from vofem.integrators.stepping.checks import MISSED, PEAK, POWER
+from vofem.integrators.stepping.energies import kinetic_energy
 from vofem.integrators.unclosed import never_closed
 from vofem.system import ContactLaws, Events, System
 
@@ -28,6 +29,9 @@ _ENERGY = 0.01
 
 #: The same between two steps, where states are interpolated.
 _BETWEEN = 0.1
+
+#: Largest energy, over the largest kinetic energy, that is rounding.
+_NO_ENERGY = 1e-12
 
 #: ``omega dt`` of the motion that carries the energy beyond which steps do not resolve it.
 _COARSE = 0.5
@@ -41,7 +45,7 @@ _ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
-class Seen:
+class Checked:
     """What a run has recorded for its checks.
 
     Attributes
@@ -52,8 +56,8 @@ class Seen:
         States at `times`.
     parts : Energies
         At `times`, in the method's own form.
-    watch : ndarray, shape (n_contacts, 8)
-        Of `checks.watch`.
+    contacts : ndarray, shape (n_contacts, 8)
+        Findings on every contact, of `checks.contact_checks`.
     missing : (float, float)
         Largest error in J of the balance of energy between chunks of steps, and its time in s; for methods that
         conserve energy at their steps.
@@ -62,12 +66,12 @@ class Seen:
     times: Array
     samples: Samples
     parts: Energies
-    watch: Array
+    contacts: Array
     missing: tuple[float, float]
 
 
-def tell(
-    system: System, method: Method, seen: Seen, events: Events, first: float, dt: float | None, t_end: float
+def quality_notes(
+    system: System, method: Method, checked: Checked, events: Events, first: float, dt: float | None, t_end: float
 ) -> list[str]:
     """Return notes on a run.
 
@@ -75,7 +79,7 @@ def tell(
     ----------
     system : System
     method : Method
-    seen : Seen
+    checked : Checked
     events : Events
     first : float
         Energy at t = 0 in the method's own form, J.
@@ -92,29 +96,30 @@ def tell(
         )
     laws = system.contacts
     if laws is not None:
-        notes += never_closed(laws, events, laws.gap + seen.watch[:, REACH])
-    parts, times = seen.parts, seen.times
+        notes += never_closed(laws, events, laws.gap + checked.contacts[:, PEAK])
+    parts, times = checked.parts, checked.times
     # Between steps states are interpolated, so their energy is not the one that the method balances.
     on = np.abs(times / dt - np.round(times / dt)) < 1e-6 if dt is not None else np.ones(times.size, dtype=bool)
     total = parts.kinetic + parts.strain + parts.contact
     scale = max(float(np.max(np.abs(part[on]), initial=0.0)) for part in (total, parts.work, parts.dissipated))
-    if not 0.0 < scale < np.inf:
+    # A method's own form of energy may differ from the usual one, and be zero but for rounding in the first step.
+    if not _NO_ENERGY * float(np.max(kinetic_energy(system, checked.samples.v), initial=0.0)) < scale < np.inf:
         return notes
     missing = (total - first + parts.dissipated - parts.work) / scale
     if dt is None:
         on = times <= 0.0
     at_steps = _worst(times[on], missing[on])
-    if abs(seen.missing[0]) > abs(at_steps[0]) * scale:
-        at_steps = seen.missing[0] / scale, seen.missing[1]
+    if abs(checked.missing[0]) > abs(at_steps[0]) * scale:
+        at_steps = checked.missing[0] / scale, checked.missing[1]
     notes += _energy(method, *at_steps, dt)
-    coarse = _coarse(system, seen, on, scale, dt) if dt is not None else []
+    coarse = _coarse(system, checked, on, scale, dt) if dt is not None else []
     notes += coarse
     if not coarse and abs(at_steps[0]) <= _ENERGY:
         notes += _interpolated(*_worst(times[~on], missing[~on]), dt)
     if laws is not None:
         if dt is not None and not coarse and not method.conserves:
-            notes += _rebounds(laws, seen.watch, scale, dt)
-        notes += _missed(laws, seen.watch[:, MISSED], dt)
+            notes += _rebounds(laws, checked.contacts, scale, dt)
+        notes += _missed(laws, checked.contacts[:, MISSED], dt)
     loss = static_loss(system)
     if loss > _ROUNDING:
         notes.append(
@@ -159,9 +164,9 @@ def _interpolated(missing: float, t: float, dt: float | None) -> list[str]:
     ]
 
 
-def _coarse(system: System, seen: Seen, on: NDArray[np.bool_], scale: float, dt: float) -> list[str]:
+def _coarse(system: System, checked: Checked, on: NDArray[np.bool_], scale: float, dt: float) -> list[str]:
     """Return a note where steps are too large: ``dt |v'(K q + b R)|`` over the energy is omega dt of its motion."""
-    q, v = seen.samples.q[:, on], seen.samples.v[:, on]
+    q, v = checked.samples.q[:, on], checked.samples.v[:, on]
     power = np.sum(v * (system.stiffness @ q), axis=0)
     largest = 0.0
     if system.contacts is not None:
@@ -169,7 +174,7 @@ def _coarse(system: System, seen: Seen, on: NDArray[np.bool_], scale: float, dt:
         u, rate = laws.rows @ q, laws.rows @ v
         closed = (u > laws.gap[:, None]) & np.isinf(laws.resolution)[:, None]
         power += np.sum(np.where(closed, laws.elastic(u) * rate, 0.0), axis=0)
-        largest = float(np.max(seen.watch[:, POWER]))
+        largest = float(np.max(checked.contacts[:, POWER]))
     share = dt * max(float(np.max(np.abs(power), initial=0.0)), largest) / scale
     if not share > _COARSE:
         return []
@@ -180,13 +185,13 @@ def _coarse(system: System, seen: Seen, on: NDArray[np.bool_], scale: float, dt:
     ]
 
 
-def _rebounds(laws: ContactLaws, watch: Array, scale: float, dt: float) -> list[str]:
+def _rebounds(laws: ContactLaws, contacts: Array, scale: float, dt: float) -> list[str]:
     """Return a note where impacts are too short for a method that does not conserve energy at them.
 
     A contact whose energy is a small part of the whole may decide the motion of the body that it stops.
     """
-    energy = laws.closed_energies(np.maximum(watch[:, REACH], 0.0))
-    share = np.where(energy > 0.0, dt * watch[:, POWER] / np.where(energy > 0.0, energy, 1.0), 0.0)
+    energy = laws.closed_energies(np.maximum(contacts[:, PEAK], 0.0))
+    share = np.where(energy > 0.0, dt * contacts[:, POWER] / np.where(energy > 0.0, energy, 1.0), 0.0)
     share[energy < _REBOUND * scale] = 0.0
     worst = int(np.argmax(share))
     if not share[worst] > _COARSE:
