@@ -155,17 +155,6 @@ def test_the_bar_says_that_it_compiles(monkeypatch):
         assert "50 %" in screen.getvalue()
 
 
-def test_a_small_run_of_the_command_line_needs_no_numba(tmp_path):
-    code = (
-        "import sys\nfrom vofem.cli import main\n"
-        f"assert main(['run', 'examples/cantilever.toml', '--no-pictures', '--output', {str(tmp_path)!r}]) == 0\n"
-        "assert not {'numba', 'matplotlib', 'pyvista', 'h5py', 'rich', 'meshio'} & set(sys.modules)"
-    )
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=False)
-    assert run.returncode == 0, run.stderr
-    assert (tmp_path / "histories.csv").exists()
-
-
 # Steps under a tolerance need a rough run of a thousand steps first, which takes half a minute in plain Python.
 @pytest.mark.parametrize(("kind", "work"), [one for one in ahead._WORK if "tol" not in one[0]])
 def test_what_is_compiled_ahead_can_be_run(kind, work):

@@ -12,7 +12,8 @@ import vofem as vf
 from vofem.files.whole import replacing
 from vofem.io import render as render_module
 from vofem.io.pictures import axes as picture_axes
-from vofem.io.pictures import backend_matplotlib
+from vofem.io.pictures import backend_matplotlib, studio
+from vofem.io.pictures.drawing import COLORMAP, Drawing, moment_colors
 from vofem.io.pictures.layout import arrange
 from vofem.io.pictures.places import along_beam, between_masses
 from vofem.io.pictures.sketch import sketch
@@ -136,6 +137,51 @@ def test_a_crash_of_the_driver_does_not_reach_the_user(tmp_path):
     backend, works = run.stdout.split()
     assert (backend, works) in (("matplotlib", "False"), ("vtk", "True"))
     assert pixels(tmp_path / "m.png").std() > 0.02
+
+
+def test_colours_of_moments_are_those_of_the_map():
+    from matplotlib import colormaps
+
+    assert np.max(np.abs(moment_colors(256) - colormaps[COLORMAP](np.linspace(0.0, 1.0, 256))[:, :3])) < 1e-12
+
+
+def test_a_studio_starts_one_process_and_trusts_what_is_remembered(monkeypatch, tmp_path):
+    """A machine that is known draws no trial picture; one on which VTK does not work starts no process at all."""
+    started = []
+
+    class Child:
+        """A process that has ended."""
+
+        stdin = stdout = None
+
+        def wait(self):
+            return -11
+
+        __enter__ = __exit__ = kill = lambda self, *_: None
+
+    def start(command, **_):
+        started.append(command[-1])
+        return Child()
+
+    forgotten = []
+    monkeypatch.setattr(studio.subprocess, "Popen", start)
+    monkeypatch.setattr(studio, "forget", lambda: forgotten.append(True))
+    monkeypatch.setattr(studio, "remembered", lambda: Probe(False, "no driver"))
+    with studio.Studio() as one:
+        one.ask(Drawing((10, 10)))
+        assert not one.wait()
+    assert started == []
+    assert one.found == Probe(False, "no driver")
+    monkeypatch.setattr(studio, "remembered", lambda: Probe(True, "vtkWindow"))
+    with studio.Studio() as one:
+        # It said that it works, and crashed in the picture: the next process tries again.
+        one.found = Probe(True, "vtkWindow")
+        one.ask(Drawing((10, 10)))
+        assert not one.wait()
+    assert len(started) == 1
+    assert "serve('vtkWindow')" in started[0]
+    assert forgotten == [True]
+    assert "crashed" in one.found.detail
 
 
 def test_verdict_of_a_trial():

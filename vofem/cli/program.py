@@ -17,12 +17,14 @@ from vofem.cli.render import add_render
 from vofem.cli.respond import add_respond
 from vofem.cli.run import add_run
 from vofem.cli.sweep import add_sweep
+from vofem.cli.unused_parts import import_later
 from vofem.cli.verify import add_verify
 from vofem.errors import VofemError
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code."""
+    import_later()
     arguments = _parser().parse_args(argv)
     try:
         code: int = arguments.command(arguments)

@@ -36,18 +36,18 @@ def add_run(commands: Commands) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from vofem.blas import blas_threads
-    from vofem.io.scene_file import load_scene
-    from vofem.simulate.explanation import explain
-
-    file = load_scene(arguments.scene)
     with contextlib.ExitStack() as stack:
         studio = None
         if not arguments.no_pictures:
             from vofem.io.pictures.studio import Studio
 
-            # It gets ready while the run takes place.
+            # Started before all else: it gets ready while this process imports what it needs and the run takes place.
             studio = stack.enter_context(Studio())
+        from vofem.blas import blas_threads
+        from vofem.io.scene_file import load_scene
+        from vofem.simulate.explanation import explain
+
+        file = load_scene(arguments.scene)
         print(explain(file.scene, *limits(file)))
         print_method(file, arguments.method)
         print(flush=True)

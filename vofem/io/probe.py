@@ -84,6 +84,12 @@ def remember(found: Probe) -> None:
     remembered.cache_clear()
 
 
+def forget() -> None:
+    """Drop what was stored of this machine: VTK has failed all the same."""
+    write_entry(user_caches("vofem") / _KNOWN, _machine(), None)
+    remembered.cache_clear()
+
+
 @functools.cache
 def remembered() -> Probe | None:
     """Return what any process found on this machine with the same drivers, or None."""

@@ -117,9 +117,14 @@ class Motion:
     special: Special
     clusters: ClusterFlow = NO_CLUSTERS
 
+    def free_changes(self, tau: Array) -> tuple[Array, Array]:
+        """Return by how much the free parts of blocks outside clusters have changed at tau, each (m, n_times)."""
+        z, v = _free_changes(self.spectrum.delta, self.spectrum.p, self.z, self.v, tau, 0)
+        return z, v
+
     def changes(self, tau: Array) -> tuple[Array, Array]:
         """Return by how much the block states (z, v) have changed at tau, each of shape (m, n_times)."""
-        z, v = _free_changes(self.spectrum.delta, self.spectrum.p, self.z, self.v, tau, 0)
+        z, v = self.free_changes(tau)
         if self.clusters.rate.size:
             add_clusters(self.clusters, tau, z, v)
         if self.ramps:

@@ -20,6 +20,7 @@ from vofem.integrators.event_driven.load_table import LoadTable, load_table
 from vofem.integrators.event_driven.modal_samples import ModalSamples
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.integrators.event_driven.motion import Forcing, Motion, start_motion
+from vofem.integrators.event_driven.panels import changes_on_panels
 from vofem.integrators.event_driven.pinned import Reactions, may_pin, reactions, should_pin
 from vofem.integrators.event_driven.record import Record
 from vofem.integrators.event_driven.sampling import sample_segments
@@ -739,6 +740,38 @@ class EventSolution:
         stiffness = np.where(status == CLOSED, laws.stiffness[:, None], 0.0)
         gap = np.where(laws.gap > 0, laws.gap, 1.0)[:, None]
         return ContactSamples(status, np.where(status == PINNED, force / gap, stiffness), force)
+
+    @_evaluation
+    def elastic_force(self, contact: int, low: Array, high: Array, fractions: Array) -> Array | None:
+        """Return the force of an undamped contact on panels in N, shape (n_fractions, n_panels).
+
+        Parameters
+        ----------
+        contact : int
+        low, high : ndarray, shape (n_panels,)
+            Ends of each panel in s; no event happens within.
+        fractions : ndarray, shape (n_fractions,)
+            Where in a panel, from 0 to 1.
+
+        Returns
+        -------
+        ndarray or None
+            None where the contact is not closed, or where modes are coupled or at resonance: `contacts` knows it then.
+        """
+        laws = self.system.contacts
+        assert laws is not None
+        gaps = np.empty((fractions.size, low.size))
+        segments = np.searchsorted(self.segment_starts, 0.5 * (low + high), side="right") - 1
+        for index in np.unique(segments).tolist():
+            motion = self.motion(index)
+            weight = motion.spectrum.real.down(self.space.contacts[contact])
+            mine = np.flatnonzero(segments == index)
+            tau = np.maximum(low[mine] - self.segment_starts[index], 0.0)
+            changes = changes_on_panels(motion, weight, tau, (high - low)[mine], fractions)
+            if changes is None or self.record.status(index)[contact] != CLOSED:
+                return None
+            gaps[:, mine] = self.gap_functions(index)[contact] + changes
+        return np.asarray(laws.stiffness[contact] * (gaps + laws.gap[contact] - laws.offset[contact]))
 
     def _segments(self, times: Array) -> Iterator[Segment]:
         """Yield the segments up to the last of some times, in order."""

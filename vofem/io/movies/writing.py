@@ -89,13 +89,12 @@ def _indexed(frame: Frame) -> Any:
 @functools.cache
 def _palette() -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
     """Return the colours that occur in frames, shape (n, 3), and the nearest of them for the first bits of any."""
-    from matplotlib import colormaps
     from matplotlib.colors import to_rgb
 
     named = [to_rgb(name) for name in (*drawing.PALETTE, *arrows.PALETTE)]
     shades = np.linspace(0.0, 1.0, _SHADES, endpoint=False)[:, None]
     colors = [np.ones((1, 3)), *((1.0 - shades) * np.array(color) + shades for color in named)]
-    colors.append(colormaps[drawing.COLORMAP](np.linspace(0.0, 1.0, _MOMENTS))[:, :3])
+    colors.append(drawing.moment_colors(_MOMENTS))
     table = np.round(255.0 * np.concatenate(colors)).astype(int)[:256]
     # The colour that stands for those of equal first bits: white for white, black for black.
     one = np.arange(2**_BITS) * 255.0 / (2**_BITS - 1)

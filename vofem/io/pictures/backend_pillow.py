@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.io.pictures.drawing import COLORMAP, Drawing, Label, Line, Strip
+from vofem.io.pictures.drawing import Drawing, Label, Line, Strip, moment_colors
 
 Array = NDArray[np.float64]
 
@@ -45,9 +45,7 @@ def pixels(drawing: Drawing) -> NDArray[np.uint8]:
 
 @functools.cache
 def _color_table() -> list[tuple[int, int, int]]:
-    from matplotlib import colormaps
-
-    table = np.round(255.0 * colormaps[COLORMAP](np.linspace(0.0, 1.0, 256))[:, :3]).astype(int)
+    table = np.round(255.0 * moment_colors(256)).astype(int)
     return [(int(r), int(g), int(b)) for r, g, b in table]
 
 

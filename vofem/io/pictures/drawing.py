@@ -14,8 +14,14 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Box = tuple[float, float, float, float]
 
-#: Colour map of the bending moment: blue where negative, red where positive.
+#: Colour map of the bending moment by its name in matplotlib: blue where negative, red where positive.
 COLORMAP = "RdBu_r"
+
+#: Its colours, evenly spaced, between which it is linear: RdBu of ColorBrewer (https://colorbrewer2.org), reversed.
+_COLORS = (
+    (5, 48, 97), (33, 102, 172), (67, 147, 195), (146, 197, 222), (209, 229, 240), (247, 247, 247), (253, 219, 199),
+    (244, 165, 130), (214, 96, 77), (178, 24, 43), (103, 0, 31),
+)  # fmt: skip
 
 INK = "#16181d"
 PAPER = "#ffffff"
@@ -31,6 +37,12 @@ MASS = "#8f9bb0"
 
 #: All of them but that of the paper.
 PALETTE = (INK, BLOCK, GROUND, OUTLINE, SPRING, OPEN, OPEN_TEXT, CLOSED, CLOSED_TEXT, MASS)
+
+
+def moment_colors(count: int) -> Array:
+    """Return `count` evenly spaced colours of `COLORMAP`, shape (count, 3), from 0 to 1, without matplotlib."""
+    stops, wanted = np.linspace(0.0, 1.0, len(_COLORS)), np.linspace(0.0, 1.0, count)
+    return np.stack([np.interp(wanted, stops, channel) for channel in np.array(_COLORS).T / 255.0], axis=1)
 
 
 @dataclass(frozen=True)

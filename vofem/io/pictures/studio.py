@@ -15,7 +15,7 @@ from pathlib import Path
 from types import TracebackType
 
 from vofem.io.pictures.drawing import Drawing
-from vofem.io.probe import Probe, child_code, prepare_environment, remember, verdict
+from vofem.io.probe import Probe, child_code, forget, prepare_environment, remember, remembered, verdict
 
 
 class Studio:
@@ -24,19 +24,25 @@ class Studio:
     Attributes
     ----------
     found : Probe or None
-        Whether VTK works; None until the first picture was waited for.
+        Whether VTK works: as it is remembered of this machine where it does not, None until the first picture was
+        waited for where it may.
     """
 
     def __init__(self) -> None:
         prepare_environment()
-        self.found: Probe | None = None
+        known = remembered()
+        # A machine on which VTK does not work needs no process that finds it out again.
+        self.found: Probe | None = known if known is not None and not known.works else None
         self._folder = tempfile.TemporaryDirectory(prefix="vofem-")
         self._asked = 0
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115
         self._child: subprocess.Popen[str] | None = None
+        if self.found is not None:
+            return
+        window = known.detail if known is not None else ""
         with contextlib.suppress(OSError):
             self._child = subprocess.Popen(
-                [sys.executable or "python", "-c", child_code("serve()")],
+                [sys.executable or "python", "-c", child_code(f"serve({window!r})")],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=self._errors,
@@ -65,6 +71,8 @@ class Studio:
         if self._line() == "vofem-drawn":
             return True
         self.found = self._failure("")
+        # The next process draws a trial picture again, and what it shows is remembered.
+        forget()
         return False
 
     def _line(self) -> str:
@@ -76,7 +84,7 @@ class Studio:
         return ""
 
     def _greeting(self) -> Probe:
-        """Return what the trial picture has shown."""
+        """Return what the process says first: what its trial picture has shown, or what is known already."""
         line = self._line()
         found = verdict(0, line, "") if line else self._failure(line)
         remember(found)

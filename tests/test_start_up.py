@@ -1,0 +1,64 @@
+"""What commands import: each its own part, because a newcomer waits for all of it."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+EXAMPLE = "examples/cantilever.toml"
+
+#: Packages that take long to import, and the parts of numpy that no command uses.
+HEAVY = {
+    "skfem", "numba", "matplotlib", "pyvista", "vtkmodules", "h5py", "rich", "meshio", "pandas", "xarray",
+    "charset_normalizer", "numpy.f2py.crackfortran", "numpy.testing._private.utils",
+}  # fmt: skip
+
+
+def imported(code, **environment):
+    """Return which heavy packages a program has imported at its end."""
+    program = (
+        f"{code}\nimport json, sys\nprint('imported', json.dumps([m for m in {sorted(HEAVY)} if m in sys.modules]))"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=False,
+        env={**os.environ, **environment},
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    return set(json.loads(run.stdout.splitlines()[-1].removeprefix("imported ")))
+
+
+def command(*words):
+    return imported(f"from vofem.cli import main\nassert main({list(words)!r}) == 0")
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (("explain", EXAMPLE), {"skfem"}),
+        (("run", EXAMPLE, "--no-pictures", "--output", "{}"), {"skfem"}),
+        (("run", EXAMPLE, "--output", "{}"), {"skfem", "matplotlib"}),
+    ],
+    ids=["explain", "run without pictures", "run"],
+)
+def test_a_command_imports_what_it_needs(tmp_path, words, expected):
+    """VTK is imported by the process of the pictures alone, and compiled code is not needed for a run so short."""
+    assert command(*(word.format(tmp_path) for word in words)) == expected
+    assert (words[0] == "explain") is not (tmp_path / "histories.csv").exists()
+
+
+def test_the_process_of_the_pictures_imports_vtk_alone():
+    assert imported("import vofem.io.pictures.trial, vofem.io.pictures.backend_vtk") == {"vtkmodules"}
+
+
+def test_parts_of_numpy_that_wait_are_there_when_they_are_used():
+    code = (
+        "from vofem.cli.unused_parts import import_later\nimport_later()\nimport scipy.sparse.linalg, numpy, sys\n"
+        "assert 'numpy.f2py.crackfortran' not in sys.modules\n"
+        "from numpy.testing import assert_allclose\nassert_allclose(1.0, 1.0)\n"
+        "assert numpy.f2py.get_include().endswith('src')"
+    )
+    assert {"numpy.f2py.crackfortran", "numpy.testing._private.utils"} <= imported(code)
