@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 import vofem as vf
 from vofem.integrators.event_driven.flow import Start, flow, modes_of, share_modes
+from vofem.kernel_mode import compiled
 from vofem.system import PINNED, Counters
 
 
@@ -230,3 +231,29 @@ def test_modes_are_shared_by_the_numbers_of_the_matrices():
         assert mine.loads == pytest.approx(np.stack([load.vector for load in other.loads]) @ space.shapes)
     assert counters.eigensolves == 1
     assert not share_modes(system(1.0, stiffness=1.1), first)
+
+
+def test_a_flow_does_not_depend_on_the_flows_before():
+    """Flows of a system share their table of statuses, which they meet in any order: the same bits come out."""
+
+    def system():
+        masses = [vf.Mass(1.0, stiffness=1.0, damping=0.1, name=name) for name in "ab"]
+        stops = [
+            vf.Contact(mass, gap=gap, stiffness=8.0, damping=0.1, side="above", acts_on="penetration", name=mass.name)
+            for mass, gap in zip(masses, (0.1, 0.3), strict=True)
+        ]
+        load = vf.PointLoad(masses[0], vf.Sine(1.0, 1.3))
+        return vf.Scene(masses, [*stops, vf.Spring(*masses, stiffness=0.5), load]).model.system
+
+    states = np.array([[-0.3, 0.5, 0.2, 0.1], [0.2, -0.6, 0.4, 0.0], [-1.0, -1.0, 2.0, 1.0]])
+    together = system()
+    flows = [monodromy(together, state, 9.0) for state in states]
+    # Sampled only after all of them.
+    for state, one in zip(states, flows, strict=True):
+        alone = monodromy(system(), state, 9.0)
+        assert np.array_equal(one.monodromy, alone.monodromy)
+        assert [event.time for event in one.events] == [event.time for event in alone.events]
+        times = np.linspace(0.0, 9.0, 40)
+        assert np.array_equal(one.solution.modal(times), alone.solution.modal(times))
+    assert len({tuple(event.after for event in one.events) for one in flows}) > 1
+    assert (flows[0].solution.table is flows[1].solution.table) == compiled()

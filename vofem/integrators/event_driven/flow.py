@@ -9,6 +9,7 @@ them too.
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -21,7 +22,9 @@ from vofem.integrators.event_driven.follow import Follower, Unwatched
 from vofem.integrators.event_driven.modal_space import ModalSpace, modal_space
 from vofem.integrators.event_driven.pinned import PIN_FRACTION
 from vofem.integrators.event_driven.solution import EventSolution
+from vofem.integrators.event_driven.status_table import MOST_MODES
 from vofem.integrators.event_driven.tangent import Event, Tangent, acceleration
+from vofem.kernel_mode import compiled
 from vofem.system import Counters, State, System
 
 if TYPE_CHECKING:
@@ -32,6 +35,9 @@ Status = NDArray[np.int64]
 
 #: Events in one flow after which it is given up.
 MOST_EVENTS = 10_000
+
+#: Tables of statuses that a system keeps for its flows.
+_MOST_TABLES = 4
 
 #: With fewer segments the size of a motion is looked up at these shares of the time too.
 _FEW, _INSIDE = 4, np.array([0.13, 0.37, 0.61, 0.86])
@@ -203,6 +209,7 @@ def flow(
         status = start.status
         solution.begin_at(status, displacement, start.touching)
     tangent = None if derivative is None else Tangent(space, system.contacts, derivative[:n], derivative[n:])
+    _share_table(solution)
     edges = [t, *_stops(system, t, stop, unwatched)]
     follower = Follower(
         solution, edges, t, status, displacement, velocity, PIN_FRACTION, most_events, unwatched
@@ -217,6 +224,19 @@ def flow(
     events = _pass_along(solution, follower, tangent)
     monodromy = None if tangent is None else tangent.matrix
     return Flow(start, stop, displacement, velocity, monodromy, tuple(events), solution)
+
+
+def _share_table(solution: EventSolution) -> None:
+    """Let a flow use the table of statuses that earlier flows of the system have filled in this thread."""
+    if not compiled() or solution.space.size > MOST_MODES:
+        return
+    # Loads with one function of time are gathered, so that the vectors may differ where the system does not.
+    vectors = solution.load_vectors
+    key = threading.get_ident(), vectors.shape, vectors.tobytes()
+    table = solution.system.cache.get("status table of flows", key, lambda: solution.table, _MOST_TABLES)
+    if table is not solution.__dict__.get("table"):
+        table.renumber(solution.record.number)
+        solution.table = table
 
 
 def _stops(system: System, start: float, stop: float, unwatched: Sequence[Unwatched]) -> list[float]:

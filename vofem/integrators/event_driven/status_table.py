@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -138,6 +139,17 @@ class StatusTable:
     def slot(self, status: Status) -> int:
         """Return the slot of a status, or -1."""
         return self._slots.get(status.tobytes(), -1)
+
+    def renumber(self, number: Callable[[Status], int]) -> None:
+        """Let the slots lead to the statuses of another record.
+
+        Parameters
+        ----------
+        number : callable
+            Returns the number of a status in the record.
+        """
+        for slot, status in enumerate(self._statuses):
+            self.arrays.number[slot] = number(status)
 
     def enter(self, status: Status, number: int, spectrum: Spectrum, functions: EventFunctions, push: Array) -> int:
         """Give a status a slot, and return it.

@@ -20,6 +20,9 @@ Test = Callable[[Point], float]
 #: Imaginary part of a multiplier, over its modulus, up to which it counts as real.
 _REAL = 1e-12
 
+#: How near to 1 the product of two multipliers counts as 1.
+_RECIPROCAL = 1e-12
+
 
 class Census(NamedTuple):
     """Numbers of multipliers beyond the unit circle.
@@ -89,6 +92,33 @@ def pair(point: Point) -> float:
     if not size.size:
         raise ConvergenceError("the pair has become real")
     return float(size[np.argmin(np.abs(size - 1.0))] - 1.0)
+
+
+def pairs_at_one(reference: Point) -> Test:
+    """Return the test of a complex pair on the unit circle: the product of all ``1 - a b`` of two multipliers a, b.
+
+    It is as smooth as the monodromy matrix, also where a pair becomes real. It vanishes as well where a real multiplier
+    is the reciprocal of another one, which is no special point. Values are in terms of that at a reference; they are
+    not numbers where they would be rounding, as in conservative scenes.
+    """
+
+    def size(point: Point) -> tuple[float, float]:
+        values = multipliers(point)
+        assert values is not None
+        products = np.multiply.outer(values, values)[np.triu_indices(values.size, 1)]
+        factors = (1.0 - products) / np.maximum(1.0, np.abs(products))
+        away = np.abs(factors)
+        if not np.min(away, initial=1.0) > _RECIPROCAL:
+            return np.nan, 0.0
+        return float(np.sign(np.prod(factors / away).real)), float(np.sum(np.log(away)))
+
+    scale = size(reference)[1]
+
+    def test(point: Point) -> float:
+        sign, logarithm = size(point)
+        return float(sign * np.exp(min(logarithm - scale, 600.0)))
+
+    return test
 
 
 def determinant(reference: Point) -> Test:

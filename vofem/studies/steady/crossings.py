@@ -2,13 +2,14 @@
 
 A multiplier that has passed the unit circle shows in the numbers of them beyond it at both neighbours; where a number
 changes by two, two are looked for. Two crossings that undo each other leave all numbers as they were. They are looked
-for where a parabola through three points of the branch comes near zero between two of them.
+for where a parabola through three orbits of the branch comes near zero, until its lowest point is known.
 """
 
 from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,7 @@ from vofem.studies.steady.census import (
     orientation,
     outside,
     pair,
+    pairs_at_one,
     real_at,
     turning,
 )
@@ -43,8 +45,14 @@ _TRIES, _FINE = 60, 1e-13
 #: A sign change counts as a root where the function is smaller there than this share of its ends: no pole, no jump.
 _VANISHES = 1e-3
 
-#: A parabola that falls below this share of the ends of a step makes it looked into; evaluations there.
-_NEAR, _LOOKS = 0.3, 6
+#: A parabola that falls below this share of the lowest of three values, or of the largest, makes two steps looked into.
+_NEAR, _DEEP = 0.3, 0.05
+
+#: Orbits that are looked at there, and how near to each other, in the longer of both steps.
+_LOOKS, _CLOSE = 16, 1e-8
+
+#: Values of a test that are rounding, as those of conservative scenes, where multipliers come in reciprocal pairs.
+_ROUNDING = 1e-9
 
 #: How near to a special point, as a share of its part of the step, its neighbours are compared.
 _BESIDE = 0.02
@@ -90,30 +98,67 @@ class _Part:
         return _Part(Step(self.step.first, middle), self.low, at), _Part(Step(middle, self.step.last), at, self.high)
 
 
-def crossings(family: Family, step: Step, interval: Interval, earlier: Step | None = None) -> list[Crossing]:
-    """Return the special points of a step in the order of the branch.
+def crossings(family: Family, step: Step, interval: Interval) -> list[Crossing]:
+    """Return the special points of a step in the order of the branch, as far as its ends tell of them.
 
     Parameters
     ----------
     family : Family
     step : Step
     interval : Interval
-    earlier : Step, optional
-        The step before, in the same coordinates.
     """
     shorter = repeats(step.first, step.last)
     if shorter is not None:
         at = _root(family, step, interval, shorter)
         if at is not None:
             return [Crossing("shorter", at_flip(family, at[0], interval), at[1])]
-    cut = None if earlier is None else _dip(family, interval, step, earlier, before=True)
-    return _found(family, interval, step, cut)
+    return _found(family, interval, step, None)
 
 
-def overlooked(family: Family, step: Step, interval: Interval, later: Step) -> list[Crossing]:
-    """Return two special points within a step, in which none were found, that the next step gives away."""
-    cut = _dip(family, interval, step, later, before=False)
-    return [] if cut is None else _found(family, interval, step, cut)
+def hidden(
+    family: Family, interval: Interval, steps: tuple[Step, Step], known: tuple[set[str], set[str]]
+) -> tuple[list[Crossing], list[Crossing]]:
+    """Return special points of two successive steps that undo each other, so that no end of a step tells of them.
+
+    Along the three orbits at the ends of both steps every function that vanishes at a special point is compared with a
+    parabola. Where this comes near zero without reaching it at any of the three, the lowest value is looked for.
+
+    Parameters
+    ----------
+    family : Family
+    interval : Interval
+    steps : (Step, Step)
+    known : (set of str, set of str)
+        Kinds of special points that have been found in each of them, which are not looked for again.
+
+    Returns
+    -------
+    list of Crossing, list of Crossing
+        For each of the two steps.
+    """
+    found: tuple[list[Crossing], list[Crossing]] = ([], [])
+    for kinds, test in _tests(steps[0].last):
+        place = _lowest(family, interval, steps, test)
+        if place is None:
+            continue
+        which = int(place > 0.0)
+        if kinds & (known[which] | {one.kind for one in found[which]}):
+            continue
+        seen = _found(family, interval, steps[which], place if which else 1.0 + place)
+        found[which].extend(one for one in seen if one.kind in kinds)
+    return found
+
+
+def _tests(middle: Point) -> list[tuple[set[str], Test]]:
+    """Return functions that change their sign at special points, and the kinds of these."""
+    tests: list[tuple[set[str], Test]] = [({"fold", "branch_point"}, turning)]
+    if multipliers(middle) is not None:
+        tests += [
+            ({"fold", "branch_point"}, real_at(1.0)),
+            ({"period_doubling"}, real_at(-1.0)),
+            ({"neimark_sacker"}, pairs_at_one(middle)),
+        ]
+    return tests
 
 
 def _found(family: Family, interval: Interval, step: Step, cut: float | None) -> list[Crossing]:
@@ -271,68 +316,92 @@ def _on_other(family: Family, interval: Interval, step: Step, point: Point, at_o
 # -- crossings that undo each other -------------------------------------------------------------------
 
 
-def _dip(family: Family, interval: Interval, step: Step, other: Step, *, before: bool) -> float | None:
-    """Return a share of a step at which a test has another sign than at both ends, or None where there seems none.
+def _lowest(family: Family, interval: Interval, steps: tuple[Step, Step], test: Test) -> float | None:
+    """Return where a test has another sign than at the ends of two steps that agree in it; None where there is none.
 
-    Parameters
-    ----------
-    family : Family
-    interval : Interval
-    step : Step
-    other : Step
-        Its neighbour, in the same coordinates.
-    before : bool
-        Whether the neighbour comes before the step.
+    Returns
+    -------
+    float, optional
+        From -1 to 0 in the first step, up to 1 in the second one, each in proportion to its length.
     """
-    third = other.first if before else other.last
-    ends = (step.first, step.last)
-    tests: list[Test] = [turning]
-    if multipliers(third) is not None:
-        tests += [real_at(1.0), real_at(-1.0)]
-        counts = [np.sum(np.abs(np.imag(multipliers(p))) > 0.0) for p in (*ends, third)]  # type: ignore[arg-type]
-        if min(counts) == max(counts) > 0:
-            tests.append(pair)
-    # The neighbour's place on the line from 0 to 1 that the step is.
-    reach = other.length / step.length if step.length > 0.0 else 0.0
-    outside = -reach if before else 1.0 + reach
-    for test in tests:
-        a, b, c = test(ends[0]), test(ends[1]), test(third)
-        if not np.all(np.isfinite((a, b, c))) or a * b <= 0.0 or not reach:
-            continue
-        shares, values = [0.0, 1.0, outside], [a, b, c]
-        for _ in range(_LOOKS):
-            share = _lowest(shares, values, abs(min(values[:2], key=abs)))
-            if share is None:
-                break
-            try:
-                value = test(point_between(family, step, interval, share))
-            except ConvergenceError:
-                break
-            if value * a < 0.0:
-                return share
-            if not np.isfinite(value) or abs(value) >= min(abs(a), abs(b)):
-                break
-            # Go on with the two points around the lowest one.
-            around = sorted([(0.0, a), (1.0, b), (share, value), *zip(shares, values, strict=True)])
-            inside = [entry for entry in dict(around).items() if 0.0 <= entry[0] <= 1.0]
-            k = min(max(int(np.argmin([abs(v) for _, v in inside])), 1), len(inside) - 2)
-            (low, at_low), middle, (high, at_high) = inside[k - 1 : k + 2]
-            shares, values = [low, high, middle[0]], [at_low, at_high, middle[1]]
+    first, second = steps
+    lengths = first.length, second.length
+    ends = [test(point) for point in (first.first, second.first, second.last)]
+    if not np.all(np.isfinite(ends)) or min(lengths) <= 0.0 or np.max(np.abs(ends)) <= _ROUNDING:
+        return None
+    sign = np.sign(ends[1])
+    if sign == 0.0 or any(sign * end <= 0.0 for end in ends):
+        return None
+    # Places along the branch, as shares of the longer step.
+    longest = max(lengths)
+    known = dict(zip((-lengths[0] / longest, 0.0, lengths[1] / longest), (sign * end for end in ends), strict=True))
+    if not _vertex(known).depth < max(_NEAR * min(known.values()), _DEEP * max(known.values())):
+        return None
+    for _ in range(_LOOKS):
+        place = _next(known)
+        if place is None or min(abs(place - other) for other in known) < _CLOSE:
+            return None
+        which = int(place > 0.0)
+        share = place * longest / lengths[which] + (1 - which)
+        try:
+            value = sign * test(point_between(family, steps[which], interval, share, tangent=test is turning))
+        except ConvergenceError:
+            return None
+        if not np.isfinite(value):
+            return None
+        if value < 0.0:
+            return share if which else share - 1.0
+        known[place] = value
     return None
 
 
-def _lowest(shares: list[float], values: list[float], size: float) -> float | None:
-    """Return where a parabola through three points is nearest to zero between the first two, if it comes near."""
-    (a, b, c) = np.polyfit(np.array(shares), np.array(values), 2)
-    if a == 0.0 or a * values[0] <= 0.0:
+def _next(known: dict[float, float]) -> float | None:
+    """Return where to look next for a negative value below some positive ones; None where there seems none.
+
+    Parameters
+    ----------
+    known : dict
+        Values by place.
+    """
+    found = _vertex(known)
+    if not np.isfinite(found.depth):
         return None
-    share = -b / (2.0 * a)
-    low, high = min(shares[:2]), max(shares[:2])
-    edge = 0.02 * (high - low)
-    if not low + edge < share < high - edge or abs(share - shares[2]) < edge:
-        return None
-    lowest = c - b**2 / (4.0 * a)
-    return float(share) if lowest * values[0] < _NEAR * size * abs(values[0]) else None
+    lowest = min(known, key=lambda place: known[place])
+    # Zero may lie as far from the lowest one, by the parabola's bend. Neighbours farther off say less about it.
+    width = float(np.sqrt(known[lowest] / found.bend))
+    places = sorted(known)
+    if abs(found.place - lowest) > 0.5 * width and found.depth <= _NEAR * known[lowest]:
+        return found.place
+    gaps = {
+        sign: min((sign * (x - lowest) for x in places if sign * (x - lowest) > 0.0), default=0.0) for sign in (-1, 1)
+    }
+    side = max(gaps, key=lambda sign: gaps[sign])
+    return lowest + 2.0 * side * width if gaps[side] > 4.0 * width else None
+
+
+class _Vertex(NamedTuple):
+    """The lowest point of a parabola: its place, its value, which is infinite where there is none, and its bend."""
+
+    place: float
+    depth: float
+    bend: float
+
+
+def _vertex(known: dict[float, float]) -> _Vertex:
+    """Return the lowest point of the parabola through the lowest of some values and its neighbours."""
+    places = sorted(known)
+    k = min(max(int(np.argmin([known[place] for place in places])), 1), len(places) - 2)
+    x = np.array(places[k - 1 : k + 2])
+    y = np.array([known[place] for place in places[k - 1 : k + 2]])
+    first, second = np.diff(y) / np.diff(x)
+    bend = float((second - first) / (x[2] - x[0]))
+    if bend <= 0.0:
+        return _Vertex(np.nan, np.inf, bend)
+    # Newton's form of the parabola through the middle and the first point.
+    place = float(0.5 * (x[0] + x[1]) - 0.5 * first / bend)
+    if not places[0] < place < places[-1]:
+        return _Vertex(np.nan, np.inf, bend)
+    return _Vertex(place, float(y[1] + (place - x[1]) * (first + bend * (place - x[0]))), bend)
 
 
 # -- roots --------------------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from vofem.errors import ConvergenceError
 from vofem.studies.steady.between import Step
 from vofem.studies.steady.branch import BranchCounters
 from vofem.studies.steady.charts import ORIGIN, EventChart, at_phase
-from vofem.studies.steady.crossings import Crossing, crossings, overlooked
+from vofem.studies.steady.crossings import Crossing, crossings, hidden
 from vofem.studies.steady.events import chart_at, extremes, phases, signature, slowest, switches
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.grazing import (
@@ -124,6 +124,7 @@ class Follower:
         self._seen = family.work.flows
         self._over = False
         self._leaving_another = False
+        self._begun = 0
 
     # -- counting -------------------------------------------------------------------------------------
 
@@ -199,6 +200,7 @@ class Follower:
             failures = 0
             now, step = after
         self.counters.points = len(track.points)
+        track.marks.sort(key=lambda mark: mark.place)
         return track
 
     def _advanced(self, now: Point, step: float) -> tuple[Point, float] | None:
@@ -263,20 +265,33 @@ class Follower:
         self._count("flows")
         base = len(track.points) - 1
         if step is not None:
-            earlier = self._earlier(step)
-            if earlier is not None and not any(base - 1.0 <= mark.place < base for mark in track.marks):
-                for crossing in overlooked(self.family, earlier, self.interval, step):
-                    self._mark(crossing, earlier, base - 1)
-            found = [] if self._leaving_another else crossings(self.family, step, self.interval, earlier)
-            self._leaving_another = False
+            found = [] if self._leaving_another else crossings(self.family, step, self.interval)
             for crossing in found:
                 self._mark(crossing, step, base)
                 if self._over:
                     break
+            earlier = track.steps[-1] if track.steps else None
+            if earlier is not None and not self._over and base > self._begun:
+                self._look_between(earlier, step, base)
+            if self._leaving_another:
+                # The special point at which the branch begins is near its first step.
+                self._begun, self._leaving_another = base + 1, False
             self._count("refinement_flows")
         if not self._over:
             track.points.append(after)
             track.steps.append(step)
+
+    def _look_between(self, earlier: Step, step: Step, base: int) -> None:
+        """Mark special points of the last two steps that undo each other."""
+        first, second = (
+            {mark.kind for mark in self.track.marks if place <= mark.place < place + 1.0}
+            for place in (base - 1.0, float(base))
+        )
+        before, after = hidden(self.family, self.interval, (earlier, step), (first, second))
+        for crossing in before:
+            self._mark(crossing, earlier, base - 1)
+        for crossing in after:
+            self._mark(crossing, step, base)
 
     def _earlier(self, step: Step) -> Step | None:
         """Return the step that has led to the begin of another one, in the same coordinates, or None."""
