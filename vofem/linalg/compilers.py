@@ -100,8 +100,10 @@ def _compilers() -> _Compilers:
             state.library.enable_object_caching()
             return True
 
-    class Borrowing(Lower):  # type: ignore[misc]
+    class Borrowing(Lower):
         """Generates code that counts no references. Wrappers for calls from Python count them."""
+
+        context: Any
 
         def lower(self) -> None:
             counting = self.context
@@ -112,7 +114,7 @@ def _compilers() -> _Compilers:
                 self.context = counting
 
     @register_pass(mutates_CFG=True, analysis_only=False)
-    class Lowering(NativeLowering):  # type: ignore[misc]
+    class Lowering(NativeLowering):
         """Generates code that counts references only where the function allocates or returns arrays."""
 
         _name = "vofem_lowering"
@@ -142,7 +144,7 @@ def _compilers() -> _Compilers:
                     UseCode().run_pass(state)
             return bool(super().run_pass(state))
 
-    class Entry(CompilerBase):  # type: ignore[misc]
+    class Entry(CompilerBase):
         """numba's compiler, which generates code as `Lowering` does."""
 
         def define_pipelines(self) -> list[Any]:
@@ -151,7 +153,7 @@ def _compilers() -> _Compilers:
             passes.finalize()
             return [passes]
 
-    class Callee(CompilerBase):  # type: ignore[misc]
+    class Callee(CompilerBase):
         """As `Entry`, with code that is neither optimised nor translated."""
 
         def define_pipelines(self) -> list[Any]:
@@ -169,6 +171,7 @@ def _only_borrows(state: Any) -> bool:
     """Return whether a function neither returns arrays nor is given new ones by what it calls."""
     from numba.core import ir, types
 
+    bundles: Any = types.NamedTupleClass
     if _holds_arrays(state.return_type):
         return False
     for block in state.func_ir.blocks.values():
@@ -177,7 +180,7 @@ def _only_borrows(state: Any) -> bool:
             if not isinstance(value, ir.Expr) or value.op in _PARTS:
                 continue
             # Calling the class of a bundle puts arrays together that the caller holds.
-            bundle = value.op == "call" and isinstance(state.typemap[value.func.name], types.NamedTupleClass)
+            bundle = value.op == "call" and isinstance(state.typemap[value.func.name], bundles)
             if not bundle and _holds_arrays(state.typemap[assignment.target.name]):
                 return False
     return True
@@ -185,8 +188,9 @@ def _only_borrows(state: Any) -> bool:
 
 def _holds_arrays(kind: Any) -> bool:
     """Return whether values of a type may hold references that are counted."""
-    from numba.core import types
+    from numba.core import types as names
 
+    types: Any = names
     if isinstance(kind, types.BaseTuple):
         return any(_holds_arrays(one) for one in kind)
     if isinstance(kind, types.Pair):
