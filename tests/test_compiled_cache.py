@@ -193,21 +193,118 @@ mass = vf.Mass(1.0, 1.0)
 stop = vf.Contact(mass, gap=0.1, stiffness=5.0, side="above", acts_on="penetration")
 vf.simulate(vf.Scene([mass], [stop], {mass: (0.0, 1.0)}), 1.0, method=sys.argv[1], dt=0.1, compiled=True)
 made = [f for f in gc.get_objects() if isinstance(f, CompiledFunction) and f.compilations]
+from numba.core.runtime import rtsys
+counts = rtsys.get_allocation_stats()
+print(counts.mi_alloc - counts.mi_free)
 print(json.dumps({f"{f.__module__}.{f.__name__}": f.compilations for f in made}))
 """
 
 
 def test_what_a_scene_does_not_hold_is_not_compiled(tmp_path):
     """No springpots, hysteresis, resolved switches, laws written in Python, dampers, probes, and no second law."""
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(ROOT)}
+    environment = {
+        **os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(ROOT), "NUMBA_NRT_STATS": "1",
+    }  # fmt: skip
     run = subprocess.run(
         [sys.executable, "-c", ONE_CONTACT, "energy_conserving"], env=environment, capture_output=True, text=True,
         check=True,
     )  # fmt: skip
-    made = json.loads(run.stdout.splitlines()[-1])
+    left, listed = run.stdout.splitlines()[-2:]
+    assert left == "0", "arrays of kernels that nothing frees"
+    made = json.loads(listed)
     absent = ("laws.springpot", "laws.hysteretic", "laws.backbone", "laws.resolved", "stepping.probes")
     assert not [name for name in made if any(room in name for room in absent)]
     for name in ("solve_many", "_in_band", "bisect", "closed_share", "_record"):
         assert not [made_ for made_ in made if made_.endswith(f".{name}")], name
     assert any(name.endswith(".solve_one") for name in made)
     assert sum(made.values()) < 70
+
+
+BORROWING = """
+from typing import NamedTuple
+import numpy as np
+from numba.core.runtime import rtsys
+from vofem.linalg.jit import jit
+import vofem.linalg.compilers as compilers
+
+counted = {}
+decide = compilers._only_borrows
+
+def spy(state):
+    counted[state.func_id.func_name] = not decide(state)
+    return not counted[state.func_id.func_name]
+
+compilers._only_borrows = spy
+
+class Pair(NamedTuple):
+    one: np.ndarray
+    two: np.ndarray
+
+@jit
+def total(pair):
+    found = 0.0
+    for i in range(pair.one.size):
+        found += pair.one[i] * pair.two[i]
+    return found
+
+@jit
+def borrows(pair):
+    swapped = Pair(pair.two, pair.one[1:])
+    pair.one[0] += 1.0
+    return total(pair) + total(Pair(swapped.two, swapped.one[1:]))
+
+@jit
+def allocates(x):
+    found = 0.0
+    for value in x * x + 1.0:
+        found += value
+    return found + (x.reshape(2, -1) @ np.ones(x.size // 2))[0]
+
+@jit
+def room(n):
+    return np.ones(n), 2.0
+
+@jit
+def takes(x):
+    made, factor = room(x.size)
+    made += x
+    return factor * made[0]
+
+@jit
+def gives_back(x, first):
+    return x if first else x[2:]
+
+@jit
+def picks(x):
+    chosen = x[x > 1.5]
+    return chosen.size + np.linalg.solve(np.eye(2), x[:2])[1]
+
+x = np.arange(4.0)
+for _ in range(50):
+    x[0] = 0.0
+    assert borrows(Pair(x, x + 1.0)) == 1.0 + 2.0 + 6.0 + 12.0 + 2.0 + 6.0 + 12.0
+    x[0] = 0.0
+    assert allocates(x) == 18.0 + 1.0
+    assert takes(x) == 2.0
+    kept = gives_back(x, False), gives_back(x, True)
+    assert np.array_equal(kept[0], x[2:]) and np.array_equal(kept[1], x)
+    assert picks(x) == 2 + 1.0
+del kept
+counts = rtsys.get_allocation_stats()
+assert counts.mi_alloc > 100 and counts.mi_alloc == counts.mi_free, counts
+print(sorted(name for name, counts in counted.items() if not counts))
+"""
+
+
+def test_only_kernels_that_borrow_their_arrays_count_no_references(tmp_path):
+    """What is allocated is freed, and what is returned stays, whichever kernel calls which."""
+    script = tmp_path / "kernels.py"
+    script.write_text(BORROWING)
+    environment = {
+        **os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(ROOT), "NUMBA_NRT_STATS": "1",
+    }  # fmt: skip
+    for compiled in ("['borrows', 'total']", "[]"):
+        run = subprocess.run([sys.executable, str(script)], env=environment, capture_output=True, text=True)
+        assert run.returncode == 0, run.stderr
+        # The second time all is read from disk.
+        assert run.stdout.strip() == compiled
