@@ -196,7 +196,7 @@ def _holds_arrays(kind: Any) -> bool:
     if isinstance(kind, types.Pair):
         return _holds_arrays(kind.first_type) or _holds_arrays(kind.second_type)
     plain = (types.Number, types.Boolean, types.NoneType, types.Literal, types.Function, types.Dispatcher)
-    ranges = (types.RangeType, types.RangeIteratorType)
+    ranges = (types.RangeType, types.RangeIteratorType, types.SliceType)
     return not isinstance(kind, (*plain, *ranges, types.Module, types.Record, types.Omitted))
 
 
