@@ -82,7 +82,7 @@ class Method:
         Chooses the steps: the estimated errors of all steps together stay below this fraction of the largest
         displacement, which a rough run of a thousand steps finds beforehand. Impacts are resolved. Velocities and
         contact forces are not bounded by it.
-    watch : Watch or None
+    watch : Observer or None
         Called with the time reached.
     resume : dict or None
         A snapshot of the same run, from which the run goes on.

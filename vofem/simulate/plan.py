@@ -92,11 +92,11 @@ def run_plan(
         begun = time.perf_counter()
         try:
             with (
-                RunProgress(plan.t_end, progress, save, every, first) as watcher,
+                RunProgress(plan.t_end, progress, save, every, first) as run_progress,
                 kernels(compiled=choice.compiled, patience=choice.patience),
                 blas_threads(system.size),
             ):
-                result = _run(scene, planned, None if watcher.idle else watcher, snapshot)
+                result = _run(scene, planned, None if run_progress.idle else run_progress, snapshot)
         except Outgrown:
             choice = choice.instead()
             continue

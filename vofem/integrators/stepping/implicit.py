@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from vofem.errors import ArgumentError, ConvergenceError
 from vofem.integrators.base import ProbeRows
 from vofem.integrators.method import Method
+from vofem.integrators.observer import Observer, Snapshot
 from vofem.integrators.registry import advice
 from vofem.integrators.stepped import SteppedSolution, step_count, storage_times
 from vofem.integrators.stepping.checks import check_times
@@ -19,7 +20,6 @@ from vofem.integrators.stepping.march import Kernel, march, note_chatter, stored
 from vofem.integrators.stepping.nearby import check_nearby, note_growth
 from vofem.integrators.stepping.record import Record, take_events
 from vofem.integrators.stepping.step_loads import followed, note_loads
-from vofem.integrators.watching import Snapshot, Watch
 from vofem.laws.evaluate import may_jump
 from vofem.system import CLOSED, Counters, State, System
 
@@ -64,7 +64,7 @@ class Asked:
     times: Array | None
     dt: float | None = None
     tol: float | None = None
-    watch: Watch | None = None
+    watch: Observer | None = None
     resume: Snapshot | None = None
     probes: ProbeRows | None = None
     nearby: bool | None = None

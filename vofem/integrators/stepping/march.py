@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from vofem.errors import InstabilityError
 from vofem.integrators.base import Energies, ProbeRows, Samples, SpringSamples
 from vofem.integrators.method import Method
+from vofem.integrators.observer import Observer, Snapshot, deferred_interrupts
 from vofem.integrators.registry import advice
 from vofem.integrators.rounding import static_loss
 from vofem.integrators.stepped import SteppedSolution
@@ -20,7 +21,6 @@ from vofem.integrators.stepping.probes import MOST_STEPS, Recorded
 from vofem.integrators.stepping.quality import Checked, quality_notes
 from vofem.integrators.stepping.record import LastStep, Record, shortened, stored, take_events
 from vofem.integrators.stepping.step_loads import StepLoads
-from vofem.integrators.watching import Snapshot, Watch, deferred_interrupts
 from vofem.kernel_mode import compiled
 from vofem.laws.callbacks import Callbacks
 from vofem.laws.group import StepPast
@@ -161,7 +161,7 @@ def march(
     *,
     first_energy: float,
     blow_up: float,
-    watch: Watch | None,
+    watch: Observer | None,
     resume: Snapshot | None,
     probes: ProbeRows | None,
 ) -> SteppedSolution:

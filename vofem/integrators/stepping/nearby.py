@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 
 from vofem.errors import ArgumentError, VofemError
 from vofem.integrators.effort import seconds_of_steps
+from vofem.integrators.observer import deferred_interrupts
 from vofem.integrators.registry import advice
 from vofem.integrators.stepping.march import Kernel
 from vofem.integrators.stepping.record import Record, take_events
-from vofem.integrators.watching import deferred_interrupts
 from vofem.kernel_mode import compiled
 from vofem.laws.evaluate import may_jump
 from vofem.laws.table import kinds_of
