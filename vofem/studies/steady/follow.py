@@ -121,7 +121,7 @@ class Follower:
         self.family, self.interval, self.counters = family, interval, counters
         self.largest, self.most = largest, most
         self.track = Track()
-        self._seen = family.work.flows
+        self._flows_counted = family.work.flows
         self._over = False
         self._leaving_another = False
 
@@ -130,8 +130,8 @@ class Follower:
     def _count(self, kind: str) -> None:
         """Attribute the flows since the last call."""
         done = self.family.work.flows
-        setattr(self.counters, kind, getattr(self.counters, kind) + done - self._seen)
-        self._seen = done
+        setattr(self.counters, kind, getattr(self.counters, kind) + done - self._flows_counted)
+        self._flows_counted = done
 
     # -- points ---------------------------------------------------------------------------------------
 
