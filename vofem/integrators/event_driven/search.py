@@ -641,17 +641,15 @@ def march(
                     curvature += abs(watch.u[j, k]) * jerk[k]
                 k += 1
             distance = max(-at.phi[j], 0.0) + 2.0 * noise[j]
-            safe_time = max(safe, _safe_time(distance, at.rate[j], curvature))
+            span = max(safe, _safe_time(distance, at.rate[j], curvature))
             if abs(at.phi[j]) <= noise[j] and _rate_is_rounding(j, watch, flow, at):
-                idle[j] = min(2.0 * max(idle[j], safe_time), patience)
-                safe_time = max(safe_time, idle[j])
+                idle[j] = min(2.0 * max(idle[j], span), patience)
+                span = max(span, idle[j])
             else:
                 idle[j] = 0.0
-            if safe_time < _SHORT * patience and safe_time < step:
-                safe_time = max(
-                    safe_time, _safe_time_far(j, watch, flow, at, tau, duration, distance, allowed, amplitude, speed)
-                )
-            step = min(step, safe_time)
+            if span < _SHORT * patience and span < step:
+                span = max(span, _safe_time_far(j, watch, flow, at, tau, duration, distance, allowed, amplitude, speed))
+            step = min(step, span)
         before = tau
         tau = duration if step >= duration - tau else tau + step
         if tau == before:
