@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import optional
-from vofem.bodies.base import as_point
+from vofem.bodies.base import as_point, place_of
 from vofem.effects.two_points import units_of
 from vofem.histories.contact import ContactHistory
 from vofem.histories.energy import Energy
@@ -59,7 +59,7 @@ def points_of_interest(scene: Scene) -> tuple[Any, ...]:
     contacts = scene.contacts
     for effect in (*contacts, *(() if contacts else scene.effects)):
         for point in effect.points():
-            points.setdefault((point.body.name, getattr(point, "x", 0.0)), point)
+            points.setdefault((point.body.name, place_of(point)), point)
     touched = {name for name, _ in points}
     for body in scene.bodies:
         if body.name not in touched:

@@ -15,7 +15,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem.assembly import SystemBuilder
-from vofem.bodies.base import BaseBody, BodyMatrices, DegreesOfFreedom, IntArray, Point, Row, Shape, ShapePoint
+from vofem.bodies.base import (
+    BaseBody,
+    BodyMatrices,
+    DegreesOfFreedom,
+    IntArray,
+    Point,
+    Row,
+    Shape,
+    ShapePoint,
+    place_of,
+)
 from vofem.errors import ArgumentError, MissingCallableError, VofemError
 from vofem.initial import StoredState
 from vofem.laws import SmoothLaws
@@ -355,7 +365,7 @@ class StoredPoint:
         except VofemError:
             turned = None
         slope = None if turned is None else (turned.indices, turned.weights)
-        x = float(getattr(point, "x", 0.0))
+        x = place_of(point)
         return cls(point.body, point.name, point.describe(), x, row.indices, row.weights, slope)
 
     def row(self) -> Row:
