@@ -25,7 +25,7 @@ def body_named(bodies: Iterable[Body], body: Any, cure: str = "") -> Body:
     bodies : iterable of Body
     body : Body or str
     cure : str
-        For the message.
+        The end of the message: what the user can do.
     """
     known = {candidate.name: candidate for candidate in bodies}
     name = name_of(body)

@@ -96,7 +96,7 @@ class RunProgress:
     Parameters
     ----------
     t_end : float
-        In s.
+        End of the run, s.
     progress : bool or callable, optional
         As for `TerminalBar`. A function is called with the time reached and t_end, in s.
     save : callable, optional

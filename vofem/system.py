@@ -52,7 +52,7 @@ class Load:
     vector : ndarray, shape (n,)
     function : LoadFunction
     name : str
-        For messages.
+        What messages call the load.
     """
 
     vector: Array
@@ -340,7 +340,7 @@ class Events:
     Attributes
     ----------
     time : ndarray, shape (k,)
-        In s.
+        Times of the events, s.
     contact : ndarray of int, shape (k,)
         Index into the system's contacts.
     status : ndarray of int, shape (k,)

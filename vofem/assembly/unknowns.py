@@ -35,7 +35,7 @@ class Constraint:
     row : Row
         b over all degrees of freedom.
     label : str
-        For messages, such as ``Joint 'knee': rotation``.
+        What messages call the condition, such as ``Joint 'knee': rotation``.
     """
 
     row: Row

@@ -262,7 +262,7 @@ class BodyPoint:
     ----------
     body : Body
     x : float
-        In m.
+        Place on the axis, m.
     """
 
     def __init__(self, body: Any, x: float) -> None:

@@ -83,7 +83,7 @@ def chain(
     source : str
         The file, for messages.
     coordinates : ndarray, shape (n_nodes, 3)
-        In m.
+        Coordinates of the nodes, m.
     lines : ndarray of int, shape (n_lines, 2)
         The two nodes of each line, in any order and direction.
     points, subdomains : dict

@@ -50,7 +50,7 @@ class GuardedFile(io.RawIOBase):
     Parameters
     ----------
     path : Path
-        Of a file that exists.
+        Path of a file that exists.
     """
 
     def __init__(self, path: Path) -> None:
@@ -171,7 +171,7 @@ def reading(path: str | os.PathLike[str], expected: str = "a file that Result.sa
     ----------
     path : path
     expected : str
-        For messages.
+        What messages say was expected.
 
     Raises
     ------

@@ -37,7 +37,7 @@ class Impacts:
     Attributes
     ----------
     name : str
-        Of the contact.
+        Name of the contact.
     closing, opening : ndarray, shape (n,)
         In s. The first impact begins at 0 where the contact starts closed.
     ended : ndarray of bool, shape (n,)
@@ -136,7 +136,7 @@ class ContactStatistics:
     mean_duration : float
         Of the impacts that begin in the window and end within the run, s.
     mean_approach_speed, largest_approach_speed : float
-        Of the impacts that begin in the window, m/s.
+        Mean and largest approach speed of the impacts that begin in the window, m/s.
     peak_force : float
         The force of largest magnitude in the window, N.
     mean_force, rms_force : float
@@ -156,7 +156,7 @@ class ContactStatistics:
     absorbed_rate : float
         `absorbed` over the length of the window, W.
     error : float
-        As of `Impacts`.
+        Estimated relative error; see `Impacts`.
     units : Units
     why : str
         Why forces are not known; empty where they are.
@@ -224,7 +224,7 @@ class ImpactRecord:
     most : int, optional
         How many impacts are looked at, from the first on; all where not given.
     tolerance : float
-        Of forces between events, over the largest.
+        Error of forces between events that is accepted, over the largest force.
     """
 
     def __init__(

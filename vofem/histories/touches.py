@@ -46,7 +46,7 @@ class Span:
     Attributes
     ----------
     begin, end : ndarray, shape (k,)
-        In s.
+        Begin and end of every touch, s.
     ended : ndarray of bool, shape (k,)
         False where the run ends first.
     """
@@ -93,9 +93,9 @@ class Integrals:
     Attributes
     ----------
     time : ndarray
-        In s.
+        Time, s.
     force, square : ndarray
-        Of the force and of its square, N s and N^2 s.
+        Integrals of the force, N s, and of its square, N^2 s.
     work : ndarray
         Done on the contact, J.
     pressed : ndarray
@@ -124,7 +124,7 @@ class Touches:
     error : float
         Largest last coefficient over the largest value: 0 of a stepping method, whose motion is known as polynomials.
     stiffness : float, optional
-        Of a contact whose force is that of a spring alone, N/m.
+        Stiffness of a contact whose force is that of a spring alone, N/m.
     """
 
     span: IntArray
@@ -216,9 +216,9 @@ def resolve(
     index : int
         Number of the contact.
     begin, end : ndarray, shape (k,)
-        In s, in order and apart.
+        Begin and end of the intervals, s, in ascending order and without overlap.
     tolerance : float
-        Of force and rate between events, over their largest values.
+        Error of force and rate between events that is accepted, over their largest values.
     """
     # Under an undamped ideal law the force tells the rate too. It is far smoother: fast modes have large velocities.
     elastic = run.solution.continuous and laws.damping[index] == 0.0 and np.isinf(laws.resolution[index])

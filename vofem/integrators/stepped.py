@@ -31,11 +31,11 @@ class SteppedSolution:
     times : ndarray, shape (n_times,)
         Stored times, s.
     samples : Samples
-        Of shape (n, n_times).
+        States at the stored times, each of shape (n, n_times).
     stored : Energies
-        In the method's own discrete form.
+        Energies at the stored times, in the discrete form that the method balances.
     start_energy : float
-        At t = 0, in the same form, J.
+        Energy at t = 0 in the same form, J.
     dt : float
         Step size, s.
     springs : SpringSamples, optional

@@ -46,7 +46,7 @@ class ContactLaws(LawGroup):
     names : tuple of str
     rows : csr_matrix, shape (n_contacts, n)
     gap, stiffness, damping : ndarray, shape (n_contacts,)
-        In m, N/m, N s/m.
+        Gap, m, stiffness K0, N/m, and coefficient of the damper, N s/m.
     jump : ndarray of bool, shape (n_contacts,)
         Whether the force acts on the whole displacement.
     resolution : ndarray, shape (n_contacts,)

@@ -46,10 +46,10 @@ class CoupledDamping(NamedTuple):
     Attributes
     ----------
     own : ndarray, shape (n,)
-        In 1/s.
+        Damping of every mode by itself, 1/s.
     rows : ndarray, shape (k, n)
     weights : ndarray, shape (k,)
-        In 1/s, of either sign.
+        Weights of the coupling terms, 1/s, of either sign.
     """
 
     own: Array

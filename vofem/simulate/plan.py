@@ -36,10 +36,10 @@ class Plan:
     ----------
     method : str
     t_end : float
-        In s.
+        End of the run, s.
     times : ndarray, optional
     dt : float, optional
-        In s.
+        Size of a step, s.
     options : dict
     probes : ProbeRows, optional
     start : State, optional

@@ -96,7 +96,7 @@ class Coordinates:
         ----------
         factor : float
         tangent, intercept : ndarray, shape (m,)
-            In N/m and N; zero for laws that are held.
+            Tangent, N/m, and force at u = 0, N, of every law; zero for laws that are held.
         held : ndarray, shape (m,), optional
             Coordinates at which laws are held, in m; NaN for the others. Their forces follow from equilibrium.
         share : ndarray, shape (m,), optional

@@ -46,7 +46,7 @@ class Quantity:
     Attributes
     ----------
     name : str
-        With its unit in brackets.
+        Name of the quantity, with its unit in brackets.
     reference : float
     relative : bool
         Whether errors count relative to the reference.
@@ -69,9 +69,9 @@ class How:
     Attributes
     ----------
     tolerance : float or dict of str to float
-        For all quantities, or for those that are judged by name.
+        One tolerance for all quantities, or a tolerance for each quantity by name.
     options : dict
-        Of `simulate`, such as dt.
+        Further arguments of `simulate`, such as dt.
     expected : str
         PASSED, REPORTED, REFUSED or STOPPED.
     says : str
@@ -134,7 +134,7 @@ class Case:
     Attributes
     ----------
     number : int or None
-        Of a hard case; None for a published one.
+        Number of a hard case; None for a published one.
     name : str
         Unique.
     source : str

@@ -63,7 +63,7 @@ class Trial(NamedTuple):
     Attributes
     ----------
     first, second, whole : Found
-        Of both halves and of the whole step.
+        Results of the first half, of the second half and of the whole step.
     q, v, end : ndarray, shape (n,)
         Displacements and velocities between the halves, and velocities at the end.
     memory : ndarray

@@ -36,7 +36,7 @@ def check_times(t_end: float, dt: float | None, size: int) -> Array:
     Parameters
     ----------
     t_end, dt : float
-        In s; dt is None where steps follow a tolerance.
+        End of the run and size of a step, s; dt is None where steps follow a tolerance.
     size : int
         Degrees of freedom.
     """

@@ -67,9 +67,9 @@ class StepDoubling(StepSizeControl, Setting):
     Attributes
     ----------
     lag : int
-        As in `EqualSteps`.
+        See `EqualSteps`.
     method : Method
-        For messages.
+        The method that messages name.
     """
 
     place: tuple[str, ...] = (
@@ -125,7 +125,7 @@ class StepDoubling(StepSizeControl, Setting):
         Parameters
         ----------
         swings : ndarray, shape (2, n_loads)
-            Of `step_loads.of_halves`.
+            The result of `step_loads.of_halves`.
         response : ndarray, shape (n_loads, n)
             Displacement in half a step by a unit of them.
         """
@@ -199,7 +199,7 @@ class Path(NamedTuple):
     u, rates : ndarray, shape (3, n_laws)
         Coordinates and their rates at the beginning and at the ends of both halves.
     reactions : ndarray, shape (2, n_laws)
-        Of both halves, N.
+        Reactions over both halves, N.
     """
 
     u: Array

@@ -175,7 +175,7 @@ def march(
     initial : ndarray of int, shape (n_contacts,)
         Status of the contacts at t = 0.
     t_end, dt : float
-        In s.
+        End of the run and size of a step, s.
     out : Record
     notes : list of str
     first_energy : float

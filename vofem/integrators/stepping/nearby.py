@@ -74,9 +74,9 @@ def note_growth(
     system : System
     start : State
     kernel : Kernel
-        That of the run.
+        The kernel of the run.
     out : Record
-        Of the run, with the states at the times of its checks.
+        The record of the run, with the states at the times of its checks.
     again : callable
         Takes a start; returns a kernel of the same steps.
     """

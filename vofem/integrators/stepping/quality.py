@@ -55,7 +55,7 @@ class Checked:
     samples : Samples
         States at `times`.
     parts : Energies
-        At `times`, in the method's own form.
+        Energies at `times`, in the form that the method balances.
     contacts : ndarray, shape (n_contacts, 8)
         Findings on every contact, of `checks.contact_checks`.
     missing : (float, float)
@@ -84,9 +84,9 @@ def quality_notes(
     first : float
         Energy at t = 0 in the method's own form, J.
     dt : float, optional
-        In s; None where steps follow a tolerance.
+        Size of a step, s; None where steps follow a tolerance.
     t_end : float
-        In s.
+        End of the run, s.
     """
     notes: list[str] = []
     if dt is not None and step_count(t_end, dt) == 1:

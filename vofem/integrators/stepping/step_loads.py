@@ -48,7 +48,7 @@ def followed(system: System, dt: float, t_end: float) -> tuple[float, str]:
     dt : float
         The default step without loads, s.
     t_end : float
-        In s.
+        End of the run, s.
     """
     if not system.loads:
         return dt, ""
@@ -64,7 +64,7 @@ def note_loads(system: System, dt: float | None, t_end: float, notes: list[str])
     ----------
     system : System
     dt : float, optional
-        In s; None where steps follow an error.
+        Size of a step, s; None where steps follow a tolerance.
     t_end : float
         In s.
     notes : list of str
@@ -300,7 +300,7 @@ def swing(parts: Array, m0: Array, m1: Array) -> Array:
     parts : ndarray, shape (3, n_loads, n_parts)
         Moments over equal parts of a step.
     m0, m1 : ndarray, shape (n_loads,)
-        Those of the step.
+        Mean and first moment over the whole step.
 
     Returns
     -------

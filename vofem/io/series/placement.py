@@ -36,9 +36,9 @@ class Foot:
     ----------
     body : Body
     place : ndarray, shape (3,)
-        At rest, in m.
+        Place at rest, m.
     row : Row
-        Of the displacement, over the body's degrees of freedom.
+        Row of the displacement, over the degrees of freedom of the body.
     """
 
     body: Body

@@ -341,9 +341,9 @@ class StoredPoint:
     name, shown : str
         Its name, and what `describe` said.
     x : float
-        In m.
+        Place on the axis of the body, m.
     indices, weights : ndarray
-        Of its row.
+        Entries of the row of its displacement.
     slope : tuple of ndarray, optional
         Indices and weights of the row of its slope.
     """

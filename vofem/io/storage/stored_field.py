@@ -30,9 +30,9 @@ class StoredField:
     ----------
     name : str
     nodes : ndarray, shape (n_elements + 1,)
-        In m.
+        Places of the nodes, m.
     values : ndarray, shape (n_elements, n_points)
-        At Chebyshev points inside every element, from the left.
+        Values at Chebyshev points inside every element, from left to right.
     known_x, known : ndarray, shape (k,)
         Places in m, ascending, where it is known to the last bit, and its values there.
     error : ndarray, shape (n_elements,)

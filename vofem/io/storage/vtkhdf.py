@@ -42,7 +42,7 @@ def write_fields(blocks: Blocks, group: h5py.Group, result: Result, times: Array
     group : h5py.Group
         The empty group ``VTKHDF``.
     times : ndarray, shape (n_frames,)
-        In s, increasing.
+        Times of the frames, s, increasing.
     magnification : float
         By which gaps are drawn larger.
     """

@@ -95,7 +95,7 @@ class Bench:
     ----------
     source : Source
     t_end : float
-        In s.
+        End of the runs, s.
     samples : int
         Number of uniform times at which runs are compared.
     point : point, optional

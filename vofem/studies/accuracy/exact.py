@@ -61,9 +61,9 @@ class Question:
     Attributes
     ----------
     t_end : float
-        In s.
+        End of the run, s.
     times : ndarray, shape (n_times,)
-        Of comparison, s.
+        Times of comparison, s.
     point : point
     cap : float
         Seconds after which no finer run begins where a reference is found by halving steps.

@@ -13,7 +13,7 @@ def spread(function: Callable[..., Any], jobs: Sequence[tuple[Any, ...]], worker
     Parameters
     ----------
     function : callable
-        Of a module, so that other processes find it.
+        A function of a module, so that other processes can import it.
     jobs : sequence of tuple
         Arguments.
     workers : int

@@ -108,7 +108,7 @@ def basins(
     period : float, optional
         Time between two samples in s. The default is the common period of the loads.
     method : str
-        As in `vofem.simulate`.
+        See `vofem.simulate`.
     executor, workers, store, progress
         As in `vofem.sweep`.
 

@@ -125,7 +125,7 @@ def bifurcation_diagram(
     period : float, optional
         Time between two samples in s. The default is the common period of the loads.
     method : str
-        As in `vofem.simulate`.
+        See `vofem.simulate`.
     executor, workers, store, progress
         As in `vofem.sweep`.
 
