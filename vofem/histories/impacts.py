@@ -18,7 +18,7 @@ from vofem.system import ContactLaws
 
 Array = NDArray[np.float64]
 
-#: A contact that is closed at t = 0 by more than this share of its gap and its displacement did not close then.
+#: A contact with a penetration at t = 0 beyond this share of gap and displacement counts as closed before t = 0.
 _AT_GAP = 1e-9
 
 _UNKNOWN = (
@@ -29,7 +29,7 @@ _UNKNOWN = (
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Impacts:
-    """The impacts of a contact in the order of time: stretches in which it is closed, or pinned at its gap.
+    """The impacts of a contact in the order of time: the intervals in which it is closed or pinned at its gap.
 
     Of a contact that acts on rotations m stands for rad and N for N m. A force or a work that the run does not know is
     NaN, and `why` says the reason.
@@ -286,7 +286,7 @@ class ImpactRecord:
         t_end = float(self._run.solution.t_end)
         begin, end = window_of(f"statistics of contact {self._laws.names[self._index]!r}", window, t_end)
         span, length = self.span, end - begin
-        # What begins at the very end of a window belongs to the next one, but for that of the run.
+        # An impact that begins exactly at the end of a window belongs to the next window, if there is one.
         started = (span.begin >= begin) & ((span.begin < end) | (end >= t_end))
         finished = started & span.ended
         count = int(np.sum(started))
@@ -348,7 +348,7 @@ def _largest(values: Array, of: NDArray[np.int64], count: int) -> Array:
     """Return for each of `count` groups the value of largest magnitude, 0 where there is none."""
     order = np.lexsort((np.abs(values), of))
     found = np.zeros(count)
-    # The last entry of each group stays.
+    # Assignment keeps the last entry of each group.
     found[of[order]] = values[order]
     return found
 

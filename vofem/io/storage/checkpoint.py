@@ -26,13 +26,13 @@ from vofem.simulate import Plan, run_plan
 
 _SUFFIXES = (".checkpoint", ".h5", ".hdf")
 
-#: Counts up when files of a new kind could not be read by this version.
+#: Version of the format. It is increased when this version could not read the new files.
 FORMAT = 1
 
 
 @dataclass
 class _Begun:
-    """What an `Encoder` asks of a run: at the beginning there is only the start."""
+    """A run that has just begun, as an `Encoder` sees it: it has its start state and nothing else."""
 
     times: NDArray[np.float64]
     model: Model
@@ -60,7 +60,7 @@ def checkpoint_writer(path: str | os.PathLike[str], scene: Scene) -> Callable[[P
 
 
 def _identity(file: Path) -> tuple[int, int, int] | None:
-    """Return what tells one writing of a file from another, or None where there is no file."""
+    """Return numbers that change whenever a file is written anew; None where there is no file."""
     try:
         status = os.stat(file)
     except FileNotFoundError:
@@ -131,7 +131,7 @@ def resume(
     else:
         _check_same(as_scene("resume", scene), record["model"])
     plan = record["plan"]
-    # Earlier versions knew no other way.
+    # In earlier versions all runs were compiled.
     plan = replace(plan, compiled=plan.compiled is not False)
     writers = _Writers(target(path, _SUFFIXES), scene, found)
     return run_plan(scene, plan, progress, writers, checkpoint_every, record["snapshot"])

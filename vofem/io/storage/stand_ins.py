@@ -262,7 +262,7 @@ class StoredBody(BaseBody):
 
     @classmethod
     def of(cls, body: Any) -> StoredBody:
-        """Return what stands for a body."""
+        """Return the substitute for a body."""
         shape = body.shape
         return cls(
             body.name, type(body).__name__, body.label, body.summary(), body.degrees_of_freedom, body.matrices(),
@@ -286,11 +286,11 @@ class StoredBody(BaseBody):
 
     @property
     def label(self) -> str:
-        """What the body said."""
+        """Kind and name of the body that was saved."""
         return self.shown_label
 
     def summary(self) -> str:
-        """Return what the body said."""
+        """Return the line that the saved body gave for `explain`."""
         return self.shown
 
     def matrices(self) -> BodyMatrices:
@@ -358,7 +358,7 @@ class StoredPoint:
 
     @classmethod
     def of(cls, point: Any) -> StoredPoint:
-        """Return what stands for a point."""
+        """Return the substitute for a point."""
         row = point.row()
         try:
             turned = point.slope_row()
@@ -379,5 +379,5 @@ class StoredPoint:
         return Row(*self.slope)
 
     def describe(self) -> str:
-        """Return what the point said."""
+        """Return the description of the saved point."""
         return self.shown
