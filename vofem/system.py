@@ -20,7 +20,7 @@ Group = TypeVar("Group", bound=LawGroup)
 
 
 class LoadFunction(Protocol):
-    """What a load needs of a function of time; `vofem.time_functions.TimeFunction` offers it."""
+    """The interface of a load's function of time, as `vofem.time_functions.TimeFunction` offers it."""
 
     @property
     def closed_form(self) -> bool:
@@ -109,8 +109,8 @@ class System:
 
     @property
     def cache(self) -> Cache:
-        """What runs have computed of this system for all runs that follow; neither copied nor saved with it."""
-        # One step, so that threads find the same one.
+        """Values that runs have computed for this system and that later runs use; neither copied nor saved with it."""
+        # `setdefault` is one operation, so all threads get the same cache.
         known: Cache = self.__dict__.get("_cache") or self.__dict__.setdefault("_cache", Cache())
         return known
 

@@ -109,7 +109,7 @@ _COMPILING = "compiling {}, once on this machine"
 
 
 def _choice(method: Method, system: System, plan: Plan) -> Choice:
-    """Return whether a run takes compiled kernels."""
+    """Return the decision whether a run uses compiled kernels."""
     wanted = plan.compiled if plan.compiled is not None else decided()
     if method.effort is None:
         return choose(method.name, float("inf"), wanted)
@@ -119,7 +119,7 @@ def _choice(method: Method, system: System, plan: Plan) -> Choice:
 
 
 def _run(scene: Scene, plan: Plan, watch: RunProgress | None, snapshot: dict[str, Any] | None) -> Result:
-    """Run a plan in a way that has been decided."""
+    """Run a plan, compiled or not as has been decided."""
     from vofem.integrators.coarse import unresolved_contacts
 
     method = method_named(plan.method)

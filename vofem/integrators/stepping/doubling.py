@@ -113,7 +113,7 @@ class StepDoubling(StepSizeControl, Setting):
 
     @abstractmethod
     def take(self, out: Record) -> None:
-        """Keep the halves."""
+        """Accept the two half steps of the last attempt."""
 
     def unseen(self, swings: Array, response: Array) -> float:
         """Return the motion by loads that no interpolation between the ends of steps shows, over the tolerance.
@@ -133,12 +133,12 @@ class StepDoubling(StepSizeControl, Setting):
         return float(np.max(self.weight * moved, initial=0.0)) / self.whole
 
     def withdraw(self, out: Record) -> None:
-        """Undo an attempt."""
+        """Undo the last attempt."""
 
     @property
     @abstractmethod
     def displacement(self) -> Array:
-        """Displacements where the run stands, in band order."""
+        """Displacements at the time that the run has reached, in band order."""
 
     def advance(self, out: Record) -> None:
         """Take some steps; where a state is completed by the step after it, the last one goes beyond the end."""
@@ -251,7 +251,7 @@ def impact(laws: Laws, contacts: int, dt: float, path: Path, fineness: float) ->
 
 @jit
 def _jump(laws: Laws, hysteretic: bool | None, j: int, dt: float, path: Path, fineness: float) -> tuple[bool, float]:
-    """Return what `impact` returns, of a law that is no contact."""
+    """Return the same as `impact` for one law that is no contact."""
     if hysteretic is None:
         return False, 0.0
     if not tangent_jumps(laws, j):

@@ -130,7 +130,7 @@ def _doubling(made: Doubled, asked: Asked, tol: float, counters: Counters) -> St
         raise ArgumentError("simulate: dt and tol were both given; tol chooses the steps, leave out dt")
     kernel = made.doubling(counters)
     kernel.plan(asked.t_end, tol)
-    # A run that goes on knows the size already.
+    # A run that is resumed has this displacement already.
     if asked.resume is None:
         kernel.measure(_rough(made, asked, counters))
         _compare(made, kernel)
@@ -166,7 +166,7 @@ def _note_tolerance(kernel: StepDoubling, out: Record, notes: list[str]) -> None
 
 
 def _compare(made: Doubled, kernel: StepDoubling) -> None:
-    """Run a scene with impacts at a coarser tolerance first, and leave what it finds for `_note_tolerance`.
+    """Run a scene with impacts at a coarser tolerance first, and keep its displacements for `_note_tolerance`.
 
     The errors of steps bound that of the run where it is smooth. What an impact does depends on velocities, and on
     fast motion that displacements do not show, so two runs are compared. The coarser one takes about half the steps.

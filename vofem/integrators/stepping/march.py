@@ -277,7 +277,7 @@ def _spring_energies(kernel: Kernel) -> tuple[float, float]:
 
 
 def _snapshot(kernel: Kernel, out: Record, log: list[Array], recorded: Recorded, notes: list[str]) -> Snapshot:
-    """Return the state of a run, as plain data, from which it can go on."""
+    """Return the state of a run as plain data, from which the run can be resumed."""
     return {
         "state": kernel.state,
         "trail": kernel.last_step,
@@ -342,7 +342,7 @@ def stored_energy(system: System, q: Array, v: Array) -> float:
 
 
 def _check(kernel: Kernel, method: Method, first: float, dt: float, blow_up: float) -> float:
-    """Return what is missing from the balance of energy where the run stands, J; raise where that is a blow-up."""
+    """Return the error in J of the balance of energy at the time reached; raise if it shows that the run blew up."""
     last_step, back = kernel.last_step, kernel.bands.back
     in_springs, loss = _spring_energies(kernel)
     now = stored_energy(kernel.bands.system, last_step.q[back], last_step.v[back]) + in_springs

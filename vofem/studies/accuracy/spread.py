@@ -1,4 +1,4 @@
-"""Runs whose time does not matter, on several processes; what is timed runs alone, after them."""
+"""Runs on several processes, for runs that are not timed. Timed runs take place alone, after them."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ _ATTEMPTS = 2
 #: Wall time beyond its limit after which a batch that does not come back ends its worker, in s.
 _GRACE = 10.0
 
-#: Wall time between two looks at progress, limits and the keyboard, in s.
+#: Wall time in s between two checks of progress, limits and the keyboard.
 _LOOK = 0.2
 
 
@@ -105,7 +105,7 @@ class Schedule:
     def _room(self) -> int:
         """Return how many batches may be on their way."""
         if self._alone or any(self._lost[batch.positions[0]] for batch in self._flying.values()):
-            # A point that was in a lost worker goes alone, so that its worker's end tells who caused it.
+            # A point whose worker ended abruptly is computed alone next time, which shows whether it was the cause.
             return 1
         if not self._counted:
             # The first point goes alone: code is compiled once, and its time says how large batches are to be.
