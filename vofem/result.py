@@ -156,7 +156,7 @@ class Result(Shown, Motion):
         histories = [ProbeHistory(name, record.times, *motion) for name, *motion in parts] if record else []
         return Named({history.name: history for history in histories}, "probe")
 
-    # -- reactions, energies, what the method tells -----------------------------------------------
+    # -- reactions, energies, sensitivity, truncation ---------------------------------------------
 
     def reaction(self, body: Any, where: Any, t: ArrayLike | None = None) -> Reaction:
         """Return the force and the moment of a support on a body at `times`, or at times t.

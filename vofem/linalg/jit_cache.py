@@ -96,13 +96,13 @@ def _numba() -> str:
 def _processor() -> str:
     """Return a description of the processor, as far as the system gives one."""
     with contextlib.suppress(OSError), open("/proc/cpuinfo") as lines:
-        told = []
+        found = []
         for line in lines:
             if line.startswith(("model name", "flags", "Features", "CPU part")):
-                told.append(line)
+                found.append(line)
             elif not line.strip():
                 break
-        return "".join(told)
+        return "".join(found)
     import platform
 
     return platform.processor()

@@ -161,7 +161,7 @@ def _note_tolerance(kernel: StepDoubling, out: Record, notes: list[str]) -> None
     if kernel.farthest < _OVERSIZED * kernel.size:
         notes.append(
             f"tol: errors are held below tol = {tol:g} of {kernel.size:.3g} m, which a rough run of {_STEPS} steps "
-            f"told, but nothing moves farther than {kernel.farthest:.3g} m; choose a tol smaller by their ratio"
+            f"found, but nothing moves farther than {kernel.farthest:.3g} m; choose a tol smaller by their ratio"
         )
 
 

@@ -36,7 +36,7 @@ _NO_ENERGY = 1e-12
 #: ``omega dt`` of the motion that carries the energy beyond which steps do not resolve it.
 _COARSE = 0.5
 
-#: Largest energy of a contact, relative to that of the run, from which on a note tells a rebound with a wrong velocity:
+#: Largest energy of a contact, relative to that of the run, above which a note reports rebounds with a wrong velocity:
 #: velocities are as its square root.
 _REBOUND = 4e-4
 
