@@ -122,7 +122,7 @@ class System:
         """Return whether degrees of freedom and matrices are the same to the last bit as those of another system."""
         matrices = ("mass", "stiffness", "damping", "strain")
         plain = ("rayleigh", "modal_damping", "rigid", "scale", "rotation")
-        return all(_equal(getattr(self, name), getattr(other, name)) for name in matrices) and all(
+        return all(same_matrix(getattr(self, name), getattr(other, name)) for name in matrices) and all(
             np.array_equal(getattr(self, name), getattr(other, name)) for name in plain
         )
 
@@ -143,7 +143,7 @@ class System:
             self.has_matrices_of(other)
             and self.has_load_vectors_of(other)
             and [type(group) for group in self.laws] == [type(group) for group in other.laws]
-            and all(_equal(a.rows, b.rows) for a, b in zip(self.laws, other.laws, strict=True))
+            and all(same_matrix(a.rows, b.rows) for a, b in zip(self.laws, other.laws, strict=True))
         ):
             return False
         mine, theirs = self.contacts, other.contacts
@@ -254,7 +254,7 @@ class System:
         return total
 
 
-def _equal(one: Any, two: Any) -> bool:
+def same_matrix(one: Any, two: Any) -> bool:
     """Return whether two sparse matrices, each of which may be missing, are the same to the last bit."""
     if one is None or two is None:
         return one is two
@@ -366,4 +366,5 @@ __all__ = [
     "LoadFunction",
     "State",
     "System",
+    "same_matrix",
 ]

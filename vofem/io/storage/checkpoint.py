@@ -23,6 +23,7 @@ from vofem.progress import Progress
 from vofem.result import Result
 from vofem.scene import Scene, as_scene
 from vofem.simulate import Plan, run_plan
+from vofem.system import same_matrix
 
 _SUFFIXES = (".checkpoint", ".h5", ".hdf")
 
@@ -138,20 +139,22 @@ def resume(
 
 
 def _check_same(scene: Scene, model: Model) -> None:
-    """Raise where a scene has other equations than a model, as far as these are matrices."""
+    """Raise where a scene has other equations than a model. Functions of time and laws in Python are not compared."""
     mine, other = scene.model.system, model.system
-    same = mine.size == other.size
-    for name in ("mass", "stiffness"):
-        same = same and _equal(getattr(mine, name), getattr(other, name))
-    same = same and [type(group) for group in mine.laws] == [type(group) for group in other.laws]
-    for one, two in zip(mine.laws, other.laws, strict=False):
-        same = same and _equal(one.rows, two.rows) and np.array_equal(one.numbers(), two.numbers())
-    if not same or len(mine.loads) != len(other.loads):
-        raise ArgumentError(
-            "resume: the scene is another one than that of the checkpoint: masses, stiffnesses, springpots, contacts "
-            "or loads differ; give the scene that the run began with, or simulate anew"
+    same = (
+        mine.size == other.size
+        and all(same_matrix(getattr(mine, name), getattr(other, name)) for name in ("mass", "stiffness", "damping"))
+        and mine.rayleigh == other.rayleigh
+        and np.array_equal(mine.modal_damping, other.modal_damping)  # type: ignore[arg-type]
+        and [type(group) for group in mine.laws] == [type(group) for group in other.laws]
+        and all(
+            same_matrix(one.rows, two.rows) and np.array_equal(one.numbers(), two.numbers())
+            for one, two in zip(mine.laws, other.laws, strict=True)
         )
-
-
-def _equal(one: Any, two: Any) -> bool:
-    return one.shape == two.shape and abs(one - two).max() == 0.0
+        and mine.has_load_vectors_of(other)
+    )
+    if not same:
+        raise ArgumentError(
+            "resume: the scene is another one than that of the checkpoint: masses, stiffnesses, damping, springpots, "
+            "contacts or loads differ; give the scene that the run began with, or simulate anew"
+        )
