@@ -115,7 +115,7 @@ class StepDoubling(StepSizeControl, Setting):
     def take(self, out: Record) -> None:
         """Accept the two half steps of the last attempt."""
 
-    def unseen(self, swings: Array, response: Array) -> float:
+    def between_ends(self, fluctuations: Array, response: Array) -> float:
         """Return the motion by loads that no interpolation between the ends of steps shows, over the tolerance.
 
         The motion between the ends of a step is interpolated by a polynomial. A short load causes motion that this
@@ -124,12 +124,12 @@ class StepDoubling(StepSizeControl, Setting):
 
         Parameters
         ----------
-        swings : ndarray, shape (2, n_loads)
+        fluctuations : ndarray, shape (2, n_loads)
             The result of `step_loads.of_halves`.
         response : ndarray, shape (n_loads, n)
             Displacement in half a step by a unit of them.
         """
-        moved = swings @ np.abs(response)
+        moved = fluctuations @ np.abs(response)
         return float(np.max(self.weight * moved, initial=0.0)) / self.whole
 
     def withdraw(self, out: Record) -> None:

@@ -279,20 +279,20 @@ def joined(parts: Array) -> Array:
 
 
 def of_halves(parts: Array) -> tuple[Array, Array]:
-    """Return the moments over a step and both halves, (3, n_loads, 3), and `swing` over the halves, (2, n_loads).
+    """Return the moments over a step and both halves, (3, n_loads, 3), and `fluctuation` over the halves, (2, n_loads).
 
     `parts`, shape (3, n_loads, PARTS), are the moments over equal parts of the step.
     """
     cut = parts.shape[2] // 2
-    moments, swings = np.empty((3, parts.shape[1], 3)), np.empty((2, parts.shape[1]))
+    moments, fluctuations = np.empty((3, parts.shape[1], 3)), np.empty((2, parts.shape[1]))
     moments[:, :, 0] = joined(parts)
     for k, part in enumerate((parts[:, :, :cut], parts[:, :, cut:])):
         moments[:, :, k + 1] = joined(part)
-        swings[k] = swing(part, moments[0, :, k + 1], moments[1, :, k + 1])
-    return moments, swings
+        fluctuations[k] = fluctuation(part, moments[0, :, k + 1], moments[1, :, k + 1])
+    return moments, fluctuations
 
 
-def swing(parts: Array, m0: Array, m1: Array) -> Array:
+def fluctuation(parts: Array, m0: Array, m1: Array) -> Array:
     """Return the displacement of a unit mass, over the step squared, by loads from which mean and trend are removed.
 
     Parameters
@@ -304,7 +304,7 @@ def swing(parts: Array, m0: Array, m1: Array) -> Array:
 
     Returns
     -------
-    swing : ndarray, shape (n_loads,)
+    fluctuation : ndarray, shape (n_loads,)
     """
     count = parts.shape[2]
     x = (np.arange(count) + 0.5) / count - 0.5

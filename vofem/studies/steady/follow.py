@@ -50,7 +50,7 @@ _LOOP = 12
 _AGAIN = 1e-2
 
 #: How far from a point a grazing may be, in steps, and how near zero an extreme must be to be looked at.
-_REACH, _NEAR = 4.0, 0.3
+_FARTHEST, _NEAR = 4.0, 0.3
 
 
 @dataclass
@@ -495,7 +495,7 @@ class Follower:
         n = here.size // 2
         origin = ORIGIN.scales(now.problem, now.evaluation)
         away = np.append((there - here) / origin, (at.value - now.value) / self.interval.size)
-        if np.linalg.norm(away) > _REACH * step or n == 0:
+        if np.linalg.norm(away) > _FARTHEST * step or n == 0:
             return None
         if now.chart is ORIGIN and away @ now.tangent < -1e-3 * np.linalg.norm(away):
             return None
