@@ -344,7 +344,7 @@ def tolerance_section() -> str:
     scene, _, _ = between_stops(1e2)
     vf.simulate(scene, 0.1, method="energy_conserving", tol=1e-2)  # loads the compiled loops
     lines = [
-        "| scene | K0 [N/m] | tol | error over tol | steps | of them refused | time | event_driven | a note tells |",
+        "| scene | K0 [N/m] | tol | error over tol | steps | of them refused | time | event_driven | a note says so |",
         "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | --- |",
     ]
     seen: dict[str, list[float]] = {}

@@ -38,8 +38,9 @@ class PowerLossError(Exception):
 
 
 def small_steps(monkeypatch, size):
-    """Look at the outcome every few steps."""
+    """Return from kernels every few steps, compiled or not."""
     monkeypatch.setattr("vofem.integrators.stepping.march._CHUNK_WORK", size)
+    monkeypatch.setattr("vofem.integrators.stepping.march._PLAIN_WORK", size)
     monkeypatch.setattr("vofem.integrators.stepping.doubling._CHUNK", 170)
     for name in ("FIRST_CALL", "MOST"):
         monkeypatch.setattr(f"vofem.integrators.event_driven.follow.{name}", 1)
@@ -125,6 +126,38 @@ def test_a_load_that_is_a_callable_must_be_given_again(tmp_path, monkeypatch):
     with pytest.raises(vf.ArgumentError, match="another one than that of the checkpoint"):
         vf.resume(path, scene=build(gap=0.04)[1])
     same(vf.simulate(scene, 8.0, **options), vf.resume(path, scene=build()[1]), beam)
+
+
+def test_a_scene_with_other_equations_is_refused(tmp_path, monkeypatch):
+    """Damping, and where loads act, count too; only functions of time may be given again."""
+    small_steps(monkeypatch, 100)
+    path = tmp_path / "run.checkpoint"
+
+    def build(effects=(), at=0, damping=0.1):
+        masses = [vf.Mass(1.0, stiffness=4.0, damping=damping, name=name) for name in "ab"]
+        return vf.Scene(masses, [vf.PointLoad(masses[at], vf.Sine(1.0, 2.0)), *effects])
+
+    def lose_power(t, t_end):
+        if t > 0.5 * t_end:
+            raise PowerLossError
+
+    scene, options = build(), {"method": "energy_conserving", "dt": 0.01}
+    with pytest.raises(PowerLossError):
+        vf.simulate(scene, 8.0, checkpoint=path, checkpoint_every=0.0, progress=lose_power, **options)
+    others = (
+        build(damping=0.2),
+        build(damping=0.0),
+        build([vf.RayleighDamping(0.1)]),
+        build([vf.ModalDamping(0.1)]),
+        build(at=1),
+    )
+    for other in others:
+        with pytest.raises(
+            vf.ArgumentError, match="another one than that of the checkpoint: masses, stiffnesses, damp"
+        ):
+            vf.resume(path, scene=other)
+    again = vf.resume(path, scene=build())
+    assert np.array_equal(again.samples.q, vf.simulate(scene, 8.0, **options).samples.q)
 
 
 def test_files_that_are_no_checkpoints(tmp_path):

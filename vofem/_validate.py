@@ -23,6 +23,11 @@ TINY = 1e-60
 T = TypeVar("T")
 
 
+def name_of(thing: Any) -> Any:
+    """Return the name of a thing that has one; anything else, such as a name, is returned as it is."""
+    return getattr(thing, "name", thing)
+
+
 class Named(Mapping[str, T]):
     """Contacts, or springs, by name or by the object itself, in the order of the scene; a wrong name raises."""
 
@@ -31,7 +36,7 @@ class Named(Mapping[str, T]):
         self._kind = kind
 
     def __getitem__(self, name: Any) -> T:
-        key = getattr(name, "name", name)
+        key = name_of(name)
         if key not in self._things:
             known = tuple(self._things)
             raise ArgumentError(f"no {self._kind} is named {key!r}; there are {list(known)}{nearest(key, known)}")

@@ -77,7 +77,7 @@ class Initial:
     what : str
         Whose argument it is, for messages.
     bodies : iterable of Body
-        Of the scene.
+        The bodies of the scene.
     given : dict, outcome or None
     by_name : bool
         Whether a body among the keys stands for the scene's body of the same name.
@@ -85,7 +85,7 @@ class Initial:
     Attributes
     ----------
     given : dict, StoredState or None
-        As it was given; of an outcome only the state is kept.
+        The initial state as the user gave it. Of an earlier outcome, only the state is kept.
     """
 
     def __init__(self, what: str, bodies: Iterable[Body], given: Any, *, by_name: bool = False) -> None:

@@ -20,7 +20,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 class Outgrown(Exception):  # noqa: N818
-    """Work in plain Python has taken longer than compiling would: it is to begin anew, compiled."""
+    """Raised where work in plain Python has taken longer than compiling would, to begin it anew with compiled code."""
 
 
 class _Mode(NamedTuple):
@@ -30,20 +30,20 @@ class _Mode(NamedTuple):
     deadline: float
 
 
-#: What the environment asks for.
+#: Decision of the environment variable VOFEM_COMPILED.
 _ASKED = {"1": _Mode(True, float("inf")), "0": _Mode(False, float("inf"))}.get(os.environ.get("VOFEM_COMPILED", ""))
 
 _MODE: ContextVar[_Mode | None] = ContextVar("vofem: how kernels run", default=_ASKED)
 
 
 def decided() -> bool | None:
-    """Return whether kernels are compiled where the program stands; None where nobody has decided."""
+    """Return whether kernels are compiled at this point of the program; None where this was not decided."""
     mode = _MODE.get()
     return None if mode is None else mode.compiled
 
 
 def compiled() -> bool:
-    """Return whether kernels are compiled where the program stands."""
+    """Return whether kernels are compiled at this point of the program."""
     mode = _MODE.get()
     return mode is None or mode.compiled
 

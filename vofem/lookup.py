@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vofem._validate import nearest
+from vofem._validate import name_of, nearest
 from vofem.assembly import Model
 from vofem.bodies.base import Body, Row
 from vofem.bodies.beam import Beam
@@ -25,10 +25,10 @@ def body_named(bodies: Iterable[Body], body: Any, cure: str = "") -> Body:
     bodies : iterable of Body
     body : Body or str
     cure : str
-        For the message.
+        The end of the message: what the user can do.
     """
     known = {candidate.name: candidate for candidate in bodies}
-    name = getattr(body, "name", body)
+    name = name_of(body)
     if name not in known:
         names = tuple(known)
         raise ArgumentError(f"no body is named {name!r}; there are {list(names)}{nearest(name, names)}{cure}")

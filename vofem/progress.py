@@ -15,7 +15,7 @@ _PATIENCE = 1.0
 #: Seconds of wall time between two changes of a bar.
 _REFRESH = 0.1
 
-#: What `progress` may be.
+#: Type of the argument `progress`.
 Progress = bool | Callable[[float, float], None] | None
 
 
@@ -96,7 +96,7 @@ class RunProgress:
     Parameters
     ----------
     t_end : float
-        In s.
+        End of the run, s.
     progress : bool or callable, optional
         As for `TerminalBar`. A function is called with the time reached and t_end, in s.
     save : callable, optional
@@ -129,7 +129,7 @@ class RunProgress:
             self._saved = time.monotonic()
         if self._report is not None:
             self._report(t, self._t_end)
-        # The work announced before the first step is over: its description goes at once.
+        # The work before the first step, such as compilation, is over, so its description is removed at once.
         self._bar.update(t, at_once=bool(self._first))
         self._first = ""
 

@@ -31,7 +31,7 @@ def support_reaction(
     modes : (ndarray, ndarray), optional
         Squared frequencies and shapes that modal damping acts on; all modes where not given.
     spring_force : ndarray, shape (n_springs, n_times), optional
-        Of hysteretic springs, springpots last, N.
+        Forces of hysteretic springs, those of springpots last, N.
 
     Raises
     ------

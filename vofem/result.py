@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem._validate import Named
+from vofem._validate import Named, name_of
 from vofem.assembly import Model
 from vofem.cards import Shown
 from vofem.effects.two_points import units_of
@@ -156,7 +156,7 @@ class Result(Shown, Motion):
         histories = [ProbeHistory(name, record.times, *motion) for name, *motion in parts] if record else []
         return Named({history.name: history for history in histories}, "probe")
 
-    # -- reactions, energies, what the method tells -----------------------------------------------
+    # -- reactions, energies, sensitivity, truncation ---------------------------------------------
 
     def reaction(self, body: Any, where: Any, t: ArrayLike | None = None) -> Reaction:
         """Return the force and the moment of a support on a body at `times`, or at times t.
@@ -195,7 +195,7 @@ class Result(Shown, Motion):
         ArgumentError
             If there is no joint of that name.
         """
-        return joint_force_of(self, getattr(joint, "name", joint), t, self._at(t))
+        return joint_force_of(self, name_of(joint), t, self._at(t))
 
     @cached_property
     def energy(self) -> Energy:

@@ -195,7 +195,7 @@ class Scene(Shown):
         scene.__init__(self.bodies, effects)  # type: ignore[misc]
         scene._initial = self._initial
         # This scene is assembled even if it never runs, because the scenes of a sweep share through it. Where it cannot
-        # be, as for the sake of the effect that is replaced, there is nothing to share.
+        # be assembled, for example because of the effect that is replaced, there is nothing to share.
         with contextlib.suppress(VofemError):
             scene.model.system.share_what_is_equal(self.model.system)
         return scene

@@ -25,7 +25,7 @@ _MOST = 4
 
 
 class _Recent(threading.local):
-    """What one thread has assembled last: systems, the latest first, and values by what they depend on."""
+    """The systems that one thread has assembled last, the latest first, and values by the data that they depend on."""
 
     def __init__(self) -> None:
         self.systems: deque[System] = deque(maxlen=_MOST)

@@ -20,7 +20,7 @@ Group = TypeVar("Group", bound=LawGroup)
 
 
 class LoadFunction(Protocol):
-    """What a load needs of a function of time; `vofem.time_functions.TimeFunction` offers it."""
+    """The interface of a load's function of time, as `vofem.time_functions.TimeFunction` offers it."""
 
     @property
     def closed_form(self) -> bool:
@@ -52,7 +52,7 @@ class Load:
     vector : ndarray, shape (n,)
     function : LoadFunction
     name : str
-        For messages.
+        What messages call the load.
     """
 
     vector: Array
@@ -109,8 +109,8 @@ class System:
 
     @property
     def cache(self) -> Cache:
-        """What runs have computed of this system for all runs that follow; neither copied nor saved with it."""
-        # One step, so that threads find the same one.
+        """Values that runs have computed for this system and that later runs use; neither copied nor saved with it."""
+        # `setdefault` is one operation, so all threads get the same cache.
         known: Cache = self.__dict__.get("_cache") or self.__dict__.setdefault("_cache", Cache())
         return known
 
@@ -122,7 +122,7 @@ class System:
         """Return whether degrees of freedom and matrices are the same to the last bit as those of another system."""
         matrices = ("mass", "stiffness", "damping", "strain")
         plain = ("rayleigh", "modal_damping", "rigid", "scale", "rotation")
-        return all(_equal(getattr(self, name), getattr(other, name)) for name in matrices) and all(
+        return all(same_matrix(getattr(self, name), getattr(other, name)) for name in matrices) and all(
             np.array_equal(getattr(self, name), getattr(other, name)) for name in plain
         )
 
@@ -131,21 +131,19 @@ class System:
         pairs = zip(self.loads, other.loads, strict=False)
         return len(self.loads) == len(other.loads) and all(np.array_equal(a.vector, b.vector) for a, b in pairs)
 
-    def has_contact_rows_of(self, other: System) -> bool:
-        """Return whether the contacts act at the same places as those of another system, or both have none."""
-        return _equal(*(None if one.contacts is None else one.contacts.rows for one in (self, other)))
-
     def share_what_is_equal(self, other: System) -> bool:
-        """Use of another system's cache what depends on equal things alone; for systems that nobody has run yet.
+        """Use those parts of another system's cache that depend on nothing in which the two systems differ.
 
         Modes depend on matrices, rows and load vectors, those with contacts closed on the contacts' stiffness too.
         Returns whether anything is shared.
         """
+        if self.cache is other.cache:
+            return True
         if not (
             self.has_matrices_of(other)
             and self.has_load_vectors_of(other)
             and [type(group) for group in self.laws] == [type(group) for group in other.laws]
-            and all(_equal(a.rows, b.rows) for a, b in zip(self.laws, other.laws, strict=True))
+            and all(same_matrix(a.rows, b.rows) for a, b in zip(self.laws, other.laws, strict=True))
         ):
             return False
         mine, theirs = self.contacts, other.contacts
@@ -256,7 +254,7 @@ class System:
         return total
 
 
-def _equal(one: Any, two: Any) -> bool:
+def same_matrix(one: Any, two: Any) -> bool:
     """Return whether two sparse matrices, each of which may be missing, are the same to the last bit."""
     if one is None or two is None:
         return one is two
@@ -342,7 +340,7 @@ class Events:
     Attributes
     ----------
     time : ndarray, shape (k,)
-        In s.
+        Times of the events, s.
     contact : ndarray of int, shape (k,)
         Index into the system's contacts.
     status : ndarray of int, shape (k,)
@@ -368,4 +366,5 @@ __all__ = [
     "LoadFunction",
     "State",
     "System",
+    "same_matrix",
 ]

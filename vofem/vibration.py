@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem._validate import nearest, whole
+from vofem._validate import name_of, nearest, whole
 from vofem.assembly import Model
 from vofem.bodies.base import Body
 from vofem.bodies.beam import Beam
@@ -144,7 +144,7 @@ def contact_indices(what: str, system: System, closed: Sequence[Any]) -> list[in
     wanted = [closed] if isinstance(closed, str) else list(closed)
     indices = []
     for item in wanted:
-        name = getattr(item, "name", item)
+        name = name_of(item)
         if name not in names:
             raise ArgumentError(f"{what}: no contact is named {name!r}; there are {names}{nearest(name, tuple(names))}")
         indices.append(names.index(name))

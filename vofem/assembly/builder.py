@@ -28,7 +28,7 @@ class SystemBuilder:
     Parameters
     ----------
     bodies : sequence of Body
-        In the order in which their degrees of freedom are numbered.
+        The bodies, in the order in which their degrees of freedom are numbered.
     """
 
     def __init__(self, bodies: Sequence[Body]) -> None:

@@ -46,7 +46,7 @@ def law_groups(
     Raises
     ------
     ArgumentError
-        If a law can never move, or names by which histories are told occur twice.
+        If a law can never move, or names by which histories are found occur twice.
     """
     kinds = sorted({law.group for _, law in entries}, key=lambda group: (group.place, group.kind, group.__name__))
     rows, groups = [], []
@@ -60,7 +60,7 @@ def law_groups(
 
 
 def _check(groups: Sequence[LawGroup]) -> None:
-    """Raise where a name, by which histories are told, occurs twice, or a row is empty."""
+    """Raise where a name, by which histories are found, occurs twice, or a row is empty."""
     names = [name for group in groups for name in group.names]
     twice = next((name for name in names if names.count(name) > 1), None) if len(set(names)) < len(names) else None
     if twice is not None:

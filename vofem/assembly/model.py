@@ -36,7 +36,7 @@ class Model:
     mass, stiffness : csr_matrix, shape (N, N)
         Over all degrees of freedom, supported ones included; for reactions.
     damping : csr_matrix, optional
-        Of bodies and dashpots.
+        The damping matrix of bodies and dashpots.
     load_vectors : tuple of ndarray, shape (N,)
         One per load of the system.
     law_rows : tuple of csr_matrix, shape (n_laws, N)

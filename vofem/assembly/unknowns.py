@@ -22,7 +22,7 @@ _REDUNDANT = 1e-8
 #: Of pivots that differ by less than this ratio the last one is taken, so that the order along the bodies stays.
 _TIE = 1.0 - 1e-9
 
-#: What is left of coefficients that cancel.
+#: Coefficients, over the largest one, that count as zero after elimination.
 _ROUNDING = 1e-14
 
 
@@ -35,7 +35,7 @@ class Constraint:
     row : Row
         b over all degrees of freedom.
     label : str
-        For messages, such as ``Joint 'knee': rotation``.
+        What messages call the condition, such as ``Joint 'knee': rotation``.
     """
 
     row: Row

@@ -29,14 +29,14 @@ class Axis:
     label : str
         The beam, for messages, such as ``Beam 'deck'``.
     length : float
-        In m.
+        Length of the axis, m.
     origin : float
         The x of the left end in m.
     arc : ndarray, shape (n_elements + 1,)
         Distance of the nodes from the left end in m. Kept apart from the
         origin: far from x = 0 the x of two near nodes lose digits.
     element_lengths : ndarray, shape (n_elements,)
-        In m; known better than from differences of `arc`.
+        Lengths of the elements, m. They are more accurate than differences of `arc`.
     mesh : LineMesh, optional
         What names nodes and elements.
     """
@@ -146,7 +146,7 @@ def axis_of(label: str, length: float, elements: Any) -> Axis:
     label : str
         The beam, for messages.
     length : float
-        In m, positive.
+        Length of the axis, m, positive.
     elements : int, array_like or LineMesh
         The number of equal elements, the x of all nodes, or a mesh.
 

@@ -242,7 +242,7 @@ class BaseBody:
 
     def resolve(self, point: Point) -> Row:
         """Return the row of a point: its own where it lies on this body, else that of the same x."""
-        return point.row() if point.body is self else self.at(getattr(point, "x", 0.0)).row()
+        return point.row() if point.body is self else self.at(place_of(point)).row()
 
     def supported_at(self, where: Any) -> IntArray:
         """Return the supported degrees of freedom at x, "left" or "right"."""
@@ -262,7 +262,7 @@ class BodyPoint:
     ----------
     body : Body
     x : float
-        In m.
+        Place on the axis, m.
     """
 
     def __init__(self, body: Any, x: float) -> None:
@@ -335,6 +335,11 @@ def automatic_name(name: str | None, kind: str) -> str:
     if not isinstance(name, str) or not name:
         raise ArgumentError(f"{kind}: name is {name!r}, expected a non-empty string")
     return name
+
+
+def place_of(point: Point) -> float:
+    """Return the x of a point on its body in m; 0 where the body is a point, such as a mass."""
+    return float(getattr(point, "x", 0.0))
 
 
 def as_point(what: str, value: Any) -> Point:

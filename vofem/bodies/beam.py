@@ -315,7 +315,7 @@ class Beam:
         Parameters
         ----------
         x : array_like, shape (k,)
-            In m.
+            Place on the axis, m.
         derivative : int
             0 to 3.
 
@@ -357,7 +357,7 @@ class Beam:
         Parameters
         ----------
         field : number or callable of an array x
-            In m or m/s.
+            The field: a number or a callable of x, m or m/s.
         what : str
             "initial displacement" or the like, for messages.
 

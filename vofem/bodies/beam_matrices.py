@@ -26,7 +26,7 @@ def beam_matrices(
     ----------
     axis : Axis
     EI, rhoA : Coefficient
-        In N m^2 and kg/m.
+        Bending stiffness, N m^2, and mass per length, kg/m.
     tension : float
         Axial force in N.
     supports : dict of int to str

@@ -31,10 +31,10 @@ def evaluate_along(what: str, function: Any, x: Array, *, positive: bool = False
     Parameters
     ----------
     what : str
-        For messages.
+        What messages call the coefficient.
     function : callable of an array x
     x : ndarray
-        In m.
+        Places on the axis, m.
     positive, negative : bool
         Whether values must be positive, and whether they may be negative.
 

@@ -23,7 +23,7 @@ def project(label: str, field: Any, axis: Axis, supports: Mapping[int, str]) -> 
     label : str
         The field, for messages, such as ``initial velocity of Beam 'deck'``.
     field : number or callable of an array x
-        In m or m/s.
+        The field: a number or a callable of x, m or m/s.
     axis : Axis
     supports : dict of int to str
         The kind of support of every supported node.

@@ -11,10 +11,10 @@ from vofem._validate import HUGE
 from vofem.bodies.base import Array, IntArray
 from vofem.errors import ArgumentError, MeshError
 
-#: How far a node may lie off the straight line between the ends, per length: single precision passes.
+#: Largest distance of a node from the straight line between the ends, over the length. Single precision suffices.
 STRAIGHT = 1e-6
 
-#: How far an axis may lie off the direction of x, per length, and still be measured by x.
+#: Largest deviation of an axis from the direction of x, over the length, at which x is used as its coordinate.
 _ALONG_X = 1e-9
 
 
@@ -83,7 +83,7 @@ def chain(
     source : str
         The file, for messages.
     coordinates : ndarray, shape (n_nodes, 3)
-        In m.
+        Coordinates of the nodes, m.
     lines : ndarray of int, shape (n_lines, 2)
         The two nodes of each line, in any order and direction.
     points, subdomains : dict
@@ -166,7 +166,7 @@ def _follow(source: str, coordinates: Array, lines: IntArray) -> tuple[IntArray,
         nodes.append(node)
         passed.append(line)
     if len(passed) < len(lines):
-        ends = ends[:1000]  # all pairs are looked at
+        ends = ends[:1000]  # all pairs are compared
         gap = np.linalg.norm(coordinates[ends[:, None]] - coordinates[ends[None, :]], axis=-1)
         closest = np.min(gap[np.triu_indices(ends.size, 1)])
         cure = (

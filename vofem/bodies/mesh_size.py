@@ -168,7 +168,7 @@ def _check_med(source: str, file: Path) -> None:
 
     total = 0
 
-    def look(group: Any) -> None:
+    def visit(group: Any) -> None:
         nonlocal total
         for name in group:
             link = group.get(name, getlink=True)
@@ -184,7 +184,7 @@ def _check_med(source: str, file: Path) -> None:
                 address = h5py.h5o.get_info(item.id).addr
                 if address not in seen:
                     seen.add(address)
-                    look(item)
+                    visit(item)
             elif isinstance(item, h5py.Dataset):
                 if item.external or item.is_virtual:
                     raise MeshError(f"{source} keeps {item.name!r} in other files; expected one file with everything")
@@ -195,7 +195,7 @@ def _check_med(source: str, file: Path) -> None:
     seen: set[int] = set()
     try:
         with h5py.File(file, "r") as opened:
-            look(opened)
+            visit(opened)
     except MeshError:
         raise
     except Exception:

@@ -57,7 +57,7 @@ def _accuracy(arguments: argparse.Namespace) -> int:
 
 
 def show_progress(done: int, total: int, what: str) -> None:
-    """Say on one line of the terminal how far a study is."""
+    """Show the progress of a study on one line of the terminal."""
     text = f"{done} of {total}  {what}" if what else ""
     sys.stderr.write(f"\r\x1b[K{text}")
     sys.stderr.flush()

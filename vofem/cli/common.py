@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 #: Where a command adds its parser.
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 
-#: Exit codes: all went well; vofem found a fault and said which. argparse itself takes 2 for wrong usage.
+#: Exit codes of success and of an error that vofem has reported. argparse takes 2 for wrong usage.
 FINE, FAULT, INTERRUPTED = 0, 1, 130
 
 

@@ -38,7 +38,10 @@ def write(result: Result, output: OutputSettings, folder: Path, studio: Studio |
 def begin_pictures(
     result: Result, output: OutputSettings, folder: Path, studio: Studio
 ) -> list[tuple[Path, Drawing, Path]]:
-    """Let a studio begin with the side views; return for each where it will be, what is on it, and where it goes."""
+    """Start drawing the side views in another process.
+
+    Returns the temporary path of each, what it shows, and its final path.
+    """
     from vofem.io.render import sketched
     from vofem.io.run_pictures import picture_times
 

@@ -37,7 +37,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print("vofem: interrupted", file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:
-        # The reader of the output has gone, as with `vofem explain ... | head`: nothing is left to be said.
+        # The program that reads the output has ended, as in `vofem explain ... | head`, so nothing more can be printed.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FINE
 

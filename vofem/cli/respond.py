@@ -38,7 +38,7 @@ def _respond(arguments: argparse.Namespace) -> int:
     from vofem.studies.steady import continuation
 
     file = load_scene(arguments.scene)
-    # Says what is missing before anything else is done.
+    # Raises for missing arguments before any work is done.
     file.at(arguments.start)
     point, options = _point(arguments, file), _options(arguments, file)
     folder = made(arguments.output or Path("output") / arguments.scene.stem)

@@ -41,7 +41,8 @@ def _run(arguments: argparse.Namespace) -> int:
         if not arguments.no_pictures:
             from vofem.io.pictures.studio import Studio
 
-            # Started before all else: it gets ready while this process imports what it needs and the run takes place.
+            # The process that draws pictures starts before all else. It gets ready while this process imports what it
+            # needs and while the run takes place.
             studio = stack.enter_context(Studio())
         from vofem.blas import blas_threads
         from vofem.io.scene_file import load_scene
@@ -51,7 +52,7 @@ def _run(arguments: argparse.Namespace) -> int:
         print(explain(file.scene, *limits(file)))
         print_method(file, arguments.method)
         print(flush=True)
-        # Made first: a run that is long shall not end in a folder that cannot be.
+        # The folder is made first, so that a long run does not end because it cannot be made.
         folder = made(arguments.output or Path("output") / arguments.scene.stem)
         if arguments.save is not None:
             from vofem.io.storage.run_file import check_target
@@ -67,7 +68,7 @@ def _simulated(arguments: argparse.Namespace, file: SceneFile, folder: Path, stu
 
     result = file.simulate(**_changes(arguments, file))
     if result.interrupted:
-        # Energies and pictures may take as long as the run; who has pressed Ctrl-C wants the prompt.
+        # Energies and pictures may take as long as the run, and a user who has pressed Ctrl-C does not want to wait.
         print("interrupted: energies and pictures are left out", flush=True)
         studio = None
     print(tables.counter_line(result), end="\n\n")
@@ -90,7 +91,7 @@ def _changes(arguments: argparse.Namespace, file: SceneFile) -> dict[str, Any]:
     if file.run is not None and times is not None and "t_end" in changes:
         t_end = changes["t_end"]
         within = [t for t in np.asarray(times, dtype=float).tolist() if t <= t_end]
-        # A start alone is no history.
+        # A single time gives no history.
         kept = len(within) > 1
         changes["times"] = within if kept else None
         if len(within) < len(times):

@@ -32,7 +32,7 @@ def _verify(arguments: argparse.Namespace) -> int:
     from vofem.verification import FAILED, catalogue, select, verify
     from vofem.verification.report import junit, markdown, markdown_details, summary, text_header, text_lines
 
-    # Checked first: minutes of runs shall not end in a file that cannot be.
+    # The file is checked first, so that minutes of runs do not end because it cannot be written.
     files: list[tuple[Path, str, Callable[..., str]]]
     files = [] if arguments.junit is None else [(arguments.junit, ".xml", junit)]
     if arguments.markdown is not None:

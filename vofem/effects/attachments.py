@@ -16,7 +16,7 @@ class Spring(TwoPoints):
     a, b : points
         ``beam.at(x)`` or a `Mass`. Without b it acts between a and the ground.
     stiffness : float
-        In N/m, not negative; in N m/rad where it acts on rotations.
+        Stiffness, N/m, not negative; N m/rad where the spring acts on rotations.
     of : {"displacement", "rotation"}
         Whether it acts on displacements (m, N) or on rotations of beams (rad, N m).
     """
@@ -72,7 +72,7 @@ class RotationalSpring:
     other : point of a beam, optional
         With it the spring acts on the difference of both slopes, otherwise on the slope at `point`.
     stiffness : float
-        In N m/rad, not negative.
+        Stiffness, N m/rad, not negative.
     """
 
     def __init__(self, point: Point, other: Point | None = None, *, stiffness: float) -> None:
@@ -104,7 +104,7 @@ class PointMass:
     point : point
         ``beam.at(x)`` or a `Mass`.
     mass : float
-        In kg, not negative.
+        Mass, kg, not negative.
     inertia : float
         Rotary inertia in kg m^2, not negative. Only points of beams can have one.
     """

@@ -21,7 +21,7 @@ class BaseMotion:
     body : Beam or Mass
         The body that stands on the base.
     acceleration : float, TimeFunction or callable of t
-        Of the base, in m/s^2, positive upward.
+        Acceleration of the base, m/s^2, positive upward.
     """
 
     def __init__(self, body: Body, acceleration: Load) -> None:

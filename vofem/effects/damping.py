@@ -17,9 +17,9 @@ class RayleighDamping:
     Parameters
     ----------
     alpha : float
-        In 1/s, not negative.
+        Factor of the mass matrix, 1/s, not negative.
     beta : float
-        In s, not negative; 0 where not given.
+        Factor of the stiffness matrix, s, not negative; 0 where not given.
     """
 
     def __init__(self, alpha: float, beta: float = 0.0) -> None:

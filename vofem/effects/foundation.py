@@ -95,7 +95,7 @@ class Foundation:
         held = {node for node, kind in self.beam.supports.items() if kind != "guided"}
         displacements = np.flatnonzero(~self.beam.degrees_of_freedom.rotation)
         for node, stiffness in enumerate(self.along(self.beam.nodes) * share):
-            # A node on a support never moves, one without stiffness never pushes.
+            # Nodes on a support do not move, and nodes without stiffness exert no force.
             if node in held or stiffness == 0.0:
                 continue
             row = Row(np.array([offset + displacements[node]]), np.array([-1.0]))

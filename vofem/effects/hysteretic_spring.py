@@ -94,7 +94,7 @@ class HystereticSpring(TwoPoints):
         Parameters
         ----------
         elongation : float
-            In m.
+            Elongation of the spring, m.
         force : float
             The applied force in N.
         rising : bool

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from vofem._validate import choice, one_of
-from vofem.bodies.base import Point
+from vofem.bodies.base import Point, place_of
 from vofem.errors import ArgumentError
 
 _SIDES = ("below", "above")
@@ -33,9 +33,5 @@ def side_of(label: str, between: str, b: Any, side: Any) -> str | None:
 
 def distinct(label: str, a: Point, b: Point | None) -> None:
     """Raise `ArgumentError` if both points of a contact are the same point."""
-    if (
-        b is not None
-        and a.body is b.body
-        and np.isclose(getattr(a, "x", 0.0), getattr(b, "x", 0.0), rtol=1e-12, atol=0.0)
-    ):
+    if b is not None and a.body is b.body and np.isclose(place_of(a), place_of(b), rtol=1e-12, atol=0.0):
         raise ArgumentError(f"{label}: a and b are the same point, {a.describe()}; a stop has no b")

@@ -43,9 +43,9 @@ class Backbone:
     Parameters
     ----------
     label : str
-        For messages.
+        What messages call the spring.
     stiffness, linear_limit : float
-        In N/m and m.
+        Initial stiffness, N/m, and the elongation up to which the spring is linear, m.
     softening : LinearSoftening or callable, optional
         Eq. 24 where not given.
     """

@@ -32,7 +32,7 @@ class Springpot(TwoPoints):
     a, b : points
         ``beam.at(x)`` or a `Mass`. Without b it acts between a and the ground.
     coefficient : float
-        In N s^order/m, not negative.
+        Coefficient of the law, N s^order/m, not negative.
     order : float or callable
         A number in (0, 1], or a function of time with values in [0, 1]. Such a
         function is a callable that takes an array of times in s, for example a

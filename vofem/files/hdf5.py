@@ -44,13 +44,13 @@ class GuardedFile(io.RawIOBase):
     """A file under HDF5's feet that never fails: the first error is kept in `error`, and later writes go nowhere.
 
     HDF5 that meets a full disk can neither finish nor close its file, and is
-    left in a state that ends the process. It is told that all went well
+    left in a state that ends the process. HDF5 is told that all went well
     instead; whoever writes looks at `error`.
 
     Parameters
     ----------
     path : Path
-        Of a file that exists.
+        Path of a file that exists.
     """
 
     def __init__(self, path: Path) -> None:
@@ -171,7 +171,7 @@ def reading(path: str | os.PathLike[str], expected: str = "a file that Result.sa
     ----------
     path : path
     expected : str
-        For messages.
+        What messages say was expected.
 
     Raises
     ------

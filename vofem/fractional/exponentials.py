@@ -39,7 +39,7 @@ class Exponentials:
     rates : ndarray, shape (k,)
         Exponents in 1/s; the first ``len(moments)`` stand for all slow ones.
     spacing : float
-        Of the other ones, in the logarithm.
+        Distance of the logarithms of the other rates.
     moments : ndarray, shape (m, m)
         From moments of the slow part to weights at its rates.
     slowest : float

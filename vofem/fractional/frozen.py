@@ -42,7 +42,7 @@ def frozen(function: Sampled, orders: Array, method: str, start: Sequence[float]
     function : Sampled
         Passed by `check`.
     orders : ndarray, shape (n,)
-        At most 2, in L1 at most 1.
+        Orders of the derivative, at most 2; for the scheme L1 at most 1.
     method : str
         One of `METHODS`.
     start : sequence of float

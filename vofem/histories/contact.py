@@ -30,7 +30,7 @@ class ContactHistory:
     ----------
     name : str
     units : Units
-        Of force, stiffness and impulse.
+        Units of force, stiffness and impulse.
     """
 
     def __init__(self, run: Run, laws: ContactLaws, index: int, units: Units = UNITS["displacement"]) -> None:
@@ -93,7 +93,7 @@ class ContactHistory:
         count : int
             How many.
         tolerance : float
-            Of forces between events, over the largest force.
+            Error of forces between events that is accepted, over the largest force.
         """
         return ImpactRecord(self._run, self._laws, self._index, self.units, count, tolerance).impacts()
 

@@ -18,7 +18,7 @@ from vofem.system import ContactLaws
 
 Array = NDArray[np.float64]
 
-#: A contact that is closed at t = 0 by more than this share of its gap and its displacement did not close then.
+#: A contact with a penetration at t = 0 beyond this share of gap and displacement counts as closed before t = 0.
 _AT_GAP = 1e-9
 
 _UNKNOWN = (
@@ -29,7 +29,7 @@ _UNKNOWN = (
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Impacts:
-    """The impacts of a contact in the order of time: stretches in which it is closed, or pinned at its gap.
+    """The impacts of a contact in the order of time: the intervals in which it is closed or pinned at its gap.
 
     Of a contact that acts on rotations m stands for rad and N for N m. A force or a work that the run does not know is
     NaN, and `why` says the reason.
@@ -37,7 +37,7 @@ class Impacts:
     Attributes
     ----------
     name : str
-        Of the contact.
+        Name of the contact.
     closing, opening : ndarray, shape (n,)
         In s. The first impact begins at 0 where the contact starts closed.
     ended : ndarray of bool, shape (n,)
@@ -136,7 +136,7 @@ class ContactStatistics:
     mean_duration : float
         Of the impacts that begin in the window and end within the run, s.
     mean_approach_speed, largest_approach_speed : float
-        Of the impacts that begin in the window, m/s.
+        Mean and largest approach speed of the impacts that begin in the window, m/s.
     peak_force : float
         The force of largest magnitude in the window, N.
     mean_force, rms_force : float
@@ -156,7 +156,7 @@ class ContactStatistics:
     absorbed_rate : float
         `absorbed` over the length of the window, W.
     error : float
-        As of `Impacts`.
+        Estimated relative error; see `Impacts`.
     units : Units
     why : str
         Why forces are not known; empty where they are.
@@ -224,7 +224,7 @@ class ImpactRecord:
     most : int, optional
         How many impacts are looked at, from the first on; all where not given.
     tolerance : float
-        Of forces between events, over the largest.
+        Error of forces between events that is accepted, over the largest force.
     """
 
     def __init__(
@@ -286,7 +286,7 @@ class ImpactRecord:
         t_end = float(self._run.solution.t_end)
         begin, end = window_of(f"statistics of contact {self._laws.names[self._index]!r}", window, t_end)
         span, length = self.span, end - begin
-        # What begins at the very end of a window belongs to the next one, but for that of the run.
+        # An impact that begins exactly at the end of a window belongs to the next window, if there is one.
         started = (span.begin >= begin) & ((span.begin < end) | (end >= t_end))
         finished = started & span.ended
         count = int(np.sum(started))
@@ -348,7 +348,7 @@ def _largest(values: Array, of: NDArray[np.int64], count: int) -> Array:
     """Return for each of `count` groups the value of largest magnitude, 0 where there is none."""
     order = np.lexsort((np.abs(values), of))
     found = np.zeros(count)
-    # The last entry of each group stays.
+    # Assignment keeps the last entry of each group.
     found[of[order]] = values[order]
     return found
 

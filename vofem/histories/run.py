@@ -1,4 +1,4 @@
-"""What a history asks of a run."""
+"""The attributes of a run that histories use."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Run(Protocol):
 
     @property
     def solution(self) -> Solution:
-        """What the integrator left behind."""
+        """The solution of the integrator."""
 
     @property
     def times(self) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import optional
-from vofem.bodies.base import as_point
+from vofem.bodies.base import as_point, place_of
 from vofem.effects.two_points import units_of
 from vofem.histories.contact import ContactHistory
 from vofem.histories.energy import Energy
@@ -53,13 +53,13 @@ _STATUS = {OPEN: "opens", CLOSED: "closes", PINNED: "is pinned"}
 def points_of_interest(scene: Scene) -> tuple[Any, ...]:
     """Return the points of the contacts and, where there are none, of the other effects.
 
-    A body that none of them touches gives its own: a mass itself, a line its right end.
+    A body without such a point is represented by itself if it is a mass, and by its right end if it is a line.
     """
     points: dict[tuple[str, float], Any] = {}
     contacts = scene.contacts
     for effect in (*contacts, *(() if contacts else scene.effects)):
         for point in effect.points():
-            points.setdefault((point.body.name, getattr(point, "x", 0.0)), point)
+            points.setdefault((point.body.name, place_of(point)), point)
     touched = {name for name, _ in points}
     for body in scene.bodies:
         if body.name not in touched:
@@ -68,7 +68,7 @@ def points_of_interest(scene: Scene) -> tuple[Any, ...]:
 
 
 def named_points(what: str, scene: Scene, points: Mapping[str, Any] | Iterable[Any] | None) -> dict[str, Any]:
-    """Return points by name: those that are given, or some telling ones of the scene."""
+    """Return points by name: those that are given, else points of interest of the scene."""
     if points is None:
         points = points_of_interest(scene)[:MOST]
     if isinstance(points, Mapping):

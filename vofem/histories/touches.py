@@ -21,20 +21,20 @@ from vofem.system import OPEN, PINNED, ContactLaws
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-#: Coefficients of a panel of a continuous motion, and of a step.
+#: Number of Chebyshev coefficients of a panel of a continuous motion, and of a step.
 _SMOOTH, _STEP = 16, 6
 
 #: Last coefficients, over the largest value of the quantity, below which a panel counts as resolved. What is left
 #: alternates in sign, so that integrals are better by orders.
 RESOLVED = 1e-10
 
-#: Halvings of a panel, and panels of one contact, after which it is left as it is.
+#: Largest number of halvings of a panel, and of panels of one contact. Panels are halved no further then.
 _DEPTH, _PANELS = 40, 40_000
 
-#: Numbers that one evaluation of the motion may hold.
+#: Largest number of entries of one evaluation of the motion, which bounds the memory.
 _NUMBERS = 4_000_000
 
-#: Points at which a polynomial is looked at for changes of sign and extremes, and rounds in which these are narrowed.
+#: Points at which a polynomial is evaluated to find changes of sign and extremes, and rounds of refinement of these.
 _LOOKS, _ROUNDS = 33, 5
 
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(_SMOOTH)
@@ -47,7 +47,7 @@ class Span:
     Attributes
     ----------
     begin, end : ndarray, shape (k,)
-        In s.
+        Begin and end of every touch, s.
     ended : ndarray of bool, shape (k,)
         False where the run ends first.
     """
@@ -94,9 +94,9 @@ class Integrals:
     Attributes
     ----------
     time : ndarray
-        In s.
+        Time, s.
     force, square : ndarray
-        Of the force and of its square, N s and N^2 s.
+        Integrals of the force, N s, and of its square, N^2 s.
     work : ndarray
         Done on the contact, J.
     pressed : ndarray
@@ -125,7 +125,7 @@ class Touches:
     error : float
         Largest last coefficient over the largest value: 0 of a stepping method, whose motion is known as polynomials.
     stiffness : float, optional
-        Of a contact whose force is that of a spring alone, N/m.
+        Stiffness of a contact whose force is that of a spring alone, N/m.
     """
 
     span: IntArray
@@ -217,11 +217,11 @@ def resolve(
     index : int
         Number of the contact.
     begin, end : ndarray, shape (k,)
-        In s, in order and apart.
+        Begin and end of the intervals, s, in ascending order and without overlap.
     tolerance : float
-        Of force and rate between events, over their largest values.
+        Error of force and rate between events that is accepted, over their largest values.
     """
-    # Under an undamped ideal law the force tells the rate too. It is far smoother: fast modes have large velocities.
+    # Under an undamped ideal law the rate follows from the force, which is smoother: fast modes have large velocities.
     elastic = run.solution.continuous and laws.damping[index] == 0.0 and np.isinf(laws.resolution[index])
     motion = _Sampler(run, laws, index, rates=not elastic)
     span, low, high = _smooth_pieces(run, begin, end)
@@ -231,7 +231,7 @@ def resolve(
         found = _adapted(motion, span, low, high, tolerance)
         return _with_rates(found, run, float(laws.stiffness[index]), index) if elastic else found
     except ArgumentError:
-        # A stepping method that was asked for few times knows its contacts at those times only.
+        # A stepping run with few stored times knows the forces of its contacts at those times only.
         return None
 
 
@@ -269,7 +269,7 @@ class _Sampler:
         force, rate = np.zeros((2, times.size))
         for start in range(0, times.size, self._block):
             part = slice(start, start + self._block)
-            # One after the other: what both need is computed once.
+            # One thread at a time, so that the forces that both need are computed once.
             force[part] = self._solution.contacts(times[part]).force[self._index]
             if self._rates:
                 rate[part] = self._solution.sample(times[part]).along(self._row, "v")[0]

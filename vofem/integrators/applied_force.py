@@ -62,7 +62,7 @@ class AppliedForce:
                 # A jump of the force is a very fast rise or fall.
                 rising = at_left > before
             samples = np.linspace(left, right, self._samples_between(left, right, t_end) + 1)
-            # Rates within the span: at its end the one of the next span may be told.
+            # Rates are taken within the span, because at its end a function may return the rate of the next span.
             samples[-1] = right - 1e-9 * (right - left)
             rates = np.array([rate(t) for t in samples.tolist()])
             small = 1e-14 * np.max(np.abs(rates))

@@ -88,7 +88,7 @@ class ContactSamples:
     stiffness : ndarray
         K_eq in N/m (Eq. 12a); of a pinned contact, reaction over gap.
     force : ndarray
-        In N, positive where it pushes the bodies apart.
+        Contact force, N, positive where it pushes the bodies apart.
     """
 
     status: NDArray[np.int64]
@@ -114,7 +114,7 @@ class SpringSamples:
     Attributes
     ----------
     force : ndarray
-        In N, positive in tension.
+        Spring force, N, positive in tension.
     stored : ndarray
         Energy that would be given back, J.
     dissipated : ndarray
@@ -210,9 +210,9 @@ class Solution(Protocol):
     Attributes
     ----------
     t_end : float
-        In s.
+        End of the run, s.
     times : ndarray, shape (n_times,)
-        In s.
+        Times at which states are stored, s.
     counters : Counters
     notes : list of str
     """

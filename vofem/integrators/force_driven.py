@@ -28,8 +28,8 @@ from vofem.integrators.applied_force import AppliedForce
 from vofem.integrators.base import Energies, Samples, SpringSamples
 from vofem.integrators.damping_matrix import damping_matrix
 from vofem.integrators.methods import FORCE_DRIVEN
+from vofem.integrators.observer import Observer, Snapshot, deferred_interrupts
 from vofem.integrators.stepped import SteppedSolution, step_count
-from vofem.integrators.watching import Snapshot, Watch, deferred_interrupts
 from vofem.laws import PrintedLaw, PrintedLaws
 from vofem.system import Counters, Events, State, System
 
@@ -67,7 +67,7 @@ def run(
     t_end: float,
     times: Array | None,
     dt: float | None = None,
-    watch: Watch | None = None,
+    watch: Observer | None = None,
     resume: Snapshot | None = None,
 ) -> SteppedSolution:
     """Simulate from the start state at t = 0 to t_end; `Method` describes the arguments.
@@ -122,7 +122,7 @@ class _Run:
 
         return rates
 
-    def solve(self, t_end: float, watch: Watch | None, resume: Snapshot | None) -> SteppedSolution:
+    def solve(self, t_end: float, watch: Observer | None, resume: Snapshot | None) -> SteppedSolution:
         """Return the whole motion."""
         regime = _Regime(True, abs(self.y[0]) > self.law.linear_limit, 0.0)
         # The spring has no past: what it holds at the start it was given before.

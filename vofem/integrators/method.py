@@ -33,7 +33,7 @@ class Method:
     Parameters
     ----------
     name : str
-        As in ``method=``.
+        The name that a user gives as ``method=``.
     run : callable
         ``run(system, start, t_end, times, *, watch, resume, **arguments)``, which returns a `Solution`; see
         `vofem.integrators.base`. The arguments are the options of the method and, as the flags below say,
@@ -71,9 +71,9 @@ class Method:
 
     system : System
     start : State
-        At t = 0.
+        The state at t = 0.
     t_end : float
-        In s.
+        End of the run, s.
     times : ndarray or None
         Where results are stored, in s. None stores every step; with `tol`, 1001 uniform times.
     dt : float or None
@@ -82,7 +82,7 @@ class Method:
         Chooses the steps: the estimated errors of all steps together stay below this fraction of the largest
         displacement, which a rough run of a thousand steps finds beforehand. Impacts are resolved. Velocities and
         contact forces are not bounded by it.
-    watch : Watch or None
+    watch : Observer or None
         Called with the time reached.
     resume : dict or None
         A snapshot of the same run, from which the run goes on.

@@ -32,7 +32,7 @@ EVENT_DRIVEN = Method(
     reason=_is_exact,
 )
 
-#: Whether a second run from a start nearby tells how quickly errors grow; see `stepping.nearby`.
+#: Option: whether a second run from a start nearby shows how quickly errors grow; see `stepping.nearby`.
 _NEARBY: dict[str, object] = {"nearby": None}
 
 ENERGY_CONSERVING = Method(

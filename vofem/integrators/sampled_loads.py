@@ -17,7 +17,7 @@ def loads_by_values(system: System, t_end: float) -> list[str]:
     ----------
     system : System
     t_end : float
-        In s.
+        End of the run, s.
     """
     notes = []
     for load in system.loads:

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 #: What second rates may bend the quintic, over the way of the step, before they are left out; motion of which a step is
 #: a sixth of the period stays below 2.
-_SWING = 12.0
+_OVERSHOOT = 12.0
 
 
 @dataclass
@@ -31,11 +31,11 @@ class SteppedSolution:
     times : ndarray, shape (n_times,)
         Stored times, s.
     samples : Samples
-        Of shape (n, n_times).
+        States at the stored times, each of shape (n, n_times).
     stored : Energies
-        In the method's own discrete form.
+        Energies at the stored times, in the discrete form that the method balances.
     start_energy : float
-        At t = 0, in the same form, J.
+        Energy at t = 0 in the same form, J.
     dt : float
         Step size, s.
     springs : SpringSamples, optional
@@ -148,11 +148,11 @@ def quintic(
 
     The second rate is on the line between both: in that of the quintic the
     errors of values at the ends would come back divided by h squared. Where second rates contradict values and rates
-    so much that the quintic would swing out, as where something stiff was touched between the ends, the value
+    so much that the quintic would overshoot, as where something stiff was touched between the ends, the value
     is that of `restrained`.
     """
     bend = (v1 - v0) / h
-    if h * h * (abs(a0 - bend) + abs(a1 - bend)) > _SWING * (h * (abs(v0) + abs(v1)) + abs(q1 - q0)):
+    if h * h * (abs(a0 - bend) + abs(a1 - bend)) > _OVERSHOOT * (h * (abs(v0) + abs(v1)) + abs(q1 - q0)):
         return *restrained(x, h, q0, v0, q1, v1), a0 + x * (a1 - a0)
     # Newton form about the left end: remainders after the Taylor polynomial there.
     dq = (q1 - q0) - h * (v0 + 0.5 * h * a0)
@@ -202,10 +202,10 @@ def _interpolated(
     smooth, bounded = _between(x, h, begin, end), _restrained(x, h, begin, end)
     (q0, v0, a0), (q1, v1, a1) = begin, end
     bend = (v1 - v0) / h
-    swings = h * h * (np.abs(a0 - bend) + np.abs(a1 - bend)) > _SWING * (
+    overshoots = h * h * (np.abs(a0 - bend) + np.abs(a1 - bend)) > _OVERSHOOT * (
         h * (np.abs(v0) + np.abs(v1)) + np.abs(q1 - q0)
     )
-    held = kinked | swings
+    held = kinked | overshoots
     ends = [x == 0.0, x == 1.0]
     q, v, a = (
         np.select(ends, both, np.where(held, limited, free))

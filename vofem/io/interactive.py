@@ -44,7 +44,7 @@ def show(
     window : (float, float), optional
         Begin and end of the slider in s; the whole run where not given.
     magnification : float, optional
-        Of displacements and gaps; chosen where not given.
+        Factor by which displacements and gaps are enlarged; chosen where not given.
     scalars : str, optional
         The field that is shown in colours, one of `vofem.io.vtk.write_series`; the bending moment where there are
         beams, else the velocity.

@@ -62,14 +62,14 @@ def draw_scene(
     ----------
     outcome : Result or Equilibrium
     t : float or None
-        In s; None for an equilibrium.
+        Time, s; None for an equilibrium.
     path : path of a .png, .pdf or .svg
     scene : Scene, optional
-        That of an equilibrium.
+        The scene of an equilibrium.
     size : tuple of int
         Width and height in pixels.
     magnification : float, optional
-        Of displacements; chosen where not given.
+        Factor by which displacements are enlarged; chosen where not given.
 
     Returns
     -------

@@ -58,10 +58,10 @@ def render(
     ----------
     result : Result or Equilibrium
     t : float or None
-        In s; None for an equilibrium.
+        Time, s; None for an equilibrium.
     path : path of a .png
     scene : Scene, optional
-        That of an equilibrium.
+        The scene of an equilibrium.
     size : tuple of int
         Width and height in pixels.
     magnification : float, optional

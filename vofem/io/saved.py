@@ -63,7 +63,7 @@ def resume(
         The same scene again. It is needed if the scene contains Python
         functions, which a file cannot hold.
     progress : bool or callable, optional
-        As in `vofem.simulate`.
+        See `vofem.simulate`.
     checkpoint_every : float
         Seconds of wall time between two checkpoints.
 

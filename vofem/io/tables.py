@@ -29,7 +29,7 @@ def contact_table(result: Result, name: str, most: int = 20) -> str:
     ----------
     result : Result
     name : str
-        Of the contact.
+        Name of the contact.
     most : int
         How many impacts are shown; the rest is counted.
     """

@@ -48,10 +48,10 @@ class SeriesOutcome:
     Attributes
     ----------
     path : Path
-        Of the index, to be opened in ParaView.
+        Path of the index file, which ParaView opens.
     frames : int
     bytes : int
-        Of all files together.
+        Size of all files together.
     """
 
     path: Path
@@ -98,7 +98,7 @@ def write_series(
         Of the index, ``NAME.pvd``, in a folder that exists; or a folder, made
         where there is none, for ``series.pvd`` in it.
     times : array_like, optional
-        In s, increasing; `result.times` where not given.
+        Times of the frames, s, increasing; `result.times` where not given.
     points_per_element : int
         2 or more.
     magnification : float
@@ -157,7 +157,7 @@ def frames(
     ----------
     source : Result, or path of a saved run or of a .pvd
     times : array_like, optional
-        Of a Result, in s; `result.times` where not given.
+        Times of the frames of a Result, s; `result.times` where not given.
     magnification : float, optional
         Of displacements. Of a file that of the file where not given, with which its stops are drawn; of a Result 1.
 

@@ -14,7 +14,7 @@ from vofem.laws.paper import LinearLevel, PrintedLaw, PrintedLaws
 from vofem.laws.smooth import ScalarLaw, SmoothLaw, SmoothLaws
 from vofem.laws.springpot import SpringpotLaw, SpringpotLaws
 
-#: What readers call the laws of this package, in their order.
+#: Names of the kinds of laws for messages, in the order of the kinds.
 KINDS = tuple(dict.fromkeys(group.kind for group in (ContactLaws, SmoothLaws, HystereticLaws, SpringpotLaws)))
 
 __all__ = [

@@ -76,7 +76,9 @@ class Callbacks:
             self._calls += 1
             try:
                 value = asked[what](u0, u1)
-            except BaseException as error:  # KeyboardInterrupt too: it is raised again once compiled code is left.
+            except (
+                BaseException
+            ) as error:  # KeyboardInterrupt is stored too, and raised again after the compiled code has returned.
                 if self._failure is None:
                     self._failure = error
                 return float("nan")

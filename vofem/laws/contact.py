@@ -46,7 +46,7 @@ class ContactLaws(LawGroup):
     names : tuple of str
     rows : csr_matrix, shape (n_contacts, n)
     gap, stiffness, damping : ndarray, shape (n_contacts,)
-        In m, N/m, N s/m.
+        Gap, m, stiffness K0, N/m, and coefficient of the damper, N s/m.
     jump : ndarray of bool, shape (n_contacts,)
         Whether the force acts on the whole displacement.
     resolution : ndarray, shape (n_contacts,)
@@ -165,7 +165,7 @@ class ContactLaws(LawGroup):
         for j in np.flatnonzero(self.jump & np.isinf(self.resolution) & (self.gap > 0.0)):
             lever, ramp = self.gap[j], _RAMP * self.gap[j]
             within = np.clip(s[j], 0.0, ramp)
-            # What the force on its way up leaves out of the potential of a force that jumps.
+            # The part of the potential of a jump that the steep rise of the force leaves out.
             total = total - self.stiffness[j] * lever * within * (1.0 - 0.5 * within / ramp)
         for j in resolved:
             lever, k, s0 = self.gap[j] - self.offset[j], self.stiffness[j], self.resolution[j]

@@ -84,7 +84,7 @@ class LawGroup:
 
     kind: ClassVar[str] = "laws"
 
-    #: Where the group stands among those of a system; contacts come first.
+    #: Position of the group among those of a system; contacts come first.
     place: ClassVar[int] = 1
 
     rows: csr_matrix

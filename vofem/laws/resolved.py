@@ -19,7 +19,8 @@ from vofem.linalg.jit import jit
 
 Array = NDArray[np.float64]
 
-_REACH = 40
+#: Argument of the resolved switch, in units of 1/s0, from which on it is 1 to rounding; nodes of its table per unit.
+_END = 40
 _PER_UNIT = 2
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 
@@ -29,7 +30,7 @@ def switch(x: float) -> float:
     """Return ``1/Gamma(1 - exp(-x))`` for x > 0, else 0."""
     if x <= 0.0:
         return 0.0
-    if x >= _REACH:
+    if x >= _END:
         return 1.0
     rise = -math.expm1(-x)
     # 1/Gamma(r) is r where the gamma function itself would overflow.
@@ -39,7 +40,7 @@ def switch(x: float) -> float:
 def _table() -> Array:
     """Return the integrals of 1 and x times the switch from 0 to every panel's edge, shape (2, n_edges)."""
     width = 1.0 / _PER_UNIT
-    left = np.arange(_REACH * _PER_UNIT) * width
+    left = np.arange(_END * _PER_UNIT) * width
     x = left[:, None] + 0.5 * width * (1.0 + _NODES)
     plain = switch.py_func  # type: ignore[attr-defined]
     value = 0.5 * width * np.array([plain(one) for one in x.ravel().tolist()]).reshape(x.shape)
@@ -55,7 +56,7 @@ def resolved_force(s: float, s0: float, lever: float) -> tuple[float, float]:
     """Return ``k(s) (s + lever)`` of unit stiffness and its derivative by s, for s > 0."""
     x = s0 * s
     level = switch(x)
-    if x >= _REACH:
+    if x >= _END:
         return s + lever, 1.0
     # The slope steers an iteration only: a difference quotient serves.
     width = 1e-6 * max(x, 1e-6)
@@ -79,12 +80,12 @@ def _within(a: float, b: float) -> tuple[float, float]:
 @jit
 def _rising(a: float, b: float) -> tuple[float, float]:
     """Integrate 1 and x times the switch from a to b, 0 <= a <= b."""
-    if a >= _REACH:
+    if a >= _END:
         return b - a, 0.5 * (b - a) * (a + b)
     extra, extra_lever = 0.0, 0.0
-    if b > _REACH:
-        extra, extra_lever = b - _REACH, 0.5 * (b - _REACH) * (b + _REACH)
-        b = float(_REACH)
+    if b > _END:
+        extra, extra_lever = b - _END, 0.5 * (b - _END) * (b + _END)
+        b = float(_END)
     first, last = int(a * _PER_UNIT), int(b * _PER_UNIT)
     if first == last or (last - first == 1 and b * _PER_UNIT == last):
         plain, lever = _within(a, b)

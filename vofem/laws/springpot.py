@@ -53,7 +53,7 @@ class SpringpotLaw:
         Class and name, for messages.
     name : str
     coefficient : float
-        In N s^order/m.
+        Coefficient of the law, N s^order/m.
     order : float or callable
         In [0, 1]; a callable takes times in s, shape (n,), and returns orders.
     """

@@ -99,7 +99,7 @@ def _orthogonal(shapes: Array, mass: Any) -> Array:
         factor = cholesky(gram)
     except LinAlgError:
         raise SingularSystemError(
-            "the vibration modes cannot be told apart in double precision: stiffnesses or masses differ too much; "
+            "the vibration modes cannot be distinguished in double precision: stiffnesses or masses differ too much; "
             "make soft and stiff parts differ less, or step in time"
         ) from None
     return np.asarray(solve_triangular(factor, shapes.T, trans="T").T)

@@ -94,7 +94,7 @@ class CompiledFunction:
         if compiled():
             return (self._dispatcher or self.dispatcher)(*arguments)
         check_patience()
-        # Compiled code divides by zero and overflows without a word.
+        # Compiled code divides by zero and overflows without a warning.
         with np.errstate(all="ignore"):
             return self.plain(*arguments)
 

@@ -65,7 +65,7 @@ def cache_folder() -> Path | None:
 
 @cache
 def _key() -> str:
-    """Return what compiled code depends on: sources, their place, versions, processor."""
+    """Return a key of all that compiled code depends on: sources, their place, versions, processor."""
     import hashlib
     import platform
 
@@ -83,7 +83,7 @@ def _key() -> str:
 
 
 def _numba() -> str:
-    """Return what tells one version of numba from another, without importing it."""
+    """Return the version of numba, without importing it."""
     from importlib.util import find_spec
 
     found = find_spec("numba")
@@ -94,15 +94,15 @@ def _numba() -> str:
 
 
 def _processor() -> str:
-    """Return what tells one processor from another, as far as the system says it."""
+    """Return a description of the processor, as far as the system gives one."""
     with contextlib.suppress(OSError), open("/proc/cpuinfo") as lines:
-        told = []
+        found = []
         for line in lines:
             if line.startswith(("model name", "flags", "Features", "CPU part")):
-                told.append(line)
+                found.append(line)
             elif not line.strip():
                 break
-        return "".join(told)
+        return "".join(found)
     import platform
 
     return platform.processor()

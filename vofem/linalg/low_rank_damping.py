@@ -30,7 +30,7 @@ _EPS = float(np.finfo(float).eps)
 #: are apart, four to eight suffice.
 _MOST_ITERATIONS = 15
 
-#: Share of itself by which every start is moved off the real axis, as a pair of real roots may become complex.
+#: Share of its size by which every start is moved off the real axis, as a pair of real roots may become complex.
 _APART = 1e-6
 
 #: Least coupling of a mode, over the largest one, in the choice of the mode that is set aside.
@@ -46,10 +46,10 @@ class CoupledDamping(NamedTuple):
     Attributes
     ----------
     own : ndarray, shape (n,)
-        In 1/s.
+        Damping of every mode by itself, 1/s.
     rows : ndarray, shape (k, n)
     weights : ndarray, shape (k,)
-        In 1/s, of either sign.
+        Weights of the coupling terms, 1/s, of either sign.
     """
 
     own: Array

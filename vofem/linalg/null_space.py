@@ -59,7 +59,7 @@ def sparse_null_space(matrix: Any, magnitude: Any) -> Array:
     Parameters
     ----------
     matrix, magnitude : csr_matrix, shape (rows, columns)
-        As for `null_space`.
+        See `null_space`.
     """
     columns = matrix.shape[1]
     if columns <= _FEW_COLUMNS:

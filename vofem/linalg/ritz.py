@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-#: A vector of which the earlier ones leave less than this is one of them.
+#: Rest of a vector, over its size, below which it counts as a combination of the earlier vectors.
 _DEPENDENT = 1e-10
 
 

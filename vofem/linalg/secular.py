@@ -243,7 +243,7 @@ def refine(
     vectors : ndarray, shape (n, n)
         Nearly orthonormal columns.
     steps : int
-        At most.
+        Largest number of steps.
     demand : float
         The iteration ends at a change of the vectors below this, because its square is then rounding.
 

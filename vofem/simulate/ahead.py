@@ -24,6 +24,7 @@ from vofem.effects import (
     Sine,
     Springpot,
 )
+from vofem.integrators.methods import CENTRAL_DIFFERENCE, ENERGY_CONSERVING, EVENT_DRIVEN, GENERALIZED_ALPHA
 from vofem.kernel_mode import kernels
 from vofem.linalg.jit_cache import cache_folder, keep_kind, kinds_on_disk
 from vofem.scene import Scene
@@ -141,11 +142,11 @@ def _steps(method: str, laws: str, dt: float, tol: float | None = None) -> Calla
 
 def _stepping() -> Iterator[tuple[str, Callable[[], None]]]:
     """Yield the runs of all methods that step in time, and the kinds of work that they are."""
-    for name, dt in (("energy_conserving", 0.02), ("generalized_alpha", 0.02), ("central_difference", 1e-3)):
+    for method, dt in ((ENERGY_CONSERVING, 0.02), (GENERALIZED_ALPHA, 0.02), (CENTRAL_DIFFERENCE, 1e-3)):
         for laws in STEPPED:
-            yield f"{name}, {laws}", _steps(name, laws, dt)
-            if name != "central_difference":
-                yield f"{name}, tol, {laws}", _steps(name, laws, 0.1 * dt, 1e-2)
+            yield f"{method.name}, {laws}", _steps(method.name, laws, dt)
+            if method.adaptive:
+                yield f"{method.name}, tol, {laws}", _steps(method.name, laws, 0.1 * dt, 1e-2)
 
 
 def _statics() -> None:
@@ -160,8 +161,8 @@ def _statics() -> None:
 
 #: What is compiled, in the order of use.
 _WORK: tuple[tuple[str, Callable[[], None]], ...] = (
-    ("event_driven", _events),
-    ("event_driven, damped", _damped_events),
+    (EVENT_DRIVEN.name, _events),
+    (f"{EVENT_DRIVEN.name}, damped", _damped_events),
     *_stepping(),
     ("statics", _statics),
 )

@@ -45,7 +45,7 @@ class Explanation(Shown):
         lines.append(f"Not simulated: {', '.join(self.absent) or 'nothing is left out'}")
         return "\n".join(lines)
 
-    # Notebooks and prompts show what they are given by its repr.
+    # Notebooks and prompts show an object by its repr.
     __repr__ = __str__
 
 

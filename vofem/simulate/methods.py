@@ -40,7 +40,7 @@ class Choice:
         return method_named(self.method)
 
 
-#: An exact run that is expected to be over in so many seconds is not worth another method.
+#: Seconds below which an exact run is taken in any case: another method would save too little.
 _SOON = 0.5
 
 

@@ -36,10 +36,10 @@ class Plan:
     ----------
     method : str
     t_end : float
-        In s.
+        End of the run, s.
     times : ndarray, optional
     dt : float, optional
-        In s.
+        Size of a step, s.
     options : dict
     probes : ProbeRows, optional
     start : State, optional
@@ -92,11 +92,11 @@ def run_plan(
         begun = time.perf_counter()
         try:
             with (
-                RunProgress(plan.t_end, progress, save, every, first) as watcher,
+                RunProgress(plan.t_end, progress, save, every, first) as run_progress,
                 kernels(compiled=choice.compiled, patience=choice.patience),
                 blas_threads(system.size),
             ):
-                result = _run(scene, planned, None if watcher.idle else watcher, snapshot)
+                result = _run(scene, planned, None if run_progress.idle else run_progress, snapshot)
         except Outgrown:
             choice = choice.instead()
             continue
@@ -109,7 +109,7 @@ _COMPILING = "compiling {}, once on this machine"
 
 
 def _choice(method: Method, system: System, plan: Plan) -> Choice:
-    """Return whether a run takes compiled kernels."""
+    """Return the decision whether a run uses compiled kernels."""
     wanted = plan.compiled if plan.compiled is not None else decided()
     if method.effort is None:
         return choose(method.name, float("inf"), wanted)
@@ -119,7 +119,7 @@ def _choice(method: Method, system: System, plan: Plan) -> Choice:
 
 
 def _run(scene: Scene, plan: Plan, watch: RunProgress | None, snapshot: dict[str, Any] | None) -> Result:
-    """Run a plan in a way that has been decided."""
+    """Run a plan, compiled or not as has been decided."""
     from vofem.integrators.coarse import unresolved_contacts
 
     method = method_named(plan.method)

@@ -96,7 +96,7 @@ class Coordinates:
         ----------
         factor : float
         tangent, intercept : ndarray, shape (m,)
-            In N/m and N; zero for laws that are held.
+            Tangent, N/m, and force at u = 0, N, of every law; zero for laws that are held.
         held : ndarray, shape (m,), optional
             Coordinates at which laws are held, in m; NaN for the others. Their forces follow from equilibrium.
         share : ndarray, shape (m,), optional
@@ -138,7 +138,7 @@ class Coordinates:
             x = ties @ x
         u = self._sign * (a * x + b)[self._member]
         w = tangent * u + intercept
-        # What the laws of a point bear together is known from equilibrium, each of them to the rounding of u only.
+        # Equilibrium gives the total force of the laws of a point. The force of each law has the rounding of u.
         rest, whole = c * x + d - self._summed(self._sign * w), self._summed(given)
         w += self._sign * given * (rest / np.where(whole > 0.0, whole, np.inf))[self._member]
         return u, w, amplitude

@@ -97,8 +97,8 @@ class QuasiStatic:
         self.notes = [] if notes is None else notes
 
     def __repr__(self) -> str:
-        told = f", {len(self.notes)} notes: see .notes" if self.notes else ""
-        return f"QuasiStatic({self.load_factors.size} load factors, {self.iterations} iterations{told})"
+        notes = f", {len(self.notes)} notes: see .notes" if self.notes else ""
+        return f"QuasiStatic({self.load_factors.size} load factors, {self.iterations} iterations{notes})"
 
     def state_of(self, body_name: str) -> tuple[Array, Array]:
         """Return the degrees of freedom of a body at the last factor and their rates, which are zero, each (size,)."""

@@ -31,19 +31,19 @@ Solve = Callable[[Array], Array]
 
 _MOST_ITERATIONS = 500
 
-#: Above this many degrees of freedom K has lost enough digits to look for them elsewhere.
+#: Number of degrees of freedom above which K has lost so many digits that strains are factored in its place.
 _MANY_UNKNOWNS = 400
 
-#: Coordinates in m, and over those of the last equilibrium, beyond which none is looked for.
+#: Largest coordinate, in m and over those of the last equilibrium, at which an equilibrium is searched.
 _BEYOND = 1e40
 
-#: Change of a coordinate over the terms that it is a sum of, at which Newton's method stands still.
+#: Change of a coordinate, over the terms of its sum, at which Newton's method has converged.
 _STILL = 8.0 * float(np.finfo(float).eps)
 
-#: Distance from a gap, over the terms it is a difference of, that is rounding.
+#: Distance from a gap, over the terms of this difference, that counts as rounding.
 _EPS = 2.0 * float(np.finfo(float).eps)
 
-#: Difference of forces, over the terms that make them up, that is rounding.
+#: Difference of forces, over the terms of their sums, that counts as rounding.
 _AGREE = 16.0 * float(np.finfo(float).eps)
 
 #: Newton steps with pinned contacts held, in which the status of others settles.
@@ -206,7 +206,7 @@ class EquilibriumSolver:
 
     def _linear(self, factor: float, tangent: Array, intercept: Array) -> tuple[Array, Array]:
         """Return u and the forces w for ``R = tangent u + intercept``."""
-        # Where a structure is loose, what carries nothing is given a trace of stiffness.
+        # In a loose structure, laws that carry no force get a very small stiffness.
         for slope in (tangent, np.where(tangent == 0.0, 1e-12 * self.stiffness, tangent)):
             found = self._coordinates.linear(factor, slope, intercept)
             if found is not None:
@@ -290,7 +290,7 @@ class EquilibriumSolver:
         return bool(np.all(((before == status) & (miss <= _AGREE * scale)) | held))
 
     def _line_search(self, u: Array, w: Array, du: Array, dw: Array, width: float) -> float:
-        """Return how far to go along a direction to where the energy is least."""
+        """Return the length of the step along a direction at which the energy is least."""
 
         def derivative(x: float) -> float:
             reaction = self._law(u + x * du, width)[0]
@@ -310,7 +310,7 @@ class EquilibriumSolver:
         held[pinned] = self._contacts.gap[np.flatnonzero(pinned)]
         beside = self._coordinates.beside(pinned) & ~pinned
         for _ in range(_MOST_CORRECTIONS):
-            # Others that touch where one is pinned have no penetration.
+            # Other contacts at the gap of a pinned one have no penetration.
             touching = beside & np.isin(np.arange(u.size), self._near(u))
             tangent, intercept, now = self._branch(u, w, width)
             now[pinned], now[touching] = PINNED, OPEN

@@ -10,7 +10,7 @@ from vofem.system import System
 
 Array = NDArray[np.float64]
 
-#: What is missing, over the largest energy, that is worth telling.
+#: Missing energy, over the largest energy, above which there is a note.
 _WORTH = 1e-6
 
 

@@ -44,7 +44,7 @@ def remeshed(scene: Scene, elements: int) -> Scene:
     ----------
     scene : Scene
     elements : int
-        Of all beams together.
+        Number of elements of all beams together.
 
     Returns
     -------

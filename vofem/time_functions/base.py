@@ -46,7 +46,7 @@ class TimeFunction(ABC):
         Parameters
         ----------
         t0 : ndarray, shape (n,)
-            In s.
+            Start of each interval, s.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""The catalogue of hard and published cases: what is right, how it is measured, and what every method makes of it."""
+"""The catalogue of hard and published cases: references, how errors are measured, and the result of every method."""
 
 from vofem.verification.case import FAILED, PASSED, REFUSED, REPORTED, STOPPED, Case, How, Quantity, Run
 from vofem.verification.catalogue import catalogue

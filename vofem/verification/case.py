@@ -18,7 +18,7 @@ from vofem.vibration import Modes, modes
 #: Verdicts. "reported": beyond its tolerance, and a note of the run says so.
 PASSED, REPORTED, REFUSED, STOPPED, FAILED = "passed", "reported", "refused", "stopped", "FAILED"
 
-#: The methods of this package, of each of which the cases say what is expected. Those that are made for one law have
+#: The methods of this package for which every case says what is expected. Methods for one law only have
 #: tests of their own.
 DYNAMIC = tuple(method.name for method in built_in.BUILT_IN if not method.special)
 
@@ -27,7 +27,7 @@ CONSERVING = built_in.ENERGY_CONSERVING.name
 ALPHA = built_in.GENERALIZED_ALPHA.name
 CENTRAL = built_in.CENTRAL_DIFFERENCE.name
 
-#: What is verified beside methods that simulate; the last two find steady states.
+#: Further subjects of verification; the last two are methods for steady states.
 _OTHERS = ("equilibrium", "modes", "shooting", "harmonic_balance")
 
 #: Methods that find steady states.
@@ -46,7 +46,7 @@ class Quantity:
     Attributes
     ----------
     name : str
-        With its unit in brackets.
+        Name of the quantity, with its unit in brackets.
     reference : float
     relative : bool
         Whether errors count relative to the reference.
@@ -69,9 +69,9 @@ class How:
     Attributes
     ----------
     tolerance : float or dict of str to float
-        For all quantities, or for those that are judged by name.
+        One tolerance for all quantities, or a tolerance for each quantity by name.
     options : dict
-        Of `simulate`, such as dt.
+        Further arguments of `simulate`, such as dt.
     expected : str
         PASSED, REPORTED, REFUSED or STOPPED.
     says : str
@@ -91,7 +91,7 @@ class How:
 
 
 class Run:
-    """One method at work on one case; keeps the notes of all that it runs."""
+    """The runs of one method for one case, with all their notes."""
 
     def __init__(self, method: str, options: Mapping[str, Any]) -> None:
         self.method = method
@@ -134,7 +134,7 @@ class Case:
     Attributes
     ----------
     number : int or None
-        Of a hard case; None for a published one.
+        Number of a hard case; None for a published one.
     name : str
         Unique.
     source : str

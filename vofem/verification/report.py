@@ -12,7 +12,7 @@ from vofem.verification.runner import Measured, Outcome
 
 HEADINGS = ("case", "source", "quantity", "reference", "got", "error", "tolerance", "method", "verdict")
 
-#: Widths beyond which columns of a terminal are cut.
+#: Widths at which columns of a terminal are cut off.
 _WIDTHS = (44, 24, 30)
 
 
@@ -37,7 +37,7 @@ def text_header() -> str:
 
 
 def text_lines(outcome: Outcome) -> str:
-    """Return the lines of an outcome for a terminal; what failed says why."""
+    """Return the lines of an outcome for a terminal, with the reason where it failed."""
     lines = [_line(row) for row in rows(outcome)]
     if outcome.verdict == FAILED:
         lines.append(f"    {outcome.message}")
@@ -51,7 +51,7 @@ def _line(row: Sequence[str]) -> str:
 
 
 def summary(outcomes: Iterable[Outcome]) -> str:
-    """Return how many runs came to which verdict, on one line."""
+    """Return the number of runs of every verdict, on one line."""
     outcomes = tuple(outcomes)
     counts = {
         verdict: sum(o.verdict == verdict for o in outcomes) for verdict in (PASSED, REPORTED, REFUSED, STOPPED, FAILED)
@@ -138,7 +138,7 @@ def _origin(outcome: Outcome) -> str:
 def _counts(
     heading: str, names: Iterable[str], outcomes: Sequence[Outcome], name_of: Callable[[Outcome], str]
 ) -> list[str]:
-    """Return a table of how many runs came to which verdict; names without runs are left out."""
+    """Return a table of the number of runs of every verdict; names without runs are left out."""
     lines = [f"| {heading} | cases | " + " | ".join(_VERDICTS) + " |", "| --- |" + " ---: |" * (len(_VERDICTS) + 1)]
     for name in names:
         mine = [outcome for outcome in outcomes if name_of(outcome) == name]

@@ -1,4 +1,4 @@
-"""Runs cases of the catalogue and judges what comes out."""
+"""Runs cases of the catalogue and compares the results with the references."""
 
 from __future__ import annotations
 

@@ -28,12 +28,12 @@ from vofem.integrators.base import ProbeRows
 from vofem.integrators.central_difference.setting import CentralDifference
 from vofem.integrators.critical_step import critical_step
 from vofem.integrators.methods import CENTRAL_DIFFERENCE
+from vofem.integrators.observer import Observer, Snapshot
 from vofem.integrators.registry import advice
 from vofem.integrators.stepped import SteppedSolution, step_count, storage_times
 from vofem.integrators.stepping.march import march, note_chatter, stored_energy
 from vofem.integrators.stepping.nearby import check_nearby, note_growth
 from vofem.integrators.stepping.step_loads import followed, note_loads
-from vofem.integrators.watching import Snapshot, Watch
 from vofem.system import Counters, State, System
 
 __all__ = ["run"]
@@ -56,7 +56,7 @@ def run(
     t_end: float,
     times: Array | None,
     dt: float | None = None,
-    watch: Watch | None = None,
+    watch: Observer | None = None,
     resume: Snapshot | None = None,
     probes: ProbeRows | None = None,
     nearby: bool | None = None,

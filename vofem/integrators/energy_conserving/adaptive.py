@@ -63,7 +63,7 @@ class Trial(NamedTuple):
     Attributes
     ----------
     first, second, whole : Found
-        Of both halves and of the whole step.
+        Results of the first half, of the second half and of the whole step.
     q, v, end : ndarray, shape (n,)
         Displacements and velocities between the halves, and velocities at the end.
     memory : ndarray
@@ -144,8 +144,8 @@ class AdaptiveSteps(StepDoubling, Midpoint):
         parts = self.bands.over.parts(t, t + dt)
         if not parts.shape[1]:
             return np.empty((0, 3)), 0.0
-        moments, swings = of_halves(parts)
-        return self.load_values(moments), self.unseen(swings, half.dt * half.shift)
+        moments, fluctuations = of_halves(parts)
+        return self.load_values(moments), self.between_ends(fluctuations, half.dt * half.shift)
 
 
 @jit

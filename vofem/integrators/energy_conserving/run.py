@@ -29,9 +29,9 @@ from vofem.integrators.base import ProbeRows
 from vofem.integrators.energy_conserving.adaptive import AdaptiveSteps
 from vofem.integrators.energy_conserving.fixed import FixedSteps
 from vofem.integrators.methods import ENERGY_CONSERVING
+from vofem.integrators.observer import Observer, Snapshot
 from vofem.integrators.stepped import SteppedSolution
 from vofem.integrators.stepping.implicit import Asked, Doubled, implicit_run
-from vofem.integrators.watching import Snapshot, Watch
 from vofem.system import Counters, State, System
 
 Array = NDArray[np.float64]
@@ -46,7 +46,7 @@ def run(
     t_end: float,
     times: Array | None,
     dt: float | None = None,
-    watch: Watch | None = None,
+    watch: Observer | None = None,
     resume: Snapshot | None = None,
     probes: ProbeRows | None = None,
     tol: float | None = None,

@@ -273,21 +273,18 @@ def _pass_along(solution: EventSolution, follower: Follower, tangent: Tangent | 
 
 
 def share_modes(system: System, earlier: System) -> bool:
-    """Let a system use what is known of an earlier one, where matrices, contacts and load vectors are the same numbers.
+    """Let a system use the modes of an earlier one with the same matrices, and all else that is equal.
 
-    Where the matrices alone are the same, the modes are shared. Returns whether modes are shared.
+    Where the rows of contacts or loads differ, the modes are expressed in those of the system. Returns whether modes
+    are shared.
     """
-    if system is earlier or system.cache is earlier.cache:
+    if system is earlier:
         return True
-    if not system.has_matrices_of(earlier):
+    alike = system.share_what_is_equal(earlier)
+    if system.cache is earlier.cache:
+        return True
+    if not alike and not system.has_matrices_of(earlier):
         return False
-    alike = system.has_contact_rows_of(earlier) and system.has_load_vectors_of(earlier)
-    contacts = system.contacts is None or (
-        earlier.contacts is not None and np.array_equal(system.contacts.numbers(), earlier.contacts.numbers())
-    )
-    if alike and contacts:
-        system.share(earlier)
-        return True
     known = modes_of(earlier, Counters())
     system.cache.get("modal space", None, lambda: known if alike else _with_rows(system, known))
     return True

@@ -25,10 +25,10 @@ from vofem.integrators.event_driven.truncated import (
     too_many_inputs,
 )
 from vofem.integrators.methods import EVENT_DRIVEN
+from vofem.integrators.observer import Observer, Snapshot, deferred_interrupts
 from vofem.integrators.registry import advice
 from vofem.integrators.rounding import graded
 from vofem.integrators.sampled_loads import loads_by_values
-from vofem.integrators.watching import Snapshot, Watch, deferred_interrupts
 from vofem.system import Counters, State, System
 
 Array = NDArray[np.float64]
@@ -82,7 +82,7 @@ def run(
     max_events: int = MOST_EVENTS,
     pin_fraction: float = PIN_FRACTION,
     truncation: float | None = None,
-    watch: Watch | None = None,
+    watch: Observer | None = None,
     resume: Snapshot | None = None,
 ) -> EventSolution | TruncatedSolution:
     """Simulate from the start state at t = 0 to t_end.
@@ -156,7 +156,7 @@ def run(
 
 def _follow(
     system: System, start: State, t_end: float, times: Array, max_events: int, pin_fraction: float,
-    watch: Watch | None = None, resume: Snapshot | None = None,
+    watch: Observer | None = None, resume: Snapshot | None = None,
 ) -> EventSolution:  # fmt: skip
     """Follow all modes of a system from event to event."""
     counters = Counters()

@@ -37,7 +37,7 @@ _ROUNDING = 64.0 * float(np.finfo(float).eps)
 
 #: A rate in complex modes below this share of its largest terms is rounding. The eigenproblem has cost its terms
 #: some digits.
-_FAINT = 16.0 * _ROUNDING
+_COMPLEX_ROUNDING = 16.0 * _ROUNDING
 
 
 #: Motions smaller than this are multiplied by a power of two before the search.
@@ -390,24 +390,24 @@ def _rate_size(j: int, watch: Watch, flow: BlockFlow, at: _Point) -> float:
 
 
 @jit
-def _still(j: int, watch: Watch, flow: BlockFlow, at: _Point) -> bool:
+def _rate_is_rounding(j: int, watch: Watch, flow: BlockFlow, at: _Point) -> bool:
     """Return whether the rate of a function is the rounding of its terms."""
     return abs(at.rate[j]) <= _ROUNDING * _rate_size(j, watch, flow, at)
 
 
 @jit
-def _faint(j: int, watch: Watch, flow: BlockFlow, at: _Point) -> bool:
+def _complex_rate_is_rounding(j: int, watch: Watch, flow: BlockFlow, at: _Point) -> bool:
     """Return whether the rate of a function of complex modes is below the rounding of its terms."""
     size = abs(watch.slope[j])
     for h in range(flow.omega.size):
         size += flow.omega[h] * abs(watch.steady[j, h])
     for k in range(flow.p.size):
         size += abs(watch.w[j, k] * at.zdot[k]) + abs(watch.u[j, k] * at.vdot[k])
-    return abs(at.rate[j]) <= _FAINT * size
+    return abs(at.rate[j]) <= _COMPLEX_ROUNDING * size
 
 
 @jit
-def _reach(distance: float, rate: float, curvature: float) -> float:
+def _safe_time(distance: float, rate: float, curvature: float) -> float:
     """Return how long a function with this rate and curvature bound stays below `distance`."""
     root = np.sqrt(rate * rate + 2.0 * curvature * distance)
     if rate > 0.0:
@@ -418,7 +418,7 @@ def _reach(distance: float, rate: float, curvature: float) -> float:
 
 
 @jit
-def _far_reach(
+def _safe_time_far(
     j: int,
     watch: Watch,
     flow: BlockFlow,
@@ -491,17 +491,17 @@ def _far_reach(
             if watch.mixed:
                 value[i] += watch.u[j, k] * v[k]
                 size[i] += watch.u_size[j, k] * v_size[k]
-    reach = step
+    safe_time = step
     for _ in range(200):
         rise, term = 0.0, 1.0
         for i in range(1, _ORDER + 1):
-            term *= reach / i
+            term *= safe_time / i
             slope = size[i] if i == _ORDER else max(value[i], 0.0) + _ROUNDING * size[i]
             rise += slope * term
         if rise <= distance:
-            return reach
-        reach *= 0.5
-    return reach
+            return safe_time
+        safe_time *= 0.5
+    return safe_time
 
 
 @jit
@@ -634,22 +634,22 @@ def march(
                         curvature += abs(watch.u[j, k]) * jerk[k]
                     k += 1
                 if -value > fast:
-                    safe = max(safe, _reach(2.0 * noise[j] - value - fast, rate, curvature))
+                    safe = max(safe, _safe_time(2.0 * noise[j] - value - fast, rate, curvature))
             while k < n:
                 curvature += abs(watch.w[j, k]) * (push[k] + g1_rate[k])
                 if mixed:
                     curvature += abs(watch.u[j, k]) * jerk[k]
                 k += 1
             distance = max(-at.phi[j], 0.0) + 2.0 * noise[j]
-            reach = max(safe, _reach(distance, at.rate[j], curvature))
-            if abs(at.phi[j]) <= noise[j] and _still(j, watch, flow, at):
-                idle[j] = min(2.0 * max(idle[j], reach), patience)
-                reach = max(reach, idle[j])
+            span = max(safe, _safe_time(distance, at.rate[j], curvature))
+            if abs(at.phi[j]) <= noise[j] and _rate_is_rounding(j, watch, flow, at):
+                idle[j] = min(2.0 * max(idle[j], span), patience)
+                span = max(span, idle[j])
             else:
                 idle[j] = 0.0
-            if reach < _SHORT * patience and reach < step:
-                reach = max(reach, _far_reach(j, watch, flow, at, tau, duration, distance, allowed, amplitude, speed))
-            step = min(step, reach)
+            if span < _SHORT * patience and span < step:
+                span = max(span, _safe_time_far(j, watch, flow, at, tau, duration, distance, allowed, amplitude, speed))
+            step = min(step, span)
         before = tau
         tau = duration if step >= duration - tau else tau + step
         if tau == before:
@@ -685,7 +685,7 @@ def march(
         # A function that only rounding moves away from zero, as for bodies at rest that touch, is left out of the
         # event of another. In complex modes the bounds on rounding are too wide to distinguish this from slow motion,
         # so the terms themselves are compared.
-        still = _faint(j, watch, flow, at) if mixed else _still(j, watch, flow, at)
-        hits[j] = abs(at.phi[j]) <= noise[j] and at.rate[j] > 0.0 and not still
+        at_rest = _complex_rate_is_rounding(j, watch, flow, at) if mixed else _rate_is_rounding(j, watch, flow, at)
+        hits[j] = abs(at.phi[j]) <= noise[j] and at.rate[j] > 0.0 and not at_rest
     hits[winner] = True
     return first, hits, evaluations

@@ -29,6 +29,7 @@ from vofem.integrators.event_driven.segment import Segment, Segments
 from vofem.integrators.event_driven.sensitivity import Perturbation
 from vofem.integrators.event_driven.spectrum import Spectra, Spectrum
 from vofem.integrators.event_driven.status_table import MOST_MODES, StatusTable
+from vofem.integrators.registry import advice
 from vofem.integrators.unclosed import never_closed, open_throughout
 from vofem.kernel_mode import as_it_ran, compiled, kernels
 from vofem.laws import initial_status
@@ -514,7 +515,7 @@ class EventSolution:
             self.notes.append(
                 f"energy: by t = {starts[worst]:.4g} s {abs(energy[worst] - energy[0]) / largest:.2g} of the largest "
                 f"energy was {'lost' if energy[worst] < energy[0] else 'made out of nothing'} by rounding; make stiff "
-                "contacts softer, or choose method='energy_conserving' with a small dt"
+                f"contacts softer, or choose {advice(conserves=True)} with a small dt"
             )
 
     @property

@@ -35,9 +35,9 @@ from vofem.integrators.generalized_alpha.adaptive import AdaptiveSteps
 from vofem.integrators.generalized_alpha.fixed import FixedSteps
 from vofem.integrators.generalized_alpha.parameters import parameters
 from vofem.integrators.methods import GENERALIZED_ALPHA
+from vofem.integrators.observer import Observer, Snapshot
 from vofem.integrators.stepped import SteppedSolution
 from vofem.integrators.stepping.implicit import Asked, Doubled, implicit_run
-from vofem.integrators.watching import Snapshot, Watch
 from vofem.system import Counters, State, System
 
 __all__ = ["parameters", "run"]
@@ -54,7 +54,7 @@ def run(
     t_end: float,
     times: Array | None,
     dt: float | None = None,
-    watch: Watch | None = None,
+    watch: Observer | None = None,
     resume: Snapshot | None = None,
     probes: ProbeRows | None = None,
     tol: float | None = None,

@@ -101,7 +101,7 @@ class AdaptiveSteps(StepDoubling, Alpha):
         parts = self.bands.over.parts(self.time, self.time + 2.0 * half)
         if not parts.shape[1]:
             return 0.0
-        return self.unseen(of_halves(parts)[1], half**2 * self.response(half))
+        return self.between_ends(of_halves(parts)[1], half**2 * self.response(half))
 
     def _smooth(self, error: Array) -> Array:
         """Return ``((1 - am) A^-1 M)^2`` of an error, A of steps eight times as long: what the step resolves well."""

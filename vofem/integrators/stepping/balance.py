@@ -68,7 +68,7 @@ class Structure(NamedTuple):
 
 
 class Guess(NamedTuple):
-    """What is solved for: the reactions (m,), which hold a guess on entry, the coordinates u (m,) and x (n,).
+    """The unknowns of a step: reactions (m,), which hold a first guess on entry, coordinates u (m,) and x (n,).
 
     `free`, shape (m,), is work space: the coordinates without reactions.
     """
@@ -187,7 +187,7 @@ def _find(
 
 @jit
 def _answer(structure: Structure, rows: Rows, known: Known, guess: Guess) -> None:
-    """Fill x with the answer to the reactions."""
+    """Enter into x the solution for given reactions."""
     copy(known.right, guess.x)
     for j in range(guess.reaction.size):
         if guess.reaction[j] != known.held[j]:

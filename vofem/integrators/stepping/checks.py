@@ -1,4 +1,4 @@
-"""What a stepping run records for its own checks: states at steps that it chooses, and its contacts at every step.
+"""Records of a stepping run for its own checks: states at some steps, and findings on contacts from every step.
 
 Neither depends on the times at which results are wanted.
 """
@@ -24,7 +24,7 @@ _STRIDE = 64
 _FEWEST_STATES = 16
 _ENTRIES = 20_000
 
-#: One in so many of the checked steps is checked at its middle too.
+#: One of so many checked steps is checked at its middle too.
 _MIDDLES = 4
 
 _GOLDEN = 0.6180339887498949
@@ -36,7 +36,7 @@ def check_times(t_end: float, dt: float | None, size: int) -> Array:
     Parameters
     ----------
     t_end, dt : float
-        In s; dt is None where steps follow a tolerance.
+        End of the run and size of a step, s; dt is None where steps follow a tolerance.
     size : int
         Degrees of freedom.
     """
@@ -87,7 +87,7 @@ def check_contacts(table: Array, rows: Rows, dt: float, q: Array, v: Array) -> N
     for j in range(table.shape[0]):
         u, rate = dot(rows, j, q), dot(rows, j, v)
         s, s0, rate0 = u - table[j, _GAP], table[j, _S], table[j, _RATE]
-        # The step's own error may be a tenth of what the gap function rises within the step.
+        # The error of the step may be a tenth of the rise of the gap function within the step.
         turns = rate0 > 0.0 and rate < 0.0 and s0 <= 0.0 and s <= 0.0
         if turns and s0 + 0.55 * dt * rate0 * (rate0 / (rate0 - rate)) > 0.0:
             table[j, MISSED] += 1.0

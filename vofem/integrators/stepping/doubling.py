@@ -67,9 +67,9 @@ class StepDoubling(StepSizeControl, Setting):
     Attributes
     ----------
     lag : int
-        As in `EqualSteps`.
+        See `EqualSteps`.
     method : Method
-        For messages.
+        The method that messages name.
     """
 
     place: tuple[str, ...] = (
@@ -113,9 +113,9 @@ class StepDoubling(StepSizeControl, Setting):
 
     @abstractmethod
     def take(self, out: Record) -> None:
-        """Keep the halves."""
+        """Accept the two half steps of the last attempt."""
 
-    def unseen(self, swings: Array, response: Array) -> float:
+    def between_ends(self, fluctuations: Array, response: Array) -> float:
         """Return the motion by loads that no interpolation between the ends of steps shows, over the tolerance.
 
         The motion between the ends of a step is interpolated by a polynomial. A short load causes motion that this
@@ -124,21 +124,21 @@ class StepDoubling(StepSizeControl, Setting):
 
         Parameters
         ----------
-        swings : ndarray, shape (2, n_loads)
-            Of `step_loads.of_halves`.
+        fluctuations : ndarray, shape (2, n_loads)
+            The result of `step_loads.of_halves`.
         response : ndarray, shape (n_loads, n)
             Displacement in half a step by a unit of them.
         """
-        moved = swings @ np.abs(response)
+        moved = fluctuations @ np.abs(response)
         return float(np.max(self.weight * moved, initial=0.0)) / self.whole
 
     def withdraw(self, out: Record) -> None:
-        """Undo an attempt."""
+        """Undo the last attempt."""
 
     @property
     @abstractmethod
     def displacement(self) -> Array:
-        """Displacements where the run stands, in band order."""
+        """Displacements at the time that the run has reached, in band order."""
 
     def advance(self, out: Record) -> None:
         """Take some steps; where a state is completed by the step after it, the last one goes beyond the end."""
@@ -199,7 +199,7 @@ class Path(NamedTuple):
     u, rates : ndarray, shape (3, n_laws)
         Coordinates and their rates at the beginning and at the ends of both halves.
     reactions : ndarray, shape (2, n_laws)
-        Of both halves, N.
+        Reactions over both halves, N.
     """
 
     u: Array
@@ -251,7 +251,7 @@ def impact(laws: Laws, contacts: int, dt: float, path: Path, fineness: float) ->
 
 @jit
 def _jump(laws: Laws, hysteretic: bool | None, j: int, dt: float, path: Path, fineness: float) -> tuple[bool, float]:
-    """Return what `impact` returns, of a law that is no contact."""
+    """Return the same as `impact` for one law that is no contact."""
     if hysteretic is None:
         return False, 0.0
     if not tangent_jumps(laws, j):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from vofem.errors import ArgumentError, ConvergenceError
 from vofem.integrators.base import ProbeRows
 from vofem.integrators.method import Method
+from vofem.integrators.observer import Observer, Snapshot
 from vofem.integrators.registry import advice
 from vofem.integrators.stepped import SteppedSolution, step_count, storage_times
 from vofem.integrators.stepping.checks import check_times
@@ -19,7 +20,6 @@ from vofem.integrators.stepping.march import Kernel, march, note_chatter, stored
 from vofem.integrators.stepping.nearby import check_nearby, note_growth
 from vofem.integrators.stepping.record import Record, take_events
 from vofem.integrators.stepping.step_loads import followed, note_loads
-from vofem.integrators.watching import Snapshot, Watch
 from vofem.laws.evaluate import may_jump
 from vofem.system import CLOSED, Counters, State, System
 
@@ -64,7 +64,7 @@ class Asked:
     times: Array | None
     dt: float | None = None
     tol: float | None = None
-    watch: Watch | None = None
+    watch: Observer | None = None
     resume: Snapshot | None = None
     probes: ProbeRows | None = None
     nearby: bool | None = None
@@ -130,7 +130,7 @@ def _doubling(made: Doubled, asked: Asked, tol: float, counters: Counters) -> St
         raise ArgumentError("simulate: dt and tol were both given; tol chooses the steps, leave out dt")
     kernel = made.doubling(counters)
     kernel.plan(asked.t_end, tol)
-    # A run that goes on knows the size already.
+    # A run that is resumed has this displacement already.
     if asked.resume is None:
         kernel.measure(_rough(made, asked, counters))
         _compare(made, kernel)
@@ -161,12 +161,12 @@ def _note_tolerance(kernel: StepDoubling, out: Record, notes: list[str]) -> None
     if kernel.farthest < _OVERSIZED * kernel.size:
         notes.append(
             f"tol: errors are held below tol = {tol:g} of {kernel.size:.3g} m, which a rough run of {_STEPS} steps "
-            f"told, but nothing moves farther than {kernel.farthest:.3g} m; choose a tol smaller by their ratio"
+            f"found, but nothing moves farther than {kernel.farthest:.3g} m; choose a tol smaller by their ratio"
         )
 
 
 def _compare(made: Doubled, kernel: StepDoubling) -> None:
-    """Run a scene with impacts at a coarser tolerance first, and leave what it finds for `_note_tolerance`.
+    """Run a scene with impacts at a coarser tolerance first, and keep its displacements for `_note_tolerance`.
 
     The errors of steps bound that of the run where it is smooth. What an impact does depends on velocities, and on
     fast motion that displacements do not show, so two runs are compared. The coarser one takes about half the steps.

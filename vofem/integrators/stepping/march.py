@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from vofem.errors import InstabilityError
 from vofem.integrators.base import Energies, ProbeRows, Samples, SpringSamples
 from vofem.integrators.method import Method
+from vofem.integrators.observer import Observer, Snapshot, deferred_interrupts
 from vofem.integrators.registry import advice
 from vofem.integrators.rounding import static_loss
 from vofem.integrators.stepped import SteppedSolution
@@ -20,7 +21,6 @@ from vofem.integrators.stepping.probes import MOST_STEPS, Recorded
 from vofem.integrators.stepping.quality import Checked, quality_notes
 from vofem.integrators.stepping.record import LastStep, Record, shortened, stored, take_events
 from vofem.integrators.stepping.step_loads import StepLoads
-from vofem.integrators.watching import Snapshot, Watch, deferred_interrupts
 from vofem.kernel_mode import compiled
 from vofem.laws.callbacks import Callbacks
 from vofem.laws.group import StepPast
@@ -161,7 +161,7 @@ def march(
     *,
     first_energy: float,
     blow_up: float,
-    watch: Watch | None,
+    watch: Observer | None,
     resume: Snapshot | None,
     probes: ProbeRows | None,
 ) -> SteppedSolution:
@@ -175,7 +175,7 @@ def march(
     initial : ndarray of int, shape (n_contacts,)
         Status of the contacts at t = 0.
     t_end, dt : float
-        In s.
+        End of the run and size of a step, s.
     out : Record
     notes : list of str
     first_energy : float
@@ -277,7 +277,7 @@ def _spring_energies(kernel: Kernel) -> tuple[float, float]:
 
 
 def _snapshot(kernel: Kernel, out: Record, log: list[Array], recorded: Recorded, notes: list[str]) -> Snapshot:
-    """Return the state of a run, as plain data, from which it can go on."""
+    """Return the state of a run as plain data, from which the run can be resumed."""
     return {
         "state": kernel.state,
         "trail": kernel.last_step,
@@ -342,7 +342,7 @@ def stored_energy(system: System, q: Array, v: Array) -> float:
 
 
 def _check(kernel: Kernel, method: Method, first: float, dt: float, blow_up: float) -> float:
-    """Return what is missing from the balance of energy where the run stands, J; raise where that is a blow-up."""
+    """Return the error in J of the balance of energy at the time reached; raise if it shows that the run blew up."""
     last_step, back = kernel.last_step, kernel.bands.back
     in_springs, loss = _spring_energies(kernel)
     now = stored_energy(kernel.bands.system, last_step.q[back], last_step.v[back]) + in_springs

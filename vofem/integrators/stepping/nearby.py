@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 
 from vofem.errors import ArgumentError, VofemError
 from vofem.integrators.effort import seconds_of_steps
+from vofem.integrators.observer import deferred_interrupts
 from vofem.integrators.registry import advice
 from vofem.integrators.stepping.march import Kernel
 from vofem.integrators.stepping.record import Record, take_events
-from vofem.integrators.watching import deferred_interrupts
 from vofem.kernel_mode import compiled
 from vofem.laws.evaluate import may_jump
 from vofem.laws.table import kinds_of
@@ -74,9 +74,9 @@ def note_growth(
     system : System
     start : State
     kernel : Kernel
-        That of the run.
+        The kernel of the run.
     out : Record
-        Of the run, with the states at the times of its checks.
+        The record of the run, with the states at the times of its checks.
     again : callable
         Takes a start; returns a kernel of the same steps.
     """

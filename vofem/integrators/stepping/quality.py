@@ -36,7 +36,7 @@ _NO_ENERGY = 1e-12
 #: ``omega dt`` of the motion that carries the energy beyond which steps do not resolve it.
 _COARSE = 0.5
 
-#: Largest energy of a contact, relative to that of the run, from which on a note tells a rebound with a wrong velocity:
+#: Largest energy of a contact, relative to that of the run, above which a note reports rebounds with a wrong velocity:
 #: velocities are as its square root.
 _REBOUND = 4e-4
 
@@ -55,7 +55,7 @@ class Checked:
     samples : Samples
         States at `times`.
     parts : Energies
-        At `times`, in the method's own form.
+        Energies at `times`, in the form that the method balances.
     contacts : ndarray, shape (n_contacts, 8)
         Findings on every contact, of `checks.contact_checks`.
     missing : (float, float)
@@ -84,9 +84,9 @@ def quality_notes(
     first : float
         Energy at t = 0 in the method's own form, J.
     dt : float, optional
-        In s; None where steps follow a tolerance.
+        Size of a step, s; None where steps follow a tolerance.
     t_end : float
-        In s.
+        End of the run, s.
     """
     notes: list[str] = []
     if dt is not None and step_count(t_end, dt) == 1:

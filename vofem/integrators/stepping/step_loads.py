@@ -48,7 +48,7 @@ def followed(system: System, dt: float, t_end: float) -> tuple[float, str]:
     dt : float
         The default step without loads, s.
     t_end : float
-        In s.
+        End of the run, s.
     """
     if not system.loads:
         return dt, ""
@@ -64,7 +64,7 @@ def note_loads(system: System, dt: float | None, t_end: float, notes: list[str])
     ----------
     system : System
     dt : float, optional
-        In s; None where steps follow an error.
+        Size of a step, s; None where steps follow a tolerance.
     t_end : float
         In s.
     notes : list of str
@@ -285,20 +285,20 @@ def joined(parts: Array) -> Array:
 
 
 def of_halves(parts: Array) -> tuple[Array, Array]:
-    """Return the moments over a step and both halves, (3, n_loads, 3), and `swing` over the halves, (2, n_loads).
+    """Return the moments over a step and both halves, (3, n_loads, 3), and `fluctuation` over the halves, (2, n_loads).
 
     `parts`, shape (3, n_loads, PARTS), are the moments over equal parts of the step.
     """
     cut = parts.shape[2] // 2
-    moments, swings = np.empty((3, parts.shape[1], 3)), np.empty((2, parts.shape[1]))
+    moments, fluctuations = np.empty((3, parts.shape[1], 3)), np.empty((2, parts.shape[1]))
     moments[:, :, 0] = joined(parts)
     for k, part in enumerate((parts[:, :, :cut], parts[:, :, cut:])):
         moments[:, :, k + 1] = joined(part)
-        swings[k] = swing(part, moments[0, :, k + 1], moments[1, :, k + 1])
-    return moments, swings
+        fluctuations[k] = fluctuation(part, moments[0, :, k + 1], moments[1, :, k + 1])
+    return moments, fluctuations
 
 
-def swing(parts: Array, m0: Array, m1: Array) -> Array:
+def fluctuation(parts: Array, m0: Array, m1: Array) -> Array:
     """Return the displacement of a unit mass, over the step squared, by loads from which mean and trend are removed.
 
     Parameters
@@ -306,11 +306,11 @@ def swing(parts: Array, m0: Array, m1: Array) -> Array:
     parts : ndarray, shape (3, n_loads, n_parts)
         Moments over equal parts of a step.
     m0, m1 : ndarray, shape (n_loads,)
-        Those of the step.
+        Mean and first moment over the whole step.
 
     Returns
     -------
-    swing : ndarray, shape (n_loads,)
+    fluctuation : ndarray, shape (n_loads,)
     """
     count = parts.shape[2]
     x = (np.arange(count) + 0.5) / count - 0.5

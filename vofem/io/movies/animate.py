@@ -112,7 +112,7 @@ def animate(
     mode : int
         Which mode shape, from 0.
     scene : Scene, optional
-        Of mode shapes, to show springs, dashpots and joints too.
+        The scene of mode shapes. With it, springs, dashpots and joints are shown too.
     progress : bool or callable, optional
         True shows a bar, False none, None one where the standard error stream is a terminal. A function is called with
         the number of frames done and that of all.

@@ -44,7 +44,7 @@ class SideView:
     size : (int, int)
         Width and height in pixels.
     magnification : float, optional
-        Of displacements.
+        Factor by which displacements are enlarged.
     title : str
         Stands before the time.
     """

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from vofem.errors import ArgumentError
 from vofem.io.pictures.axes import COLORS, Canvas, Where, beside, goal_of, ink, legend, plain, stroke
+from vofem.io.scene_file import point_named
 from vofem.studies.diagrams import Basins, BifurcationDiagram
 from vofem.studies.steady import Branch
 
@@ -127,20 +128,11 @@ def _pieces(branch: Branch, diagram: BifurcationDiagram, point: Any) -> list[tup
 
 def _positions(orbit: Any, periods: int, diagram: BifurcationDiagram, point: Any) -> NDArray:
     """Return the displacements of an orbit at the beginning of each period of the loads."""
-    place = _place(orbit.scene, diagram.points[0] if point is None else point)
+    place = diagram.points[0] if point is None else point
+    if isinstance(place, str):
+        place = point_named(orbit.scene, place)
     displacement: NDArray = orbit.result.displacement(place, orbit.period / periods * np.arange(periods))
     return displacement
-
-
-def _place(scene: Any, name: Any) -> Any:
-    """Return the point of a scene that a diagram names."""
-    if not isinstance(name, str):
-        return name
-    points = [place for effect in scene.effects for place in effect.points()] + list(scene.bodies)
-    for place in points:
-        if getattr(place, "name", None) == name:
-            return place
-    raise ArgumentError(f"bifurcation: the scenes of the branch have no point named {name!r}; give point=")
 
 
 def basin_map(basins: Basins, path: Where = None, *, labels: tuple[str, str] | None = None, ax: Any = None) -> Any:

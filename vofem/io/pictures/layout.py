@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.bodies.base import Body, Point
+from vofem.bodies.base import Body, place_of
 from vofem.io.pictures.snapshot import BodyState, Link, Snapshot
 from vofem.io.pictures.units import nice_below
 
@@ -183,11 +183,6 @@ def _choose(
 
 def _pairs(view: Snapshot) -> list[tuple[Link, Body, Body]]:
     return [(link, link.a.body, link.b.body) for link in view.links if link.b is not None and not link.rotation]
-
-
-def place_of(point: Point) -> float:
-    """Return the x of a point on its body, 0 on a mass."""
-    return float(getattr(point, "x", 0.0))
 
 
 def _stack(view: Snapshot) -> list[Body]:

@@ -29,7 +29,7 @@ class Book:
     folder : Path
         Where relative paths start.
     bodies : dict of str to Body
-        Those that could be built.
+        The bodies that could be built.
     broken : set of str
         Names of those that could not: what refers to them is not reported again.
     problems : list of (str, str)

@@ -30,7 +30,7 @@ class Meshes(Sequence[Any]):
     Attributes
     ----------
     times : ndarray, shape (n_frames,)
-        In s.
+        Times of the frames, s.
     magnification : float
     """
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.bodies import Beam
-from vofem.bodies.base import Body, Point, Row
+from vofem.bodies.base import Body, Point, Row, place_of
 from vofem.effects import Joint
 from vofem.errors import ArgumentError
 from vofem.scene import Scene
@@ -36,9 +36,9 @@ class Foot:
     ----------
     body : Body
     place : ndarray, shape (3,)
-        At rest, in m.
+        Place at rest, m.
     row : Row
-        Of the displacement, over the body's degrees of freedom.
+        Row of the displacement, over the degrees of freedom of the body.
     """
 
     body: Body
@@ -104,7 +104,7 @@ def place(scene: Scene, magnification: float) -> Placement:
                 gap = magnification * _gap(effect)
                 for here, there, up in ((a, b, gap), (b, a, -gap)):
                     if here.body is body and there.body not in placed:
-                        along = origins[body][0] + _along(here) - _along(there)
+                        along = origins[body][0] + place_of(here) - place_of(there)
                         origins[there.body][:2] = along, origins[body][1] + up
                         if isinstance(effect, Joint):
                             origins[there.body][2] = origins[body][2]
@@ -125,17 +125,13 @@ def _gap(effect: Any) -> float:
     return float(getattr(effect, "gap", 0.0)) if getattr(effect, "of", "displacement") == "displacement" else 0.0
 
 
-def _along(point: Point) -> float:
-    return float(getattr(point, "x", 0.0))
-
-
 def _touches(scene: Scene, origins: dict[Body, Array], magnification: float) -> list[Touch]:
     laws = scene.model.system.contacts
     if laws is None:
         return []
 
     def foot(point: Point) -> Foot:
-        return Foot(point.body, origins[point.body] + np.array([_along(point), 0.0, 0.0]), point.row())
+        return Foot(point.body, origins[point.body] + np.array([place_of(point), 0.0, 0.0]), point.row())
 
     known = {contact.name: contact for contact in scene.contacts}
     touches = []

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vofem.files.hdf5 import FILTERS, Blocks
 
-#: Of a chunk, which is compressed at once, and of a block, between two flushes; bytes.
+#: Size in bytes of a chunk, which is compressed as a whole, and of a block, after which the file is flushed.
 _CHUNK, _BLOCK = 1 << 20, 1 << 23
 
 
@@ -38,7 +38,7 @@ def empty_dataset(group: h5py.Group, name: str, shape: tuple[int, ...], dtype: A
 def write_columns(blocks: Blocks, group: h5py.Group, name: str, values: NDArray) -> h5py.Dataset:
     """Write values of shape (n, n_times) as a dataset (n_times, n)."""
     dataset = stream_columns(blocks, group, name, values.shape, values.dtype, lambda part: values[:, part])
-    # An array of one row or column is in both orders.
+    # An array of one row or column is contiguous in both orders.
     dataset.attrs["fortran"] = bool(values.flags.f_contiguous and not values.flags.c_contiguous)
     return dataset
 

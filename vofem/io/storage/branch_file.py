@@ -31,10 +31,10 @@ from vofem.system import State
 
 SUFFIXES = (".h5", ".hdf")
 
-#: The group that tells a branch from a run.
+#: Name of the group by which a file is known to hold a branch and not a run.
 GROUP = "vofem_branch"
 
-#: Counts up when files of a new kind could not be read by this version.
+#: Version of the format. It is increased when this version could not read the new files.
 FORMAT = 1
 
 

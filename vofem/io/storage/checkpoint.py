@@ -23,16 +23,17 @@ from vofem.progress import Progress
 from vofem.result import Result
 from vofem.scene import Scene, as_scene
 from vofem.simulate import Plan, run_plan
+from vofem.system import same_matrix
 
 _SUFFIXES = (".checkpoint", ".h5", ".hdf")
 
-#: Counts up when files of a new kind could not be read by this version.
+#: Version of the format. It is increased when this version could not read the new files.
 FORMAT = 1
 
 
 @dataclass
 class _Begun:
-    """What an `Encoder` asks of a run: at the beginning there is only the start."""
+    """A run that has just begun, as an `Encoder` sees it: it has its start state and nothing else."""
 
     times: NDArray[np.float64]
     model: Model
@@ -60,7 +61,7 @@ def checkpoint_writer(path: str | os.PathLike[str], scene: Scene) -> Callable[[P
 
 
 def _identity(file: Path) -> tuple[int, int, int] | None:
-    """Return what tells one writing of a file from another, or None where there is no file."""
+    """Return numbers that change whenever a file is written anew; None where there is no file."""
     try:
         status = os.stat(file)
     except FileNotFoundError:
@@ -131,27 +132,29 @@ def resume(
     else:
         _check_same(as_scene("resume", scene), record["model"])
     plan = record["plan"]
-    # Earlier versions knew no other way.
+    # In earlier versions all runs were compiled.
     plan = replace(plan, compiled=plan.compiled is not False)
     writers = _Writers(target(path, _SUFFIXES), scene, found)
     return run_plan(scene, plan, progress, writers, checkpoint_every, record["snapshot"])
 
 
 def _check_same(scene: Scene, model: Model) -> None:
-    """Raise where a scene has other equations than a model, as far as these are matrices."""
+    """Raise where a scene has other equations than a model. Functions of time and laws in Python are not compared."""
     mine, other = scene.model.system, model.system
-    same = mine.size == other.size
-    for name in ("mass", "stiffness"):
-        same = same and _equal(getattr(mine, name), getattr(other, name))
-    same = same and [type(group) for group in mine.laws] == [type(group) for group in other.laws]
-    for one, two in zip(mine.laws, other.laws, strict=False):
-        same = same and _equal(one.rows, two.rows) and np.array_equal(one.numbers(), two.numbers())
-    if not same or len(mine.loads) != len(other.loads):
-        raise ArgumentError(
-            "resume: the scene is another one than that of the checkpoint: masses, stiffnesses, springpots, contacts "
-            "or loads differ; give the scene that the run began with, or simulate anew"
+    same = (
+        mine.size == other.size
+        and all(same_matrix(getattr(mine, name), getattr(other, name)) for name in ("mass", "stiffness", "damping"))
+        and mine.rayleigh == other.rayleigh
+        and np.array_equal(mine.modal_damping, other.modal_damping)  # type: ignore[arg-type]
+        and [type(group) for group in mine.laws] == [type(group) for group in other.laws]
+        and all(
+            same_matrix(one.rows, two.rows) and np.array_equal(one.numbers(), two.numbers())
+            for one, two in zip(mine.laws, other.laws, strict=True)
         )
-
-
-def _equal(one: Any, two: Any) -> bool:
-    return one.shape == two.shape and abs(one - two).max() == 0.0
+        and mine.has_load_vectors_of(other)
+    )
+    if not same:
+        raise ArgumentError(
+            "resume: the scene is another one than that of the checkpoint: masses, stiffnesses, damping, springpots, "
+            "contacts or loads differ; give the scene that the run began with, or simulate anew"
+        )

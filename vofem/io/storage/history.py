@@ -28,7 +28,7 @@ from vofem.system import Events
 
 Array = NDArray[np.float64]
 
-#: Of points: names, names in samples, units.
+#: For every quantity of a point: its name in the file, its name in `Samples`, its unit.
 _MOTION = (("displacement", "q", "m"), ("velocity", "v", "m s-1"), ("acceleration", "a", "m s-2"))
 
 _ENERGIES = ("kinetic", "strain", "contact", "dissipated", "work")
@@ -66,7 +66,7 @@ class _Group:
 
     def dimension(self, name: str, size: int) -> None:
         """Declare a dimension without coordinates."""
-        # The name by which netCDF knows such dimensions, and its number.
+        # netCDF recognises a dimension without coordinates by this name and number.
         scale = self._group.create_dataset(name, shape=(size,), dtype=">f4")
         self._declare(name, scale, f"This is a netCDF dimension but not a netCDF variable.{size:10d}")
 
@@ -116,7 +116,7 @@ class _Group:
 
 
 def _texts(values: Sequence[str]) -> Any:
-    """Return strings as HDF5 holds them: without characters that are no text."""
+    """Return strings for HDF5, without characters that are no valid text."""
     return np.array([text.encode("utf-8", "replace").replace(b"\0", b"?") for text in values], dtype=object)
 
 
@@ -183,7 +183,7 @@ def _probes(file: _Group, result: Result) -> None:
     file.coordinate("probe", [point.name for point in points], long_name="points that the scene names")
     rows = rows_over(result.model, result.scene.bodies, points)
     for name, of, unit in _MOTION:
-        # Not by the methods of the result, which take the whole field of a body at a time.
+        # The methods of the result are not used here, because they compute the whole field of a body at once.
         file.products(f"probe_{name}", "probe", rows, getattr(result.samples, of), units=unit)
 
 

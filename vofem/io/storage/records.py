@@ -69,7 +69,7 @@ class Encoder:
 
     def __init__(self, result: Result | Taken) -> None:
         self._result = result
-        #: Times of the loads.
+        #: Names of attributes with the times at which loads are known.
         self._times = result.t_start + result.times
 
     def __call__(self, value: Any) -> tuple[str, Any] | None:
@@ -197,7 +197,7 @@ def _beam(
     mesh_file: str | None,
 ) -> Beam:  # fmt: skip
     beam = Beam(length, EI, rhoA, elements, None, tension, name)
-    # By node, as they were resolved: an x may not name its node to the last bit.
+    # Supports are kept by node, because an x may differ from that of its node in the last bit.
     beam.supports = supports
     beam.mesh_file = None if mesh_file is None else Path(mesh_file)
     return beam

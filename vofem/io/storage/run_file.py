@@ -36,7 +36,7 @@ from vofem.simulate.start_time import model_at
 
 SUFFIXES = (".vtkhdf", ".h5", ".hdf")
 
-#: Counts up when files of a new kind could not be read by this version.
+#: Version of the format. It is increased when this version could not read the new files.
 FORMAT = 1
 
 
@@ -56,7 +56,7 @@ def save(
     magnification = number("save: magnification", magnification, positive=True)
     with writing(goal, overwrite=overwrite) as blocks:
         file = blocks.file
-        # All is written into groups that keep the order of their names, as netCDF wants it.
+        # netCDF requires that groups keep the order in which their members were made.
         own = file.create_group("vofem", track_order=True)
         own.attrs["format"] = FORMAT
         own.attrs["written_by"] = __version__
@@ -65,7 +65,7 @@ def save(
         _write_toml(own, result, goal)
         model, solution = result.scene.model, solution_record(result.solution)
         if result.solution.truncation is None:
-            # That of the scene, which is written once; `load` shifts its loads again.
+            # The model of the scene is written once; `load` shifts its loads by t_start again.
             solution["system"] = model.system
         record = {"scene": result.scene, "model": model, "solution": solution}
         record |= {"t_start": result.t_start, "start": result.start}
@@ -131,7 +131,7 @@ def read(file: h5py.File) -> Result:
     model = model_at(scene.model, t_start)
     if "system" in record["solution"]:
         record["solution"]["system"] = model.system
-    # Earlier versions knew no other way.
+    # In earlier versions all runs were compiled.
     compiled = bool(own.attrs.get("compiled", True))
     with kernels(compiled=compiled):
         solution = restored_solution(
@@ -141,7 +141,7 @@ def read(file: h5py.File) -> Result:
         scene, str(own.attrs["method"]), solution, history.recorded, model=model, t_start=t_start,
         start=record.get("start"), compiled=compiled,
     )  # fmt: skip
-    # Samples in Ritz vectors are summed in another order than those of the history: they are computed anew.
+    # Samples in Ritz vectors are computed anew: sums in another order differ from the history in the last bits.
     if solution.truncation is None:
         result.__dict__["samples"] = history.samples
     result.__dict__["energy"] = history.energy

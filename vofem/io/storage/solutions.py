@@ -18,7 +18,7 @@ from vofem.io.storage.tree import read_array, write_array
 from vofem.result import Result
 from vofem.system import Events
 
-#: Kept in the history, and put back by the caller.
+#: Fields that the group `history` holds; the caller puts them back.
 _ELSEWHERE = ("times", "samples", "stored", "events", "probes")
 
 
@@ -49,7 +49,7 @@ def solution_record(solution: Solution) -> dict[str, Any]:
         )
     names = ("system", "space", "t_end", "counters", "notes")
     record = {"kind": "event_driven", **{name: getattr(solution, name) for name in names}}
-    # Growth that nobody has asked for is computed when somebody does.
+    # Growth of disturbances that was not computed before saving is computed when it is asked for.
     return record | {"sensitivity": solution.__dict__.get("sensitivity")}
 
 

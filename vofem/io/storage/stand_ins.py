@@ -15,7 +15,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem.assembly import SystemBuilder
-from vofem.bodies.base import BaseBody, BodyMatrices, DegreesOfFreedom, IntArray, Point, Row, Shape, ShapePoint
+from vofem.bodies.base import (
+    BaseBody,
+    BodyMatrices,
+    DegreesOfFreedom,
+    IntArray,
+    Point,
+    Row,
+    Shape,
+    ShapePoint,
+    place_of,
+)
 from vofem.errors import ArgumentError, MissingCallableError, VofemError
 from vofem.initial import StoredState
 from vofem.laws import SmoothLaws
@@ -252,7 +262,7 @@ class StoredBody(BaseBody):
 
     @classmethod
     def of(cls, body: Any) -> StoredBody:
-        """Return what stands for a body."""
+        """Return the substitute for a body."""
         shape = body.shape
         return cls(
             body.name, type(body).__name__, body.label, body.summary(), body.degrees_of_freedom, body.matrices(),
@@ -276,11 +286,11 @@ class StoredBody(BaseBody):
 
     @property
     def label(self) -> str:
-        """What the body said."""
+        """Kind and name of the body that was saved."""
         return self.shown_label
 
     def summary(self) -> str:
-        """Return what the body said."""
+        """Return the line that the saved body gave for `explain`."""
         return self.shown
 
     def matrices(self) -> BodyMatrices:
@@ -331,9 +341,9 @@ class StoredPoint:
     name, shown : str
         Its name, and what `describe` said.
     x : float
-        In m.
+        Place on the axis of the body, m.
     indices, weights : ndarray
-        Of its row.
+        Entries of the row of its displacement.
     slope : tuple of ndarray, optional
         Indices and weights of the row of its slope.
     """
@@ -348,14 +358,14 @@ class StoredPoint:
 
     @classmethod
     def of(cls, point: Any) -> StoredPoint:
-        """Return what stands for a point."""
+        """Return the substitute for a point."""
         row = point.row()
         try:
             turned = point.slope_row()
         except VofemError:
             turned = None
         slope = None if turned is None else (turned.indices, turned.weights)
-        x = float(getattr(point, "x", 0.0))
+        x = place_of(point)
         return cls(point.body, point.name, point.describe(), x, row.indices, row.weights, slope)
 
     def row(self) -> Row:
@@ -369,5 +379,5 @@ class StoredPoint:
         return Row(*self.slope)
 
     def describe(self) -> str:
-        """Return what the point said."""
+        """Return the description of the saved point."""
         return self.shown

@@ -1,4 +1,4 @@
-"""What stands in a loaded run for a callable of x, such as EI(x): its values along the beam."""
+"""The substitute in a loaded run for a callable of x, such as EI(x): its values along the beam."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 #: Values per element of a function of x.
 _PER_ELEMENT = 20
 
-#: Up to here, relative to the largest value, the polynomial of an element counts as the function itself.
+#: Error, over the largest value, up to which the polynomial of an element counts as the function itself.
 _FAITHFUL = 1e-10
 
 
@@ -30,9 +30,9 @@ class StoredField:
     ----------
     name : str
     nodes : ndarray, shape (n_elements + 1,)
-        In m.
+        Places of the nodes, m.
     values : ndarray, shape (n_elements, n_points)
-        At Chebyshev points inside every element, from the left.
+        Values at Chebyshev points inside every element, from left to right.
     known_x, known : ndarray, shape (k,)
         Places in m, ascending, where it is known to the last bit, and its values there.
     error : ndarray, shape (n_elements,)
@@ -51,11 +51,11 @@ class StoredField:
 
     @classmethod
     def of(cls, function: Callable[[Array], Any], beam: Beam, what: str) -> StoredField:
-        """Return what stands for a callable of x; how faithful it is, is tried at other points."""
+        """Return the substitute for a callable of x. Its error is estimated at further points."""
         name = f"{what} of {beam.label} ({name_of(function)})"
         nodes = beam.nodes
         arc, start, widths = nodes - beam.origin, nodes[:-1, None], np.diff(nodes)[:, None]
-        # The midpoints are where a Beam tries its coefficients.
+        # A Beam checks its coefficients at the midpoints of elements.
         x = np.unique(np.concatenate([nodes, beam.origin + 0.5 * (arc[:-1] + arc[1:])]))
 
         def evaluated(x: Array) -> Array:
@@ -70,7 +70,7 @@ class StoredField:
         return cls(name, nodes, values, x, exact.known, error)
 
     def __call__(self, x: ArrayLike) -> Array:
-        """Return the values at x; raises `MissingCallableError` where a polynomial is no good."""
+        """Return the values at x; raise `MissingCallableError` where a polynomial is not accurate."""
         x = np.asarray(x, dtype=float)
         flat = x.ravel()
         nearest = np.clip(np.searchsorted(self.known_x, flat), 0, self.known_x.size - 1)
@@ -92,7 +92,7 @@ class StoredField:
         return result.reshape(x.shape)
 
     def _interpolated(self, element: NDArray[np.int64], xi: Array) -> Array:
-        """Return the barycentric interpolant of each element, in memory that does not grow with the product."""
+        """Return the barycentric interpolant of each element, with bounded memory."""
         points = _chebyshev(self.values.shape[1])
         weights = np.sin(np.pi * (np.arange(points.size) + 0.5) / points.size) * (-1.0) ** np.arange(points.size)
         above, below = np.zeros(xi.size), np.zeros(xi.size)

@@ -97,7 +97,7 @@ class _Writer:
     def __init__(self, group: h5py.Group, encode: Encode) -> None:
         self._group = group
         self._encode = encode
-        # By identity, and kept alive, so that no other object takes its place.
+        # Objects are compared by identity. They are kept alive, so that no other object gets the same identity.
         self._known: dict[int, tuple[int, Any]] = {}
 
     def node(self, value: Any, path: str) -> Any:
@@ -191,7 +191,7 @@ def _no_tags(tag: str, value: Any) -> Any:
 
 
 def is_data(kind: type) -> bool:
-    """Return whether a class of this package is nothing but its fields."""
+    """Return whether a class of this package is plain data: a dataclass or a named tuple."""
     named = issubclass(kind, tuple) and hasattr(kind, "_fields")
     return kind.__module__.startswith("vofem.") and (dataclasses.is_dataclass(kind) or named)
 
@@ -200,7 +200,7 @@ def _field_names(kind: Any) -> tuple[str, ...]:
     return kind._fields if issubclass(kind, tuple) else tuple(field.name for field in dataclasses.fields(kind))
 
 
-#: Classes that have moved since files named them, without a trace at their old place.
+#: Former and present names of classes that have moved and cannot be imported from their former module.
 _MOVED = {
     "vofem.memory.laws:MemoryLaw": "vofem.laws.hysteretic:HystereticLaw",
     "vofem.memory.laws:PrintedLaw": "vofem.laws.paper:PrintedLaw",
@@ -216,7 +216,7 @@ _MOVED = {
 }
 
 
-#: Where functions of time were kept, in modules of this package or named by it.
+#: Former module, or package of modules, of the functions of time.
 _FUNCTIONS = "vofem.effects.time_functions"
 
 

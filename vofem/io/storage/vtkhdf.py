@@ -20,7 +20,7 @@ from vofem.result import Result
 
 Array = NDArray[np.float64]
 
-#: Frames that are written unless more are asked for: fields on the grid take several times the room of the history.
+#: Number of frames that are written by default. Fields on the grid take several times as much space as the history.
 _MOST_FRAMES = 1000
 
 _POINTS_PER_ELEMENT = 5
@@ -42,7 +42,7 @@ def write_fields(blocks: Blocks, group: h5py.Group, result: Result, times: Array
     group : h5py.Group
         The empty group ``VTKHDF``.
     times : ndarray, shape (n_frames,)
-        In s, increasing.
+        Times of the frames, s, increasing.
     magnification : float
         By which gaps are drawn larger.
     """

@@ -26,13 +26,13 @@ from vofem.studies.remesh import can_have, element_count, remeshed
 
 Array = NDArray[np.float64]
 
-#: Told how many parts of a study are done, of how many, and what comes next.
+#: Called with the number of parts of a study that are done, their total number, and a name of the next part.
 Progress = Callable[[int, int, str], None]
 
 #: The reference has so many times the elements of the finest mesh studied.
 _FINER = 4
 
-#: Seconds that a step takes at least for every unknown, by which hopeless runs are known before they start.
+#: Least time of a step for every unknown, s. Runs that would take far too long by it are not started.
 _LEAST = 1e-8
 
 
@@ -95,7 +95,7 @@ class Bench:
     ----------
     source : Source
     t_end : float
-        In s.
+        End of the runs, s.
     samples : int
         Number of uniform times at which runs are compared.
     point : point, optional
@@ -126,7 +126,7 @@ class Bench:
         wanted = list(meshes)
         finest = meshes[-1]
         if finest:
-            # Half of the reference's elements tell how good it is.
+            # A run with half of the elements of the reference gives an estimate of its error.
             factor = _FINER if self.closed_form else 2
             wanted += [n for n in (finest * factor // 2, finest * factor) if n not in wanted]
         new = [n for n in wanted if n not in self._exact]

@@ -22,7 +22,7 @@ from vofem.studies.accuracy.work_precision import (
     whole_numbers,
 )
 
-#: Meshes that are tried where none are given, as multiples of the scene's own.
+#: Numbers of elements that are tried where none are given, as multiples of those of the scene.
 _MULTIPLES = (0.25, 0.5, 1, 2, 4)
 
 #: Most steps of one size that are tried on a mesh.

@@ -61,9 +61,9 @@ class Question:
     Attributes
     ----------
     t_end : float
-        In s.
+        End of the run, s.
     times : ndarray, shape (n_times,)
-        Of comparison, s.
+        Times of comparison, s.
     point : point
     cap : float
         Seconds after which no finer run begins where a reference is found by halving steps.
@@ -133,7 +133,7 @@ def _by_steps(scene: Scene, question: Question) -> Exact:
     """Halve the steps of energy_conserving until the time is over; the last two runs tell the error."""
     steps = _FIRST_STEPS
     last, differences = _stepped(scene, question, steps), [np.inf]
-    # Kernels may have been compiled in the first run; that takes nothing from the time of the study.
+    # The first run may have compiled kernels. This time does not count as time of the study.
     begin = time.perf_counter()
     while True:
         start = time.perf_counter()
@@ -144,7 +144,7 @@ def _by_steps(scene: Scene, question: Question) -> Exact:
         took = time.perf_counter() - start
         size = float(np.max(np.abs(last.history)))
         rounded = differences[-1] < _SETTLED * size and differences[-1] >= 0.7 * differences[-2]
-        # The next would take twice as long as this one.
+        # The next run would take twice as long as this one.
         if rounded or time.perf_counter() - begin + 2.0 * took > question.cap:
             break
     ratio = differences[-2] / differences[-1] if differences[-1] > 0.0 else np.inf

@@ -20,7 +20,7 @@ class Observed:
     Attributes
     ----------
     times : ndarray, shape (n_times,)
-        In s.
+        Times of comparison, s.
     history : ndarray, shape (n_times,)
         Displacement of the point, m.
     events : tuple of ndarray

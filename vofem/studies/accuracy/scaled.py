@@ -17,7 +17,7 @@ from vofem.system import Load, System
 
 _FACTOR = 3.0
 
-#: What is multiplied, and what stays as it is. A system that holds anything else cannot be scaled.
+#: Attributes that are multiplied, and those that are not. A system with any further attribute cannot be scaled.
 _KNOWN = (
     "mass", "stiffness", "damping", "rayleigh", "modal_damping", "loads", "laws", "scale", "strain", "rigid",
     "rotation",

@@ -1,4 +1,4 @@
-"""Runs whose time does not matter, on several processes; what is timed runs alone, after them."""
+"""Runs on several processes, for runs that are not timed. Timed runs take place alone, after them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def spread(function: Callable[..., Any], jobs: Sequence[tuple[Any, ...]], worker
     Parameters
     ----------
     function : callable
-        Of a module, so that other processes find it.
+        A function of a module, so that other processes can import it.
     jobs : sequence of tuple
         Arguments.
     workers : int

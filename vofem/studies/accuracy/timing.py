@@ -22,9 +22,9 @@ def best_time(work: Callable[[], T], repeats: int, cap: float) -> tuple[float, T
     ----------
     work : callable
     repeats : int
-        At most so many runs.
+        Largest number of runs.
     cap : float
-        In s. No run begins after it.
+        Time in s after which no other run begins.
     """
     begin = time.perf_counter()
     outcome = work()

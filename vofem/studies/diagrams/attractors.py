@@ -108,7 +108,7 @@ def basins(
     period : float, optional
         Time between two samples in s. The default is the common period of the loads.
     method : str
-        As in `vofem.simulate`.
+        See `vofem.simulate`.
     executor, workers, store, progress
         As in `vofem.sweep`.
 
@@ -138,7 +138,7 @@ def basins(
     if not len(table):
         raise ArgumentError(f"basins: every run failed, the first with: {table.failed[0].error}")
     looks = table["looks"].reshape(-1, *table["looks"].shape[-3:])
-    index, found = _told_apart(looks, tolerance)
+    index, found = _distinct(looks, tolerance)
     return Basins(_named(found, index, looks), _by_share(index, len(found)).reshape(table.points.shape), table)
 
 
@@ -151,7 +151,7 @@ def _looks(scene: Scene, start: Callable[..., Mapping[Any, Any]], how: Strobosco
     return {"looks": samples}
 
 
-def _told_apart(looks: Array, tolerance: float) -> tuple[NDArray[np.int64], list[tuple[int, Array]]]:
+def _distinct(looks: Array, tolerance: float) -> tuple[NDArray[np.int64], list[tuple[int, Array]]]:
     """Return the number of the attractor of every run, and order and points of each attractor."""
     found: list[tuple[int, Array]] = []
     index = np.full(looks.shape[0], -1, dtype=np.int64)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem._validate import choice
+from vofem._validate import choice, name_of
 from vofem.errors import ArgumentError, VofemError
 from vofem.scene import Scene
 from vofem.studies.diagrams.stroboscope import Stroboscope, order_of, plain_state, state_from, stroboscope
@@ -59,7 +59,7 @@ class BifurcationDiagram:
 
     def _of(self, kind: int, point: Any, start: str) -> Array:
         choice("BifurcationDiagram: start", start, tuple(self.looks))
-        name = self.points[0] if point is None else getattr(point, "name", point)
+        name = self.points[0] if point is None else name_of(point)
         if name not in self.points:
             raise ArgumentError(f"BifurcationDiagram: no point is named {name!r}; there are {list(self.points)}")
         samples: Array = self.looks[start][kind, self.points.index(name)]
@@ -125,7 +125,7 @@ def bifurcation_diagram(
     period : float, optional
         Time between two samples in s. The default is the common period of the loads.
     method : str
-        As in `vofem.simulate`.
+        See `vofem.simulate`.
     executor, workers, store, progress
         As in `vofem.sweep`.
 

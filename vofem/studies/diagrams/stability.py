@@ -83,7 +83,7 @@ def stability_map(
     point : point, optional
         Point whose amplitude is computed; its body is found by name. The default is that of the first contact.
     method : str
-        As in `vofem.periodic`.
+        See `vofem.periodic`.
     executor, workers, store, progress
         As in `vofem.sweep`.
 

@@ -33,7 +33,7 @@ class Stroboscope:
     skip : int
         Periods before the first sample.
     method : str
-        As in `vofem.simulate`.
+        See `vofem.simulate`.
     """
 
     points: tuple[Any, ...]
@@ -48,7 +48,7 @@ class Stroboscope:
         Returns
         -------
         samples : ndarray, shape (2, n_points, periods)
-            In m and m/s.
+            Displacements, m, and velocities, m/s.
         state : StoredState
         """
         period = load_period("stroboscope", scene.model.system, self.period).period

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterator
 
-from vofem.integrators.watching import deferred_interrupts
+from vofem.integrators.observer import deferred_interrupts
 from vofem.progress import Progress, TerminalBar
 from vofem.studies.steady.point import Interval
 

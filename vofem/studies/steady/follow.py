@@ -50,7 +50,7 @@ _LOOP = 12
 _AGAIN = 1e-2
 
 #: How far from a point a grazing may be, in steps, and how near zero an extreme must be to be looked at.
-_REACH, _NEAR = 4.0, 0.3
+_FARTHEST, _NEAR = 4.0, 0.3
 
 
 @dataclass
@@ -121,7 +121,7 @@ class Follower:
         self.family, self.interval, self.counters = family, interval, counters
         self.largest, self.most = largest, most
         self.track = Track()
-        self._seen = family.work.flows
+        self._flows_counted = family.work.flows
         self._over = False
         self._leaving_another = False
         self._begun = 0
@@ -131,8 +131,8 @@ class Follower:
     def _count(self, kind: str) -> None:
         """Attribute the flows since the last call."""
         done = self.family.work.flows
-        setattr(self.counters, kind, getattr(self.counters, kind) + done - self._seen)
-        self._seen = done
+        setattr(self.counters, kind, getattr(self.counters, kind) + done - self._flows_counted)
+        self._flows_counted = done
 
     # -- points ---------------------------------------------------------------------------------------
 
@@ -510,7 +510,7 @@ class Follower:
         n = here.size // 2
         origin = ORIGIN.scales(now.problem, now.evaluation)
         away = np.append((there - here) / origin, (at.value - now.value) / self.interval.size)
-        if np.linalg.norm(away) > _REACH * step or n == 0:
+        if np.linalg.norm(away) > _FARTHEST * step or n == 0:
             return None
         if now.chart is ORIGIN and away @ now.tangent < -1e-3 * np.linalg.norm(away):
             return None

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from vofem._validate import whole
 from vofem.errors import ArgumentError, ConvergenceError, MethodError, SingularSystemError
 from vofem.integrators.event_driven.flow import share_modes
+from vofem.integrators.methods import ENERGY_CONSERVING
 from vofem.laws import SpringpotLaws
 from vofem.laws.rows import all_rows
 from vofem.result import Result
@@ -259,7 +260,7 @@ class HarmonicBalance:
         period = self.loads.period
         count = self.periods * max(1, _TRANSIENT // self.periods)
         try:
-            run = simulate(self.scene, count * period, method="energy_conserving", dt=period / _STEPS)
+            run = simulate(self.scene, count * period, method=ENERGY_CONSERVING.name, dt=period / _STEPS)
         except Exception as error:
             raise ConvergenceError(
                 f"{self._what}: harmonic balance does not converge from the linear response, and a transient from rest "

@@ -134,13 +134,13 @@ class LinearRest:
         rows = [row for row in inputs if np.any(row)]
         rows += [row for part in self._attached for row in np.asarray(part.rows.toarray())]
         basis = RitzBasis(system.mass, solve, system.rigid, rows or [system.mass @ np.ones(system.size)], [])
-        looked = np.unique(np.concatenate([[largest.min(), largest.max()], np.quantile(largest, [0.25, 0.5, 0.75])]))
+        sampled = np.unique(np.concatenate([[largest.min(), largest.max()], np.quantile(largest, [0.25, 0.5, 0.75])]))
         before: Complex | None = None
         count = max(_FIRST, 4 * len(rows))
         while True:
             vectors = basis.grow(count)
             self._in_ritz_vectors(vectors, basis.rigid, counters)
-            now = self._seen(vectors, inputs, looked)
+            now = self._transfer(vectors, inputs, sampled)
             if before is not None:
                 self.error = _largest_change(before, now)
                 if self.error <= _CHANGE:
@@ -154,9 +154,9 @@ class LinearRest:
             before, count = now, 2 * count
         if self.error > _ROUNDING:
             raise ConvergenceError(
-                f"{count} Ritz vectors leave the response at {looked.max():.4g} rad/s uncertain by {self.error:.1e} of "
-                "itself: the frequency is too high for so many degrees of freedom. Ask for lower frequencies or fewer "
-                "harmonics"
+                f"{count} Ritz vectors leave the response at {sampled.max():.4g} rad/s uncertain by {self.error:.1e} "
+                "of itself: the frequency is too high for so many degrees of freedom. Ask for lower frequencies or "
+                "fewer harmonics"
             )
 
     def _in_ritz_vectors(self, vectors: Array, rigid: int, counters: Counters) -> None:
@@ -185,7 +185,7 @@ class LinearRest:
         coupling = None if system.damping is None else self.vectors.T @ (system.damping @ self.vectors)
         self._couple(coupling)
 
-    def _seen(self, vectors: Array, inputs: Array, omegas: Array) -> Complex:
+    def _transfer(self, vectors: Array, inputs: Array, omegas: Array) -> Complex:
         """Return responses to all inputs in Ritz vectors, shape (n_frequencies, m, n_inputs)."""
         forces = (inputs @ self.vectors).T
         return np.stack([self._ritz @ self.response(w, forces) for w in omegas.tolist()])

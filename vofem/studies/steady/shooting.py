@@ -19,6 +19,7 @@ from vofem.errors import ConvergenceError, EventStormError, MethodError
 from vofem.initial import Initial, StoredState
 from vofem.integrators.event_driven.flow import Flow, Start, Unwatched, flow, modal_state, modes_of, share_modes
 from vofem.integrators.event_driven.run import refusal
+from vofem.integrators.methods import EVENT_DRIVEN
 from vofem.linalg.eigen import eigenvalues
 from vofem.result import Result
 from vofem.scene import Scene
@@ -324,7 +325,7 @@ def shooting_refusal(scene: Scene) -> str | None:
 def orbit_result(scene: Scene, state: State, duration: float) -> Result:
     """Return the run of `event_driven` over one orbit at `TIMES` equal times."""
     times = np.linspace(0.0, duration, TIMES)
-    plan = Plan("event_driven", duration, times, None, {"truncation": 0.0}, None, state)
+    plan = Plan(EVENT_DRIVEN.name, duration, times, None, {"truncation": 0.0}, None, state)
     return run_plan(scene, plan, False, None, 60.0, None)
 
 

@@ -21,7 +21,7 @@ class SweepBar:
     done : int
         Points that a store holds already.
     progress : bool or callable, optional
-        As in `vofem.sweep`.
+        See `vofem.sweep`.
     """
 
     def __init__(self, total: int, done: int, progress: Progress) -> None:

@@ -27,7 +27,7 @@ class Engine(Protocol):
     workers: int
     #: How many batches may be handed over at the same time.
     capacity: int
-    #: Whether `restart` gives new workers where one has ended abruptly.
+    #: Whether `restart` replaces workers that have ended abruptly.
     restarts: bool
 
     def submit(self, task: Task, points: Points) -> Future[list[Row]]:

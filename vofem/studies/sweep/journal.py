@@ -33,7 +33,7 @@ class Journal:
     Parameters
     ----------
     path : Path
-        Of an HDF5 file that `vofem.files.hdf5.writing` has written.
+        Path of an HDF5 file that `vofem.files.hdf5.writing` has written.
     """
 
     def __init__(self, path: Path) -> None:

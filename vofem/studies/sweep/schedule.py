@@ -23,8 +23,8 @@ _ATTEMPTS = 2
 #: Wall time beyond its limit after which a batch that does not come back ends its worker, in s.
 _GRACE = 10.0
 
-#: Wall time between two looks at progress, limits and the keyboard, in s.
-_LOOK = 0.2
+#: Wall time in s between two checks of progress, limits and the keyboard.
+_INTERVAL = 0.2
 
 
 @dataclass
@@ -45,7 +45,7 @@ class Schedule:
     points : sequence of dict
     keep : callable
         Called with positions and rows as batches come back.
-    look : callable
+    check : callable
         Called a few times a second.
 
     Attributes
@@ -62,13 +62,13 @@ class Schedule:
         task: Task,
         points: Sequence[dict[str, Any]],
         keep: Callable[[Sequence[int], Sequence[Row]], None],
-        look: Callable[[], None],
+        check: Callable[[], None],
     ) -> None:
         self._engine, self._task, self._points = engine, task, points
-        self._keep, self._look = keep, look
+        self._keep, self._check = keep, check
         self._waiting = deque(range(len(points)))
         self._alone: deque[int] = deque()
-        self._lost = [0] * len(points)
+        self._abrupt_ends = [0] * len(points)
         self._flying: dict[Future[list[Row]], _Batch] = {}
         self._seconds, self._counted = 0.0, 0
         self.restarts = self.batches = 0
@@ -83,13 +83,13 @@ class Schedule:
         """
         while self._waiting or self._alone or self._flying:
             self._fill()
-            finished, _ = wait(self._flying, timeout=_LOOK, return_when=FIRST_COMPLETED)
+            finished, _ = wait(self._flying, timeout=_INTERVAL, return_when=FIRST_COMPLETED)
             broken = [batch for future in finished if (batch := self._take(future)) is not None]
             if broken:
                 self._recover(broken)
             else:
                 self._end_overdue()
-            self._look()
+            self._check()
 
     def _fill(self) -> None:
         """Hand over as many batches as the engine takes."""
@@ -104,8 +104,8 @@ class Schedule:
 
     def _room(self) -> int:
         """Return how many batches may be on their way."""
-        if self._alone or any(self._lost[batch.positions[0]] for batch in self._flying.values()):
-            # A point that was in a lost worker goes alone, so that its worker's end tells who caused it.
+        if self._alone or any(self._abrupt_ends[batch.positions[0]] for batch in self._flying.values()):
+            # A point whose worker ended abruptly is computed alone next time, which shows whether it was the cause.
             return 1
         if not self._counted:
             # The first point goes alone: code is compiled once, and its time says how large batches are to be.
@@ -136,7 +136,7 @@ class Schedule:
         """Keep the rows of a batch that came back; return the batch where it was lost with its worker."""
         batch = self._flying.pop(future)
         error = None if future.cancelled() else future.exception()
-        if future.cancelled() or _is_lost(error):
+        if future.cancelled() or _worker_ended(error):
             return batch
         if error is not None:
             # The executor could not send the batch or its rows; every other error is a row already.
@@ -161,8 +161,8 @@ class Schedule:
         positions = sorted(k for batch in broken for k in batch.positions)
         alone = len(positions) == 1
         for k in positions:
-            self._lost[k] += 1
-            if alone and self._lost[k] >= _ATTEMPTS:
+            self._abrupt_ends[k] += 1
+            if alone and self._abrupt_ends[k] >= _ATTEMPTS:
                 self._keep([k], [failed(_ABRUPT)])
             else:
                 self._alone.append(k)
@@ -196,6 +196,6 @@ _NO_MORE = (
 _ABRUPT = "WorkerError: the process of the worker ended abruptly at this point: out of memory, killed, or a crash"
 
 
-def _is_lost(error: BaseException | None) -> bool:
+def _worker_ended(error: BaseException | None) -> bool:
     """Return whether an error says that a worker has ended, whatever the executor."""
     return isinstance(error, BrokenExecutor) or type(error).__name__ in ("KilledWorker", "TerminatedWorkerError")

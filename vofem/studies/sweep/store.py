@@ -22,10 +22,10 @@ from vofem.studies.sweep.worker import RESERVED, Row
 
 _SUFFIXES = (".h5", ".hdf5", ".nc")
 
-#: Counts up when files of a new kind could not be read by this version.
+#: Version of the format. It is increased when this version could not read the new files.
 FORMAT = 1
 
-#: The table is written whole at most this often, in s, and for at most this share of the time.
+#: Shortest time in s between two writings of the whole table, and largest share of the time that they may take.
 _INTERVAL, _SHARE = 30.0, 0.05
 
 

@@ -1,1 +1,1 @@
-"""The cases themselves, by what they are about."""
+"""The cases, in a module for each subject."""

@@ -1,4 +1,4 @@
-"""Hard cases in which contact events crowd, or hide: 8, 9 and 10."""
+"""Hard cases with events that accumulate in time or are easily missed: 8, 9 and 10."""
 
 from __future__ import annotations
 

@@ -54,11 +54,11 @@ def _bounce(count: int, error: float) -> Case:
 
     def measure(run: Run) -> Mapping[str, float]:
         masses, springs = chain(count, length, modulus, 1.0)
-        # As stiff as the bar's own springs: stiffer stops make the end chatter.
+        # The stop is as stiff as the springs of the bar: the end would chatter on a stiffer stop.
         stiffness = modulus * count / length
         stop = Contact(masses[0], gap=height, stiffness=stiffness, side="below", acts_on="penetration", name="stop")
         contact = run.simulate(Scene(masses, [*springs, stop, Gravity(g)]), 4.6).contacts["stop"]
-        # Grazing contacts of the end after an impact belong to it.
+        # Grazing contacts of the end just after an impact count as part of it.
         second = contact.closings[contact.closings > 3.0][0]
         return {
             "first impact [s]": float(contact.closings[0]),

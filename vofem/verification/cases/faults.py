@@ -1,4 +1,4 @@
-"""Hard case 25: what is not a number ends a run with an error that says where and when."""
+"""Hard case 25: a value that is not a number ends a run with an error that says where and when."""
 
 from __future__ import annotations
 

@@ -125,7 +125,7 @@ def _long_time(phase: float, steps: int = 1_000_000) -> Case:
 
 def _rounding_of_steps(dt: float = 1e-5, steps: int = 1_000_000) -> Case:
     angles: dict[str, Callable[[], float]] = {
-        # What the recurrences would do in exact arithmetic.
+        # The result of the recurrences in exact arithmetic.
         CENTRAL: lambda: float(np.cos(steps * 2.0 * np.arcsin(0.5 * dt))),
         CONSERVING: lambda: float(np.cos(steps * 2.0 * np.arctan(0.5 * dt))),
         ALPHA: lambda: float(np.cos(steps * 2.0 * np.arctan(0.5 * dt))),

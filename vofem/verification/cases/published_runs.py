@@ -78,7 +78,7 @@ def _case(name: str, file: str, names: Names, measure: Measure, dt: float) -> Ca
     tolerance = {_label(key): q["tolerance"] for key, q in zip(names, entries, strict=True)}
     how = {EVENT_DRIVEN: How(tolerance)}
     for method in (CONSERVING, ALPHA, CENTRAL):
-        # Numerical dissipation would leave the digits that are published.
+        # Numerical dissipation would change the published digits.
         more = {"rho_infinity": 1.0} if method == ALPHA else {}
         how[method] = How(tolerance, {"dt": dt, **more})
     return Case(None, name, source(data), quantities, measure, how)
@@ -215,7 +215,7 @@ def _zener() -> Case:
         light = 1e-9
         mass, middle, inner = Mass(p["m"]), Mass(light, stiffness=p["K2"]), Mass(light, damping=p["C"])
         springs = [Spring(mass, middle, stiffness=p["K1"]), Spring(middle, inner, stiffness=p["K3"])]
-        # The dashpot is carried along at once, and the massless node moves to where the springs balance.
+        # The dashpot does not move at first, and the massless node jumps to the place where the springs balance.
         at_once = -0.1 * p["K1"] / (p["K1"] + p["K2"] + p["K3"])
         start = {mass: (-0.1, 0.0), middle: (at_once, 0.0), inner: (0.0, 0.0)}
         wanted = np.sort(times)

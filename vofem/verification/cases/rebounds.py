@@ -61,7 +61,7 @@ def _restitution(zeta: float) -> Case:
         Quantity("openings", 1.0),
     )
     how = exact(1e-11) | stepping(1e-5, 2e-6)
-    # The dampers' force jumps at closing, which central differences take up one step late.
+    # The damper's force jumps at closing, and central differences notice it one step late.
     how[CENTRAL] = How(1e-3, {"dt": 1e-5})
     return Case(3, f"damped stop, zeta = {zeta:g}", CLOSED_FORM, quantities, measure, how)
 

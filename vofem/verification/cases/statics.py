@@ -41,7 +41,7 @@ def _lift_off(elements: int, tolerance: float) -> Case:
     quantities = (
         Quantity("half length of contact [m]", np.pi / (2.0 * wave), relative=False),
         Quantity("depth w0 [m]", load * wave / (2.0 * k) / np.tanh(np.pi / 2.0)),
-        # Anything from 0 to 10.
+        # Any value from 0 to 10 is right.
         Quantity("iterations", 5.0, relative=False),
     )
     how = {

@@ -11,7 +11,7 @@ from vofem.effects import Contact
 from vofem.scene import Scene
 from vofem.verification.case import ALPHA, CENTRAL, CONSERVING, REFUSED, Case, How, Quantity, Run, exact
 
-#: Gap on both sides in m, and end of the run in s; the speed is 1 m/s.
+#: Gap on both sides, m, and end of the run, s. The speed is 1 m/s.
 _GAP, _T_END = 0.5, 9.7
 
 #: Tolerance of the steps.
@@ -34,7 +34,7 @@ def _case(stiffness: float) -> Case:
             Contact(mass, gap=_GAP, stiffness=stiffness, side=side, acts_on="penetration", name=side)
             for side in ("above", "below")
         ]
-        # Within the last contact too: there the displacement is largest.
+        # A time within the last contact is included, because the displacement is largest there.
         times = np.append(np.linspace(0.0, _T_END, 1001), _GAP + 0.5 * touch)
         result = run.simulate(Scene([mass], stops, initial={mass: (0.0, 1.0)}), _T_END, times=np.sort(times))
         return {
@@ -43,7 +43,7 @@ def _case(stiffness: float) -> Case:
             "largest speed [m/s]": float(np.max(np.abs(result.velocity(mass)))),
         }
 
-    # From one stop to the other takes one second and a contact.
+    # The motion from one stop to the other takes one second and the duration of a contact.
     crossings, since = divmod(_T_END - _GAP, 2.0 * _GAP + touch)
     inside = _GAP + np.sin(omega * since) / omega if since < touch else _GAP - (since - touch)
     quantities = (
@@ -55,7 +55,7 @@ def _case(stiffness: float) -> Case:
     speed = {"displacement at the end [m]": within, "largest displacement [m]": within, "largest speed [m/s]": 1e-3}
     how = exact(1e-8) | {CONSERVING: How(speed, {"tol": _TOL})}
     how |= {ALPHA: How(speed, {"tol": _TOL})}
-    # Its steps follow no tolerance, and it says so.
+    # This method has no steps under a tolerance, and refuses the argument.
     how |= {CENTRAL: How(0.0, {"tol": _TOL}, REFUSED, "tol was given")}
     return Case(32, f"free mass between stops of {stiffness:.0e} N/m, tol = {_TOL:g}", "closed form", quantities,
                 measure, how)  # fmt: skip

@@ -91,7 +91,7 @@ def _cradle(count: int = 5, gap: float = 0.01, stiffness: float = 1e6) -> Case:
         }
 
     w = np.sqrt(2.0 * stiffness)
-    # Each contact lasts pi/w, during which the struck mass already covers v pi/(2 w) of the next gap.
+    # Each contact lasts pi/w. In this time the struck mass already moves v pi/(2 w) into the next gap.
     leaves = gap + np.pi / w + (count - 2) * (gap + 0.5 * np.pi / w)
     quantities = (Quantity("last mass leaves at [s]", leaves), Quantity("its speed [m/s]", 1.0))
     how = exact(1e-10) | stepping(1e-6, 1e-6)

@@ -1,4 +1,4 @@
-"""How a run is looked at from outside, and how it is interrupted between two steps."""
+"""Observers of a run (progress bars, checkpoints), and interruption of a run between two steps."""
 
 from __future__ import annotations
 
@@ -12,16 +12,25 @@ from typing import Any, Protocol
 Snapshot = dict[str, Any]
 
 
-class Watch(Protocol):
-    """Looks at a run from time to time."""
+class Observer(Protocol):
+    """A function that a run calls from time to time, to show progress and to save checkpoints."""
 
     def __call__(self, t: float, snapshot: Callable[[], Snapshot], last: bool = False) -> None:
-        """Note the time reached in s; `snapshot` returns the run's state, `last` is true before an interruption."""
+        """Take notice of the time t in s that the run has reached.
+
+        Parameters
+        ----------
+        t : float
+        snapshot : callable
+            Returns the state of the run as plain data, from which it can be resumed.
+        last : bool
+            Whether the run is interrupted after this call.
+        """
 
 
 @contextlib.contextmanager
 def deferred_interrupts() -> Iterator[Callable[[], bool]]:
-    """Let Ctrl-C wait for the end of a step; the function given tells whether it was pressed.
+    """Let Ctrl-C wait for the end of a step. The context is a function that returns whether it was pressed.
 
     A second Ctrl-C interrupts at once. Outside the main thread nothing is deferred.
     """
