@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cached_property, wraps
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,9 @@ from vofem.kernel_mode import as_it_ran, compiled, kernels
 from vofem.laws import initial_status
 from vofem.system import CLOSED, OPEN, PINNED, Counters, Events, State, System
 from vofem.time_functions import Piece, TimeFunction
+
+if TYPE_CHECKING:
+    from vofem.integrators.event_driven.energy_forms import StatusForms
 
 Array = NDArray[np.float64]
 F = TypeVar("F", bound=Callable[..., Any])
@@ -648,9 +651,10 @@ class EventSolution:
         return found
 
     def _sampled_at(self, times: Array, gaps: bool) -> tuple[Array, Array, Array]:
-        z, v = np.empty((self.space.size, times.size)), np.empty((self.space.size, times.size))
+        # In memory each time is a row.
+        z, v = np.empty((times.size, self.space.size)).T, np.empty((times.size, self.space.size)).T
         gaps = gaps and self.system.contacts is not None
-        s = np.empty((len(self.space.contacts) if gaps else 0, times.size))
+        s = np.empty((times.size, len(self.space.contacts) if gaps else 0)).T
         sampled = self._sample_compiled(times, z, v, s)
         for index, mine, tau in self.visit(times):
             if sampled[self.record.status_numbers[index]]:
@@ -677,7 +681,7 @@ class EventSolution:
             self.gap_functions(record.segments - 1)
         sample_segments(
             self.table.arrays, slots, np.array(self.space.contacts), loads, record.buffers, self.t_end, segments,
-            times[order] - record.starts[segments], order, z, v, gaps,
+            times[order] - record.starts[segments], order, z.T, v.T, gaps.T,
         )  # fmt: skip
         return slots >= 0
 
@@ -740,18 +744,26 @@ class EventSolution:
         gap = np.where(laws.gap > 0, laws.gap, 1.0)[:, None]
         return ContactSamples(status, np.where(status == PINNED, force / gap, stiffness), force)
 
-    def _segments(self, times: Array) -> Iterator[Segment]:
-        """Yield the segments up to the last of some times, in order."""
-        wanted = {index: (mine, tau) for index, mine, tau in self.visit(times)}
-        nothing = np.empty(0, dtype=np.int64), np.empty(0)
-        for index in range(max(wanted) + 1):
-            yield Segment(
-                self.record.durations[index],
-                self.record.status(index),
-                self.motion(index),
-                self.load_pieces(self.record.starts[index]),
-                *wanted.get(index, nothing),
-            )
+    def _segment(self, index: int, wanted: Status, tau: Array) -> Segment:
+        """Return a segment with some times in it: which they are, and from its start, s."""
+        record, pieces = self.record, self.load_pieces(self.record.starts[index])
+        return Segment(record.durations[index], record.status(index), self.motion(index), pieces, wanted, tau)
+
+    def _forms(self, index: int, damped: bool) -> StatusForms | None:
+        """Return the forms of work and dissipation of a segment's status, which are kept with its eigensystem."""
+        from vofem.integrators.event_driven.energy_forms import StatusForms
+
+        spectrum, status = self.spectrum(index), self.record.status(index)
+        if spectrum.plain is not None:
+            return None
+        kept = spectrum.energy_forms
+        if self.t_end not in kept:
+            kept.clear()
+            kept[self.t_end] = StatusForms(
+                self.space, self.system.contacts, status, spectrum, self.load_vectors, self.offset_force(status),
+                self.t_end, damped,
+            )  # fmt: skip
+        return kept[self.t_end]
 
     @cached_property
     @_evaluation
@@ -810,10 +822,11 @@ class EventSolution:
             pinning = self._lost_in_pinning()
         if (damped or system.loads or pinning is not None) and times.size:
             work_and_dissipation(
-                space, self.load_vectors, system.contacts, self._segments(times), damped, pinning, work, dissipated
-            )
-        kinetic = 0.5 * np.sum(v**2, axis=0)
-        strain = 0.5 * np.sum(space.stiffness[:, None] * z**2, axis=0)
+                space, system.contacts, self.load_vectors, self.record, lambda index: self._forms(index, damped),
+                self._segment, self._load_table, self.visit(times), damped, pinning, work, dissipated,
+            )  # fmt: skip
+        kinetic = 0.5 * np.einsum("kt,kt->t", v, v)
+        strain = 0.5 * np.einsum("kt,kt->t", z, space.stiffness[:, None] * z)
         return Energies(kinetic, strain, contact, dissipated, work)
 
     def _lost_in_pinning(self) -> Array | None:

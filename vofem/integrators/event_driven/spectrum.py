@@ -143,6 +143,11 @@ class Spectrum:
         return {}
 
     @cached_property
+    def energy_forms(self) -> dict[float, Any]:
+        """Forms of work and dissipation of the status by the time for which motions may be followed, s."""
+        return {}
+
+    @cached_property
     def _responses(self) -> dict[tuple[float, float], Any]:
         return {}
 
