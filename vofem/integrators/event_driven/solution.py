@@ -471,6 +471,8 @@ class EventSolution:
         """Write the notes; of a run that was cut short none that take long to find out."""
         if self.was_cut:
             return
+        if "table" in self.__dict__ and self.table.lend():
+            self._tables["last"] = self.table
         events, laws = self.events, self.system.contacts
         self._note_energy()
         if laws is not None and np.any(open_throughout(laws, events)):
@@ -542,9 +544,18 @@ class EventSolution:
     @cached_property
     def table(self) -> StatusTable:
         """Eigensystems of the statuses as the compiled loops take them."""
+        known = self._tables.get("last")
+        earlier = None if known is None else known.continued(self.load_vectors, self.t_end)
+        if earlier is not None:
+            return earlier
         laws = self.system.contacts
         damped = self.system.damped or (laws is not None and bool(np.any(laws.damping > 0)))
         return StatusTable(self.load_vectors, self.space.contacts.shape[0], self.t_end, damped)
+
+    @property
+    def _tables(self) -> dict[str, StatusTable]:
+        """The table of the last run of the system."""
+        return self.system.cache.get("status table", None, dict)
 
     def slot(self, status: Status) -> int:
         """Return the slot of a status in `table`; -1 where a contact is pinned or modes are in clusters."""
@@ -554,8 +565,11 @@ class EventSolution:
         spectrum = self.spectrum_of(status)
         if spectrum.plain is not None:
             return -1
-        number, functions = self.record.number(status), self.functions_of(status)
-        return self.table.enter(status, number, spectrum, functions, self.offset_force(status))
+        number = self.record.number(status)
+        slot = self.table.recall(status, number, spectrum)
+        if slot >= 0:
+            return slot
+        return self.table.enter(status, number, spectrum, self.functions_of(status), self.offset_force(status))
 
     def spectrum(self, index: int) -> Spectrum:
         """Return the eigensystem of a segment."""
@@ -756,14 +770,18 @@ class EventSolution:
         spectrum, status = self.spectrum(index), self.record.status(index)
         if spectrum.plain is not None:
             return None
-        kept = spectrum.energy_forms
-        if self.t_end not in kept:
-            kept.clear()
-            kept[self.t_end] = StatusForms(
+        # Systems with other functions of time share eigensystems, but their loads may fall into other groups.
+        kept, key = spectrum.energy_forms, (self.t_end, self.load_vectors.tobytes())
+        forms = kept.get(key)
+        if forms is None:
+            forms = StatusForms(
                 self.space, self.system.contacts, status, spectrum, self.load_vectors, self.offset_force(status),
                 self.t_end, damped,
             )  # fmt: skip
-        return kept[self.t_end]
+            if self.space.size <= _FEW_MODES:
+                kept.clear()
+                kept[key] = forms
+        return forms
 
     @cached_property
     @_evaluation
