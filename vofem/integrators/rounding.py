@@ -18,6 +18,10 @@ _GRADED = 1e4
 
 def graded(system: System) -> bool:
     """Return whether the stiffnesses of a beam's degrees of freedom are so different that K loses digits."""
+    return system.cache.get("graded mesh", None, lambda: _graded(system))
+
+
+def _graded(system: System) -> bool:
     if system.strain is None or not np.any(system.rotational):
         return False
     stiffness = system.stiffness.diagonal() / system.scale**2

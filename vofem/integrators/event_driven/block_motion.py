@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from vofem.integrators.event_driven.load_table import LoadTable
 from vofem.integrators.event_driven.motion import LONG, RESONANT, special_response
-from vofem.integrators.event_driven.status_table import Table, add_products, to_modes, to_real
+from vofem.integrators.event_driven.status_table import Table, add_columns, to_modes, to_real
 from vofem.linalg.exponential import oscillator_change, oscillator_remainder
 from vofem.linalg.jit import jit
 
@@ -186,15 +186,16 @@ def move(
         to_modes(table, s, both[0, n:], change[1])
         return
     both[1] = 0.0
-    add_products(both[0], table.out[s], both[1])
+    add_columns(both[0], table.out[s], n, 2 * n, both[1])
     to_modes(table, s, both[1, n:], change[1])
     quickest = table.frequency[s, n - 1]
     for k in range(n):
         quickest = max(quickest, table.delta[s, k])
-    if tau * quickest < LONG:
+    short = tau * quickest < LONG
+    if short:
         _changes(table, s, omega, blocks, special, tau, True, both[0, :n], both[0, n:])
-        both[1] = 0.0
-        add_products(both[0], table.out[s], both[1])
+    add_columns(both[0], table.out[s], 0, n, both[1])
+    if short:
         to_real(table, s, velocity, both[2, :n])
         for k in range(n):
             both[1, k] += both[2, k] * tau

@@ -156,6 +156,9 @@ class Follower:
 
     @cached_property
     def _laws(self) -> Laws:
+        return self.solution.system.cache.get("laws of the loop", self._pin_fraction, self._laws_of_system)
+
+    def _laws_of_system(self) -> Laws:
         solution = self.solution
         rows, laws = np.array(solution.space.contacts), solution.system.contacts
         squares = np.sum(rows**2, axis=1)

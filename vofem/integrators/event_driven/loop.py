@@ -265,6 +265,8 @@ def run_segments(
         out.event_status[e] = CLOSED if table.sign[s, hit] > 0.0 else OPEN
         place[EVENTS] = e + 1
         place[SLOT] = table.following[s, hit]
+        if place[SLOT] >= 0 and table.number[place[SLOT]] < 0:
+            place[SLOT] = -1
         if e + 1 > events:
             return STORM
         if place[SLOT] < 0:

@@ -119,7 +119,7 @@ class Motion:
 
     def free_changes(self, tau: Array) -> tuple[Array, Array]:
         """Return by how much the free parts of blocks outside clusters have changed at tau, each (m, n_times)."""
-        z, v = _free_changes(self.spectrum.delta, self.spectrum.p, self.z, self.v, tau, 0)
+        z, v = free_changes(self.spectrum.delta, self.spectrum.p, self.z, self.v, tau, 0)
         return z, v
 
     def changes(self, tau: Array) -> tuple[Array, Array]:
@@ -135,7 +135,7 @@ class Motion:
             z += (self.steady_z @ turned).real
             v += (self.steady_v @ turned).real
         if self.special.block.size:
-            _add_special(self.spectrum.delta, self.spectrum.p, *self.special, tau, z, v)
+            add_special(self.spectrum.delta, self.spectrum.p, *self.special, tau, z, v)
         return z, v
 
     def blocks(self, tau: Array) -> tuple[Array, Array]:
@@ -168,14 +168,14 @@ class Motion:
     def _remainders(self, tau: Array, z: Array, v: Array) -> tuple[Array, Array]:
         """Return what is of second order in tau of the changes (z, v), each of shape (m, n_times)."""
         spectrum = self.spectrum
-        free_z, free_v = _free_changes(spectrum.delta, spectrum.p, self.z, self.v, tau, 1)
+        free_z, free_v = free_changes(spectrum.delta, spectrum.p, self.z, self.v, tau, 1)
         if self.omega.size:
             turned = np.expm1(1j * self.omega[:, None] * tau) - 1j * self.omega[:, None] * tau
             free_z += (self.steady_z @ turned).real
             free_v += (self.steady_v @ turned).real
         if self.special.block.size:
             rest_z, rest_v = np.zeros_like(z), np.zeros_like(v)
-            _add_special(spectrum.delta, spectrum.p, *self.special, tau, rest_z, rest_v)
+            add_special(spectrum.delta, spectrum.p, *self.special, tau, rest_z, rest_v)
             for k, g1, g2, ramp in zip(
                 self.special.block, self.special.g1, self.special.g2, self.special.ramp, strict=True
             ):
@@ -354,7 +354,7 @@ def special_response(
 
 
 @jit
-def _add_special(
+def add_special(
     delta: Array,
     p: Array,
     block: NDArray[np.int64],
@@ -366,6 +366,7 @@ def _add_special(
     z: Array,
     v: Array,
 ) -> None:
+    """Add the responses from rest to block states, shape (n_blocks, n_times)."""
     for e in range(block.size):
         k = block[e]
         for i in range(tau.size):
@@ -375,7 +376,7 @@ def _add_special(
 
 
 @jit
-def _free_changes(delta: Array, p: Array, z0: Array, v0: Array, tau: Array, order: int) -> tuple[Array, Array]:
+def free_changes(delta: Array, p: Array, z0: Array, v0: Array, tau: Array, order: int) -> tuple[Array, Array]:
     """Return by how much free blocks have changed, beyond the change in proportion to time if `order` is 1."""
     n, m = p.size, tau.size
     z, v = np.empty((n, m)), np.empty((n, m))
@@ -391,9 +392,9 @@ def _free_changes(delta: Array, p: Array, z0: Array, v0: Array, tau: Array, orde
     return z, v
 
 
-@plain_form(_free_changes)
+@plain_form(free_changes)
 def _free_changes_of_all(delta: Array, p: Array, z0: Array, v0: Array, tau: Array, order: int) -> tuple[Array, Array]:
-    """Do what `_free_changes` does, for all blocks and times at once."""
+    """Do what `free_changes` does, for all blocks and times at once."""
     push, pull = p * z0 + delta * v0, v0 + delta * z0
     c, s = oscillator_remainders(delta, p, tau) if order else oscillator_changes(delta, p, tau)
     return c * z0[:, None] + s * pull[:, None], c * v0[:, None] - s * push[:, None]

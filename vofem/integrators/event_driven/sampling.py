@@ -37,8 +37,9 @@ def sample_segments(
         The times from the begin of their segments, s.
     columns : ndarray of int, shape (k,)
         Where the values go.
-    z, v : ndarray, shape (n, n_times)
-    gaps : ndarray, shape (n_contacts, n_times) or (0, n_times)
+    z, v : ndarray, shape (n_times, n)
+        A time is a row, because columns that lie far apart in memory take longer to write than to compute.
+    gaps : ndarray, shape (n_times, n_contacts) or (n_times, 0)
     """
     n = rows.shape[1]
     blocks = work_space(n, loads.omega.shape[1])
@@ -58,7 +59,7 @@ def sample_segments(
             omega = loads.omega[interval, : loads.counts[interval]]
         move(table, s, omega, blocks, special, tau[i], parts.velocity[k], change, both)
         for m in range(n):
-            z[m, columns[i]] = parts.displacement[k, m] + change[0, m]
-            v[m, columns[i]] = parts.velocity[k, m] + change[1, m]
-        for j in range(gaps.shape[0]):
-            gaps[j, columns[i]] = parts.gaps[k, j] + inner(rows[j], change[0])
+            z[columns[i], m] = parts.displacement[k, m] + change[0, m]
+            v[columns[i], m] = parts.velocity[k, m] + change[1, m]
+        for j in range(gaps.shape[1]):
+            gaps[columns[i], j] = parts.gaps[k, j] + inner(rows[j], change[0])

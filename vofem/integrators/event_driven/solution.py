@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cached_property, wraps
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,9 @@ from vofem.kernel_mode import as_it_ran, compiled, kernels
 from vofem.laws import initial_status
 from vofem.system import CLOSED, OPEN, PINNED, Counters, Events, State, System
 from vofem.time_functions import Piece, TimeFunction
+
+if TYPE_CHECKING:
+    from vofem.integrators.event_driven.energy_forms import StatusForms
 
 Array = NDArray[np.float64]
 F = TypeVar("F", bound=Callable[..., Any])
@@ -470,6 +473,8 @@ class EventSolution:
         """Write the notes; of a run that was cut short none that take long to find out."""
         if self.was_cut:
             return
+        if "table" in self.__dict__ and self.table.lend():
+            self._tables["last"] = self.table
         events, laws = self.events, self.system.contacts
         self._note_energy()
         if laws is not None and np.any(open_throughout(laws, events)):
@@ -541,9 +546,18 @@ class EventSolution:
     @cached_property
     def table(self) -> StatusTable:
         """Eigensystems of the statuses as the compiled loops take them."""
+        known = self._tables.get("last")
+        earlier = None if known is None else known.continued(self.load_vectors, self.t_end)
+        if earlier is not None:
+            return earlier
         laws = self.system.contacts
         damped = self.system.damped or (laws is not None and bool(np.any(laws.damping > 0)))
         return StatusTable(self.load_vectors, self.space.contacts.shape[0], self.t_end, damped)
+
+    @property
+    def _tables(self) -> dict[str, StatusTable]:
+        """The table of the last run of the system."""
+        return self.system.cache.get("status table", None, dict)
 
     def slot(self, status: Status) -> int:
         """Return the slot of a status in `table`; -1 where a contact is pinned or modes are in clusters."""
@@ -553,8 +567,11 @@ class EventSolution:
         spectrum = self.spectrum_of(status)
         if spectrum.plain is not None:
             return -1
-        number, functions = self.record.number(status), self.functions_of(status)
-        return self.table.enter(status, number, spectrum, functions, self.offset_force(status))
+        number = self.record.number(status)
+        slot = self.table.recall(status, number, spectrum)
+        if slot >= 0:
+            return slot
+        return self.table.enter(status, number, spectrum, self.functions_of(status), self.offset_force(status))
 
     def spectrum(self, index: int) -> Spectrum:
         """Return the eigensystem of a segment."""
@@ -650,9 +667,10 @@ class EventSolution:
         return found
 
     def _sampled_at(self, times: Array, gaps: bool) -> tuple[Array, Array, Array]:
-        z, v = np.empty((self.space.size, times.size)), np.empty((self.space.size, times.size))
+        # In memory each time is a row.
+        z, v = np.empty((times.size, self.space.size)).T, np.empty((times.size, self.space.size)).T
         gaps = gaps and self.system.contacts is not None
-        s = np.empty((len(self.space.contacts) if gaps else 0, times.size))
+        s = np.empty((times.size, len(self.space.contacts) if gaps else 0)).T
         sampled = self._sample_compiled(times, z, v, s)
         for index, mine, tau in self.visit(times):
             if sampled[self.record.status_numbers[index]]:
@@ -679,7 +697,7 @@ class EventSolution:
             self.gap_functions(record.segments - 1)
         sample_segments(
             self.table.arrays, slots, np.array(self.space.contacts), loads, record.buffers, self.t_end, segments,
-            times[order] - record.starts[segments], order, z, v, gaps,
+            times[order] - record.starts[segments], order, z.T, v.T, gaps.T,
         )  # fmt: skip
         return slots >= 0
 
@@ -774,18 +792,30 @@ class EventSolution:
             gaps[:, mine] = self.gap_functions(index)[contact] + changes
         return np.asarray(laws.stiffness[contact] * (gaps + laws.gap[contact] - laws.offset[contact]))
 
-    def _segments(self, times: Array) -> Iterator[Segment]:
-        """Yield the segments up to the last of some times, in order."""
-        wanted = {index: (mine, tau) for index, mine, tau in self.visit(times)}
-        nothing = np.empty(0, dtype=np.int64), np.empty(0)
-        for index in range(max(wanted) + 1):
-            yield Segment(
-                self.record.durations[index],
-                self.record.status(index),
-                self.motion(index),
-                self.load_pieces(self.record.starts[index]),
-                *wanted.get(index, nothing),
-            )
+    def _segment(self, index: int, wanted: Status, tau: Array) -> Segment:
+        """Return a segment with some times in it: which they are, and from its start, s."""
+        record, pieces = self.record, self.load_pieces(self.record.starts[index])
+        return Segment(record.durations[index], record.status(index), self.motion(index), pieces, wanted, tau)
+
+    def _forms(self, index: int, damped: bool) -> StatusForms | None:
+        """Return the forms of work and dissipation of a segment's status, which are kept with its eigensystem."""
+        from vofem.integrators.event_driven.energy_forms import StatusForms
+
+        spectrum, status = self.spectrum(index), self.record.status(index)
+        if spectrum.plain is not None:
+            return None
+        # Systems with other functions of time share eigensystems, but their loads may fall into other groups.
+        kept, key = spectrum.energy_forms, (self.t_end, self.load_vectors.tobytes())
+        forms = kept.get(key)
+        if forms is None:
+            forms = StatusForms(
+                self.space, self.system.contacts, status, spectrum, self.load_vectors, self.offset_force(status),
+                self.t_end, damped,
+            )  # fmt: skip
+            if self.space.size <= _FEW_MODES:
+                kept.clear()
+                kept[key] = forms
+        return forms
 
     @cached_property
     @_evaluation
@@ -844,10 +874,11 @@ class EventSolution:
             pinning = self._lost_in_pinning()
         if (damped or system.loads or pinning is not None) and times.size:
             work_and_dissipation(
-                space, self.load_vectors, system.contacts, self._segments(times), damped, pinning, work, dissipated
-            )
-        kinetic = 0.5 * np.sum(v**2, axis=0)
-        strain = 0.5 * np.sum(space.stiffness[:, None] * z**2, axis=0)
+                space, system.contacts, self.load_vectors, self.record, lambda index: self._forms(index, damped),
+                self._segment, self._load_table, self.visit(times), damped, pinning, work, dissipated,
+            )  # fmt: skip
+        kinetic = 0.5 * np.einsum("kt,kt->t", v, v)
+        strain = 0.5 * np.einsum("kt,kt->t", z, space.stiffness[:, None] * z)
         return Energies(kinetic, strain, contact, dissipated, work)
 
     def _lost_in_pinning(self) -> Array | None:

@@ -143,6 +143,11 @@ class Spectrum:
         return {}
 
     @cached_property
+    def energy_forms(self) -> dict[tuple[float, bytes], Any]:
+        """Forms of work and dissipation of the status by the time for which motions may be followed, and the loads."""
+        return {}
+
+    @cached_property
     def _responses(self) -> dict[tuple[float, float], Any]:
         return {}
 
@@ -374,6 +379,8 @@ class Spectra:
         path: tuple[int, ...] = ()
         modes, nearest = RealModes(space.stiffness, None, none, none), np.zeros_like(closed)
         fewest = int(np.sum(closed))
+        if not fewest:
+            return path, modes
         for other, candidate in self._closed.items():
             known = np.frombuffer(other, dtype=bool)
             away = int(np.sum(known != closed))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,9 @@ Status = NDArray[np.int64]
 
 #: Memory that the table may take, bytes, and more modes than these have no table: their arithmetic takes longer.
 _MOST_MEMORY, MOST_MODES = 128 * 2**20, 600
+
+#: Memory of a table that is kept for later runs, bytes.
+_MOST_LENT = 32 * 2**20
 
 #: Levels of a spectrum at most, as in `Spectrum.levels`.
 _LEVELS = 41
@@ -93,6 +97,9 @@ _MIXED = ("into", "out", "u", "u_size", "constant", "slope")
 class StatusTable:
     """A `Table` that is filled as statuses are met.
 
+    A run may begin with the table of an earlier one (`continued`). It then holds statuses that this run has not met.
+    These have no number yet, and the compiled loop stops at them.
+
     Parameters
     ----------
     loads : ndarray, shape (n_functions, n)
@@ -116,6 +123,9 @@ class StatusTable:
         n = loads.shape[1]
         functions = loads.shape[0]
         self._used = 0
+        # Whether other runs use the arrays, which are then copied before anything is written to them.
+        self._lent = False
+        self._spectra: list[Spectrum] = []
         self._statuses: list[Status] = []
         self._slots: dict[bytes, int] = {}
         self._shapes: dict[str, tuple[int, ...]] = {
@@ -128,13 +138,42 @@ class StatusTable:
         self._any_mixed = False
         self.arrays = Table(*(self._empty(name, 0) for name in Table._fields))
 
+    def lend(self) -> bool:
+        """Let later runs begin with this table; return whether it is small enough to be kept for them."""
+        self._lent = True
+        return sum(part.nbytes for part in self.arrays) <= _MOST_LENT
+
+    def continued(self, loads: Array, horizon: float) -> StatusTable | None:
+        """Return a table for another run that begins with what this one holds; None under other loads."""
+        if horizon != self._horizon or not np.array_equal(loads, self._loads):
+            return None
+        other = copy(self)
+        other._statuses, other._spectra, other._slots = list(self._statuses), list(self._spectra), {}
+        other.arrays = self.arrays._replace(number=np.full(self.arrays.number.shape, -1))
+        return other
+
+    def recall(self, status: Status, number: int, spectrum: Spectrum) -> int:
+        """Give a status the slot that it has had in an earlier run, and return it; -1 where it had none.
+
+        An eigensystem that was gained in another order has other last bits, and counts as another.
+        """
+        for slot, known in enumerate(self._spectra):
+            if known is spectrum and self.arrays.number[slot] < 0:
+                self.arrays.number[slot] = number
+                self._slots[status.tobytes()] = slot
+                return slot
+        return -1
+
     def _empty(self, name: str, slots: int) -> NDArray:
         shape = self._shapes[name]
         if name in _MIXED and not self._any_mixed:
             slots, shape = 0, (0,) * len(shape)
         integer = name in ("number", "following", "levels", "level_count")
         kind = np.dtype(bool) if name in ("plain", "mixed") else np.dtype(np.int64 if integer else np.float64)
-        return np.full((slots, *shape), -1 if name == "following" else 0, dtype=kind)
+        empty = np.zeros((slots, *shape), dtype=kind)
+        if name == "following":
+            empty[:] = -1
+        return empty
 
     def slot(self, status: Status) -> int:
         """Return the slot of a status, or -1."""
@@ -167,6 +206,7 @@ class StatusTable:
         self._make_room(mixed)
         slot, table = self._used, self.arrays
         self._used += 1
+        self._spectra.append(spectrum)
         self._statuses.append(np.array(status))
         self._slots[status.tobytes()] = slot
         self._link(slot)
@@ -222,12 +262,14 @@ class StatusTable:
     def _make_room(self, mixed: bool) -> None:
         """Let the arrays have another slot; where there are too many, all statuses leave."""
         slots = self.arrays.number.shape[0]
-        if mixed and not self._any_mixed:
-            self._any_mixed = True
+        if self._lent or (mixed and not self._any_mixed):
+            self._any_mixed |= mixed
             self._resize(slots)
+            self._lent = False
         if self._used == slots:
             if slots == self.capacity:
                 self._used = 0
+                self._spectra.clear()
                 self._statuses.clear()
                 self._slots.clear()
                 self.arrays.following[:] = -1
@@ -251,6 +293,16 @@ def add_products(x: Array, rows: Array, out: Array) -> None:
         factor = x[i]
         row = rows[i]
         for k in range(row.size):
+            out[k] += factor * row[k]
+
+
+@jit
+def add_columns(x: Array, rows: Array, first: int, last: int, out: Array) -> None:
+    """Add some columns of ``x @ rows`` to those of `out`."""
+    for i in range(rows.shape[0]):
+        factor = x[i]
+        row = rows[i]
+        for k in range(first, last):
             out[k] += factor * row[k]
 
 

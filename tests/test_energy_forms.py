@@ -1,0 +1,148 @@
+"""Work and dissipation of event_driven runs: forms of a status against sums over exponentials, and what they cost."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import vofem as vf
+from vofem.integrators.event_driven import energy, energy_forms
+from vofem.integrators.event_driven.energy_by_exponentials import Velocities
+from vofem.integrators.event_driven.energy_forms import _lost
+from vofem.integrators.event_driven.solution import EventSolution
+
+
+def rattling_beam(*, dampers=(), law="penetration", damping=0.0, load=None):
+    beam = vf.Beam(1.0, 1.0, 1.0, 6, {"left": "clamped"})
+    tip = beam.at(1.0)
+    stop = vf.Contact(tip, gap=0.03, stiffness=50.0, damping=damping, side="below", acts_on=law)
+    force = vf.Sine(0.3, 5.0) + vf.Sine(0.1, 11.0, 0.4) if load is None else load
+    gust = vf.DistributedLoad(beam, lambda x: -0.1 * x, vf.Ramp(0.1, 0.0, 2.0))
+    return vf.Scene([beam], [stop, vf.PointLoad(tip, force), gust, *(make(beam) for make in dampers)])
+
+
+def falling_mass(*, damping=0.0, stiffness=0.0, force=2.0):
+    mass = vf.Mass(1.0, stiffness=stiffness, damping=damping)
+    stops = [
+        vf.Contact(mass, gap=0.05, stiffness=30.0, side=side, acts_on="penetration", name=side)
+        for side in ("above", "below")
+    ]
+    return vf.Scene(
+        [mass], [*stops, vf.PointLoad(mass, vf.Sine(1.0, force)), vf.Gravity(0.1)], initial={mass: (0.0, 0.3)}
+    )
+
+
+def pair(damping, stiffness=4.0):
+    masses = [vf.Mass(1.0, stiffness=stiffness), vf.Mass(2.0, stiffness=2.0 * stiffness)]
+    contact = vf.Contact(*masses, gap=0.02, stiffness=80.0, damping=damping, acts_on="penetration")
+    loads = [vf.PointLoad(masses[0], vf.Sine(0.4, 1.9)), vf.Dashpot(*masses, damping=0.3)]
+    return vf.Scene(masses, [contact, *loads], initial={masses[0]: (0.0, 0.1)})
+
+
+RAYLEIGH = [lambda beam: vf.RayleighDamping(0.2, 1e-3)]
+DASHPOT = [lambda beam: vf.Dashpot(beam.at(0.5), damping=0.4)]
+RECORD = vf.Tabulated(np.linspace(0.0, 6.0, 61), 0.3 * np.sin(3.0 * np.linspace(0.0, 6.0, 61)))
+
+SCENES = {
+    "undamped": rattling_beam,
+    "displacement law": lambda: rattling_beam(law="displacement"),
+    "displacement law, dampers": lambda: rattling_beam(law="displacement", dampers=DASHPOT),
+    "rayleigh": lambda: rattling_beam(dampers=RAYLEIGH),
+    "rayleigh, damped contact": lambda: rattling_beam(dampers=RAYLEIGH, damping=0.5),
+    "dashpot": lambda: rattling_beam(dampers=DASHPOT),
+    "record": lambda: rattling_beam(dampers=RAYLEIGH, damping=0.5, load=RECORD),
+    "free": falling_mass,
+    "resonant": lambda: falling_mass(stiffness=4.0),
+    "resonant, damped": lambda: falling_mass(stiffness=4.0, damping=0.02),
+    "critical": lambda: falling_mass(stiffness=4.0, damping=4.0),
+    "overdamped": lambda: falling_mass(stiffness=4.0, damping=10.0),
+    "free, dragged": lambda: falling_mass(damping=0.5),
+    "pair": lambda: pair(0.0),
+    "pair, damped contact": lambda: pair(0.7),
+    "free pair": lambda: pair(0.7, stiffness=0.0),
+}
+
+#: Where damping couples modes, blocks that are slower than the run are done one by one.
+ALONE = ("free pair",)
+
+
+def by_exponentials(monkeypatch, result, times):
+    """Return energies by sums over exponentials alone."""
+    with monkeypatch.context() as patch:
+        patch.setattr(EventSolution, "_forms", lambda *_: None)
+        return result.solution.energies(times)
+
+
+@pytest.mark.parametrize("kind", SCENES)
+def test_forms_agree_with_sums_over_exponentials(kind, monkeypatch):
+    times = np.linspace(0.0, 6.0, 301)
+    result = vf.simulate(SCENES[kind](), 6.0, times=times, method="event_driven")
+    assert result.counters.events >= 2
+    one_by_one = []
+    monkeypatch.setattr(energy, "Velocities", lambda *given: one_by_one.append(given) or Velocities(*given))
+    forms = result.solution.energies(times)
+    assert bool(one_by_one) is (kind in ALONE)
+    sums = by_exponentials(monkeypatch, result, times)
+    size = max(float(np.max(np.abs(sums.kinetic))), float(np.max(np.abs(sums.work))), float(sums.dissipated[-1]))
+    assert np.max(np.abs(forms.work - sums.work)) < 1e-13 * size
+    assert np.max(np.abs(forms.dissipated - sums.dissipated)) < 1e-13 * size
+    # The sums balance no better where damping couples modes.
+    assert result.energy.balance_error < 3e-13
+
+
+def test_the_form_of_the_energy_lost_solves_its_equation():
+    """Also of repeated, critically damped and overdamped roots."""
+    rng = np.random.default_rng(3)
+    delta, p = np.array([0.1, 0.1, 2.0, 5.0, 0.0, 1e-3]), np.array([4.0, 4.0, 4.0, 4.0, 7.0, 1e4])
+    n = p.size
+    rows = rng.normal(size=(4, 2 * n))
+    # Nothing takes energy from the block without damping.
+    rows[:, [4, n + 4]] = 0.0
+    power = rows.T @ rows
+    found = _lost(delta, p, power, np.zeros(n, dtype=bool))
+    flow = np.block([[np.zeros((n, n)), np.eye(n)], [-np.diag(p), -2.0 * np.diag(delta)]])
+    assert flow.T @ found + found @ flow == pytest.approx(-power, abs=1e-10 * np.abs(found).max())
+
+
+@pytest.mark.parametrize("kind", [(), RAYLEIGH, DASHPOT], ids=["undamped", "rayleigh", "dashpot"])
+def test_a_stored_time_costs_one_evaluation_of_the_blocks(kind, monkeypatch):
+    """However many modes and exponentials there are; without quadrature, and no segment is done alone."""
+    result = vf.simulate(rattling_beam(dampers=kind, load=vf.Sine(0.3, 6.0)), 6.0, times=[6.0], method="event_driven")
+    count, evaluated, calls = 5000, [], []
+    plain = energy_forms.free_changes
+
+    def counting(delta, p, z, v, tau, order):
+        evaluated.append(tau.size)
+        return plain(delta, p, z, v, tau, order)
+
+    monkeypatch.setattr(energy_forms, "free_changes", counting)
+    monkeypatch.setattr(energy_forms, "quadrature", lambda *_: calls.append("quadrature") or np.zeros(1))
+    monkeypatch.setattr(energy, "Velocities", lambda *_: calls.append("alone"))
+    found = result.solution.energies(np.linspace(0.0, 6.0, count))
+    segments = result.solution.segments.starts.size
+    assert sum(evaluated) == count + segments
+    assert not calls
+    assert found.work[-1] != 0.0
+    # Forms are found once a status, however many segments have it.
+    monkeypatch.setattr(energy_forms, "_lost", lambda *_: calls.append("form"))
+    result.solution.energies(np.linspace(0.0, 6.0, count))
+    assert not calls
+
+
+def test_scenes_that_share_eigensystems_have_loads_of_their_own():
+    """Loads with one function of time are one; another scene that shares the eigensystems may have two."""
+
+    def build(other):
+        masses = [vf.Mass(1.0, stiffness=4.0), vf.Mass(2.0, stiffness=9.0)]
+        contact = vf.Contact(*masses, gap=0.02, stiffness=80.0, acts_on="penetration")
+        loads = [vf.PointLoad(masses[0], vf.Sine(0.4, 1.9)), vf.PointLoad(masses[1], other)]
+        return vf.Scene(masses, [contact, *loads, vf.Dashpot(*masses, damping=0.3)])
+
+    scene = build(vf.Sine(0.4, 1.9))
+    one = vf.simulate(scene, 6.0, method="event_driven")
+    assert one.energy.balance_error < 1e-13
+    changed = vf.simulate(scene.replace(scene.effects[2], f=vf.Sine(0.1, 5.0)), 6.0, method="event_driven")
+    alone = vf.simulate(build(vf.Sine(0.1, 5.0)), 6.0, method="event_driven")
+    assert changed.counters.eigensolves < alone.counters.eigensolves
+    assert changed.energy.work == pytest.approx(alone.energy.work, rel=1e-13)
+    assert changed.energy.balance_error < 1e-13
