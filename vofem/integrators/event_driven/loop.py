@@ -21,7 +21,7 @@ from vofem.integrators.event_driven.record import Buffers
 from vofem.integrators.event_driven.search import TINY, BlockFlow, Watch, largest_term, march
 from vofem.integrators.event_driven.status_table import Table, to_blocks
 from vofem.linalg.jit import jit
-from vofem.linalg.vectors import inner
+from vofem.linalg.vectors import copy, inner
 from vofem.system import CLOSED, OPEN
 
 Array = NDArray[np.float64]
@@ -144,7 +144,9 @@ def _watch(
 def _without(watch: Watch, watched: NDArray[np.bool_]) -> Watch:
     """Return event functions of which those of contacts that are not watched stay where they are, below zero."""
     w, u, w_size, u_size = watch.w.copy(), watch.u.copy(), watch.w_size.copy(), watch.u_size.copy()
-    size = np.abs(watch.start).max()
+    size = 0.0
+    for j in range(watched.size):
+        size = max(size, abs(watch.start[j]))
     for j in range(watched.size):
         if watched[j]:
             continue
@@ -211,7 +213,7 @@ def run_segments(
             return NEW_STATUS
         if row >= out.starts.size or place[EVENTS] >= out.event_time.size:
             return FULL
-        start[:] = now.displacement
+        copy(now.displacement, start)
         if place[SWITCHED] >= 0:
             _at_gap(laws, place[SWITCHED], start)
         to_blocks(table, s, start, now.velocity, blocks.z_start, blocks.v_start, both)
@@ -246,7 +248,7 @@ def run_segments(
             if speed * speed < laws.pinning[hit] + laws.pinning_rate[hit] * speed:
                 return SPECIAL
         out.starts[row], out.durations[row], out.status[row] = t, tau, table.number[s]
-        out.gaps[row] = now.gaps
+        copy(now.gaps, out.gaps[row])
         for k in range(n):
             out.displacement[row, k], out.velocity[row, k] = start[k], now.velocity[k]
             now.displacement[k] = start[k] + change[0, k]

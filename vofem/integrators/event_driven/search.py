@@ -28,6 +28,7 @@ from vofem.integrators.event_driven.clusters import ClusterFlow, cluster_change
 from vofem.integrators.event_driven.motion import Motion, special_response
 from vofem.linalg.exponential import half_turns, oscillator_change, oscillator_remainder
 from vofem.linalg.jit import jit
+from vofem.linalg.vectors import copy
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -453,7 +454,9 @@ def _far_reach(
     clusters = flow.clusters
     now, norm = clusters.state.copy(), np.zeros(clusters.rate.size)
     for c in range(clusters.rate.size):
-        now[clusters.states[c] : clusters.states[c + 1]] += cluster_change(clusters, c, tau)
+        changed = cluster_change(clusters, c, tau)
+        for k in range(changed.size):
+            now[clusters.states[c] + k] += changed[k]
         norm[c] = amplitude[clusters.member[clusters.members[c]]]
     for i in range(1, _ORDER + 1):
         in_z, in_v, in_z_size, in_v_size = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
@@ -476,7 +479,7 @@ def _far_reach(
         for c in range(clusters.rate.size):
             part = now[clusters.states[c] : clusters.states[c + 1]]
             matrix = clusters.matrix[clusters.matrices[c] : clusters.matrices[c + 1]].reshape(part.size, part.size)
-            part[:] = matrix @ part
+            copy(matrix @ part, part)
             first, count = clusters.members[c], clusters.members[c + 1] - clusters.members[c]
             # The norm of a derivative bounds all of its entries.
             push = clusters.push[c] if i == 1 else clusters.jerk[c] * clusters.quickness[c] ** (i - 2)

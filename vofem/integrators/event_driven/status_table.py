@@ -11,6 +11,7 @@ from vofem.integrators.event_driven.motion import Forcing, static_answer
 from vofem.integrators.event_driven.search import EventFunctions
 from vofem.integrators.event_driven.spectrum import Spectrum
 from vofem.linalg.jit import jit
+from vofem.linalg.vectors import copy
 from vofem.system import CLOSED
 
 Array = NDArray[np.float64]
@@ -246,7 +247,7 @@ def add_products(x: Array, rows: Array, out: Array) -> None:
 def to_real(table: Table, s: int, vector: Array, out: Array) -> None:
     """Write a modal vector in the real modes of a status, shape (n,)."""
     if table.plain[s]:
-        out[:] = vector
+        copy(vector, out)
     else:
         out[:] = 0.0
         add_products(vector, table.down[s], out)
@@ -256,7 +257,7 @@ def to_real(table: Table, s: int, vector: Array, out: Array) -> None:
 def to_modes(table: Table, s: int, vector: Array, out: Array) -> None:
     """Write a vector in the real modes of a status as a modal one, shape (n,)."""
     if table.plain[s]:
-        out[:] = vector
+        copy(vector, out)
     else:
         out[:] = 0.0
         add_products(vector, table.up[s], out)
@@ -274,8 +275,8 @@ def to_blocks(table: Table, s: int, displacement: Array, velocity: Array, z: Arr
     to_real(table, s, velocity, both[0, n:])
     both[1] = 0.0
     add_products(both[0], table.into[s], both[1])
-    z[:] = both[1, :n]
-    v[:] = both[1, n:]
+    copy(both[1, :n], z)
+    copy(both[1, n:], v)
 
 
 @jit
@@ -286,8 +287,8 @@ def from_blocks(table: Table, s: int, z: Array, v: Array, displacement: Array, v
         to_modes(table, s, z, displacement)
         to_modes(table, s, v, velocity)
         return
-    both[0, :n] = z
-    both[0, n:] = v
+    copy(z, both[0, :n])
+    copy(v, both[0, n:])
     both[1] = 0.0
     add_products(both[0], table.out[s], both[1])
     to_modes(table, s, both[1, :n], displacement)
