@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.integrators.event_driven.block_motion import Blocks, begin, move, work_space
-from vofem.integrators.event_driven.clusters import ClusterFlow
 from vofem.integrators.event_driven.load_table import LoadTable
 from vofem.integrators.event_driven.record import Buffers
 from vofem.integrators.event_driven.search import TINY, BlockFlow, Watch, largest_term, march
@@ -176,8 +175,8 @@ def _only(hits: NDArray[np.bool_]) -> int:
 
 @jit
 def run_segments(
-    table: Table, laws: Laws, loads: LoadTable, now: Now, out: Buffers, clusters: ClusterFlow, horizon: float,
-    until: float, segments: int, events: int,
+    table: Table, laws: Laws, loads: LoadTable, now: Now, out: Buffers, horizon: float, until: float, segments: int,
+    events: int,
 ) -> int:  # fmt: skip
     """Follow a run from segment to segment; return why it stops, see `DONE` and what follows it.
 
@@ -187,8 +186,6 @@ def run_segments(
         Where the run stands, before and after.
     out : Buffers
         Of the record, filled.
-    clusters : ClusterFlow
-        None.
     horizon : float
         For how long motions may be followed, s.
     until : float
@@ -228,7 +225,7 @@ def run_segments(
             flow = BlockFlow(
                 table.delta[s], table.p[s], table.frequency[s], blocks.z_start, blocks.v_start, blocks.z, blocks.v,
                 omega, blocks.block[:special], blocks.exponent[:special], blocks.g1[:special], blocks.g2[:special],
-                blocks.ramp[:special], clusters,
+                blocks.ramp[:special], None,
             )  # fmt: skip
             largest = 0.0
             for k in range(n):
