@@ -87,6 +87,21 @@ def test_a_package_that_cannot_be_written_uses_the_users_folder(tmp_path, monkey
     assert main(["compile"]) == FAULT
 
 
+def test_a_folder_that_is_named_in_vain_is_told(tmp_path, monkeypatch):
+    """numba takes the next one then, and so does the index."""
+    file = tmp_path / "file"
+    file.write_text("no folder")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(file / "caches"))
+    beside = Path(jit_cache.__file__).parent / "__pycache__"
+    assert jit_cache.cache_folder() == beside
+    told = doctor.compiled_code()
+    assert f"NUMBA_CACHE_DIR names {file / 'caches'}, which cannot be written\n" in told
+    assert f"Compiled code is kept in {beside}" in told
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "new" / "caches"))
+    assert jit_cache.cache_folder() == tmp_path / "new" / "caches"
+    assert "cannot be written" not in doctor.compiled_code()
+
+
 def test_doctor_tells_what_is_there(folder):
     assert "It is there for" not in doctor.compiled_code()
     jit_cache.keep_kind("event_driven")

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 from vofem._version import __version__
 from vofem.cli.accuracy import add_accuracy
-from vofem.cli.common import FAULT, FINE, INTERRUPTED
+from vofem.cli.common import FAULT, FINE
 from vofem.cli.compile import add_compile
 from vofem.cli.doctor import add_doctor
 from vofem.cli.explain import add_explain
@@ -23,7 +23,7 @@ from vofem.errors import VofemError
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command and return its exit code."""
+    """Run a command and return its exit code; Ctrl-C is for the caller."""
     import_later()
     arguments = _parser().parse_args(argv)
     try:
@@ -33,9 +33,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     except VofemError as error:
         print(f"vofem: {error}", file=sys.stderr)
         return FAULT
-    except KeyboardInterrupt:
-        print("vofem: interrupted", file=sys.stderr)
-        return INTERRUPTED
     except BrokenPipeError:
         # The program that reads the output has ended, as in `vofem explain ... | head`, so nothing more can be printed.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -8,6 +8,8 @@ import threading
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol
 
+from vofem.linalg.jit import compiling, waiting_interrupts
+
 #: Plain data from which a run goes on as if it had never stopped.
 Snapshot = dict[str, Any]
 
@@ -32,7 +34,8 @@ class Observer(Protocol):
 def deferred_interrupts() -> Iterator[Callable[[], bool]]:
     """Let Ctrl-C wait for the end of a step. The context is a function that returns whether it was pressed.
 
-    A second Ctrl-C interrupts at once. Outside the main thread nothing is deferred.
+    A second Ctrl-C interrupts at once. So does the first one while kernels are compiled, or where they would be next:
+    this takes longer than the steps that came before. Outside the main thread nothing is deferred.
     """
     pressed = threading.Event()
     if threading.current_thread() is not threading.main_thread():
@@ -41,7 +44,7 @@ def deferred_interrupts() -> Iterator[Callable[[], bool]]:
     before = signal.getsignal(signal.SIGINT)
 
     def handle(number: int, frame: Any) -> None:
-        if pressed.is_set():
+        if pressed.is_set() or compiling():
             raise KeyboardInterrupt
         pressed.set()
 
@@ -50,7 +53,9 @@ def deferred_interrupts() -> Iterator[Callable[[], bool]]:
     except ValueError:  # an interpreter within another program
         yield pressed.is_set
         return
+    waiting_interrupts.append(pressed.is_set)
     try:
         yield pressed.is_set
     finally:
+        waiting_interrupts.remove(pressed.is_set)
         signal.signal(signal.SIGINT, before if before is not None else signal.SIG_DFL)

@@ -71,17 +71,20 @@ def diagnose() -> Diagnosis:
 
 def compiled_code() -> str:
     """Return where compiled code is kept, and which methods it covers."""
-    from vofem.linalg.jit_cache import cache_folder, kinds_on_disk, size_on_disk
+    from vofem.linalg.jit_cache import cache_folder, kinds_on_disk, refused_folder, size_on_disk
     from vofem.simulate.ahead import KINDS
 
-    folder = cache_folder()
+    folder, refused = cache_folder(), refused_folder()
+    lines = [refused] if refused else []
     if folder is None:
-        return (
+        lines += [
             "Compiled code cannot be kept: neither the folder of the package nor that of the user's caches can be "
-            "written.\nLong runs compile anew in every process; set NUMBA_CACHE_DIR to a folder that can be written"
-        )
+            "written.",
+            "Long runs compile anew in every process; set NUMBA_CACHE_DIR to a folder that can be written",
+        ]
+        return "\n".join(lines)
     there = kinds_on_disk()
-    lines = [f"Compiled code is kept in {folder} ({size_on_disk() / 1e6:.0f} MB)"]
+    lines.append(f"Compiled code is kept in {folder} ({size_on_disk() / 1e6:.3g} MB)")
     ready, missing = ([kind for kind in KINDS if (kind in there) is wanted] for wanted in (True, False))
     if ready:
         lines.append(f"It is there for: {'; '.join(ready)}")

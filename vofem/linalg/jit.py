@@ -119,6 +119,8 @@ def _numba() -> Any:
     import numba
     from numba.extending import typeof_impl
 
+    _watch_compilations()
+
     @typeof_impl.register(CompiledFunction)
     def type_of(function: CompiledFunction, context: Any) -> Any:
         return numba.types.Dispatcher(function.callee)
@@ -131,6 +133,36 @@ def _numba() -> Any:
         return context.resolve_value_type(made)
 
     return numba
+
+
+#: Compilations under way: that of a kernel, and those of kernels that it calls.
+_under_way: list[object] = []
+
+#: Functions that tell whether Ctrl-C has been pressed and waits to be noticed.
+waiting_interrupts: list[Callable[[], bool]] = []
+
+
+def compiling() -> bool:
+    """Return whether a kernel is being compiled, which may take many seconds and can be given up at any time."""
+    return bool(_under_way)
+
+
+def _watch_compilations() -> None:
+    """Let `compiling` know what numba does."""
+    from numba.core import event
+
+    class Listener(event.Listener):
+        """Counts compilations that have begun and not ended; none begins after Ctrl-C."""
+
+        def on_start(self, event: Any) -> None:
+            if any(pressed() for pressed in waiting_interrupts):
+                raise KeyboardInterrupt
+            _under_way.append(event)
+
+        def on_end(self, event: Any) -> None:
+            del _under_way[-1:]
+
+    event.register("numba:compile", Listener())
 
 
 def _compiled(function: Callable[..., Any]) -> Any:

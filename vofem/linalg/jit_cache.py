@@ -51,16 +51,27 @@ def _mark() -> str:
 
 
 def cache_folder() -> Path | None:
-    """Return the folder below which numba keeps code of this package, or None where it has none."""
+    """Return the folder below which numba keeps code of this package, or None where it has none.
+
+    It takes the first that can be written of the folder that NUMBA_CACHE_DIR names, that of the package and that of the
+    user's caches.
+    """
     given = os.environ.get("NUMBA_CACHE_DIR")
-    if given:
-        return Path(given)
-    beside = Path(__file__).parent / "__pycache__"
-    if os.access(beside if beside.is_dir() else beside.parent, os.W_OK):
-        return beside
-    home = user_caches("numba")
-    there = next((folder for folder in (home, *home.parents) if folder.is_dir()), None)
-    return home if there is not None and os.access(there, os.W_OK) else None
+    named = [Path(given)] if given else []
+    folders = [*named, Path(__file__).parent / "__pycache__", user_caches("numba")]
+    return next((folder for folder in folders if _writable(folder)), None)
+
+
+def _writable(folder: Path) -> bool:
+    """Return whether a folder can be written, or made."""
+    there = next((part for part in (folder, *folder.parents) if part.exists()), None)
+    return there is not None and there.is_dir() and os.access(there, os.W_OK)
+
+
+def refused_folder() -> str:
+    """Return a sentence on a folder that NUMBA_CACHE_DIR names in vain, empty where there is none."""
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    return f"NUMBA_CACHE_DIR names {given}, which cannot be written" if given and not _writable(Path(given)) else ""
 
 
 @cache

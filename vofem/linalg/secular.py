@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.linalg.jit import jit
+from vofem.linalg.vectors import copy
 
 Array = NDArray[np.float64]
 
@@ -142,7 +143,9 @@ def _place(vectors: Array, index: NDArray[np.int64], local: Array, plain: bool) 
             for j in range(index.size):
                 vectors[index[j], columns[k]] = local[j, k]
     else:
-        vectors[:, columns] = np.ascontiguousarray(vectors[:, index]) @ local
+        combined = np.ascontiguousarray(vectors[:, index]) @ local
+        for k in range(columns.size):
+            copy(combined[:, k], vectors[:, columns[k]])
 
 
 @jit

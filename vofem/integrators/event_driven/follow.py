@@ -17,7 +17,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem.integrators.event_driven.clusters import NO_CLUSTERS
 from vofem.integrators.event_driven.load_table import LoadTable, load_table
 from vofem.integrators.event_driven.loop import (
     EVALUATIONS,
@@ -207,7 +206,7 @@ class Follower:
         record.make_room(1, 1)
         while True:
             reason = run_segments(
-                solution.table.arrays, self._laws, self._loads, now, record.buffers, NO_CLUSTERS, solution.t_end, until,
+                solution.table.arrays, self._laws, self._loads, now, record.buffers, solution.t_end, until,
                 self._segments, self._most_events,
             )  # fmt: skip
             self.calls += 1

@@ -15,13 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.integrators.event_driven.block_motion import Blocks, begin, move, work_space
-from vofem.integrators.event_driven.clusters import ClusterFlow
 from vofem.integrators.event_driven.load_table import LoadTable
 from vofem.integrators.event_driven.record import Buffers
 from vofem.integrators.event_driven.search import TINY, BlockFlow, Watch, largest_term, march
 from vofem.integrators.event_driven.status_table import Table, to_blocks
 from vofem.linalg.jit import jit
-from vofem.linalg.vectors import inner
+from vofem.linalg.vectors import copy, inner
 from vofem.system import CLOSED, OPEN
 
 Array = NDArray[np.float64]
@@ -144,7 +143,9 @@ def _watch(
 def _without(watch: Watch, watched: NDArray[np.bool_]) -> Watch:
     """Return event functions of which those of contacts that are not watched stay where they are, below zero."""
     w, u, w_size, u_size = watch.w.copy(), watch.u.copy(), watch.w_size.copy(), watch.u_size.copy()
-    size = np.abs(watch.start).max()
+    size = 0.0
+    for j in range(watched.size):
+        size = max(size, abs(watch.start[j]))
     for j in range(watched.size):
         if watched[j]:
             continue
@@ -174,8 +175,8 @@ def _only(hits: NDArray[np.bool_]) -> int:
 
 @jit
 def run_segments(
-    table: Table, laws: Laws, loads: LoadTable, now: Now, out: Buffers, clusters: ClusterFlow, horizon: float,
-    until: float, segments: int, events: int,
+    table: Table, laws: Laws, loads: LoadTable, now: Now, out: Buffers, horizon: float, until: float, segments: int,
+    events: int,
 ) -> int:  # fmt: skip
     """Follow a run from segment to segment; return why it stops, see `DONE` and what follows it.
 
@@ -185,8 +186,6 @@ def run_segments(
         Where the run stands, before and after.
     out : Buffers
         Of the record, filled.
-    clusters : ClusterFlow
-        None.
     horizon : float
         For how long motions may be followed, s.
     until : float
@@ -211,7 +210,7 @@ def run_segments(
             return NEW_STATUS
         if row >= out.starts.size or place[EVENTS] >= out.event_time.size:
             return FULL
-        start[:] = now.displacement
+        copy(now.displacement, start)
         if place[SWITCHED] >= 0:
             _at_gap(laws, place[SWITCHED], start)
         to_blocks(table, s, start, now.velocity, blocks.z_start, blocks.v_start, both)
@@ -226,7 +225,7 @@ def run_segments(
             flow = BlockFlow(
                 table.delta[s], table.p[s], table.frequency[s], blocks.z_start, blocks.v_start, blocks.z, blocks.v,
                 omega, blocks.block[:special], blocks.exponent[:special], blocks.g1[:special], blocks.g2[:special],
-                blocks.ramp[:special], clusters,
+                blocks.ramp[:special], None,
             )  # fmt: skip
             largest = 0.0
             for k in range(n):
@@ -246,7 +245,7 @@ def run_segments(
             if speed * speed < laws.pinning[hit] + laws.pinning_rate[hit] * speed:
                 return SPECIAL
         out.starts[row], out.durations[row], out.status[row] = t, tau, table.number[s]
-        out.gaps[row] = now.gaps
+        copy(now.gaps, out.gaps[row])
         for k in range(n):
             out.displacement[row, k], out.velocity[row, k] = start[k], now.velocity[k]
             now.displacement[k] = start[k] + change[0, k]

@@ -28,6 +28,7 @@ from vofem.integrators.event_driven.clusters import ClusterFlow, cluster_change
 from vofem.integrators.event_driven.motion import Motion, special_response
 from vofem.linalg.exponential import half_turns, oscillator_change, oscillator_remainder
 from vofem.linalg.jit import jit
+from vofem.linalg.vectors import copy
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -107,7 +108,10 @@ class Watch(NamedTuple):
 
 
 class BlockFlow(NamedTuple):
-    """The motion of the blocks, as compiled code takes it; the names are those of `Motion` and `Special`."""
+    """The motion of the blocks, as compiled code takes it; the names are those of `Motion` and `Special`.
+
+    Without clusters `clusters` is None: what is called for them is then left out of the machine code.
+    """
 
     delta: Array
     p: Array
@@ -122,7 +126,7 @@ class BlockFlow(NamedTuple):
     g1: Complex
     g2: Complex
     ramp: NDArray[np.bool_]
-    clusters: ClusterFlow
+    clusters: ClusterFlow | None
 
 
 class _Point(NamedTuple):
@@ -182,7 +186,7 @@ def next_event(functions: EventFunctions, motion: Motion, duration: float) -> tu
     flow = BlockFlow(
         spectrum.delta, spectrum.p, spectrum.frequency, *motion.start, motion.z, motion.v, motion.omega,
         motion.special.block, motion.special.exponent, motion.special.g1, motion.special.g2, motion.special.ramp,
-        motion.clusters,
+        motion.clusters if motion.clusters.rate.size else None,
     )  # fmt: skip
     factor = _raise(watch, flow)
     if factor != 1.0:
@@ -201,11 +205,9 @@ def _raise(watch: Watch, flow: BlockFlow) -> float:
 @jit
 def largest_term(watch: Watch, flow: BlockFlow) -> float:
     """Return the largest magnitude of the terms of the event functions."""
-    size = 0.0
+    size = _largest_state(flow.clusters)
     for k in range(flow.z0.size):
         size = max(size, abs(flow.z0[k]), abs(flow.v0[k]))
-    for k in range(flow.clusters.state.size):
-        size = max(size, abs(flow.clusters.state[k]))
     for e in range(flow.g1.size):
         size = max(size, abs(flow.g1[e]), abs(flow.g2[e]))
     for j in range(watch.constant.size):
@@ -218,9 +220,10 @@ def largest_term(watch: Watch, flow: BlockFlow) -> float:
 def _raised(watch: Watch, flow: BlockFlow, factor: float) -> tuple[Watch, BlockFlow]:
     """Return the same motion, which is linear in its state and its loads, multiplied by a factor."""
     clusters = flow.clusters
-    together = clusters._replace(
-        state=factor * clusters.state, push=factor * clusters.push, jerk=factor * clusters.jerk
-    )
+    if clusters is not None:
+        clusters = clusters._replace(
+            state=factor * clusters.state, push=factor * clusters.push, jerk=factor * clusters.jerk
+        )
     return (
         watch._replace(
             start=factor * watch.start,
@@ -237,7 +240,7 @@ def _raised(watch: Watch, flow: BlockFlow, factor: float) -> tuple[Watch, BlockF
             v0=factor * flow.v0,
             g1=factor * flow.g1,
             g2=factor * flow.g2,
-            clusters=together,
+            clusters=clusters,
         ),
     )
 
@@ -292,8 +295,7 @@ def _evaluate(tau: float, watch: Watch, flow: BlockFlow, at: _Point) -> None:
     for k in range(n):
         zdot[k] += v[k]
         vdot[k] -= 2.0 * flow.delta[k] * v[k] + flow.p[k] * z[k]
-    if flow.clusters.rate.size:
-        _evaluate_clusters(tau, flow, at)
+    _evaluate_clusters(flow.clusters, tau, at)
     for j in range(m):
         value = watch.start[j] + (watch.rate[j] if mixed else watch.slope[j]) * tau
         slope = watch.slope[j] + watch.offset[j]
@@ -318,9 +320,10 @@ def _evaluate(tau: float, watch: Watch, flow: BlockFlow, at: _Point) -> None:
 
 
 @jit
-def _evaluate_clusters(tau: float, flow: BlockFlow, at: _Point) -> None:
+def _evaluate_clusters(clusters: ClusterFlow | None, tau: float, at: _Point) -> None:
     """Fill in the states, changes and rates of the blocks that belong to clusters."""
-    clusters = flow.clusters
+    if clusters is None:
+        return
     for c in range(clusters.rate.size):
         change = cluster_change(clusters, c, tau)
         start = clusters.state[clusters.states[c] : clusters.states[c + 1]]
@@ -339,6 +342,88 @@ def _evaluate_clusters(tau: float, flow: BlockFlow, at: _Point) -> None:
             at.dz[k], at.dv[k] = change[i] - tau * begin[i], change[count + i] - tau * begin[count + i]
             at.zdot[k], at.vdot[k] = rate[i], rate[count + i]
             at.z_size[k] = at.v_size[k] = np.sqrt(norm)
+
+
+@jit
+def _largest_state(clusters: ClusterFlow | None) -> float:
+    """Return the largest magnitude in the states of clusters at their start."""
+    size = 0.0
+    if clusters is None:
+        return size
+    for k in range(clusters.state.size):
+        size = max(size, abs(clusters.state[k]))
+    return size
+
+
+@jit
+def _longest_step(clusters: ClusterFlow | None) -> float:
+    """Return a step in which no cluster grows much."""
+    longest = np.inf
+    if clusters is None:
+        return longest
+    for c in range(clusters.rate.size):
+        if clusters.growth[c] > 0.0:
+            longest = min(longest, 1.0 / clusters.growth[c])
+    return longest
+
+
+@jit
+def _bound_clusters(
+    clusters: ClusterFlow | None, at: _Point, step: float, speed: Array, amplitude: Array, push: Array, jerk: Array
+) -> None:
+    """Write bounds on states and on their second and third derivatives over a step, for the blocks in clusters."""
+    if clusters is None:
+        return
+    for c in range(clusters.rate.size):
+        first, count = clusters.members[c], clusters.members[c + 1] - clusters.members[c]
+        norm = 0.0
+        for i in range(count):
+            k = clusters.member[first + i]
+            norm += at.z[k] ** 2 + at.v[k] ** 2
+        norm = (np.sqrt(norm) + clusters.push[c] * step) * np.exp(clusters.growth[c] * step)
+        change = clusters.rate[c] * (clusters.rate[c] * norm + clusters.push[c]) + clusters.jerk[c]
+        for i in range(count):
+            k = clusters.member[first + i]
+            speed[k], amplitude[k], push[k], jerk[k] = norm, norm, change, change
+
+
+@jit
+def _cluster_states(clusters: ClusterFlow | None, tau: float, amplitude: Array) -> tuple[Array, Array]:
+    """Return the states of all clusters at a time, one after the other, and bounds on their norms."""
+    if clusters is None:
+        return np.zeros(0), np.zeros(0)
+    now, norm = clusters.state.copy(), np.zeros(clusters.rate.size)
+    for c in range(clusters.rate.size):
+        changed = cluster_change(clusters, c, tau)
+        for k in range(changed.size):
+            now[clusters.states[c] + k] += changed[k]
+        norm[c] = amplitude[clusters.member[clusters.members[c]]]
+    return now, norm
+
+
+@jit
+def _differentiate_clusters(
+    clusters: ClusterFlow | None, order: int, now: Array, norm: Array, at: tuple[Array, Array, Array, Array]
+) -> None:
+    """Replace derivatives of states of clusters, and bounds on their norms, by those of the next order.
+
+    `at` holds those of all blocks: (z, v), and bounds on both.
+    """
+    if clusters is None:
+        return
+    z, v, z_size, v_size = at
+    for c in range(clusters.rate.size):
+        part = now[clusters.states[c] : clusters.states[c + 1]]
+        matrix = clusters.matrix[clusters.matrices[c] : clusters.matrices[c + 1]].reshape(part.size, part.size)
+        copy(matrix @ part, part)
+        first, count = clusters.members[c], clusters.members[c + 1] - clusters.members[c]
+        # The norm of a derivative bounds all of its entries.
+        push = clusters.push[c] if order == 1 else clusters.jerk[c] * clusters.quickness[c] ** (order - 2)
+        norm[c] = clusters.rate[c] * norm[c] + push
+        for entry in range(count):
+            k = clusters.member[first + entry]
+            z[k], v[k] = part[entry], part[count + entry]
+            z_size[k], v_size[k] = norm[c], norm[c]
 
 
 @jit
@@ -450,11 +535,7 @@ def _safe_time_far(
     value[1] += watch.slope[j] + watch.offset[j]
     size[1] += abs(watch.slope[j])
     z, v, z_size, v_size = at.z.copy(), at.v.copy(), amplitude.copy(), speed.copy()
-    clusters = flow.clusters
-    now, norm = clusters.state.copy(), np.zeros(clusters.rate.size)
-    for c in range(clusters.rate.size):
-        now[clusters.states[c] : clusters.states[c + 1]] += cluster_change(clusters, c, tau)
-        norm[c] = amplitude[clusters.member[clusters.members[c]]]
+    now, norm = _cluster_states(flow.clusters, tau, amplitude)
     for i in range(1, _ORDER + 1):
         in_z, in_v, in_z_size, in_v_size = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
         for e in range(flow.block.size):
@@ -473,18 +554,7 @@ def _safe_time_far(
             delta, p = flow.delta[k], flow.p[k]
             z[k], v[k] = v[k] + in_z[k], in_v[k] - 2.0 * delta * v[k] - p * z[k]
             z_size[k], v_size[k] = v_size[k] + in_z_size[k], in_v_size[k] + 2.0 * delta * v_size[k] + p * z_size[k]
-        for c in range(clusters.rate.size):
-            part = now[clusters.states[c] : clusters.states[c + 1]]
-            matrix = clusters.matrix[clusters.matrices[c] : clusters.matrices[c + 1]].reshape(part.size, part.size)
-            part[:] = matrix @ part
-            first, count = clusters.members[c], clusters.members[c + 1] - clusters.members[c]
-            # The norm of a derivative bounds all of its entries.
-            push = clusters.push[c] if i == 1 else clusters.jerk[c] * clusters.quickness[c] ** (i - 2)
-            norm[c] = clusters.rate[c] * norm[c] + push
-            for entry in range(count):
-                k = clusters.member[first + entry]
-                z[k], v[k] = part[entry], part[count + entry]
-                z_size[k], v_size[k] = norm[c], norm[c]
+        _differentiate_clusters(flow.clusters, i, now, norm, (z, v, z_size, v_size))
         for k in range(n):
             value[i] += watch.w[j, k] * z[k]
             size[i] += watch.w_size[j, k] * z_size[k]
@@ -542,10 +612,7 @@ def march(
         g2_rate[k] += abs(flow.g2[e]) * quickness
         if frequency[k] > 0.0:
             longest = min(longest, 4.0 / frequency[k])
-    clusters = flow.clusters
-    for c in range(clusters.rate.size):
-        if clusters.growth[c] > 0.0:
-            longest = min(longest, 1.0 / clusters.growth[c])
+    longest = min(longest, _longest_step(flow.clusters))
     steady_curvature = np.zeros(m)
     for j in range(m):
         for h in range(flow.omega.size):
@@ -596,17 +663,7 @@ def march(
                 amplitude[k] = min(amplitude[k], speed[k] * slowness[k])
             push[k] = (2.0 * delta[k] + frequency[k]) * speed[k] + g2[k]
             jerk[k] = 2.0 * delta[k] * push[k] + p[k] * (speed[k] + g1[k]) + g2_rate[k]
-        for c in range(clusters.rate.size):
-            first, count = clusters.members[c], clusters.members[c + 1] - clusters.members[c]
-            norm = 0.0
-            for i in range(count):
-                k = clusters.member[first + i]
-                norm += at.z[k] ** 2 + at.v[k] ** 2
-            norm = (np.sqrt(norm) + clusters.push[c] * step) * np.exp(clusters.growth[c] * step)
-            change = clusters.rate[c] * (clusters.rate[c] * norm + clusters.push[c]) + clusters.jerk[c]
-            for i in range(count):
-                k = clusters.member[first + i]
-                speed[k], amplitude[k], push[k], jerk[k] = norm, norm, change, change
+        _bound_clusters(flow.clusters, at, step, speed, amplitude, push, jerk)
         allowed = step
         for j in range(m):
             # Blocks below a level enter by value, rate and bound of the curvature, those above by amplitude.

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import copy as copying
 from collections.abc import Callable
-from copy import copy
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +13,7 @@ from vofem.integrators.event_driven.motion import Forcing, static_answer
 from vofem.integrators.event_driven.search import EventFunctions
 from vofem.integrators.event_driven.spectrum import Spectrum
 from vofem.linalg.jit import jit
+from vofem.linalg.vectors import copy
 from vofem.system import CLOSED
 
 Array = NDArray[np.float64]
@@ -147,7 +148,7 @@ class StatusTable:
         """Return a table for another run that begins with what this one holds; None under other loads."""
         if horizon != self._horizon or not np.array_equal(loads, self._loads):
             return None
-        other = copy(self)
+        other = copying.copy(self)
         other._statuses, other._spectra, other._slots = list(self._statuses), list(self._spectra), {}
         other.arrays = self.arrays._replace(number=np.full(self.arrays.number.shape, -1))
         return other
@@ -310,7 +311,7 @@ def add_columns(x: Array, rows: Array, first: int, last: int, out: Array) -> Non
 def to_real(table: Table, s: int, vector: Array, out: Array) -> None:
     """Write a modal vector in the real modes of a status, shape (n,)."""
     if table.plain[s]:
-        out[:] = vector
+        copy(vector, out)
     else:
         out[:] = 0.0
         add_products(vector, table.down[s], out)
@@ -320,7 +321,7 @@ def to_real(table: Table, s: int, vector: Array, out: Array) -> None:
 def to_modes(table: Table, s: int, vector: Array, out: Array) -> None:
     """Write a vector in the real modes of a status as a modal one, shape (n,)."""
     if table.plain[s]:
-        out[:] = vector
+        copy(vector, out)
     else:
         out[:] = 0.0
         add_products(vector, table.up[s], out)
@@ -338,8 +339,8 @@ def to_blocks(table: Table, s: int, displacement: Array, velocity: Array, z: Arr
     to_real(table, s, velocity, both[0, n:])
     both[1] = 0.0
     add_products(both[0], table.into[s], both[1])
-    z[:] = both[1, :n]
-    v[:] = both[1, n:]
+    copy(both[1, :n], z)
+    copy(both[1, n:], v)
 
 
 @jit
@@ -350,8 +351,8 @@ def from_blocks(table: Table, s: int, z: Array, v: Array, displacement: Array, v
         to_modes(table, s, z, displacement)
         to_modes(table, s, v, velocity)
         return
-    both[0, :n] = z
-    both[0, n:] = v
+    copy(z, both[0, :n])
+    copy(v, both[0, n:])
     both[1] = 0.0
     add_products(both[0], table.out[s], both[1])
     to_modes(table, s, both[1, :n], displacement)

@@ -1,0 +1,78 @@
+"""Ctrl-C at moments other than a run's: while commands are imported, and while kernels are compiled."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+import types
+from pathlib import Path
+
+import pytest
+from vofem.integrators.watching import deferred_interrupts
+
+from vofem import cli
+from vofem.kernel_mode import kernels
+from vofem.linalg import jit
+
+ROOT = Path(__file__).parent.parent
+
+
+def press():
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+def test_a_command_that_is_interrupted_while_it_is_imported_says_so(monkeypatch, capsys):
+    def interrupted(argv):
+        raise KeyboardInterrupt
+
+    monkeypatch.setitem(sys.modules, "vofem.cli.program", types.SimpleNamespace(main=interrupted))
+    monkeypatch.setattr(cli, "program", sys.modules["vofem.cli.program"], raising=False)
+    assert cli.main(["run"]) == 130
+    assert capsys.readouterr().err == "vofem: interrupted\n"
+
+
+def test_a_step_ends_before_an_interrupt_but_compiling_does_not(monkeypatch):
+    before = signal.getsignal(signal.SIGINT)
+    with deferred_interrupts() as pressed:
+        press()
+        assert pressed()
+    monkeypatch.setattr(jit, "_under_way", ["a kernel"])
+    with pytest.raises(KeyboardInterrupt), deferred_interrupts():
+        press()
+    assert signal.getsignal(signal.SIGINT) is before
+    assert jit.waiting_interrupts == []
+
+
+def test_nothing_is_compiled_after_ctrl_c():
+    def twice(x):
+        return 2.0 * x
+
+    kernel = jit.CompiledFunction(twice)
+    with kernels(compiled=True):
+        with deferred_interrupts() as pressed:
+            press()
+            assert pressed()
+            with pytest.raises(KeyboardInterrupt):
+                kernel(1.5)
+        assert not jit.compiling()
+        assert kernel(1.5) == 3.0
+    assert not jit.compiling()
+
+
+def test_a_compiler_that_does_not_come_back_ends_with_the_process():
+    """Minutes of work in C, between which Python calls no handler, stand for the compiler."""
+    program = (
+        "import hashlib\nfrom vofem.cli.prompt_end import prompt_end\nfrom vofem.linalg import jit\n"
+        "jit._under_way.append('a kernel')\n"
+        "with prompt_end():\n    print('at work', flush=True)\n    hashlib.pbkdf2_hmac('sha256', b'', b'', 10**9)"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", program], cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    assert process.stdout.readline() == "at work\n"
+    time.sleep(0.2)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=30.0)
+    assert process.returncode == 130
+    assert said == "vofem: interrupted while compiling\n"
