@@ -148,7 +148,7 @@ def backbone(
 
 def _check(scene: Scene, system: System) -> None:
     """Raise where a scene is not conservative."""
-    reason = shooting_refusal(scene)
+    reason = shooting_refusal(scene, all_modes=True)
     if reason is not None:
         raise MethodError(f"backbone: {reason.split('. Use ')[0].split('; use')[0]}")
     what = ""

@@ -58,11 +58,14 @@ class OrbitTruncation:
         largest one.
     what : str
         One sentence about it.
+    error : float
+        Estimated error of displacements relative to the largest one; not a number where it is not known.
     """
 
     modes: int
     largest: float
     what: str
+    error: float = float("nan")
 
 
 class PeriodicOrbit(Shown):
