@@ -92,7 +92,7 @@ def first_orbit(what: str, problem: OrbitProblem, guess: Any) -> tuple[OrbitProb
         problem = _as_guess(problem, guess)
     notes: tuple[str, ...] = ()
     if guess is None and isinstance(problem, Shooting):
-        settled = from_rest(problem)
+        settled = from_rest(what, problem)
         found, notes = settled.solved, settled.notes
     else:
         try:
