@@ -3,7 +3,8 @@
 Only few of the modes of a fine mesh move in a steady motion. The others follow forces at once or decay, and the next
 period does not remember them. Orbits of large systems are therefore looked for in load-dependent Ritz vectors
 (`reduction.py`): static responses to contacts, loads and dashpots, and what grows out of them and out of loads of any
-shape, which is the lowest modes. Their number is doubled until the orbit stays.
+shape, which is the lowest modes. Their number is doubled until the orbit stays. Of several modes of one frequency that
+neither contacts nor loads reach, as those of equal bodies that nothing touches, one alone is held for each such load.
 """
 
 from __future__ import annotations
