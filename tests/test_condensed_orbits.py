@@ -127,3 +127,28 @@ def test_many_contacts_on_a_large_system_are_refused():
     few = vf.Scene([beam], [stops[-1]])
     with pytest.raises(vf.MethodError, match="at most 600"):
         vf.backbone(few, 1, [1e-3])
+
+
+def test_modes_that_no_load_reaches_are_among_the_multipliers():
+    """Load and stop at midspan: antisymmetric modes are at rest, and their multipliers are those of free decay."""
+
+    def on_two_supports(elements):
+        beam = vf.Beam(1.0, 1.0, 1.0, elements, {"left": "pinned", "right": "pinned"}, name="beam")
+        middle = beam.at(0.5)
+        stop = vf.Contact(middle, gap=0.002, stiffness=200.0, side="below", acts_on="penetration", name="stop")
+        return vf.Scene([beam], [stop, vf.ModalDamping(0.02), vf.PointLoad(middle, vf.Sine(0.3, 8.0))])
+
+    orbit = vf.periodic(on_two_supports(400))
+    assert orbit.truncation.error < 1e-8
+    for mode in (2, 4, 6):
+        free = np.exp(-0.02 * (mode * np.pi) ** 2 * orbit.period)
+        assert np.sum(np.abs(np.abs(orbit.multipliers) - free) < 1e-6 * free + 1e-12) >= 2
+
+
+def test_too_many_vectors_are_told(monkeypatch):
+    monkeypatch.setattr("vofem.studies.steady.condensed._MOST", 96)
+    monkeypatch.setattr("vofem.studies.steady.steady_state.GOOD", 1e-30)
+    orbit = vf.periodic(cantilever(4.0, 150))
+    assert orbit.unknowns.size == 192
+    assert np.isnan(orbit.truncation.error)
+    assert any("trust no more digits" in note for note in orbit.notes)

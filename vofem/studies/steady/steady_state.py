@@ -112,7 +112,8 @@ def first_orbit(what: str, problem: OrbitProblem, guess: Any) -> tuple[OrbitProb
             "vofem.continuation finds one by branch.switch at a period doubling"
         )
     if isinstance(problem, Shooting):
-        problem, found = _with_enough_vectors(problem, found)
+        problem, found, more = _with_enough_vectors(problem, found)
+        notes += more
     return problem, found, notes
 
 
@@ -130,8 +131,9 @@ def _as_guess(problem: Shooting, guess: Any) -> Shooting:
     return problem
 
 
-def _with_enough_vectors(problem: Shooting, found: Solved) -> tuple[Shooting, Solved]:
-    """Return an orbit of a large system in as many vectors as it needs: twice as many change it little."""
+def _with_enough_vectors(problem: Shooting, found: Solved) -> tuple[Shooting, Solved, tuple[str, ...]]:
+    """Return an orbit of a large system in as many vectors as it needs, and notes: twice as many change it little."""
+    notes: tuple[str, ...] = ()
     now = problem.condensed
     while now is not None and problem.change is None:
         more = now.more()
@@ -142,8 +144,12 @@ def _with_enough_vectors(problem: Shooting, found: Solved) -> tuple[Shooting, So
         better = solved(finer, finer.from_state(state))
         problem.change = now.change(state, finer.state(better.unknowns))
         if problem.change > GOOD:
+            notes = (
+                f"half as many vectors give displacements that differ by {problem.change:.1e} of themselves; more are "
+                "not taken, so trust no more digits. With more damping an orbit needs fewer vectors",
+            )
             problem, found, now = finer, better, finer.condensed
-    return problem, found
+    return problem, found, notes if problem.condensed is not None and problem.change is None else ()
 
 
 def seen_of(problem: Shooting, guess: Any) -> str:
