@@ -47,6 +47,7 @@ def python_of(page):
         (
             ROOT / "docs" / "steady-states.md",
             [
+                "backbone.png",
                 "cantilever.png",
                 "multipliers.png",
                 "orbits.png",

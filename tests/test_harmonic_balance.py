@@ -317,6 +317,25 @@ def test_loads_without_closed_form_need_their_period():
     )
 
 
+def test_a_branch_goes_on_where_a_slider_begins_to_slip():
+    """There it has a corner, which no step is short enough to round."""
+
+    def build(omega):
+        beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=20, supports={"left": "clamped"}, name="beam")
+        slider = vf.BilinearSpring(beam.at(0.5), stiffness=40.0, linear_limit=0.002, name="slider")
+        return vf.Scene([beam], [slider, vf.ModalDamping(0.02), vf.PointLoad(beam.at(1.0), vf.Sine(0.02, omega))])
+
+    branch = vf.continuation(build, 2.5, 5.5, harmonics=5)
+    assert branch.values[-1] == 5.5
+    assert not branch.notes
+    middle = build(1.0).bodies[0].at(0.5)
+    reached = branch.amplitude(middle)
+    assert reached[0] < 0.002 < reached.max()
+    known = vf.periodic(build(4.2), harmonics=5)
+    (found,) = branch.at(4.2)
+    assert found.amplitude(middle) == pytest.approx(known.amplitude(middle), rel=1e-9)
+
+
 def test_branches_are_saved_with_their_harmonics(tmp_path):
     mass = vf.Mass(1.0, stiffness=1.0, damping=0.1, name="m")
     spring = vf.BilinearSpring(mass, stiffness=0.5, linear_limit=0.5, name="s")

@@ -225,6 +225,24 @@ def test_run_and_output_settings(tmp_path):
         vf.load_scene(vf.dump_scene(scene, path)).simulate()
 
 
+def test_respond_settings(tmp_path):
+    """All that a file says is written again; a path that no longer leads to a number is told."""
+    source = Path(__file__).parent.parent / "examples" / "two_masses_response.toml"
+    text = source.read_text().replace('point = "b"\n\n', 'point = "b"\nperiods = 2\nharmonics = 9\n\n', 1)
+    (tmp_path / "first.toml").write_text(text)
+    file = vf.load_scene(tmp_path / "first.toml")
+    path = vf.dump_scene(file.scene, tmp_path / "second.toml", file.run, file.output, file.respond)
+    again = vf.load_scene(path)
+    assert again.respond.parameter == file.respond.parameter == ("point_load[0].f.sine.omega",)
+    assert (again.respond.periods, again.respond.harmonics, again.respond.method) == (2, 9, "auto")
+    assert again.respond.point is again.scene.bodies[1]
+    assert again.at(0.7).effects[-1].f.omega == 0.7
+    without = vf.Scene(file.scene.bodies, file.scene.effects[:-1])
+    with pytest.raises(vf.SceneFileError, match="point_load"):
+        vf.dump_scene(without, tmp_path / "third.toml", respond=file.respond)
+    assert not (tmp_path / "third.toml").exists()
+
+
 numbers = st.floats(-1e50, 1e50)
 positive = st.floats(1e-30, 1e30)
 

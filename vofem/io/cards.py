@@ -25,8 +25,6 @@ _CONTACTS, _SPECIAL, _LINES, _ORBITS = 6, 10, 12, 40
 #: Width and height of a figure with axes, inches, its dots per inch, and of a side view, pixels.
 _FIGURE, _DPI, _SIDE = (6.6, 3.0), 64, (520, 240)
 
-_STABLE = {True: "stable", False: "unstable", None: "stability not decided"}
-
 Rows = Iterable[tuple[str, str]]
 
 
@@ -71,7 +69,7 @@ def _orbit(orbit: PeriodicOrbit) -> str:
         ("method", orbit.method),
         ("frequency of the loads", f"{orbit.omega:.6g} rad/s, {orbit.omega / (2.0 * np.pi):.6g} Hz"),
         ("period of the orbit", f"{orbit.period:.6g} s" + (f", {orbit.periods} of the loads" * (orbit.periods > 1))),
-        ("stability", _STABLE[orbit.stable]),
+        ("stability", orbit.stability),
         (f"amplitude, {point.describe()}", f"{orbit.amplitude(point):.5g} m"),
         ("residual", f"{orbit.residual:.1e}"),
     ]

@@ -151,6 +151,7 @@ def dump_scene(
     path: str | os.PathLike[str],
     run: RunSettings | None = None,
     output: OutputSettings | None = None,
+    respond: RespondSettings | None = None,
 ) -> Path:
     """Write a scene to a scene file. The file is written completely or not at all.
 
@@ -162,6 +163,9 @@ def dump_scene(
     path : path
     run : RunSettings, optional
     output : OutputSettings, optional
+    respond : RespondSettings, optional
+        What ``[respond]`` says. With ``file = vf.load_scene(...)`` all of a file is written by
+        ``vf.dump_scene(file.scene, path, file.run, file.output, file.respond)``.
 
     Returns
     -------
@@ -171,7 +175,8 @@ def dump_scene(
     Raises
     ------
     SceneFileError
-        If the scene contains something that a scene file cannot hold, such as a Python function.
+        If the scene contains something that a scene file cannot hold, such as a Python function, or if no number
+        stands where `respond` says.
     OutputError
         If the file cannot be written.
     """
@@ -179,7 +184,7 @@ def dump_scene(
     fault = impossible(file)
     if fault is not None:
         raise OutputError(f"path is {str(path)!r}, which {fault}; give another name")
-    text = scene_to_toml(scene, run, output, file.parent)
+    text = scene_to_toml(scene, run, output, file.parent, respond)
     with replacing(file) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")
     return file

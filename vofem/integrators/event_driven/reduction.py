@@ -8,7 +8,7 @@ cancellation in K.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -38,12 +38,14 @@ class Reduction:
     ----------
     system : System
     start : State
+    more : sequence of ndarray, shape (n,)
+        Further loads whose static responses belong in the space.
     """
 
-    def __init__(self, system: System, start: State) -> None:
+    def __init__(self, system: System, start: State, more: Sequence[Array] = ()) -> None:
         self.system = system
         self.start = start
-        self.loads = input_rows(system)
+        self.loads = [*input_rows(system), *more]
         self.states = [x for x in (start.q, start.v) if np.any(x)]
         held = holding(system)
         solve, again = two_solutions(system, held)

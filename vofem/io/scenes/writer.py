@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from vofem.errors import SceneFileError
+from vofem.errors import ArgumentError, SceneFileError
 from vofem.initial import StoredState
 from vofem.io.scenes import toml_text
+from vofem.io.scenes.changes import number_at
 from vofem.io.scenes.entry import Entry
 from vofem.io.scenes.kinds import Unwritable
 from vofem.io.scenes.place import Book, Place
 from vofem.io.scenes.reader import INITIAL
 from vofem.io.scenes.schema import BODIES, EFFECTS, FIELD
-from vofem.io.scenes.settings import OUTPUT, OutputSettings, RunSettings, run_entry
+from vofem.io.scenes.settings import OUTPUT, RESPOND, OutputSettings, RespondSettings, RunSettings, run_entry
 from vofem.scene import Scene, as_scene
 
 
 def scene_to_toml(
-    scene: Scene, run: RunSettings | None = None, output: OutputSettings | None = None, folder: Path | None = None
+    scene: Scene,
+    run: RunSettings | None = None,
+    output: OutputSettings | None = None,
+    folder: Path | None = None,
+    respond: RespondSettings | None = None,
 ) -> str:
     """Return the text of a scene file.
 
@@ -31,12 +37,13 @@ def scene_to_toml(
     folder : path, optional
         Where the file will be: paths of meshes are made relative to it. The
         current folder where not given.
+    respond : RespondSettings, optional
 
     Raises
     ------
     SceneFileError
         If a scene file cannot hold something: callables, and initial states that are
-        outcomes. All of it is listed.
+        outcomes; or if no number stands where `respond` says. All of it is listed.
     """
     as_scene("scene_to_toml", scene)
     book = Book(Path.cwd() if folder is None else folder, {body.name: body for body in scene.bodies})
@@ -46,11 +53,27 @@ def scene_to_toml(
         blocks.append(toml_text.table("[run]", run_entry().write(run, root.key("run"))))
     if output is not None and output != OutputSettings():
         blocks.append(toml_text.table("[output]", OUTPUT.write(output, root.key("output"))))
+    if respond is not None:
+        blocks.append(toml_text.table("[respond]", RESPOND.write(respond, root.key("respond"))))
     blocks += _tables(scene.bodies, BODIES, root) + _tables(scene.effects, EFFECTS, root)
     blocks += _initial(scene.initial, root.key("initial"))
     if book.problems:
         raise SceneFileError("this scene cannot be written to a scene file", book.problems)
-    return "\n".join(blocks)
+    text = "\n".join(blocks)
+    if respond is not None:
+        _check_parameter(text, respond)
+    return text
+
+
+def _check_parameter(text: str, respond: RespondSettings) -> None:
+    """Raise where the path of a parameter leads to no number in the text of a scene file."""
+    content = tomllib.loads(text)
+    for path in respond.parameter:
+        try:
+            number_at(content, path)
+        except ArgumentError as error:
+            problems = [("respond.parameter", str(error))]
+            raise SceneFileError("this scene cannot be written with [respond]", problems) from error
 
 
 def _tables(things: tuple[Any, ...], entries: Mapping[str, Entry], root: Place) -> list[str]:

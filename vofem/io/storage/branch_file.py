@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import tomllib
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, astuple
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -24,8 +24,10 @@ from vofem.io.storage.tree import read_tree, write_tree
 from vofem.scene import Scene
 from vofem.studies.steady import Branch, BranchCounters, PeriodicOrbit, SpecialPoint
 from vofem.studies.steady.branch import Orbits
+from vofem.studies.steady.condensed import condensed, condensed_result
 from vofem.studies.steady.harmonic_balance import harmonics_in
 from vofem.studies.steady.methods import problem_of
+from vofem.studies.steady.orbit import OrbitTruncation
 from vofem.studies.steady.shooting import orbit_result
 from vofem.system import State
 
@@ -82,6 +84,7 @@ def _orbits(orbits: Sequence[PeriodicOrbit], folder: Path) -> dict[str, Any]:
         "stable": [orbit.stable for orbit in orbits],
         "notes": [list(orbit.notes) for orbit in orbits],
         "multipliers": np.array([orbit.multipliers for orbit in orbits]) if all(known) and known else None,
+        "truncation": [None if orbit.truncation is None else list(astuple(orbit.truncation)) for orbit in orbits],
         "unknowns": [orbit.unknowns for orbit in orbits],
         "q": np.array([orbit.start.q for orbit in orbits if orbit.start]) if all(starts) and starts else None,
         "v": np.array([orbit.start.v for orbit in orbits if orbit.start]) if all(starts) and starts else None,
@@ -119,6 +122,9 @@ def _maker(kept: dict[str, Any], k: int, folder: Path) -> Callable[[], PeriodicO
     def make() -> PeriodicOrbit:
         periods, method = int(kept["periods"][k]), kept["method"][k]
         omega, unknowns = float(kept["omega"][k]), kept["unknowns"][k]
+        # Files of earlier versions hold no truncation.
+        left_out = kept.get("truncation", {k: None})[k]
+        truncation = None if left_out is None else OrbitTruncation(*left_out)
         start = None if kept["q"] is None else State(kept["q"][k], kept["v"][k])
 
         @cache
@@ -127,7 +133,11 @@ def _maker(kept: dict[str, Any], k: int, folder: Path) -> Callable[[], PeriodicO
 
         def result() -> Any:
             if start is not None:
-                return orbit_result(scene(), start, 2.0 * np.pi * periods / omega)
+                duration = 2.0 * np.pi * periods / omega
+                if truncation is None:
+                    return orbit_result(scene(), start, duration)
+                few = condensed(scene().model.system, unknowns.size // 2, None)
+                return condensed_result(scene(), few, start, duration, truncation.error)
             harmonics = harmonics_in(scene(), unknowns.size) if method == "harmonic_balance" else None
             period = 2.0 * np.pi / omega
             problem = problem_of("load", scene(), method, periods, period=period, harmonics=harmonics)
@@ -141,6 +151,7 @@ def _maker(kept: dict[str, Any], k: int, folder: Path) -> Callable[[], PeriodicO
             multipliers=None if kept["multipliers"] is None else kept["multipliers"][k],
             residual=float(kept["residual"][k]),
             result=result,
+            truncation=truncation,
             notes=tuple(kept["notes"][k]),
             unknowns=unknowns,
             autonomous=bool(kept["autonomous"][k]),

@@ -22,6 +22,21 @@ _STEPS, _TOLERANCE = 8, 1e-11
 _REFUSED = float(np.cos(np.radians(25.0)))
 
 
+class LostCurveError(ConvergenceError):
+    """A curve does not lead where it should.
+
+    Parameters
+    ----------
+    what : str
+    farthest, last : ndarray, shape (n + 1,)
+        The point at which the function was largest, and the last one.
+    """
+
+    def __init__(self, what: str, farthest: Array, last: Array) -> None:
+        super().__init__(what)
+        self.farthest, self.last = farthest, last
+
+
 def until_positive(
     equations: Callable[[Array], tuple[Array, Array]], function: Callable[[Array], float], start: Array, towards: Array
 ) -> tuple[Array, Array]:
@@ -44,9 +59,11 @@ def until_positive(
 
     Raises
     ------
-    ConvergenceError
+    LostCurveError
         If the curve is lost, or does not lead there within 1000 steps.
     """
+    best = float(function(start))
+    where = np.array(start)
     now, step = np.array(start), _FIRST
     tangent = towards / np.linalg.norm(towards / _scales(now)) / _scales(now)
     _, slopes = equations(now)
@@ -61,12 +78,15 @@ def until_positive(
         except ConvergenceError as error:
             step *= 0.4
             if step < _LEAST:
-                raise ConvergenceError("the backbone is lost: it may graze a contact there") from error
+                raise LostCurveError("the backbone is lost: it may graze a contact there", where, now) from error
             continue
-        if function(after) > 0.0:
+        value = function(after)
+        if value > 0.0:
             return now, after
+        if value > best:
+            best, where = value, after
         now, tangent, step = after, following, min(1.5 * step, _LARGEST)
-    raise ConvergenceError(f"the backbone does not reach it within {_MOST} steps")
+    raise LostCurveError(f"it is not reached within {_MOST} steps", where, now)
 
 
 def _scales(y: Array) -> Array:

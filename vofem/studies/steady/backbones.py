@@ -23,7 +23,7 @@ from vofem.integrators.event_driven.flow import Start, flow, modes_of
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.laws import CLOSED, OPEN, ContactLaws
 from vofem.scene import Scene, as_scene
-from vofem.studies.steady.arclength import until_positive
+from vofem.studies.steady.arclength import LostCurveError, until_positive
 from vofem.studies.steady.branch import Branch, BranchCounters, Orbits
 from vofem.studies.steady.counters import Work
 from vofem.studies.steady.newton import direction
@@ -120,7 +120,8 @@ def backbone(
     MethodError
         If the scene is not conservative.
     ConvergenceError
-        If the backbone cannot be followed to a level; the message says how far it came.
+        If the backbone cannot be followed to a level; the message says how far it came and where it turned. The
+        attribute `branch` of the error is the Branch of the levels below.
     """
     as_scene("backbone", scene)
     if (energies is None) == (amplitudes is None):
@@ -136,19 +137,29 @@ def backbone(
     search = _Search(system, space, work)
     found: dict[float, _Rest] = {}
     now, kind = search.linear(number, float(levels.min()), amplitudes is not None)
+    failed: ConvergenceError | None = None
     for level in np.unique(levels).tolist():
-        now = search.path(now, kind, level)
+        try:
+            now = search.path(now, kind, level)
+        except ConvergenceError as error:
+            failed = error
+            break
         found[level] = now
+    levels = np.array([level for level in levels.tolist() if level in found])
     counters = BranchCounters(points=levels.size, flows=work.flows, eigensolves=work.runs.eigensolves)
     orbits = [search.orbit(scene, found[level]) for level in levels.tolist()]
     counters.flows = work.flows
     values = [search.energy(found[level].z) for level in levels.tolist()]
-    return Branch(np.array(values), Orbits([lambda o=o: o for o in orbits]), [], counters)  # type: ignore[misc]
+    branch = Branch(np.array(values), Orbits([lambda o=o: o for o in orbits]), [], counters)  # type: ignore[misc]
+    if failed is not None:
+        failed.branch = branch  # type: ignore[attr-defined]
+        raise failed
+    return branch
 
 
 def _check(scene: Scene, system: System) -> None:
     """Raise where a scene is not conservative."""
-    reason = shooting_refusal(scene)
+    reason = shooting_refusal(scene, all_modes=True)
     if reason is not None:
         raise MethodError(f"backbone: {reason.split('. Use ')[0].split('; use')[0]}")
     what = ""
@@ -282,9 +293,17 @@ class _Search:
             return self.solved(_Rest(guess[:-1], float(guess[-1])), kind, level)
         except ConvergenceError as lost:
             here = kind.of(self.system, self.space, now.z)[0]
+            beyond = f"{error}; and beyond that level {lost}"
+            if isinstance(lost, LostCurveError):
+                top, end = (level * (1.0 + level_of(y)) for y in (lost.farthest, lost.last))
+                beyond = (
+                    f"the backbone turns near {top:.9g}, at {np.pi / lost.farthest[-1]:.9g} rad/s, and was followed on "
+                    f"to {end:.9g}, at {np.pi / lost.last[-1]:.9g} rad/s; {lost}"
+                )
+            what = "energy" if kind.dof < 0 else "amplitude"
             raise ConvergenceError(
-                f"backbone: followed up to a level of {here:.9g}, and not to {level:.9g}: {error}. Beyond that level, "
-                f"where the backbone may turn: {lost}. Ask for lower energies or amplitudes"
+                f"backbone: by its {what} followed up to {here:.9g}, and not to {level:.9g}: {beyond}. Ask for levels "
+                "below; those that were found are in the attribute branch of this error"
             ) from lost
 
     def solved(self, guess: _Rest, kind: _Level, level: float) -> _Rest:

@@ -88,7 +88,8 @@ def continuation(
     family = Family("continuation", build, method, periods, harmonics)
     interval = Interval(start, stop)
     problem = family.at(start)
-    found, notes = first_orbit("continuation", problem, guess)
+    problem, found, notes = first_orbit("continuation", problem, guess)
+    family.begin_with(start, problem)
     counters = BranchCounters(search_flows=family.work.flows)
     walker = Follower(family, interval, counters, largest=max_step, most=max_points)
     with branch_progress(interval, progress) as report:

@@ -288,19 +288,7 @@ class EventChart:
 
     def orbit(self, problem: Shooting, y: Array, evaluation: EventEvaluation) -> PeriodicOrbit:
         """Return the orbit."""
-        unknowns = self.unknowns(problem, y, evaluation)
-        return PeriodicOrbit(
-            problem.scene,
-            "shooting",
-            problem.loads.omega,
-            problem.periods,
-            multipliers=evaluation.multipliers,
-            residual=evaluation.error,
-            result=problem.result_of(unknowns),
-            unknowns=unknowns,
-            start=problem.state(unknowns),
-            decided=lambda: DECIDED,
-        )
+        return problem.orbit_of(self.unknowns(problem, y, evaluation), evaluation, lambda: DECIDED)
 
 
 def around(touches: tuple[tuple[int, float], ...], margin: float, periods: int) -> tuple[tuple[int, float, float], ...]:

@@ -62,6 +62,11 @@ class Family:
         self._known[value] = self._latest = problem
         return problem
 
+    def begin_with(self, value: float, problem: OrbitProblem) -> None:
+        """Take a problem for a value of the parameter, and go on from it."""
+        self._known = {float(value): problem}
+        self._latest = problem
+
     def over(self, periods: int) -> Family:
         """Return the family of orbits over another number of periods, sharing modes and counted apart."""
         other = Family(self.what, self.build, self.method, periods, self.harmonics)

@@ -37,6 +37,9 @@ FIRST, LARGEST, LEAST = 0.01, 0.1, 1e-9
 #: Cosine of the angle between successive tangents that is refused, and the one aimed at.
 _REFUSED, _AIM = np.cos(np.radians(25.0)), np.radians(8.0)
 
+#: Cosine of the angle that is refused at corners of a branch, and steps up to which there may be one.
+_CORNER, _SHORT = np.cos(np.radians(80.0)), 1e-4
+
 #: Factors by which a step may change.
 _SHRINK, _GROW = 0.4, 2.0
 
@@ -48,6 +51,9 @@ _LOOP = 12
 
 #: Share of the last step of a closed branch before its first orbit in which a special point is that of this orbit.
 _AGAIN = 1e-2
+
+#: Difference of two orbits, over the size of the motion, and of their values, over the interval, that are one.
+_SAME = 1e-7
 
 #: How far from a point a grazing may be, in steps, and how near zero an extreme must be to be looked at.
 _FARTHEST, _NEAR = 4.0, 0.3
@@ -211,7 +217,7 @@ class Follower:
             return self._leaving(now, guess, step)
         try:
             y, evaluation, by_value = corrected(self.family, chart, guess, now.scales, now.tangent, now.by_value)
-            after = self._accepted(now, y, evaluation, by_value)
+            after = self._accepted(now, y, evaluation, by_value, step)
         except ConvergenceError:
             return None
         if after is None:
@@ -240,8 +246,12 @@ class Follower:
         change = now.tangent - tangent / np.linalg.norm(tangent)
         return np.asarray(change / length) if length > 0.0 else np.zeros_like(change)
 
-    def _accepted(self, now: Point, y: Array, evaluation: Any, by_value: Array) -> Point | None:
-        """Return a corrected point, or None where the branch has turned too far."""
+    def _accepted(self, now: Point, y: Array, evaluation: Any, by_value: Array, step: float) -> Point | None:
+        """Return a corrected point, or None where the branch has turned too far.
+
+        Under harmonic balance a branch has a corner where a slider begins to slip. There short steps may turn farther.
+        """
+        refused = _REFUSED if isinstance(now.problem, Shooting) or step > _SHORT else _CORNER
         problem = self.family.at(y[-1])
         chart = now.chart
         scales = np.append(chart.scales(problem, evaluation), self.interval.size)
@@ -249,11 +259,11 @@ class Follower:
         towards = now.tangent * now.scales / scales
         towards /= np.linalg.norm(towards)
         secant = (y - now.y) / now.scales
-        if secant @ now.tangent < _REFUSED * np.linalg.norm(secant):
+        if secant @ now.tangent < refused * np.linalg.norm(secant):
             return None
         by_value = derivative_by_value(self.family, self.interval, chart, y, evaluation)
         tangent = tangent_at(evaluation, by_value, scales, towards)
-        if tangent @ towards < _REFUSED:
+        if tangent @ towards < refused:
             return None
         return Point(chart, y, problem, evaluation, scales, by_value, tangent)
 
@@ -514,7 +524,19 @@ class Follower:
             return None
         if now.chart is ORIGIN and away @ now.tangent < -1e-3 * np.linalg.norm(away):
             return None
-        return at
+        return None if self._passed_before(at, there, origin) else at
+
+    def _passed_before(self, at: Point, state: Array, scales: Array) -> bool:
+        """Return whether the branch has come through a grazing already: then going on from it would lead back.
+
+        One branch goes on from a grazing, so that it can meet this orbit again only as a closed one, behind its begin.
+        """
+        for mark in self.track.marks:
+            if mark.kind != "grazing" or abs(mark.point.value - at.value) > _SAME * self.interval.size:
+                continue
+            if np.max(np.abs((mark.point.unknowns() - state) / scales), initial=0.0) <= _SAME:
+                return True
+        return False
 
     def _passed_in(self, now: Point, touch: Touch, step: float) -> tuple[Point, float] | None:
         """Go on with a contact that begins to touch."""

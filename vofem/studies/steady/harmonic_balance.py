@@ -398,7 +398,7 @@ class HarmonicBalance:
         size = np.abs(to_complex(u.T)).sum(axis=0)
         error = float(np.max(left / np.where(size > 0.0, size, 1.0), initial=0.0))
         what = f"{h} harmonics; those up to {self.reach} would change displacements by up to {error:.1e} of themselves"
-        return OrbitTruncation(self.reach - h, error, what)
+        return OrbitTruncation(self.reach - h, error, what, error)
 
     def _motion(self, forces: Complex) -> HarmonicMotion:
         """Return the motion of the whole structure under the laws' forces, with all their known harmonics."""

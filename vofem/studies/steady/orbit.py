@@ -58,11 +58,14 @@ class OrbitTruncation:
         largest one.
     what : str
         One sentence about it.
+    error : float
+        Estimated error of displacements relative to the largest one; not a number where it is not known.
     """
 
     modes: int
     largest: float
     what: str
+    error: float = float("nan")
 
 
 class PeriodicOrbit(Shown):
@@ -139,9 +142,14 @@ class PeriodicOrbit(Shown):
         self._stable = stable
 
     def __repr__(self) -> str:
-        stable = {True: "stable", False: "unstable", None: "stability not decided"}[self.stable]
         times = f" over {self.periods} periods of the loads" if self.periods > 1 else ""
-        return f"PeriodicOrbit({self.method}, omega = {self.omega:.9g} rad/s{times}, {stable})"
+        return f"PeriodicOrbit({self.method}, omega = {self.omega:.9g} rad/s{times}, {self.stability})"
+
+    @property
+    def stability(self) -> str:
+        """What is known of the stability, in words."""
+        unclear = "stability not decided" if self.multipliers is not None else "stability not known"
+        return {True: "stable", False: "unstable", None: unclear}[self.stable]
 
     @property
     def scene(self) -> Scene:

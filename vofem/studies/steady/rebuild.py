@@ -13,6 +13,7 @@ from vofem.bodies.base import Body
 from vofem.effects import BaseMotion, Contact, DistributedLoad, PointLoad, PointMoment
 from vofem.integrators.event_driven.flow import share_modes
 from vofem.scene import Scene
+from vofem.studies.steady.condensed import condensable
 from vofem.studies.steady.shooting import MOST_UNKNOWNS
 from vofem.system import Load
 from vofem.time_functions import TimeFunction
@@ -74,7 +75,7 @@ def like_guess(scene: Scene, guess: Any) -> Scene:
     if not scene.assembled:
         scene = recompiled(scene, known)
     system, earlier = scene.model.system, known.model.system
-    if system.size == earlier.size <= MOST_UNKNOWNS:
+    if system.size == earlier.size <= MOST_UNKNOWNS and not condensable(earlier):
         share_modes(system, earlier)
     return scene
 

@@ -38,8 +38,10 @@ class Settled:
     notes: tuple[str, ...] = ()
 
 
-def from_rest(problem: Shooting) -> Settled:
+def from_rest(what: str, problem: Shooting) -> Settled:
     """Return the orbit that a motion from rest settles on, or one near the linear response where it does not settle.
+
+    `what` is whose argument the problem is, for messages.
 
     Raises
     ------
@@ -65,10 +67,15 @@ def from_rest(problem: Shooting) -> Settled:
     try:
         found = solved(problem, problem.linear_response())
     except ConvergenceError as error:
+        regular = (
+            "another start, at which the motion is regular, such as one where no contact is touched"
+            if what == "continuation"
+            else "follow a branch from where the motion is regular with vofem.continuation"
+        )
         raise ConvergenceError(
-            f"periodic: no orbit was found. {seen}: a subharmonic or chaotic motion, or little damping; and from the "
+            f"{what}: no orbit was found. {seen}: a subharmonic or chaotic motion, or little damping; and from the "
             f"linear response {error}. Try more periods (periods=2, 3, ...), a guess= such as a run with more damping, "
-            "or follow a branch from where the motion is regular with vofem.continuation"
+            f"or {regular}"
         ) from error
     note = f"{seen}, so this orbit was found from the linear response; motions need not settle on it"
     return Settled(found, (note,))

@@ -1,8 +1,9 @@
 """Periodic orbits by shooting: the flow over one orbit must return to where it began.
 
-The unknowns are modal displacements and velocities at t = 0 of the loads. The
-flow is exact between events and its derivative is too, so Newton's method
-converges quadratically and the multipliers are those of the orbit.
+The unknowns are modal displacements and velocities at t = 0 of the loads; of
+large systems those of the vectors of `condensed.py`. The flow is exact between
+events and its derivative is too, so Newton's method converges quadratically
+and the multipliers are those of the orbit.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from vofem.linalg.eigen import eigenvalues
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.simulate.plan import Plan, run_plan
+from vofem.studies.steady.condensed import Condensed, condensable, condensed, condensed_result, first_count
 from vofem.studies.steady.counters import Work
 from vofem.studies.steady.loads import LoadPeriod, load_period
 from vofem.studies.steady.orbit import DECIDED, TIMES, PeriodicOrbit
@@ -32,7 +34,7 @@ from vofem.system import OPEN, State
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-#: Degrees of freedom up to which all modes are unknowns.
+#: Degrees of freedom up to which all modes may be unknowns.
 MOST_UNKNOWNS = 600
 
 #: Rounding of a multiplier, in terms of its condition and the size of the monodromy matrix.
@@ -129,6 +131,8 @@ class Shooting:
         A problem whose modes define the unknowns, and serve here too where they are the same.
     work : Work, optional
         Where work is counted.
+    vectors : int, optional
+        How many stand for a large system; as many as in `earlier`, or as it begins with.
 
     Attributes
     ----------
@@ -151,14 +155,25 @@ class Shooting:
         period: float | None = None,
         earlier: Shooting | None = None,
         work: Work | None = None,
+        vectors: int | None = None,
     ) -> None:
-        self.scene, self.periods = scene, periods
-        self.system = system = scene.model.system
+        self.scene, self.periods, self._what, self._period = scene, periods, what, period
+        full = scene.model.system
         reason = shooting_refusal(scene)
         if reason is not None:
             raise MethodError(f"{what}: {reason}")
-        self.loads: LoadPeriod = load_period(what, system, period)
+        self.loads: LoadPeriod = load_period(what, full, period)
         self.work = Work() if work is None else work
+        self.condensed: Condensed | None = None
+        #: Relative change of the orbit by doubling the vectors, where it is known.
+        self.change: float | None = None
+        if condensable(full):
+            before = None if earlier is None else earlier.condensed
+            if vectors is None:
+                vectors = first_count(full) if before is None else before.vectors.shape[1]
+            self.condensed = condensed(full, vectors, before)
+            self.change = None if earlier is None else earlier.change
+        self.system = system = full if self.condensed is None else self.condensed.system
         shared = earlier is not None and share_modes(system, earlier.system)
         self.space = modes_of(system, self.work.runs)
         n = self.space.size
@@ -170,7 +185,7 @@ class Shooting:
                     f"{what}: the scene has {n} degrees of freedom, and {self.reference.space.size} at another value "
                     "of the parameter; build the same mesh for all values"
                 )
-            self.frame = self.space.shapes.T @ (system.mass @ self.reference.space.shapes)
+            self.frame = self.space.shapes.T @ self._in_own_vectors(self.reference.space.shapes)
         elif shared and earlier is not None:
             self.frame = earlier.frame
         self.size = 2 * n
@@ -180,6 +195,13 @@ class Shooting:
     def duration(self) -> float:
         """Of the whole orbit, s."""
         return 2.0 * np.pi * self.periods / self.loads.omega
+
+    def _in_own_vectors(self, shapes: Array) -> Array:
+        """Return momenta of the reference's modes over the degrees of freedom of the system, shape (m, n)."""
+        mine, theirs = self.condensed, self.reference.condensed
+        if mine is None or theirs is None or mine.vectors is theirs.vectors:
+            return np.asarray(self.system.mass @ shapes)
+        return np.asarray(mine.vectors.T @ (mine.full.mass @ (theirs.vectors @ shapes)))
 
     # -- unknowns and modal states --------------------------------------------------------------------
 
@@ -197,12 +219,19 @@ class Shooting:
 
     def from_state(self, state: State) -> Array:
         """Return the unknowns of a state over the free degrees of freedom."""
+        if self.condensed is not None:
+            state = self.condensed.project(state)
         return self.to_unknowns(*modal_state(self.system, self.space, state))
 
     def state(self, unknowns: Array) -> State:
         """Return the state over the free degrees of freedom."""
         z, v = self.to_modes(unknowns)
-        return State(self.space.shapes @ z, self.space.shapes @ v)
+        state = State(self.space.shapes @ z, self.space.shapes @ v)
+        return state if self.condensed is None else self.condensed.lift(state)
+
+    def in_vectors(self, count: int) -> Shooting:
+        """Return the problem of a large system in another number of vectors."""
+        return Shooting(self._what, self.scene, self.periods, period=self._period, work=self.work, vectors=count)
 
     # -- guesses --------------------------------------------------------------------------------------
 
@@ -272,6 +301,11 @@ class Shooting:
 
     def orbit(self, unknowns: Array, evaluation: ShootingEvaluation) -> PeriodicOrbit:
         """Return the orbit of a solution."""
+        return self.orbit_of(unknowns, evaluation, lambda: evaluation.uncertainty)
+
+    def orbit_of(self, unknowns: Array, evaluation: Any, decided: Callable[[], float]) -> PeriodicOrbit:
+        """Return the orbit of a solution, whose stability is not decided within a distance from the unit circle."""
+        kept = None if self.condensed is None else self.condensed.truncation(self.duration, self.change)
         return PeriodicOrbit(
             self.scene,
             "shooting",
@@ -280,15 +314,20 @@ class Shooting:
             multipliers=evaluation.multipliers,
             residual=evaluation.error,
             result=self.result_of(unknowns),
+            truncation=kept,
+            notes=() if kept is None else (kept.what,),
             unknowns=np.array(unknowns),
             start=self.state(unknowns),
-            decided=lambda: evaluation.uncertainty,
+            decided=decided,
         )
 
     def result_of(self, unknowns: Array) -> Callable[[], Result]:
         """Return what makes the result over one orbit."""
-        scene, state, duration = self.scene, self.state(unknowns), self.duration
-        return lambda: orbit_result(scene, state, duration)
+        scene, state, duration, few = self.scene, self.state(unknowns), self.duration, self.condensed
+        if few is None:
+            return lambda: orbit_result(scene, state, duration)
+        change = self.change
+        return lambda: condensed_result(scene, few, state, duration, change)
 
     def shortest_period(self, unknowns: Array, evaluation: ShootingEvaluation) -> int:
         """Return after how many periods of the loads an orbit first repeats: `periods` or a divisor of it."""
@@ -307,16 +346,17 @@ class Shooting:
 _REPEATS = 1e-7
 
 
-def shooting_refusal(scene: Scene) -> str | None:
-    """Return why shooting cannot treat a scene and what can, or None."""
+def shooting_refusal(scene: Scene, *, all_modes: bool = False) -> str | None:
+    """Return why shooting cannot treat a scene, in all modes where these are needed, and what can, or None."""
     system = scene.model.system
     reason = refusal(system)
     if reason is not None:
         why = reason.split(". Use ")[0].rstrip(".")
         return f"{why}; shooting needs what event_driven needs. Use method='harmonic_balance'"
-    if system.size > MOST_UNKNOWNS:
+    if system.size > MOST_UNKNOWNS and (all_modes or not condensable(system)):
+        few = "" if all_modes else " where many contacts, loads or dashpots act"
         return (
-            f"the scene has {system.size} degrees of freedom, shooting takes at most {MOST_UNKNOWNS}; use fewer "
+            f"the scene has {system.size} degrees of freedom, shooting takes at most {MOST_UNKNOWNS}{few}; use fewer "
             "elements, or method='harmonic_balance', whose unknowns are those of the laws alone"
         )
     return None

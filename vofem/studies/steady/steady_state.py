@@ -9,6 +9,7 @@ import numpy as np
 from vofem._validate import choice, whole
 from vofem.errors import ConvergenceError
 from vofem.scene import Scene, as_scene
+from vofem.studies.steady.condensed import GOOD
 from vofem.studies.steady.methods import METHODS, chosen, problem_of
 from vofem.studies.steady.newton import Solved, solved
 from vofem.studies.steady.orbit import PeriodicOrbit
@@ -71,23 +72,27 @@ def periodic(
     scene = like_guess(scene, guess)
     method = chosen(scene, method, harmonics)
     problem = problem_of("periodic", scene, method, periods, period=period, harmonics=harmonics)
-    found, notes = first_orbit("periodic", problem, guess)
+    problem, found, notes = first_orbit("periodic", problem, guess)
     orbit = problem.orbit(found.unknowns, found.evaluation)
     orbit.notes.extend(notes)
     return orbit
 
 
-def first_orbit(what: str, problem: OrbitProblem, guess: Any) -> tuple[Solved, tuple[str, ...]]:
+def first_orbit(what: str, problem: OrbitProblem, guess: Any) -> tuple[OrbitProblem, Solved, tuple[str, ...]]:
     """Return an orbit of a problem from a guess or from rest, its minimal period checked, and notes about it.
+
+    The problem is the one given, or of a large system one with more vectors, as many as the orbit needs.
 
     Raises
     ------
     ConvergenceError
         If none is found, or one that repeats earlier than after the periods that were asked for.
     """
+    if isinstance(problem, Shooting):
+        problem = _as_guess(problem, guess)
     notes: tuple[str, ...] = ()
     if guess is None and isinstance(problem, Shooting):
-        settled = from_rest(problem)
+        settled = from_rest(what, problem)
         found, notes = settled.solved, settled.notes
     else:
         try:
@@ -98,14 +103,53 @@ def first_orbit(what: str, problem: OrbitProblem, guess: Any) -> tuple[Solved, t
                 f"{what}: no orbit was found from the guess. {error}. {seen}Try a guess that is closer, such as the "
                 "orbit of a scene that differs less, or vofem.continuation from there"
             ) from error
-    shortest = problem.shortest_period(found.unknowns, found.evaluation)
+    evaluation: Any = found.evaluation
+    shortest = problem.shortest_period(found.unknowns, evaluation)
     if shortest < problem.periods:
         raise ConvergenceError(
             f"{what}: an orbit over {problem.periods} periods of the loads was asked for, and the one found repeats "
             f"after {shortest}. Ask for periods={shortest}, or give a guess nearer to an orbit over {problem.periods}: "
             "vofem.continuation finds one by branch.switch at a period doubling"
         )
-    return found, notes
+    if isinstance(problem, Shooting):
+        problem, found, more = _with_enough_vectors(problem, found)
+        notes += more
+    return problem, found, notes
+
+
+def _as_guess(problem: Shooting, guess: Any) -> Shooting:
+    """Return the problem of a large system in as many vectors as the orbit nearby has needed that is the guess."""
+    few = problem.condensed
+    known = guess.truncation if isinstance(guess, PeriodicOrbit) and guess.method == "shooting" else None
+    if few is None or known is None or guess.unknowns is None:
+        return problem
+    count = guess.unknowns.size // 2
+    if count + known.modes != few.full.size or not known.error <= GOOD:
+        return problem
+    problem = problem if count == few.vectors.shape[1] else problem.in_vectors(count)
+    problem.change = known.error
+    return problem
+
+
+def _with_enough_vectors(problem: Shooting, found: Solved) -> tuple[Shooting, Solved, tuple[str, ...]]:
+    """Return an orbit of a large system in as many vectors as it needs, and notes: twice as many change it little."""
+    notes: tuple[str, ...] = ()
+    now = problem.condensed
+    while now is not None and problem.change is None:
+        more = now.more()
+        if more is None:
+            break
+        finer = problem.in_vectors(more)
+        state = problem.state(found.unknowns)
+        better = solved(finer, finer.from_state(state))
+        problem.change = now.change(state, finer.state(better.unknowns))
+        if problem.change > GOOD:
+            notes = (
+                f"half as many vectors give displacements that differ by {problem.change:.1e} of themselves; more are "
+                "not taken, so trust no more digits. With more damping an orbit needs fewer vectors",
+            )
+            problem, found, now = finer, better, finer.condensed
+    return problem, found, notes if problem.condensed is not None and problem.change is None else ()
 
 
 def seen_of(problem: Shooting, guess: Any) -> str:

@@ -1,0 +1,55 @@
+"""Low-frequency rattling: many impacts a period between two stops."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from reference_integration import Reference
+
+import vofem as vf
+
+
+def rattler(omega, damping=3.0):
+    """A mass that nothing holds but two stops, thrown from one to the other."""
+    mass = vf.Mass(1.0, damping=0.01, name="mass")
+    stops = [
+        vf.Contact(mass, gap=0.05, stiffness=1e3, damping=damping, side=side, acts_on="penetration", name=side)
+        for side in ("above", "below")
+    ]
+    return vf.Scene([mass], [*stops, vf.PointLoad(mass, vf.Sine(1.0, omega))])
+
+
+def test_an_orbit_with_28_impacts_a_period():
+    scene = rattler(0.5)
+    orbit = vf.periodic(scene)
+    assert orbit.stable is True
+    assert orbit.residual < 1e-12
+    impacts = sum(orbit.result.contacts[side].closings.size for side in ("above", "below"))
+    assert impacts == 28
+    start = vf.Scene(scene.bodies, scene.effects, initial=orbit)
+    outcome = Reference(start, orbit.period).run()
+    assert outcome.q[-1] == pytest.approx(start.initial_state().q, abs=1e-9)
+    assert outcome.v[-1] == pytest.approx(start.initial_state().v, abs=1e-8)
+
+
+def test_a_motion_that_does_not_settle_is_told(monkeypatch):
+    """With little loss in the stops the rattle is chaotic."""
+    monkeypatch.setattr("vofem.studies.steady.settle.MOST_PERIODS", 12)
+    with pytest.raises(vf.ConvergenceError, match=r"subharmonic or chaotic motion.*vofem\.continuation"):
+        vf.periodic(rattler(0.5, damping=1.0))
+    with pytest.raises(vf.ConvergenceError, match=r"continuation: .*another start, at which the motion is regular"):
+        vf.continuation(lambda omega: rattler(omega, damping=1.0), 0.5, 0.6)
+
+
+def test_a_branch_does_not_go_back_through_a_grazing():
+    """Another grazing lies within reach of a step; the one that the branch has come through leads back along it."""
+    branch = vf.continuation(rattler, 0.5, 0.45, max_points=54)
+    grazings = [s for s in branch.special if s.kind == "grazing"]
+    assert [s.value for s in grazings] == pytest.approx([0.4871399376, 0.4770686791, 0.4770686791], abs=1e-8)
+    assert {s.contact for s in grazings} == {"above", "below"}
+    # Orbits and not only values are new, and the branch has not come back to where it began.
+    states = np.array([[*o.unknowns, 100.0 * value] for o, value in zip(branch.orbits, branch.values, strict=True)])
+    away = np.linalg.norm(states[:, None] - states[None, :], axis=2)
+    apart = np.abs(np.subtract.outer(np.arange(len(states)), np.arange(len(states)))) > 5
+    assert away[apart].min() > 1e-6
+    assert branch.values[-1] < 0.478
