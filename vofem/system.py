@@ -131,6 +131,10 @@ class System:
         pairs = zip(self.loads, other.loads, strict=False)
         return len(self.loads) == len(other.loads) and all(np.array_equal(a.vector, b.vector) for a, b in pairs)
 
+    def has_contact_rows_of(self, other: System) -> bool:
+        """Return whether the contacts act at the same places as those of another system, or both have none."""
+        return same_matrix(*(None if one.contacts is None else one.contacts.rows for one in (self, other)))
+
     def share_what_is_equal(self, other: System) -> bool:
         """Use those parts of another system's cache that depend on nothing in which the two systems differ.
 
