@@ -9,9 +9,9 @@ import types
 from pathlib import Path
 
 import pytest
-from vofem.integrators.watching import deferred_interrupts
 
 from vofem import cli
+from vofem.integrators.observer import deferred_interrupts
 from vofem.kernel_mode import kernels
 from vofem.linalg import jit
 
@@ -44,15 +44,25 @@ def test_a_step_ends_before_an_interrupt_but_compiling_does_not(monkeypatch):
     assert jit.waiting_interrupts == []
 
 
+def test_a_run_that_has_computed_something_is_not_given_up_for_the_compiler(monkeypatch):
+    with deferred_interrupts() as pressed:
+        assert not pressed()
+        monkeypatch.setattr(jit, "_under_way", ["a kernel"])
+        press()
+        assert not jit.compiling()
+        assert pressed()
+    assert jit.compiling()
+    assert jit.runs_with_results == []
+
+
 def test_nothing_is_compiled_after_ctrl_c():
     def twice(x):
         return 2.0 * x
 
     kernel = jit.CompiledFunction(twice)
     with kernels(compiled=True):
-        with deferred_interrupts() as pressed:
+        with deferred_interrupts():
             press()
-            assert pressed()
             with pytest.raises(KeyboardInterrupt):
                 kernel(1.5)
         assert not jit.compiling()

@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol
 
-from vofem.linalg.jit import compiling, waiting_interrupts
+from vofem.linalg.jit import compiling, runs_with_results, waiting_interrupts
 
 #: Plain data from which a run goes on as if it had never stopped.
 Snapshot = dict[str, Any]
@@ -34,13 +34,20 @@ class Observer(Protocol):
 def deferred_interrupts() -> Iterator[Callable[[], bool]]:
     """Let Ctrl-C wait for the end of a step. The context is a function that returns whether it was pressed.
 
-    A second Ctrl-C interrupts at once. So does the first one while kernels are compiled, or where they would be next:
-    this takes longer than the steps that came before. Outside the main thread nothing is deferred.
+    A second Ctrl-C interrupts at once. So does the first one while kernels are compiled, or where they would be next,
+    as long as the function has not been called: until then a run has computed nothing that could be lost. Outside the
+    main thread nothing is deferred.
     """
-    pressed = threading.Event()
+    pressed, run = threading.Event(), object()
     if threading.current_thread() is not threading.main_thread():
         yield pressed.is_set
         return
+
+    def asked() -> bool:
+        if run not in runs_with_results:
+            runs_with_results.append(run)
+        return pressed.is_set()
+
     before = signal.getsignal(signal.SIGINT)
 
     def handle(number: int, frame: Any) -> None:
@@ -55,7 +62,9 @@ def deferred_interrupts() -> Iterator[Callable[[], bool]]:
         return
     waiting_interrupts.append(pressed.is_set)
     try:
-        yield pressed.is_set
+        yield asked
     finally:
         waiting_interrupts.remove(pressed.is_set)
+        if run in runs_with_results:
+            runs_with_results.remove(run)
         signal.signal(signal.SIGINT, before if before is not None else signal.SIG_DFL)

@@ -142,9 +142,13 @@ _under_way: list[object] = []
 waiting_interrupts: list[Callable[[], bool]] = []
 
 
+#: Runs that have computed something, which would be lost if a compilation within them were given up.
+runs_with_results: list[object] = []
+
+
 def compiling() -> bool:
-    """Return whether a kernel is being compiled, which may take many seconds and can be given up at any time."""
-    return bool(_under_way)
+    """Return whether a kernel is being compiled that may be given up: it takes many seconds, and nothing is lost."""
+    return bool(_under_way) and not runs_with_results
 
 
 def _watch_compilations() -> None:
@@ -155,7 +159,7 @@ def _watch_compilations() -> None:
         """Counts compilations that have begun and not ended; none begins after Ctrl-C."""
 
         def on_start(self, event: Any) -> None:
-            if any(pressed() for pressed in waiting_interrupts):
+            if not runs_with_results and any(pressed() for pressed in waiting_interrupts):
                 raise KeyboardInterrupt
             _under_way.append(event)
 
