@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 #: Status of a law: it does not act, it acts, or it is held where its force jumps.
 OPEN, CLOSED, PINNED = 0, 1, 2
@@ -128,6 +129,10 @@ class LawGroup:
         """Return why the group has no natural modes, and what to do instead, or None if it has."""
         return None
 
+    def harmonic_refusal(self) -> str | None:
+        """Return why harmonic balance cannot treat the group, and what to do instead, or None if it can."""
+        return None
+
     # -- the law in compiled loops ------------------------------------------------------------------
 
     #: Whether force, stored energy and loss of every law are recorded along a run.
@@ -172,6 +177,22 @@ class LawGroup:
         """Return the laws with all forces and energies multiplied by a factor, or None if this is not possible."""
         return None
 
+    # -- the law in harmonic motions ------------------------------------------------------------------
+
+    #: Whether forces are linear in a motion that has lasted for ever, so that `harmonic_stiffness` gives them.
+    linear: ClassVar[bool] = False
+
+    def harmonic_stiffness(self, omega: float) -> Complex:
+        """Return the complex stiffnesses in N/m of linear laws at an angular frequency in rad/s, shape (n_laws,)."""
+        raise NotImplementedError
+
+    def stored_by_pairs(self, p: Complex) -> Complex:
+        """Return the energy that linear laws store in a sum of motions ``a_k exp(p_k t)``, shape (n_laws, k, k).
+
+        The entries, in N/m, are the factors of ``a_k a_l exp((p_k + p_l) t)/2``.
+        """
+        raise NotImplementedError
+
     # -- the law at rest ----------------------------------------------------------------------------
 
     def limits(self) -> Array:
@@ -201,6 +222,13 @@ class LawGroup:
         """Return reaction (N), tangent (N/m) and status at u, each (n_laws,), or None if the compiled laws give them.
 
         Jumps are spread over a width, a fraction of their gap.
+        """
+        return None
+
+    def curve(self, index: int, u: Array, tangents: bool) -> tuple[Array, Array] | None:
+        """Return forces (N) and tangents (N/m) of one law at coordinates u, or None if the compiled laws give them.
+
+        Where `tangents` is false, the tangents may be anything.
         """
         return None
 

@@ -93,6 +93,13 @@ class PrintedLaws(ListedLaws):
         """Return why there are no modes."""
         return no_modes(self.law.label)
 
+    def harmonic_refusal(self) -> str:
+        """Return why harmonic balance does not take the law."""
+        return (
+            f"{self.law.label} follows no law that harmonic balance knows, because the applied force drives it. "
+            "Simulate until the motion settles instead"
+        )
+
     def steepest(self, u: Array) -> Array:
         """Return the stiffness before the first load."""
         return np.array([self.law.stiffness])
