@@ -137,6 +137,12 @@ def tangent_jumps(laws: Laws, j: int) -> bool:
 
 
 @jit
+def spans_a_step(laws: Laws, j: int) -> bool:
+    """Return whether the force of a law belongs to a whole step, as that of a springpot; see `group.StepPast`."""
+    return laws.table[j]["kind"] == AFFINE
+
+
+@jit
 def closed_share(laws: Laws, j: int, u0: float, u1: float) -> float:
     """Return the length of the path from u0 to u1 on which a contact's damper acts, with its sign."""
     return damper_path(laws.table[j], laws.kinds.resolved, u0, u1)
@@ -257,3 +263,9 @@ def past_slopes(laws: Laws, j: int, u: float) -> tuple[Array, Array, Array]:
 def may_jump(laws: Laws) -> bool:
     """Return whether the tangent of any law may jump."""
     return any(tangent_jumps(laws, j) for j in range(laws.table.size))
+
+
+def rising(laws: Laws) -> bool:
+    """Return whether no force jumps, and none can fall as its coordinate rises, which is not known of Python's laws."""
+    kind = laws.table["kind"]
+    return not np.any((kind == CALLED) | ((kind == JUMP) & (laws.table["gap"] > 0.0)))

@@ -109,10 +109,16 @@ class LawGroup:
     def __len__(self) -> int:
         return int(self.rows.shape[0])
 
+    def place_of(self, law: Any) -> int | None:
+        """Return the position of a law in the group, None where the group does not hold it as an object."""
+        return None
+
     # -- what the group needs of a method -----------------------------------------------------------
 
-    #: Whether the load that is applied drives the laws, so that no method for general scenes can treat them.
-    applied_force: ClassVar[bool] = False
+    @property
+    def driven(self) -> Any:
+        """The one law of the group if the applied load drives it, so that no method for general scenes takes it."""
+        return None
 
     #: Whether `steepest` bounds the tangents wherever the coordinates go.
     bounded: ClassVar[bool] = True
@@ -152,6 +158,9 @@ class LawGroup:
     def virgin(self) -> list[Array]:
         """Return the internal variables of every law before any load; the first is the dissipated energy in J."""
         return [np.zeros(0)] * len(self)
+
+    #: Whether another run can start with the past that the laws have at the end of a run.
+    past_is_kept: ClassVar[bool] = True
 
     def past_in_steps(self, row: int, shortest: float, t_end: float) -> StepPast | None:
         """Return the internal variables that the laws have in a run in time steps beside those of `virgin`, or None.
@@ -255,6 +264,10 @@ class ListedLaws(LawGroup):
     def labels(self) -> tuple[str, ...]:
         """Names with the class of their effects."""
         return tuple(law.label for law in self.laws)
+
+    def place_of(self, law: Any) -> int | None:
+        """Return the position of a law."""
+        return next((k for k, one in enumerate(self.laws) if one is law), None)
 
 
 def past_of(groups: Sequence[LawGroup], states: Array, name: str) -> Array | None:

@@ -112,6 +112,7 @@ class SpringpotLaws(ListedLaws):
     recorded: ClassVar[bool] = True
     static: ClassVar[bool] = False
     linear: ClassVar[bool] = True
+    past_is_kept: ClassVar[bool] = False
 
     laws: tuple[SpringpotLaw, ...]
 
