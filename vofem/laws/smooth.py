@@ -193,8 +193,12 @@ class SmoothLaws(ListedLaws):
     def curve(self, index: int, u: Array, tangents: bool) -> tuple[Array, Array]:
         """Return forces and, if they are wanted, tangents of one law."""
         law, places = self.laws[index], u.tolist()
-        force = np.array([law.reaction(x) for x in places])
-        return force, np.array([law.tangent(x) for x in places]) if tangents else force
+        try:
+            force = np.array([law.reaction(x) for x in places])
+            return force, np.array([law.tangent(x) for x in places]) if tangents else force
+        except OverflowError:
+            # A trial of Newton's method went much too far.
+            return np.full(u.size, np.inf), np.full(u.size, np.inf)
 
     def fill(self, table: NDArray[np.void]) -> None:
         """Enter the kind; `callbacks.Callbacks` enters the addresses."""

@@ -15,6 +15,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.errors import ConvergenceError
 from vofem.laws.evaluate import commit, curve, forces_along, jumps, kinks, past_slopes, switched_on
 from vofem.laws.group import LawGroup
 from vofem.laws.table import Laws, build_laws
@@ -26,6 +27,9 @@ Array = NDArray[np.float64]
 #: Gauss's rule on one panel, and the phase of the fastest product of harmonics that a panel may cover, rad.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 _PHASE = 8.0
+
+#: Forces and tangents, in N and N/m, from which on squares overflow; a trial has gone much too far.
+_LARGEST = 1e150
 
 #: Equal angles in a period of the highest harmonic at which smooth laws are evaluated.
 _SAMPLES = 8
@@ -155,7 +159,12 @@ def _smooth(laws: Laws, j: int, group: LawGroup, index: int, series: Array, tota
     count = 1 << int(np.ceil(np.log2(_SAMPLES * (max(harmonics, total.wanted) + 1))))
     angles = np.asarray(np.arange(count) * (_TURN / count), dtype=float)
     functions = basis(angles, harmonics)
-    force, tangent = curve(group, laws, j, index, functions @ series, total.derivative)
+    u = functions @ series
+    force, tangent = curve(group, laws, j, index, u, total.derivative)
+    usable = (np.abs(force) < _LARGEST) & (np.abs(tangent) < _LARGEST)
+    if not np.all(usable):
+        k = int(np.argmin(usable))
+        raise ConvergenceError(f"{group.labels[index]} has a force of {force[k]:.3g} N at u = {u[k]:.3g} m")
     slopes = tangent[:, None] * functions if total.derivative else None
     total.add(angles, np.full(count, _TURN / count), force, slopes)
 
