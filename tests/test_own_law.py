@@ -166,6 +166,9 @@ class StructuralDampers(ListedLaws):
     def harmonic_stiffness(self, omega):
         return np.array([law.stiffness * (1.0 + 1.0j * law.loss) for law in self.laws])
 
+    def stored_by_pairs(self, p):
+        return np.array([np.full((p.size, p.size), law.stiffness) for law in self.laws])
+
 
 def test_a_group_of_its_own_acts_in_harmonic_motions():
     """The response to F is F/(K (1 + i loss) - m omega^2)."""
@@ -186,6 +189,10 @@ def test_a_group_of_its_own_acts_in_harmonic_motions():
         assert orbit.result.displacement(mass) == pytest.approx(
             4.0 * (expected * np.exp(1.0j * phase)).imag, abs=1e-12 * abs(expected)
         )
+        energy = orbit.result.energy
+        assert energy.strain == pytest.approx(0.5 * k * orbit.result.displacement(mass) ** 2, rel=1e-9, abs=1e-12)
+        assert energy.dissipated[-1] == pytest.approx(np.pi * k * loss * abs(4.0 * expected) ** 2, rel=1e-9)
+        assert energy.balance_error < 1e-9
 
 
 @pytest.mark.parametrize("load", [0.5, 40.0, -30.0])

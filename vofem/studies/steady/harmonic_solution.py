@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
@@ -150,14 +151,13 @@ class HarmonicSolution:
         """Springs with internal variables and springpots at `times`; None where there are none."""
         if not self.motion.system.recorded:
             return None
-        parts, past = self._recorded(self.times)
+        parts, past = self._along_path(self.motion.system.recorded, self.times)
         force, kept, gone = np.concatenate(parts, axis=1)
         return SpringSamples(force, kept, gone, past)
 
-    def _recorded(self, times: Array) -> tuple[list[Array], Array]:
+    def _along_path(self, groups: Sequence[LawGroup], times: Array) -> tuple[list[Array], Array]:
         """Return force, stored energy and loss of the laws of each group, and all internal variables at the end."""
         records = self.motion.laws.laws
-        groups = self.motion.system.recorded
         parts = [self._linear(g, times) if g.linear else self._followed(g, records, times) for g in groups]
         return parts, records.state
 
@@ -234,12 +234,12 @@ class HarmonicSolution:
         for group in system.laws:
             if group is system.contacts:
                 contact = group.potential(np.asarray((group.rows @ motion.rest.vectors) @ z))
-            elif not group.recorded:
+            elif not (group.recorded or group.linear):
                 strain = strain + group.potential(np.asarray((group.rows @ motion.rest.vectors) @ z))
         begun = np.concatenate([[0.0], times])
         dissipated = self._integral(begun, self._losses)[1:]
         work = self._integral(begun, self._loads)[1:]
-        for found in self._recorded(begun)[0]:
+        for found in self._along_path([g for g in system.laws if g.recorded or g.linear], begun)[0]:
             strain = strain + found[1][:, 1:].sum(axis=0)
             dissipated = dissipated + found[2][:, 1:].sum(axis=0)
         return Energies(kinetic, strain, contact, dissipated, work)
