@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -170,6 +171,61 @@ def test_integrators_know_nothing_of_bodies():
         for name in imported(path):
             if name.startswith("vofem."):
                 assert name.split(".")[1] in allowed, f"{path.name} imports {name}"
+
+
+#: Where classes of laws may be asked for: in their own modules, and for `System.contacts`, on which `event_driven`,
+#: histories of contacts and pictures of K_eq are built.
+KNOWS_LAWS = {"laws", "system"}
+
+
+def kinds_of_laws():
+    """Return the names of all classes of laws and of groups of laws, but for the bases of groups."""
+    named = set()
+    for path in (ROOT / "laws").glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ClassDef) and re.search(r"(?<!Scalar)Laws?$", node.name):
+                named.add(node.name)
+    return named - {"Laws", "ListedLaws"}
+
+
+def questions(tree):
+    """Return the parts of a module that ask for the class of an object, or for a group of a system by its class."""
+    for node in ast.walk(tree):
+        called = getattr(node, "func", None)
+        asks = getattr(called, "id", getattr(called, "attr", "")) in ("isinstance", "issubclass", "group")
+        if asks or isinstance(node, (ast.Compare, ast.MatchClass)):
+            yield node
+
+
+def asked_for(path):
+    for question in questions(ast.parse(path.read_text())):
+        yield from (n.id if isinstance(n, ast.Name) else n.attr
+                    for n in ast.walk(question) if isinstance(n, (ast.Name, ast.Attribute)))  # fmt: skip
+
+
+def test_no_other_module_branches_on_kinds_of_laws():
+    """Methods, statics, steady states, results and files ask a law group what they need to know."""
+    kinds = kinds_of_laws()
+    assert {"ContactLaws", "HystereticLaws", "PrintedLaws", "SmoothLaw", "SmoothLaws", "SpringpotLaws"} <= kinds
+    assert "ContactLaws" in set(asked_for(ROOT / "system.py"))
+    for path, layer in modules():
+        if layer not in KNOWS_LAWS:
+            assert not kinds & set(asked_for(path)), f"{path} asks for {kinds & set(asked_for(path))}"
+
+
+def test_no_other_module_knows_the_kinds_of_records():
+    """Compiled loops call `vofem.laws.evaluate`. Effects say of which kind the law is that they make."""
+    tree = ast.parse((ROOT / "laws" / "kinds.py").read_text())
+    names = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)} - {"FEWEST_IN_BAND"}
+    assert {"JUMP", "RESOLVED", "AFFINE", "CALLED", "HYPERBOLIC"} <= names
+    for path, layer in modules():
+        if layer in ("laws", "effects"):
+            continue
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("vofem.laws"):
+                assert not names & {alias.name for alias in node.names}, path
+            elif isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant):
+                assert node.slice.value != "kind" or layer == "io", f"{path} looks at the kind of a record"
 
 
 def test_library_code_neither_prints_nor_exits():

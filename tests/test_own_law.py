@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from vofem.io.scenes.kinds import POSITIVE
 from vofem.io.scenes.parts import PointByName
 from vofem.io.scenes.schema import EFFECTS
 from vofem.laws import LawGroup, SmoothLaws
+from vofem.laws.group import ListedLaws
 
 STIFFNESS, LENGTH = 40.0, 0.1
 
@@ -98,6 +100,99 @@ def test_steps_that_follow_a_tolerance_take_it():
     result = vf.simulate(scene_of(mass), 1.0, tol=1e-5, times=times)
     assert result.method == "energy_conserving"
     assert np.max(np.abs(result.displacement(mass) - exact(times)[0])) < 10.0 * 1e-5 * 0.25
+
+
+@pytest.mark.parametrize("omega", [4.0, 7.5])
+def test_harmonic_balance_takes_it(omega):
+    """From the state that the orbit has at t = 0, a solver of differential equations returns there after a period."""
+    damping, amplitude = 0.6, 6.0
+    mass, law = vf.Mass(1.0, damping=damping, name="m"), SinhLaw("", STIFFNESS, LENGTH)
+    spring = SinhSpring(mass, stiffness=STIFFNESS, length=LENGTH)
+    scene = vf.Scene([mass], [spring, vf.PointLoad(mass, vf.Sine(amplitude, omega))])
+    orbit = vf.periodic(scene)
+    assert orbit.method == "harmonic_balance"
+    assert orbit.amplitude(mass) > 1.5 * LENGTH
+    times = orbit.result.times
+
+    def rate(t, y):
+        return [y[1], amplitude * math.sin(omega * t) - law.reaction(y[0]) - damping * y[1]]
+
+    start = [orbit.result.displacement(mass)[0], orbit.result.velocity(mass)[0]]
+    u, v = solve_ivp(rate, (0.0, times[-1]), start, t_eval=times, rtol=1e-12, atol=1e-13, method="DOP853").y
+    assert np.max(np.abs(orbit.result.displacement(mass) - u)) < 1e-9
+    assert np.max(np.abs(orbit.result.velocity(mass) - v)) < 1e-8
+    assert orbit.result.energy.strain == pytest.approx([law.energy(x) for x in u], abs=1e-8)
+    assert orbit.result.energy.balance_error < 1e-9
+
+
+def test_a_run_with_it_is_saved_and_loaded(tmp_path):
+    mass = vf.Mass(1.0, name="m")
+    result = vf.simulate(scene_of(mass), 0.5, method="energy_conserving", dt=1e-2)
+    result.save(tmp_path / "run.h5")
+    again = vf.load(tmp_path / "run.h5")
+    loaded = again.scene.bodies[0]
+    assert np.array_equal(again.displacement(loaded), result.displacement(mass))
+    assert np.array_equal(again.energy.strain, result.energy.strain)
+    with pytest.raises(vf.MissingCallableError, match=r"SinhSpring 'sinh': its force at an elongation of .* 'SinhLaw'"):
+        again.model.system.laws[0].reactions(np.array([[10.0]]))
+
+
+@dataclass(frozen=True)
+class StructuralDamper:
+    """R = K (1 + i loss) u of harmonic motions: a spring and the damping of a material, whatever the frequency."""
+
+    name: str
+    stiffness: float
+    loss: float
+
+    @property
+    def label(self):
+        return f"StructuralDamper {self.name!r}"
+
+    @property
+    def group(self):
+        return StructuralDampers
+
+
+class StructuralDampers(ListedLaws):
+    """A group of its own, which exists in harmonic motions only."""
+
+    kind: ClassVar[str] = "structural dampers"
+    linear: ClassVar[bool] = True
+
+    def nonlinearity(self, method):
+        return f"{self.labels[0]} exists in harmonic motions only"
+
+    def harmonic_stiffness(self, omega):
+        return np.array([law.stiffness * (1.0 + 1.0j * law.loss) for law in self.laws])
+
+    def stored_by_pairs(self, p):
+        return np.array([np.full((p.size, p.size), law.stiffness) for law in self.laws])
+
+
+def test_a_group_of_its_own_acts_in_harmonic_motions():
+    """The response to F is F/(K (1 + i loss) - m omega^2)."""
+    mass, k, loss = vf.Mass(2.0, name="m"), 50.0, 0.3
+
+    class Effect(SinhSpring):
+        def compile(self, builder):
+            builder.add_law(builder.row(self.point), StructuralDamper("d", k, loss))
+
+    damper = Effect(mass, stiffness=1.0, length=1.0)
+    for frequency in (0.3, 0.8, 2.0):
+        omega = 2.0 * np.pi * frequency
+        scene = vf.Scene([mass], [damper, vf.PointLoad(mass, vf.Sine(4.0, omega))])
+        expected = 1.0 / (k * (1.0 + 1.0j * loss) - 2.0 * omega**2)
+        assert vf.frequency_response(scene, [frequency]).displacement(mass)[0] == pytest.approx(expected, rel=1e-12)
+        orbit = vf.periodic(scene, method="harmonic_balance")
+        phase = omega * orbit.result.times
+        assert orbit.result.displacement(mass) == pytest.approx(
+            4.0 * (expected * np.exp(1.0j * phase)).imag, abs=1e-12 * abs(expected)
+        )
+        energy = orbit.result.energy
+        assert energy.strain == pytest.approx(0.5 * k * orbit.result.displacement(mass) ** 2, rel=1e-9, abs=1e-12)
+        assert energy.dissipated[-1] == pytest.approx(np.pi * k * loss * abs(4.0 * expected) ** 2, rel=1e-9)
+        assert energy.balance_error < 1e-9
 
 
 @pytest.mark.parametrize("load", [0.5, 40.0, -30.0])

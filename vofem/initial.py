@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vofem._validate import nearest
 from vofem.errors import ArgumentError
-from vofem.laws import SpringpotLaws, gathered_past
+from vofem.laws import gathered_past
 from vofem.system import State
 
 if TYPE_CHECKING:
@@ -138,10 +138,9 @@ class Initial:
 
     def forgotten(self, model: Model, effects: Iterable[Effect]) -> tuple[str, ...]:
         """Return the names of springpots whose past in an earlier run is not carried on."""
-        springpots = model.system.group(SpringpotLaws)
-        if springpots is None or self.given is None:
+        if self.given is None:
             return ()
-        sources = [(name, self._source_of(name, effects)) for name in springpots.names]
+        sources = [(name, self._source_of(name, effects)) for name in model.system.without_past]
         return tuple(name for name, source in sources if isinstance(source, StoredState) and name in source.springpots)
 
     def _source_of(self, spring: str, effects: Iterable[Effect]) -> Any:

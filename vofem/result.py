@@ -31,7 +31,7 @@ from vofem.histories.tables import dataframe_of, dataset_of, events_of, impacts_
 from vofem.initial import StoredState
 from vofem.integrators.base import ContactSamples, ProbeSamples, Sensitivity, Solution, Truncation
 from vofem.integrators.registry import advice
-from vofem.laws import SpringpotLaws, past_of
+from vofem.laws import past_of
 from vofem.persistence import store
 from vofem.scene import Scene
 from vofem.system import Counters, State
@@ -145,8 +145,7 @@ class Result(Shown, Motion):
         system = self.model.system
         known = {name: self.spring_state(name) for group in system.recorded for name in group.names}
         springs = {name: state for name, state in known.items() if state is not None}
-        pots = system.group(SpringpotLaws)
-        return StoredState(states, springs, () if pots is None else pots.names, "Result")
+        return StoredState(states, springs, system.without_past, "Result")
 
     @cached_property
     def probes(self) -> Named[ProbeHistory]:

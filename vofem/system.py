@@ -199,8 +199,17 @@ class System:
 
     @property
     def contacts(self) -> ContactLaws | None:
-        """The contacts, which alone have events; None where there are none."""
+        """The contacts; None where there are none.
+
+        They alone have gaps and events, on which `event_driven`, histories of contacts and pictures of K_eq are built.
+        Everything else asks each of `laws`.
+        """
         return self.group(ContactLaws)
+
+    @property
+    def driven(self) -> Any:
+        """The law that the applied load drives, which is alone in its system; None where there is none."""
+        return next((group.driven for group in self.laws if group.driven is not None), None)
 
     def group(self, kind: type[Group]) -> Group | None:
         """Return the group of laws of a kind, or None where the system has none."""
@@ -219,6 +228,11 @@ class System:
     def recorded(self) -> tuple[LawGroup, ...]:
         """The groups whose forces and energies are recorded along a run."""
         return tuple(group for group in self.laws if group.recorded)
+
+    @property
+    def without_past(self) -> tuple[str, ...]:
+        """Names of laws, such as springpots, with whose past at the end of a run no other run can start."""
+        return tuple(name for group in self.laws if not group.past_is_kept for name in group.names)
 
     @property
     def damped(self) -> bool:

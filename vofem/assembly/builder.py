@@ -15,7 +15,7 @@ from vofem.assembly.triplets import Triplets, entries
 from vofem.assembly.unknowns import Constraint, unknowns
 from vofem.bodies.base import Array, Body, BodyMatrices, IntArray, Point, Row
 from vofem.errors import ArgumentError
-from vofem.laws import PrintedLaw
+from vofem.laws import LawGroup
 from vofem.system import Load, LoadFunction, System
 
 if TYPE_CHECKING:
@@ -169,7 +169,7 @@ class SystemBuilder:
             translation = np.concatenate([body.translation() * (only is None or body is only) for body in self.offsets])
             self._loads.append(Load(value * (mass @ translation), function, name))
         rows, laws = law_groups(self._laws, self.size, unknown)
-        self._check_printed(stiffness)
+        self._check_driven(laws, stiffness)
         system = System(
             mass=unknown.square(mass),
             stiffness=unknown.square(stiffness),
@@ -210,23 +210,23 @@ class SystemBuilder:
             for row, kind in zip(rows, ("the displacement", "the rotation"), strict=False)
         ]
 
-    def _check_printed(self, stiffness: Any) -> None:
-        """Raise where a spring follows the printed law beside anything else that bears load."""
-        printed = [law for _, law in self._laws if isinstance(law, PrintedLaw)]
-        if not printed:
+    def _check_driven(self, groups: Sequence[LawGroup], stiffness: Any) -> None:
+        """Raise where the applied load drives a law beside anything else that bears load."""
+        driven = next((group.driven for group in groups if group.driven is not None), None)
+        if driven is None:
             return
-        others = [law for _, law in self._laws if law is not printed[0]]
+        others = [group for group in groups if group.driven is None or len(group) > 1]
         what = ""
-        if any(law.group.recorded for law in others):
+        if any(group.recorded for group in others):
             what = "another hysteretic spring"
         elif self.size > 1:
             what = f"{self.size} degrees of freedom"
-        elif any(isinstance(law, ContactEntry) for law in others):
-            what = next(f"Contact {law.name!r}" for law in others if isinstance(law, ContactEntry))
+        elif any(group.place == 0 for group in others):
+            what = others[0].labels[0]
         elif others or np.any(stiffness.data != 0.0):
             what = "another spring"
         if what:
             raise ArgumentError(
-                f"{printed[0].label} with memory='printed' is Eq. 22, which the applied force drives, so it holds for "
+                f"{driven.label} with memory='printed' is Eq. 22, which the applied force drives, so it holds for "
                 f"a spring that alone carries a single loaded mass; this scene has {what}. Use memory='cyclic'"
             )

@@ -30,7 +30,7 @@ from vofem.integrators.damping_matrix import damping_matrix
 from vofem.integrators.methods import FORCE_DRIVEN
 from vofem.integrators.observer import Observer, Snapshot, deferred_interrupts
 from vofem.integrators.stepped import SteppedSolution, step_count
-from vofem.laws import PrintedLaw, PrintedLaws
+from vofem.laws import PrintedLaw
 from vofem.system import Counters, Events, State, System
 
 Array = NDArray[np.float64]
@@ -53,7 +53,7 @@ class _Regime:
 
 def refusal(system: System) -> str | None:
     """Return why this method cannot treat the system and what can, or None."""
-    if system.group(PrintedLaws) is not None:
+    if system.driven is not None:
         return None
     return (
         f"{FORCE_DRIVEN.name} follows Eq. 22 of the paper, HystereticSpring(..., memory='printed'), which this scene "
@@ -82,18 +82,18 @@ def run(
         If the applied force reaches what the spring can carry.
     """
     reason = refusal(system)
-    group = system.group(PrintedLaws)
-    if group is None:
+    if reason is not None:
         raise MethodError(reason)
     if times is None:
         steps = 1000 if dt is None else step_count(t_end, dt)
         times = np.minimum(np.arange(steps + 1) * (t_end / 1000 if dt is None else dt), t_end)
-    return _Run(system, group.law, start, times).solve(t_end, watch, resume)
+    return _Run(system, start, times).solve(t_end, watch, resume)
 
 
 class _Run:
-    def __init__(self, system: System, law: PrintedLaw, start: State, times: Array) -> None:
-        self.system, self.law, self.times = system, law, times
+    def __init__(self, system: System, start: State, times: Array) -> None:
+        self.system, self.times = system, times
+        self.law: PrintedLaw = system.driven
         self.counters = Counters()
         damping = damping_matrix(system, self.counters)
         self.mass, self.damping = float(system.mass[0, 0]), 0.0 if damping is None else float(damping[0, 0])
@@ -263,7 +263,7 @@ class _Run:
     def _solution(self, t_end: float, held: float, notes: list[str]) -> SteppedSolution:
         x, v, work, damped, spring = self.out
         kinetic = 0.5 * self.mass * v**2
-        stored = 0.5 * self.pull**2 / self.law.stiffness
+        stored = self.law.stored(self.pull)
         lost = spring + held - stored
         if self.damping:
             self.counters.damping_evaluations = self.counters.steps

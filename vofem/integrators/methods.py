@@ -16,8 +16,7 @@ def _is_exact(system: System) -> str:
 
 
 def _follows_the_force(system: System) -> str:
-    driven = next(label for group in system.laws if group.applied_force for label in group.labels)
-    return f"{driven} follows Eq. 22, which the applied force drives"
+    return f"{system.driven.label} follows Eq. 22, which the applied force drives"
 
 
 EVENT_DRIVEN = Method(

@@ -304,3 +304,11 @@ def contact_kinks(law: Any) -> list[float]:
     if law["kind"] != RESOLVED:
         return [gap]
     return [gap, *(gap + x / float(law["resolution"]) for x in _RISE)]
+
+
+def contact_share(law: Any, u: Array) -> tuple[Array, Array]:
+    """Return how far a contact with a resolved switch is switched on at u, and the derivative of that by u."""
+    s, resolution = u - law["gap"], law["resolution"]
+    width = 1e-6 / resolution
+    now, after, before = (np.array([switch(resolution * x) for x in at]) for at in (s, s + width, s - width))
+    return now, (after - before) / (2.0 * width)

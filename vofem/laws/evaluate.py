@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.laws.callbacks import FORCE, MEAN, STORED, TANGENT, call
-from vofem.laws.contact import contact_force, contact_kinks, contact_mean, damper_path, ideal_mean_slope
+from vofem.laws.contact import contact_force, contact_kinks, contact_mean, contact_share, damper_path, ideal_mean_slope
 from vofem.laws.group import CLOSED, LawGroup
 from vofem.laws.hysteretic import (
     DISSIPATED,
@@ -137,6 +137,12 @@ def tangent_jumps(laws: Laws, j: int) -> bool:
 
 
 @jit
+def spans_a_step(laws: Laws, j: int) -> bool:
+    """Return whether the force of a law belongs to a whole step, as that of a springpot; see `group.StepPast`."""
+    return laws.table[j]["kind"] == AFFINE
+
+
+@jit
 def closed_share(laws: Laws, j: int, u0: float, u1: float) -> float:
     """Return the length of the path from u0 to u1 on which a contact's damper acts, with its sign."""
     return damper_path(laws.table[j], laws.kinds.resolved, u0, u1)
@@ -204,18 +210,41 @@ def loaded(laws: Laws, u: Array, past: Array | None) -> Laws:
     return laws
 
 
+def curve(group: LawGroup, laws: Laws, j: int, index: int, u: Array, tangents: bool = True) -> tuple[Array, Array]:
+    """Return forces (N) and tangents (N/m) at coordinates u of law j among all, which has an index in its group."""
+    known = group.curve(index, u, tangents)
+    if known is not None:
+        return known
+    force, tangent = np.empty(u.size), np.empty(u.size)
+    forces_along(laws, j, u, force, tangent)
+    return force, tangent
+
+
 def kinks(laws: Laws, j: int) -> list[float]:
-    """Return the coordinates at which force or tangent jumps on paths from where the internal variables hold."""
+    """Return the coordinates at which force or tangent jumps on paths from where the internal variables hold.
+
+    A law that has kinks and no internal variables exerts no force below the first one.
+    """
     law = laws.table[j]
     if law["kind"] <= RESOLVED:
         return contact_kinks(law)
     return hysteretic_kinks(laws, j) if law["kind"] >= HYPERBOLIC else []
 
 
-def force_jump(laws: Laws, j: int) -> float:
-    """Return the jump in N of the force of law j at its first kink as its coordinate rises, without dampers."""
+def jumps(laws: Laws, j: int) -> tuple[float, float]:
+    """Return the jumps of the spring force (N) and of the damper (N s/m) of law j at its first kink, as u rises."""
     law = laws.table[j]
-    return float(law["stiffness"] * law["gap"]) if law["kind"] == JUMP else 0.0
+    if law["kind"] == RESOLVED:
+        return 0.0, 0.0
+    return float(law["stiffness"] * law["gap"]) if law["kind"] == JUMP else 0.0, float(law["damping"])
+
+
+def switched_on(laws: Laws, j: int, u: Array) -> tuple[Array, Array]:
+    """Return how far the damper of law j is switched on at u beyond its first kink, and the derivative of that by u."""
+    law = laws.table[j]
+    if law["kind"] != RESOLVED:
+        return np.ones(u.size), np.zeros(u.size)
+    return contact_share(law, u)
 
 
 def past_slopes(laws: Laws, j: int, u: float) -> tuple[Array, Array, Array]:
@@ -234,3 +263,9 @@ def past_slopes(laws: Laws, j: int, u: float) -> tuple[Array, Array, Array]:
 def may_jump(laws: Laws) -> bool:
     """Return whether the tangent of any law may jump."""
     return any(tangent_jumps(laws, j) for j in range(laws.table.size))
+
+
+def rising(laws: Laws) -> bool:
+    """Return whether no force jumps, and none can fall as its coordinate rises, which is not known of Python's laws."""
+    kind = laws.table["kind"]
+    return not np.any((kind == CALLED) | ((kind == JUMP) & (laws.table["gap"] > 0.0)))

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 #: Status of a law: it does not act, it acts, or it is held where its force jumps.
 OPEN, CLOSED, PINNED = 0, 1, 2
@@ -108,10 +109,16 @@ class LawGroup:
     def __len__(self) -> int:
         return int(self.rows.shape[0])
 
+    def place_of(self, law: Any) -> int | None:
+        """Return the position of a law in the group, None where the group does not hold it as an object."""
+        return None
+
     # -- what the group needs of a method -----------------------------------------------------------
 
-    #: Whether the load that is applied drives the laws, so that no method for general scenes can treat them.
-    applied_force: ClassVar[bool] = False
+    @property
+    def driven(self) -> Any:
+        """The one law of the group if the applied load drives it, so that no method for general scenes takes it."""
+        return None
 
     #: Whether `steepest` bounds the tangents wherever the coordinates go.
     bounded: ClassVar[bool] = True
@@ -126,6 +133,10 @@ class LawGroup:
 
     def modes_refusal(self) -> str | None:
         """Return why the group has no natural modes, and what to do instead, or None if it has."""
+        return None
+
+    def harmonic_refusal(self) -> str | None:
+        """Return why harmonic balance cannot treat the group, and what to do instead, or None if it can."""
         return None
 
     # -- the law in compiled loops ------------------------------------------------------------------
@@ -147,6 +158,9 @@ class LawGroup:
     def virgin(self) -> list[Array]:
         """Return the internal variables of every law before any load; the first is the dissipated energy in J."""
         return [np.zeros(0)] * len(self)
+
+    #: Whether another run can start with the past that the laws have at the end of a run.
+    past_is_kept: ClassVar[bool] = True
 
     def past_in_steps(self, row: int, shortest: float, t_end: float) -> StepPast | None:
         """Return the internal variables that the laws have in a run in time steps beside those of `virgin`, or None.
@@ -171,6 +185,22 @@ class LawGroup:
     def scaled(self, factor: float) -> LawGroup | None:
         """Return the laws with all forces and energies multiplied by a factor, or None if this is not possible."""
         return None
+
+    # -- the law in harmonic motions ------------------------------------------------------------------
+
+    #: Whether forces are linear in a motion that has lasted for ever, so that `harmonic_stiffness` gives them.
+    linear: ClassVar[bool] = False
+
+    def harmonic_stiffness(self, omega: float) -> Complex:
+        """Return the complex stiffnesses in N/m of linear laws at an angular frequency in rad/s, shape (n_laws,)."""
+        raise NotImplementedError
+
+    def stored_by_pairs(self, p: Complex) -> Complex:
+        """Return the energy that linear laws store in a sum of motions ``a_k exp(p_k t)``, shape (n_laws, k, k).
+
+        The entries, in N/m, are the factors of ``a_k a_l exp((p_k + p_l) t)/2``.
+        """
+        raise NotImplementedError
 
     # -- the law at rest ----------------------------------------------------------------------------
 
@@ -204,6 +234,13 @@ class LawGroup:
         """
         return None
 
+    def curve(self, index: int, u: Array, tangents: bool) -> tuple[Array, Array] | None:
+        """Return forces (N) and tangents (N/m) of one law at coordinates u, or None if the compiled laws give them.
+
+        Where `tangents` is false, the tangents may be anything.
+        """
+        return None
+
 
 @dataclass(frozen=True)
 class ListedLaws(LawGroup):
@@ -227,6 +264,10 @@ class ListedLaws(LawGroup):
     def labels(self) -> tuple[str, ...]:
         """Names with the class of their effects."""
         return tuple(law.label for law in self.laws)
+
+    def place_of(self, law: Any) -> int | None:
+        """Return the position of a law."""
+        return next((k for k, one in enumerate(self.laws) if one is law), None)
 
 
 def past_of(groups: Sequence[LawGroup], states: Array, name: str) -> Array | None:

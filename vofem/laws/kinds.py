@@ -5,7 +5,7 @@ PENETRATION, JUMP, RESOLVED = 0, 1, 2
 #: Number of laws from which on a step may be solved on the unknowns in place of the laws.
 FEWEST_IN_BAND = 16
 
-#: A law affine in the coordinate: a springpot over one step.
+#: A law whose force over a step is affine in the coordinate at its end: a springpot.
 AFFINE = 3
 
 #: A law written in Python, called through its address.

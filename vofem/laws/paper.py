@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.errors import LimitLoadError
 from vofem.laws.group import LawGroup, ListedLaws
 
 if TYPE_CHECKING:
@@ -58,6 +59,47 @@ class PrintedLaw:
         """The group that gathers laws of this kind."""
         return PrintedLaws
 
+    def stored(self, forces: Array) -> Array:
+        """Return the stored energy in J at spring forces in N."""
+        return np.asarray(0.5 * forces**2 / self.stiffness)
+
+    def path(self, forces: Array, factors: Array) -> Array:
+        """Return the elongations of Eq. 25 under applied forces in N, shape (n_factors,), from the unloaded state on.
+
+        While the force is held, the sign of its rate stays what it was before. The
+        supremum in Eq. 25 is taken over the path since the unloaded state.
+
+        Raises
+        ------
+        LimitLoadError
+            Where the secant stiffness is not positive.
+        """
+        elongation = np.empty(forces.size)
+        before, rising, top, force_at_top = 0.0, True, 0.0, 0.0
+        for n, force in enumerate(forces.tolist()):
+            if force != before:
+                rising = force > before
+            linear = force / self.stiffness
+            if not rising:
+                # Operator 3 acts: the residual elongation.
+                xi = linear + (top - force_at_top / self.stiffness)
+            elif abs(linear) <= self.linear_limit:
+                xi = linear
+            else:
+                secant = 1.0 - self.level(abs(force))
+                if not (secant > 0.0 and abs(force) < self.limit):
+                    raise LimitLoadError(
+                        f"{self.label}: the load reaches {force:.6g} N at load factor {factors[n]:g}, and the spring "
+                        f"carries less than {self.limit:.6g} N: there its secant stiffness falls to zero, and no "
+                        "equilibrium exists. Load it less, or change its softening",
+                        force, float(factors[n]), self.limit,
+                    )  # fmt: skip
+                xi = linear / secant
+            if xi > top:
+                top, force_at_top = xi, force
+            elongation[n], before = xi, force
+        return elongation
+
 
 @dataclass(frozen=True)
 class PrintedLaws(ListedLaws):
@@ -72,38 +114,44 @@ class PrintedLaws(ListedLaws):
     place: ClassVar[int] = 2
     kind: ClassVar[str] = "hysteretic springs"
     recorded: ClassVar[bool] = True
-    applied_force: ClassVar[bool] = True
 
     laws: tuple[PrintedLaw, ...]
 
     @property
-    def law(self) -> PrintedLaw:
-        """The law."""
+    def driven(self) -> PrintedLaw:
+        """The law, which the applied load drives."""
         return self.laws[0]
 
     def nonlinearity(self, method: str) -> str:
         """Return why the force is not piecewise linear."""
-        return f"{self.law.label} follows Eq. 22, whose stiffness varies with the applied force"
+        return f"{self.driven.label} follows Eq. 22, whose stiffness varies with the applied force"
 
     def statics_refusal(self, path: bool) -> str | None:
         """Return why there is no equilibrium without a path."""
-        return None if path else path_needed(self.law.label)
+        return None if path else path_needed(self.driven.label)
 
     def modes_refusal(self) -> str:
         """Return why there are no modes."""
-        return no_modes(self.law.label)
+        return no_modes(self.driven.label)
+
+    def harmonic_refusal(self) -> str:
+        """Return why harmonic balance does not take the law."""
+        return (
+            f"{self.driven.label} follows no law that harmonic balance knows, because the applied force drives it. "
+            "Simulate until the motion settles instead"
+        )
 
     def steepest(self, u: Array) -> Array:
         """Return the stiffness before the first load."""
-        return np.array([self.law.stiffness])
+        return np.array([self.driven.stiffness])
 
     def numbers(self) -> Array:
         """Return stiffness, linear limit and limit load."""
-        return np.array([self.law.stiffness, self.law.linear_limit, self.law.limit])
+        return np.array([self.driven.stiffness, self.driven.linear_limit, self.driven.limit])
 
     def limits(self) -> Array:
         """Return the limit load in N."""
-        return np.array([self.law.limit])
+        return np.array([self.driven.limit])
 
 
 def path_needed(label: str) -> str:

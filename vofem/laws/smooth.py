@@ -190,6 +190,16 @@ class SmoothLaws(ListedLaws):
         reaction, tangent = np.array(pairs).T
         return reaction, tangent, np.ones(u.size, dtype=np.int64)
 
+    def curve(self, index: int, u: Array, tangents: bool) -> tuple[Array, Array]:
+        """Return forces and, if they are wanted, tangents of one law."""
+        law, places = self.laws[index], u.tolist()
+        try:
+            force = np.array([law.reaction(x) for x in places])
+            return force, np.array([law.tangent(x) for x in places]) if tangents else force
+        except OverflowError:
+            # A trial of Newton's method went much too far.
+            return np.full(u.size, np.inf), np.full(u.size, np.inf)
+
     def fill(self, table: NDArray[np.void]) -> None:
         """Enter the kind; `callbacks.Callbacks` enters the addresses."""
         table["kind"] = CALLED

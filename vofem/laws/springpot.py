@@ -25,6 +25,7 @@ from vofem.laws.group import LawGroup, ListedLaws, StepPast
 from vofem.laws.kinds import AFFINE
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)
@@ -110,6 +111,8 @@ class SpringpotLaws(ListedLaws):
     kind: ClassVar[str] = "springpots"
     recorded: ClassVar[bool] = True
     static: ClassVar[bool] = False
+    linear: ClassVar[bool] = True
+    past_is_kept: ClassVar[bool] = False
 
     laws: tuple[SpringpotLaw, ...]
 
@@ -118,6 +121,35 @@ class SpringpotLaws(ListedLaws):
         return (
             f"{self.labels[0]} has a force that its whole past decides, and {method} needs systems whose future "
             "follows from their present displacements and velocities"
+        )
+
+    def harmonic_refusal(self) -> str | None:
+        """Return why there is no response to one frequency: only under an order that varies."""
+        label = next((law.label for law in self.laws if law.varies), None)
+        if label is None:
+            return None
+        return (
+            f"{label} has an order that varies in time, so it has no response to one frequency; give it a constant "
+            "order, or simulate"
+        )
+
+    @property
+    def _orders(self) -> Array:
+        return np.array([float(law.order) for law in self.laws])  # type: ignore[arg-type]
+
+    def harmonic_stiffness(self, omega: float) -> Complex:
+        """Return ``c (i omega)^alpha`` on the principal branch."""
+        orders, coefficients = self._orders, np.array([law.coefficient for law in self.laws])
+        turn = np.exp(0.5j * np.pi * orders)
+        return np.asarray(coefficients * np.where(orders == 0.0, 1.0, float(omega) ** orders) * turn)
+
+    def stored_by_pairs(self, p: Complex) -> Complex:
+        """Return the energy of the springs of the kernel, ``sin(pi alpha)/pi int xi^(alpha - 1) y^2/2 d xi``.
+
+        There ``y = p/(p + xi)`` for each motion ``exp(p t)``; products of two motions integrate in closed form.
+        """
+        return np.stack(
+            [law.coefficient * _stored_pairs(p, order) for law, order in zip(self.laws, self._orders, strict=True)]
         )
 
     def steepest(self, u: Array) -> Array:
@@ -144,3 +176,21 @@ class SpringpotLaws(ListedLaws):
     def fill(self, table: NDArray[np.void]) -> None:
         """Enter the kind; `springpot_steps.set_laws` enters the numbers of a step."""
         table["kind"] = AFFINE
+
+
+def _stored_pairs(p: Complex, order: float) -> Complex:
+    """Return ``sin(pi alpha)/pi int_0^inf xi^(alpha - 1) p r/((xi + p)(xi + r)) d xi`` for all pairs of harmonics."""
+    size = np.abs(p)
+    powers = np.where(size > 0.0, np.where(size > 0.0, size, 1.0) ** (order - 1.0), 0.0)
+    powers = powers * np.exp(0.5j * np.pi * (order - 1.0) * np.sign(p.imag))
+    first, second = p[:, None], p[None, :]
+    apart = second - first
+    close = apart == 0.0
+    pairs = (powers[:, None] - powers[None, :]) / np.where(close, 1.0, apart)
+    same = np.where(size > 0.0, (1.0 - order) * powers / np.where(size > 0.0, p, 1.0), 0.0)
+    pairs = np.where(close, same[:, None], pairs)
+    found = first * second * pairs
+    still = size == 0.0
+    # A mean elongation relaxes, except under a spring.
+    found[still] = found[:, still] = 1.0 if order == 0.0 else 0.0
+    return np.asarray(found)

@@ -10,12 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 from vofem._validate import array
 from vofem.assembly import Model
 from vofem.errors import ArgumentError, ConvergenceError, LimitLoadError
-from vofem.laws import PrintedLaw, PrintedLaws
 from vofem.linalg.compile_choice import by_need
 from vofem.scene import Scene, as_scene
 from vofem.statics.held import check_held
 from vofem.statics.path_outcome import ContactPath, QuasiStatic, SpringPath
-from vofem.statics.printed_path import printed_path
 from vofem.statics.work_balance import printed_notes, taken, work_notes
 from vofem.system import CLOSED, PINNED
 
@@ -73,9 +71,8 @@ def quasi_static(scene: Scene, load_factors: ArrayLike) -> QuasiStatic:
             f"quasi_static: {what} at t = 0, whose values the load factors multiply; use a constant load such as "
             "PointLoad(point, 1.0)"
         )
-    printed = system.group(PrintedLaws)
-    if printed is not None:
-        return _printed(model, printed.law, float(force[0]), factors)
+    if system.driven is not None:
+        return _driven(model, float(force[0]) * factors, factors)
     if not any(group.static for group in system.laws):
         return _linear(model, force, factors)
     return _path(model, force, factors)
@@ -92,11 +89,10 @@ def _linear(model: Model, force: Array, factors: Array) -> QuasiStatic:
     return QuasiStatic(model, factors, states, {}, {}, 0, np.zeros(0), notes)
 
 
-def _printed(model: Model, law: PrintedLaw, force: float, factors: Array) -> QuasiStatic:
-    """Return the path of Eq. 25; energies are those of the chords between its points."""
-    forces = force * factors
-    xi = printed_path(law, forces, factors)
-    stored = 0.5 * forces**2 / law.stiffness
+def _driven(model: Model, forces: Array, factors: Array) -> QuasiStatic:
+    """Return the path of a law that the applied forces drive; energies are those of the chords between its points."""
+    law = model.system.driven
+    xi, stored = law.path(forces, factors), law.stored(forces)
     way, pull = np.diff(xi, prepend=0.0), np.concatenate([[0.0], forces])
     work = np.cumsum(0.5 * (pull[1:] + pull[:-1]) * way)
     springs = {law.name: SpringPath(xi, forces, stored, work - stored)}

@@ -11,8 +11,7 @@ from vofem.integrators.stepping.checks import check_contacts
 from vofem.integrators.stepping.hysteresis import record_hysteresis
 from vofem.integrators.stepping.record import LastStep, Motion, Record, leave, log_event, rounding, store, switched
 from vofem.integrators.stepping.setting import Equations
-from vofem.laws.evaluate import commit, force_at
-from vofem.laws.kinds import AFFINE
+from vofem.laws.evaluate import commit, force_at, spans_a_step
 from vofem.laws.resolved import equivalent_stiffness
 from vofem.laws.rows import Rows, dot, subtract_row
 from vofem.laws.springpot_steps import FORCE, MEAN, WORK, Springpots, affine, carry_on, record_springpots
@@ -170,7 +169,7 @@ def _other_laws(
     if called is None and hysteretic is None:
         return
     for j in range(contacts, laws.table.size):
-        if laws.table[j]["kind"] != AFFINE:
+        if not spans_a_step(laws, j):
             u = dot(rows, j, q)
             _commit(laws, hysteretic, j, u)
             subtract_row(rows, j, force_at(laws, j, u), a)

@@ -51,7 +51,7 @@ def refusal(system: System) -> str | None:
     for group in system.laws:
         reason = group.nonlinearity(EVENT_DRIVEN.name)
         if reason is not None:
-            way = {"special": True} if group.applied_force else {"steps": True}
+            way = {"special": True} if group.driven is not None else {"steps": True}
             return f"{reason}. Use {advice(system, **way)}"
     for load in system.loads:
         if not load.function.closed_form:

@@ -27,7 +27,8 @@ from vofem.integrators.stepping.contact_solve import (
     solve_many,
     solve_one,
 )
-from vofem.laws.kinds import CALLED, FEWEST_IN_BAND, JUMP
+from vofem.laws.evaluate import rising
+from vofem.laws.kinds import FEWEST_IN_BAND
 from vofem.laws.rows import Rows, dot, subtract_row
 from vofem.laws.table import Laws
 from vofem.linalg.banded import factor, factor_in_place, solve, subtract_product, widen
@@ -122,9 +123,8 @@ def _banded_pays(laws: Laws, n: int, width: int) -> bool:
     The compliance is always used where a spring softens, because the band may then not be positive definite, and
     where a force jumps, because Newton's method on x then stalls.
     """
-    m, kind = laws.table.size, laws.table["kind"]
-    suited = not np.any((kind == CALLED) | ((kind == JUMP) & (laws.table["gap"] > 0.0)))
-    return suited and m >= FEWEST_IN_BAND and m**3 / 24.0 + 1.5 * m**2 > 8.0 * n * (width + 1.0) ** 2
+    m = laws.table.size
+    return rising(laws) and m >= FEWEST_IN_BAND and m**3 / 24.0 + 1.5 * m**2 > 8.0 * n * (width + 1.0) ** 2
 
 
 @jit

@@ -14,10 +14,9 @@ def refusal(system: System) -> str | None:
 
 def follows_the_force(system: System) -> str | None:
     """Return why methods that step in time cannot treat the law that is printed in the paper; None without one."""
-    driven = [label for group in system.laws if group.applied_force for label in group.labels]
-    if not driven:
+    if system.driven is None:
         return None
     return (
-        f"{driven[0]} with memory='printed' is Eq. 22, which the applied force drives; "
+        f"{system.driven.label} with memory='printed' is Eq. 22, which the applied force drives; "
         f"{advice(system, special=True)} follows it, and methods that step in time take memory='cyclic'"
     )

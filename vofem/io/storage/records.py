@@ -36,7 +36,7 @@ from vofem.io.storage.stand_ins import (
 )
 from vofem.io.storage.stored_field import StoredField
 from vofem.io.storage.tree import is_data
-from vofem.laws import SmoothLaw, SmoothLaws, past_of
+from vofem.laws import ScalarLaw, past_of
 from vofem.polynomial import Polynomial
 from vofem.result import Result
 from vofem.scene import Scene
@@ -84,7 +84,7 @@ class Encoder:
             return "resolved", value.s0
         if isinstance(value, Scene):
             return "scene", self._scene(value)
-        if isinstance(value, SmoothLaw):
+        if isinstance(value, ScalarLaw) and not isinstance(value, StoredLaw):
             return "plain", self._law(value)
         if isinstance(value, TimeFunction) and (isinstance(value, Arbitrary) or not is_data(type(value))):
             return "plain", StoredFunction.of(value, self._times)
@@ -113,14 +113,12 @@ class Encoder:
         plain = not callable(value) or isinstance(value, (Polynomial, StoredField, TimeFunction))
         return value if plain else StoredField.of(value, beam, what)
 
-    def _law(self, law: SmoothLaw) -> StoredLaw:
-        nonlinear = self._result.model.system.group(SmoothLaws)
-        assert nonlinear is not None
-        index = next(k for k, known in enumerate(nonlinear.laws) if known is law)
-        u = np.unique((nonlinear.rows @ self._result.samples.q)[index])
-        names = f"{name_of(law.potential)} and {name_of(law.force)}"
+    def _law(self, law: ScalarLaw) -> StoredLaw:
+        places = ((group, group.place_of(law)) for group in self._result.model.system.laws)
+        group, index = next((group, index) for group, index in places if index is not None)
+        u = np.unique((group.rows @ self._result.samples.q)[index])
         reactions, energies = (np.array([of(x) for x in u.tolist()]) for of in (law.reaction, law.energy))
-        return StoredLaw(law.name, names, u, reactions, energies)
+        return StoredLaw(law.name, _callables(law), u, reactions, energies, law.label)
 
     def _scene(self, scene: Scene) -> dict[str, Any]:
         return {
@@ -168,8 +166,8 @@ class Encoder:
 
 
 def _callables(effect: Any) -> str:
-    """Return the names of the callables that an effect holds."""
-    values = list(vars(effect).values())
+    """Return the names of the callables that an effect or a law holds, or the name of its class."""
+    values = [value for value in vars(effect).values() if not isinstance(value, type)]
     values += [getattr(value, field.name) for value in values if is_data(type(value)) for field in fields(value)]
     names = [name_of(value) for value in values if callable(value) and not is_data(type(value))]
     return ", ".join(dict.fromkeys(names)) or type(effect).__name__

@@ -114,18 +114,20 @@ class StoredFunction(TimeFunction):
 
 @dataclass(frozen=True, eq=False)
 class StoredLaw:
-    """The law of a nonlinear spring, known by its values at the times of the run.
+    """A law written in Python, such as that of a nonlinear spring, known by its values at the times of the run.
 
     Attributes
     ----------
     name : str
         Name of the spring.
     functions : str
-        Names of its potential and its force.
+        Names of its functions, or of its class.
     u : ndarray, shape (k,)
         Elongations in m, ascending.
     forces, energies : ndarray, shape (k,)
         Forces in N and energies in J.
+    shown : str
+        Name with the class of the effect; empty in files of earlier versions, which hold nonlinear springs only.
     """
 
     name: str
@@ -133,6 +135,7 @@ class StoredLaw:
     u: Array
     forces: Array
     energies: Array
+    shown: str = ""
 
     @property
     def monotone(self) -> bool:
@@ -142,7 +145,7 @@ class StoredLaw:
     @property
     def label(self) -> str:
         """Name with the class of the effect."""
-        return f"NonlinearSpring {self.name!r}"
+        return self.shown or f"NonlinearSpring {self.name!r}"
 
     @property
     def group(self) -> type[SmoothLaws]:
@@ -177,7 +180,7 @@ class StoredLaw:
 
     def _missing(self, what: str) -> MissingCallableError:
         cure = "the law is known at the run's `times` only; build the scene in Python"
-        return missing(f"NonlinearSpring {self.name!r}: {what}", self.functions, cure)
+        return missing(f"{self.label}: {what}", self.functions, cure)
 
 
 @dataclass(frozen=True, eq=False)

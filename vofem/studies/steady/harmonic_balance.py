@@ -28,7 +28,6 @@ from vofem._validate import whole
 from vofem.errors import ArgumentError, ConvergenceError, MethodError, SingularSystemError
 from vofem.integrators.event_driven.flow import share_modes
 from vofem.integrators.methods import ENERGY_CONSERVING
-from vofem.laws import SpringpotLaws
 from vofem.laws.rows import all_rows
 from vofem.result import Result
 from vofem.scene import Scene
@@ -36,7 +35,7 @@ from vofem.simulate import simulate
 from vofem.studies.steady.counters import Work
 from vofem.studies.steady.harmonic_solution import HarmonicMotion, harmonic_result
 from vofem.studies.steady.law_path import PASSES, LawPaths, nonlinear_groups
-from vofem.studies.steady.linear_rest import FULL, Attached, LinearRest, springpots_of
+from vofem.studies.steady.linear_rest import FULL, Attached, LinearRest, linear_laws
 from vofem.studies.steady.load_series import load_series
 from vofem.studies.steady.loads import LoadPeriod, load_period
 from vofem.studies.steady.orbit import OrbitTruncation, PeriodicOrbit
@@ -178,7 +177,7 @@ class HarmonicBalance:
         vectors = np.array([load.vector for load in system.loads]).reshape(-1, system.size)
         inputs = np.concatenate([law_rows, vectors])
         highest: float = self.reach * self.omega
-        attached = springpots_of(self._what, system)
+        attached = linear_laws(self._what, system)
         rest = None if earlier is None else earlier.rest
         if earlier is not None and system.size <= FULL:
             share_modes(system, earlier.system)
@@ -440,10 +439,7 @@ def harmonics_in(scene: Scene, size: int) -> int | None:
 
 def refuse(what: str, system: System) -> None:
     """Raise `MethodError` for laws that harmonic balance does not know."""
-    known = (*nonlinear_groups(system), system.group(SpringpotLaws))
-    for group in system.laws:
-        if not any(group is one for one in known):
-            raise MethodError(
-                f"{what}: {group.labels[0]} follows no law that harmonic balance knows: contacts, springs with "
-                "internal variables, smooth springs and springpots. Simulate until the motion settles instead"
-            )
+    for group in nonlinear_groups(system):
+        reason = group.harmonic_refusal()
+        if reason is not None:
+            raise MethodError(f"{what}: {reason}")

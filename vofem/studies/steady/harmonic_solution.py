@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
@@ -11,12 +12,13 @@ from numpy.typing import NDArray
 
 from vofem.integrators.base import ContactSamples, Energies, SpringSamples, status_at
 from vofem.integrators.event_driven.modal_samples import ModalSamples
-from vofem.laws import HystereticLaws, SpringpotLaws
+from vofem.laws import LawGroup
 from vofem.laws.evaluate import commit, dissipated, force_and_tangent, stored
+from vofem.laws.table import Laws
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.studies.steady.law_path import LawPaths
-from vofem.studies.steady.linear_rest import LinearRest, fractional_stiffness
+from vofem.studies.steady.linear_rest import LinearRest
 from vofem.studies.steady.orbit import TIMES
 from vofem.studies.steady.trigonometric import basis, roots, to_real, turning_points
 from vofem.system import CLOSED, OPEN, Counters, Events, System
@@ -142,30 +144,27 @@ class HarmonicSolution:
         force = share * (laws.elastic(u) + laws.damping[:, None] * speed)
         return ContactSamples(status, share * laws.stiffness[:, None], force)
 
-    # -- springs with internal variables, springpots --------------------------------------------------
+    # -- laws whose forces and energies are recorded ----------------------------------------------------
 
     @cached_property
     def springs(self) -> SpringSamples | None:
         """Springs with internal variables and springpots at `times`; None where there are none."""
-        system = self.motion.system
-        if not system.recorded:
+        if not self.motion.system.recorded:
             return None
-        parts = [self._hysteretic(self.times) if isinstance(g, HystereticLaws) else self._springpots(self.times)
-                 for g in system.recorded]  # fmt: skip
-        past = next((part[3] for part in parts if part[3].size), np.zeros(0))
-        force, kept, gone = (np.concatenate([part[k] for part in parts]) for k in range(3))
+        parts, past = self._along_path(self.motion.system.recorded, self.times)
+        force, kept, gone = np.concatenate(parts, axis=1)
         return SpringSamples(force, kept, gone, past)
 
-    def _hysteretic(self, times: Array) -> tuple[Array, Array, Array, Array]:
-        """Return force, stored energy and loss of laws with internal variables, and their past at the last time."""
+    def _along_path(self, groups: Sequence[LawGroup], times: Array) -> tuple[list[Array], Array]:
+        """Return force, stored energy and loss of the laws of each group, and all internal variables at the end."""
+        records = self.motion.laws.laws
+        parts = [self._linear(g, times) if g.linear else self._followed(g, records, times) for g in groups]
+        return parts, records.state
+
+    def _followed(self, group: LawGroup, records: Laws, times: Array) -> Array:
+        """Return force, stored energy and loss of laws with internal variables, (3, n_laws, n_times); update these."""
         motion = self.motion
-        group = motion.system.group(HystereticLaws)
-        assert group is not None
-        records, first = motion.laws.laws, 0
-        for other in motion.laws.groups:
-            if other is group:
-                break
-            first += len(other)
+        first = motion.laws.first_of(group)
         out = np.zeros((3, len(group), times.size))
         for i, series in enumerate(motion.along(group.rows)):
             j = first + i
@@ -187,35 +186,28 @@ class HarmonicSolution:
                 out[1, i, k] = stored(records, j, value)
                 out[2, i, k] = dissipated(records, j, value) - begin
             commit(records, j, at_times[-1])
-        return out[0], out[1], out[2], records.state.copy()
+        return out
 
-    def _springpots(self, times: Array) -> tuple[Array, Array, Array, Array]:
-        """Return force, stored energy and loss of springpots in steady motion.
-
-        The stored energy is that of the springs of the kernel, ``sin(pi alpha)/pi int xi^(alpha - 1) y^2/2 d xi`` with
-        ``y = p/(p + xi)`` of each harmonic ``exp(p t)``; products of two harmonics integrate in closed form.
-        """
+    def _linear(self, group: LawGroup, times: Array) -> Array:
+        """Return force, stored energy and loss of laws that are linear in harmonic motions, (3, n_laws, n_times)."""
         motion = self.motion
-        group = motion.system.group(SpringpotLaws)
-        assert group is not None
         count = motion.coefficients.shape[1]
         p = 1j * motion.omega * np.arange(-(count - 1), count)
         waves = np.exp(np.outer(p, times))
         edges = np.concatenate([[0.0], times])
         out = np.zeros((3, len(group), times.size))
         coordinates = (group.rows @ motion.rest.vectors) @ motion.coefficients
-        for i, law in enumerate(group.laws):
-            order = float(law.order)  # type: ignore[arg-type]
+        stiffness = np.array([group.harmonic_stiffness(w) for w in (motion.omega * np.arange(count)).tolist()]).T
+        energy = group.stored_by_pairs(p)
+        for i in range(len(group)):
             both = np.concatenate([0.5 * coordinates[i, :0:-1].conj(), coordinates[i, :1], 0.5 * coordinates[i, 1:]])
-            impedance = np.array(
-                [_fractional(law.coefficient, order, w) for w in (motion.omega * np.arange(-(count - 1), count))]
-            )
+            impedance = np.concatenate([stiffness[i, :0:-1].conj(), stiffness[i]])
             out[0, i] = ((impedance * both) @ waves).real
-            pairs = law.coefficient * np.outer(both, both) * _stored_pairs(p, order)
+            pairs = np.outer(both, both) * energy[i]
             out[1, i] = 0.5 * np.einsum("kt,kl,lt->t", waves, pairs, waves).real
             work = self._integral(edges, lambda t, a=both, z=impedance: _power(p, a, z, t))[1:]
             out[2, i] = work - out[1, i] + out[1, i, 0] if times.size else work
-        return out[0], out[1], out[2], np.zeros(0)
+        return out
 
     # -- energies -------------------------------------------------------------------------------------
 
@@ -242,13 +234,12 @@ class HarmonicSolution:
         for group in system.laws:
             if group is system.contacts:
                 contact = group.potential(np.asarray((group.rows @ motion.rest.vectors) @ z))
-            elif not group.recorded:
+            elif not (group.recorded or group.linear):
                 strain = strain + group.potential(np.asarray((group.rows @ motion.rest.vectors) @ z))
         begun = np.concatenate([[0.0], times])
         dissipated = self._integral(begun, self._losses)[1:]
         work = self._integral(begun, self._loads)[1:]
-        for group in system.recorded:
-            found = self._hysteretic(begun) if isinstance(group, HystereticLaws) else self._springpots(begun)
+        for found in self._along_path([g for g in system.laws if g.recorded or g.linear], begun)[0]:
             strain = strain + found[1][:, 1:].sum(axis=0)
             dissipated = dissipated + found[2][:, 1:].sum(axis=0)
         return Energies(kinetic, strain, contact, dissipated, work)
@@ -294,33 +285,9 @@ def _switches(series: Array, level: float) -> list[tuple[float, bool]]:
     return [(float(angle), bool(up)) for angle, up in zip(found, rising, strict=True) if angle > 0.0]
 
 
-def _fractional(coefficient: float, order: float, omega: float) -> complex:
-    """Return ``c (i omega)^alpha``, of negative frequencies too."""
-    value = complex(fractional_stiffness(np.array([coefficient]), np.array([order]), abs(omega))[0])
-    return value.conjugate() if omega < 0.0 else value
-
-
 def _power(p: Complex, coefficients: Complex, impedance: Complex, times: Array) -> Array:
     waves = np.exp(np.outer(p, times))
     return np.asarray(((impedance * coefficients) @ waves).real * ((p * coefficients) @ waves).real)
-
-
-def _stored_pairs(p: Complex, order: float) -> Complex:
-    """Return ``sin(pi alpha)/pi int_0^inf xi^(alpha - 1) p r/((xi + p)(xi + r)) d xi`` for all pairs of harmonics."""
-    size = np.abs(p)
-    powers = np.where(size > 0.0, np.where(size > 0.0, size, 1.0) ** (order - 1.0), 0.0)
-    powers = powers * np.exp(0.5j * np.pi * (order - 1.0) * np.sign(p.imag))
-    first, second = p[:, None], p[None, :]
-    apart = second - first
-    close = apart == 0.0
-    pairs = (powers[:, None] - powers[None, :]) / np.where(close, 1.0, apart)
-    same = np.where(size > 0.0, (1.0 - order) * powers / np.where(size > 0.0, p, 1.0), 0.0)
-    pairs = np.where(close, same[:, None], pairs)
-    found = first * second * pairs
-    still = size == 0.0
-    # A mean elongation relaxes, except under a spring.
-    found[still] = found[:, still] = 1.0 if order == 0.0 else 0.0
-    return np.asarray(found)
 
 
 def harmonic_result(scene: Scene, motion: HarmonicMotion, notes: tuple[str, ...]) -> Result:

@@ -11,15 +11,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.laws import ContactLaws, HystereticLaws, SmoothLaws
-from vofem.laws.evaluate import commit, force_jump, forces_along, kinks, past_slopes
+from vofem.errors import ConvergenceError
+from vofem.laws.evaluate import commit, curve, forces_along, jumps, kinks, past_slopes, switched_on
 from vofem.laws.group import LawGroup
-from vofem.laws.kinds import RESOLVED
 from vofem.laws.table import Laws, build_laws
 from vofem.studies.steady.trigonometric import basis, rate, roots, turning_points
 from vofem.system import System
@@ -29,6 +27,9 @@ Array = NDArray[np.float64]
 #: Gauss's rule on one panel, and the phase of the fastest product of harmonics that a panel may cover, rad.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 _PHASE = 8.0
+
+#: Forces and tangents, in N and N/m, from which on squares overflow; a trial has gone much too far.
+_LARGEST = 1e150
 
 #: Equal angles in a period of the highest harmonic at which smooth laws are evaluated.
 _SAMPLES = 8
@@ -92,7 +93,7 @@ class LawPaths:
     Parameters
     ----------
     groups : sequence of LawGroup
-        Contacts, laws with internal variables, smooth laws.
+        Those that are not linear in harmonic motions.
 
     Attributes
     ----------
@@ -109,6 +110,10 @@ class LawPaths:
         self.size = sum(len(group) for group in groups)
         self._laws = build_laws(groups)
         self._law_of: list[tuple[LawGroup, int]] = [(group, i) for group in groups for i in range(len(group))]
+
+    def first_of(self, group: LawGroup) -> int:
+        """Return the number of a group's first law."""
+        return next(j for j, (one, _) in enumerate(self._law_of) if one is group)
 
     @property
     def laws(self) -> Laws:
@@ -129,16 +134,14 @@ class LawPaths:
             Harmonics of the force.
         derivative : bool
         """
-        group, index = self._law_of[j]
         total = _Integral(series.size // 2, wanted, derivative)
-        if isinstance(group, SmoothLaws):
-            _smooth(group.laws[index], series, total)
-            return LawForce(total.force, total.slope if derivative else None)
-        if isinstance(group, ContactLaws):
-            damping = float(group.damping[index]) * omega
-            _contact(self._laws, j, group, index, damping, series, total)
-            return LawForce(total.force, total.slope if derivative else None)
-        settled = _hysteretic(self.laws, j, series, total)
+        settled = True
+        if self._laws.table[j]["end"] > self._laws.table[j]["start"]:
+            settled = _with_past(self.laws, j, series, total)
+        elif kinks(self._laws, j):
+            _between_kinks(self._laws, j, omega, series, total)
+        else:
+            _smooth(self._laws, j, *self._law_of[j], series, total)
         return LawForce(total.force, total.slope if derivative else None, settled)
 
 
@@ -150,15 +153,19 @@ def panels(low: float, high: float, harmonics: int) -> tuple[Array, Array]:
     return (edges[:-1, None] + half * (1.0 + _NODES)).ravel(), (half * _WEIGHTS).ravel()
 
 
-def _smooth(law: Any, series: Array, total: _Integral) -> None:
+def _smooth(laws: Laws, j: int, group: LawGroup, index: int, series: Array, total: _Integral) -> None:
     """Sum over equal angles, which for smooth forces converges faster than any power."""
     harmonics = series.size // 2
     count = 1 << int(np.ceil(np.log2(_SAMPLES * (max(harmonics, total.wanted) + 1))))
     angles = np.asarray(np.arange(count) * (_TURN / count), dtype=float)
     functions = basis(angles, harmonics)
-    u = (functions @ series).tolist()
-    force = np.array([law.reaction(x) for x in u])
-    slopes = np.array([law.tangent(x) for x in u])[:, None] * functions if total.derivative else None
+    u = functions @ series
+    force, tangent = curve(group, laws, j, index, u, total.derivative)
+    usable = (np.abs(force) < _LARGEST) & (np.abs(tangent) < _LARGEST)
+    if not np.all(usable):
+        k = int(np.argmin(usable))
+        raise ConvergenceError(f"{group.labels[index]} has a force of {force[k]:.3g} N at u = {u[k]:.3g} m")
+    slopes = tangent[:, None] * functions if total.derivative else None
     total.add(angles, np.full(count, _TURN / count), force, slopes)
 
 
@@ -178,21 +185,19 @@ def _crossings(series: Array, begin: Array, end: Array, level: float) -> Array:
     return roots(series, begin[crossed], end[crossed], level) if np.any(crossed) else np.zeros(0)
 
 
-def _contact(
-    laws: Laws, j: int, group: ContactLaws, index: int, damping: float, series: Array, total: _Integral
-) -> None:
-    """Integrate over the times at which a contact is closed."""
+def _between_kinks(laws: Laws, j: int, omega: float, series: Array, total: _Integral) -> None:
+    """Integrate over the times at which a law acts that has kinks, as a contact does while it is closed."""
     harmonics = series.size // 2
     begin, end = _stretches(series)
-    ideal = bool(laws.table[j]["kind"] != RESOLVED)
+    damping = float(laws.table[j]["damping"]) * omega
     levels = kinks(laws, j)
     edges = [_crossings(series, begin, end, level) for level in levels]
     for angle in edges[0]:
-        if ideal:
-            # A place where the force jumps moves by -du over the rate of u, on closing as on opening.
-            speed = float(basis(np.array([angle]), harmonics)[0] @ rate(series))
-            if speed != 0.0:
-                total.add_jump(angle, (force_jump(laws, j) + damping * speed) / abs(speed))
+        # A place where the force jumps moves by -du over the rate of u, on closing as on opening.
+        speed = float(basis(np.array([angle]), harmonics)[0] @ rate(series))
+        if speed != 0.0:
+            spring, damper = jumps(laws, j)
+            total.add_jump(angle, (spring + omega * damper * speed) / abs(speed))
     cuts = np.unique(np.mod(np.concatenate(edges), _TURN))
     if not cuts.size:
         cuts = np.zeros(1)
@@ -208,27 +213,12 @@ def _contact(
         slopes = tangent[:, None] * functions if total.derivative else None
         if damping:
             changes = functions @ rate(series)
-            share, change = _share(group, index, u)
+            share, change = switched_on(laws, j, u)
             force = force + damping * share * changes
             if slopes is not None:
                 moving = _rates_of(functions)
                 slopes = slopes + damping * (share[:, None] * moving + (change * changes)[:, None] * functions)
         total.add(angles, weights, force, slopes)
-
-
-def _share(group: ContactLaws, index: int, u: Array) -> tuple[Array, Array]:
-    """Return how far a contact is switched on at u, and the derivative of that by u."""
-    if np.isinf(group.resolution[index]):
-        return np.ones(u.size), np.zeros(u.size)
-    from dataclasses import replace
-
-    one = replace(
-        group, names=group.names[index : index + 1], rows=group.rows[[index]],
-        **{name: getattr(group, name)[[index]] for name in ("gap", "stiffness", "damping", "jump", "resolution")},
-    )  # fmt: skip
-    s = (u - group.gap[index])[None]
-    width = 1e-6 / group.resolution[index]
-    return one.shares(s)[0], (one.shares(s + width)[0] - one.shares(s - width)[0]) / (2.0 * width)
 
 
 def _rates_of(functions: Array) -> Array:
@@ -239,7 +229,7 @@ def _rates_of(functions: Array) -> Array:
     return np.concatenate([np.zeros((functions.shape[0], 1)), -order * sines, order * cosines], axis=1)
 
 
-def _hysteretic(laws: Laws, j: int, series: Array, total: _Integral) -> bool:
+def _with_past(laws: Laws, j: int, series: Array, total: _Integral) -> bool:
     """Follow the internal variables over the period until they repeat, then integrate; return whether they repeat."""
     harmonics = series.size // 2
     begin, end = _stretches(series)
@@ -292,4 +282,4 @@ def _hysteretic(laws: Laws, j: int, series: Array, total: _Integral) -> bool:
 
 def nonlinear_groups(system: System) -> tuple[LawGroup, ...]:
     """Return the groups of a system that are not linear in harmonic motions: all but springpots."""
-    return tuple(group for group in system.laws if isinstance(group, (ContactLaws, HystereticLaws, SmoothLaws)))
+    return tuple(group for group in system.laws if not group.linear)

@@ -11,10 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import array
 from vofem.errors import ArgumentError, MethodError
-from vofem.laws import ContactLaws, SpringpotLaws
 from vofem.lookup import rows_over
 from vofem.scene import Scene, as_scene
-from vofem.studies.steady.linear_rest import Attached, LinearRest, springpots_of
+from vofem.studies.steady.linear_rest import Attached, LinearRest, linear_laws
 from vofem.system import Counters, System
 from vofem.time_functions import Constant, Scaled, Sine, Sum, as_time_function
 from vofem.vibration import contact_indices
@@ -114,14 +113,14 @@ def frequency_response(scene: Scene, frequencies: ArrayLike, closed: Sequence[An
             f"{what}: frequencies is {frequencies!r}, expected one or more numbers in Hz, not negative, in one row"
         )
     for group in system.laws:
-        if not isinstance(group, (ContactLaws, SpringpotLaws)):
+        if not group.linear and group is not system.contacts:
             raise MethodError(
                 f"{what}: {group.labels[0]} is not linear; put a Spring of its tangent there, or follow the response "
                 "with vofem.periodic and vofem.continuation"
             )
     force = _force(what, system)
     chosen = contact_indices(what, system, closed)
-    attached = springpots_of(what, system)
+    attached = linear_laws(what, system)
     if chosen:
         laws = system.contacts
         assert laws is not None

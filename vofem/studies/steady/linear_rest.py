@@ -26,7 +26,6 @@ from numpy.typing import NDArray
 from vofem.errors import ArgumentError, ConvergenceError, SingularSystemError
 from vofem.integrators.event_driven.flow import modes_of
 from vofem.integrators.event_driven.reduction import holding, two_solutions
-from vofem.laws import SpringpotLaws
 from vofem.linalg.ritz import RitzBasis
 from vofem.system import Counters, System
 
@@ -291,29 +290,17 @@ def _largest_change(before: Complex, now: Complex) -> float:
     return float(relative.max(initial=0.0))
 
 
-def springpots_of(what: str, system: System) -> list[Attached]:
-    """Return the springpots of a system as complex stiffnesses.
+def linear_laws(what: str, system: System) -> list[Attached]:
+    """Return the laws of a system that are linear in harmonic motions, such as springpots, as complex stiffnesses.
 
     Raises
     ------
     ArgumentError
-        If the order of a springpot varies in time.
+        If one has no response to one frequency, as a springpot whose order varies in time.
     """
-    group = system.group(SpringpotLaws)
-    if group is None:
-        return []
-    for law in group.laws:
-        if law.varies:
-            raise ArgumentError(
-                f"{what}: {law.label} has an order that varies in time, so it has no response to one frequency; give "
-                "it a constant order, or simulate"
-            )
-    coefficients = np.array([law.coefficient for law in group.laws])
-    orders = np.array([float(law.order) for law in group.laws])  # type: ignore[arg-type]
-    return [Attached(group.rows, lambda omega: fractional_stiffness(coefficients, orders, omega))]
-
-
-def fractional_stiffness(coefficients: Array, orders: Array, omega: float) -> Complex:
-    """Return ``c (i omega)^alpha`` on the principal branch, shape (k,)."""
-    turn = np.exp(0.5j * np.pi * orders)
-    return np.asarray(coefficients * np.where(orders == 0.0, 1.0, float(omega) ** orders) * turn)
+    groups = [group for group in system.laws if group.linear]
+    for group in groups:
+        reason = group.harmonic_refusal()
+        if reason is not None:
+            raise ArgumentError(f"{what}: {reason}")
+    return [Attached(group.rows, group.harmonic_stiffness) for group in groups]
