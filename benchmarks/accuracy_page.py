@@ -569,7 +569,8 @@ def effect_section() -> str:
             f"Milliseconds per simulated second of the cantilever on {effects.ELEMENTS} elements ({effects.T_END:g} s, "
             f"{effects.TIMES} stored times, dt = 1e-3 s; central differences at half their critical step), one thing "
             "added at a time. What a scene does not call for has counters of exactly zero, which are left out here; "
-            "`tests/test_absent_effects.py` holds that it is neither built nor evaluated.",
+            "`tests/test_absent_effects.py` holds that it is neither built nor evaluated. Runs in time steps with "
+            "contacts include the second run from a nearby start that looks for chaos (`nearby=`).",
             effects.table(effects.measure(say)),
         ]
     )

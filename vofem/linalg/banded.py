@@ -103,6 +103,10 @@ def solve(factored: Array, x: Array) -> None:
         # Beams of Hermite elements.
         _solve_four_diagonals(factored, x)
         return
+    if width == 1:
+        # Chains of masses.
+        _solve_two_diagonals(factored, x)
+        return
     for i in range(n):
         value = x[i]
         for a in range(1, min(width, n - 1 - i) + 1):
@@ -114,6 +118,22 @@ def solve(factored: Array, x: Array) -> None:
         for a in range(min(width, n - 1 - i), 0, -1):
             value -= factored[a, i] * x[i + a]
         x[i] = value
+
+
+@jit
+def _solve_two_diagonals(factored: Array, x: Array) -> None:
+    """Do what `solve` does where the half-bandwidth is 1, with the newest unknown in a register."""
+    n = x.size
+    here = x[0]
+    for i in range(n - 1):
+        ahead = x[i + 1] - factored[1, i] * here
+        x[i] = here / factored[0, i]
+        here = ahead
+    last = here / factored[0, n - 1]
+    x[n - 1] = last
+    for i in range(n - 2, -1, -1):
+        last = x[i] - factored[1, i] * last
+        x[i] = last
 
 
 @jit
