@@ -73,7 +73,9 @@ def test_nothing_is_compiled_after_ctrl_c():
 def test_a_compiler_that_does_not_come_back_ends_with_the_process():
     """Minutes of work in C, between which Python calls no handler, stand for the compiler."""
     program = (
-        "import hashlib\nfrom vofem.cli.prompt_end import prompt_end\nfrom vofem.linalg import jit\n"
+        "import hashlib, signal\nfrom vofem.cli.prompt_end import prompt_end\nfrom vofem.linalg import jit\n"
+        # Programs that are started in the background, as these tests may be, ignore Ctrl-C.
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "jit._under_way.append('a kernel')\n"
         "with prompt_end():\n    print('at work', flush=True)\n    hashlib.pbkdf2_hmac('sha256', b'', b'', 10**9)"
     )
