@@ -174,10 +174,11 @@ def explicit_section() -> str:
         [
             "## What the explicit step limit costs",
             "Central differences (the paper's Eq. 21) are stable for dt < 2/omega_max only, and omega_max of a beam "
-            "grows with the square of the number of elements: twice the elements take four times the steps, each twice "
-            "as dear. The paper's dt = 1e-3 s, given for its masses, lies far beyond the limit of its beam. At steps "
-            "within its limit the error is the mesh's, not the steps'. Times are of 20 000 steps, scaled; "
-            f" event_driven is {min(shown):.0f} to {max(shown):.0f} times faster.",
+            "grows with the square of the number of elements: twice as many elements need four times as many steps, "
+            "and each step takes twice as long. The paper's dt = 1e-3 s, given for its masses, lies far beyond the "
+            "limit of its beam. With steps below this limit the error is caused by the mesh, not by the steps. The "
+            "times were measured over 20 000 steps and scaled to the whole run; "
+            f"event_driven is {min(shown):.0f} to {max(shown):.0f} times faster.",
             "\n".join(lines),
         ]
     )
@@ -258,8 +259,8 @@ def rounding_section() -> str:
             "unknowns grows like the fourth power of the number of elements. Rounding is measured by a second run of "
             "the same equations, all multiplied by 3, which have the same solution but other rounding errors. Refining "
             f"the mesh does not pay where rounding exceeds the error of the mesh: {'; '.join(sentences)}. "
-            f"Beyond that more elements make the answer worse, "
-            "or no better; large systems are run in Ritz vectors by default, which lose few digits.",
+            "Beyond that, more elements do not improve the result, or make it worse. For large systems vofem uses "
+            "Ritz vectors by default, which lose few digits.",
             "![Error of the mesh and rounding over the number of elements](figures/accuracy-rounding.png)",
             "\n".join(lines),
         ]
@@ -392,12 +393,15 @@ def tolerance_section() -> str:
                 else "every one of these runs has a note that says so. "
             )
             + "The note compares the run with one of four times the tolerance and gives the difference; a smaller tol "
-            "reduces it. The errors of contact velocities are held step by step and not in their sum. What is bounded "
+            "reduces it. The errors of contact velocities are bounded in each step, but their sum is not. What is "
+            "bounded "
             "is the sum of the displacement errors of the single steps, estimated by halving each step, over the "
-            "largest displacement. What later impacts make of these errors is not bounded: an error of velocity moves "
-            "a body farther off the longer it flies, and the next impact may magnify it. A note appears if the two "
-            "runs differ by more than five times the tolerance. Holding the sum of the velocity errors as well would "
-            "keep the beam within it, but takes 194 276 instead of 126 steps on the paper's beam. Errors are "
+            "largest displacement. The growth of these errors through later impacts is not bounded: the displacement "
+            "error that follows from a velocity error grows with the time until the next impact, and this impact may "
+            "magnify it. A note appears if the two "
+            "runs differ by more than five times the tolerance. If the sum of the velocity errors were bounded too, "
+            "the beam would stay within the tolerance, but the paper's beam would need 194 276 steps instead of 126. "
+            "Errors are "
             "against event_driven, which is exact; "
             + (
                 f"these runs take {min(times_over):.2g} to {max(times_over):.2g} times as long as event_driven takes "
@@ -493,9 +497,11 @@ def tube_section() -> str:
         [
             "## An industrial case: events with dampers against steppers",
             "A tube of 2.4 m, 96 degrees of freedom, rattles between two-sided stops with dampers at four places under "
-            "a harmonic load (code_aster SDNL301, 0.25 s; `vofem verify` holds it). Every set of closed contacts has "
-            f"complex modes of its own, which event_driven updates from the real ones. There are {notes}. The first "
-            "run computes these modes, further ones find them; assembly and compiling are not counted. The error is "
+            "a harmonic load (code_aster SDNL301, 0.25 s; it is a case of `vofem verify`). Every set of closed "
+            "contacts has "
+            f"complex modes of its own, which event_driven computes from the real ones. There are {notes}. The first "
+            "run computes these modes, and further runs use them again. The times of assembly and compiling are not "
+            "included. The error is "
             "that of the tip from 0.17 to 0.25 s, over its largest displacement.",
             "\n".join(lines),
             "code_aster gives 23.98 N in 30 modes of a Timoshenko beam, and 24.53 N with four static shapes besides. "
@@ -522,16 +528,18 @@ def peer_section() -> str:
         part
         for part in (
             "## Side by side",
-            "The paper's beam on 25 elements under the penetration law, 20 s, on the same matrices or the same beam, "
-            "one program after another on this machine, best of several runs, building the model not counted. Errors "
+            "All programs compute the paper's beam on 25 elements under the penetration law over 20 s, with the same "
+            "matrices or the same beam. They ran one after another on this machine. The time is the best of several "
+            "runs, without the time for building the model. Errors "
             "are those in time, of the tip at 1001 times against event_driven on the same mesh (the equations "
-            "multiplied by 3), which DOP853, restarted at events, confirms. Each is driven as its users would, tuned: "
+            "multiplied by 3), which DOP853, restarted at events, confirms. Each program is used with settings that "
+            "an experienced user would choose: "
             "OpenSeesPy with BandSPD and one iteration per step, Exudyn with modified Newton and sparse factors, numpy "
-            "with both inverses cached, Radau with the Jacobian of each status, DOP853 restarted at events; its step "
-            "is "
-            f"held by the highest frequency, so it has one cost. {says}",
-            "Seconds to reach an error, and times vofem's. ~ is extrapolated by the slope of the last four runs; "
-            "rounding may stop a program before.",
+            "with both inverses cached, Radau with the Jacobian of each status, DOP853 restarted at events. The "
+            f"highest frequency limits the step of DOP853, so it takes the same time for every error. {says}",
+            "The table shows the seconds that a program needs to reach an error, and how many times as long as vofem "
+            "it takes. Values with ~ are extrapolated with the slope of the last four runs; rounding errors may "
+            "prevent a program from reaching such an error.",
             side_by_side.ratio_table(found),
             "![Error of the tip against wall time, all programs](figures/accuracy-peers.png)",
             missing,
@@ -546,16 +554,17 @@ def kernel_section() -> str:
     return "\n\n".join(
         [
             "## Stepping kernels",
-            "Microseconds per step, and in brackets over LAPACK's banded solve (pbtrs with the factor at hand) of the "
-            "same size. A step of the implicit methods holds one such solve, products with banded matrices, and the "
-            "contacts.",
+            "The table shows microseconds per step and, in brackets, the ratio to LAPACK's banded solve of the same "
+            "size (pbtrs with a matrix that is already factored). A step of an implicit method consists of one such "
+            "solve, products with banded matrices, and the contacts.",
             kernels.table(kernels.measure(say)),
             "The last table shows what a scene without contacts pays for features that it does not use. The first "
             "number is the time in microseconds of one step of a minimal loop: the same banded products and solves, "
             "but no work of loads, no stored states and no checks. The second number is vofem's time over it, the "
             f"median of {minimal.PAIRS} interleaved pairs. "
-            "energy_conserving solves for the correction of an extrapolated velocity, which costs a product and a "
-            "sweep more than the plain midpoint rule and keeps its energy over millions of steps. "
+            "energy_conserving solves for the correction of an extrapolated velocity, which costs one more product "
+            "and one more sweep than the plain midpoint rule. In return it conserves the energy over millions of "
+            "steps. "
             "`python benchmarks/minimal.py` measures them alone.",
             minimal.table(minimal.measure(say)),
         ]
@@ -569,7 +578,7 @@ def effect_section() -> str:
             f"Milliseconds per simulated second of the cantilever on {effects.ELEMENTS} elements ({effects.T_END:g} s, "
             f"{effects.TIMES} stored times, dt = 1e-3 s; central differences at half their critical step), one thing "
             "added at a time. What a scene does not call for has counters of exactly zero, which are left out here; "
-            "`tests/test_absent_effects.py` holds that it is neither built nor evaluated. Runs in time steps with "
+            "`tests/test_absent_effects.py` checks that it is neither built nor evaluated. Runs in time steps with "
             "contacts include the second run from a nearby start that looks for chaos (`nearby=`).",
             effects.table(effects.measure(say)),
         ]

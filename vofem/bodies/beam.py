@@ -61,7 +61,7 @@ class Beam:
     tension : float
         Axial force in N, constant in time, positive in tension.
     name : str, optional
-        Unique in a scene. Without it a name is chosen.
+        Unique in a scene. In Python, a name is chosen if none is given.
 
     Raises
     ------

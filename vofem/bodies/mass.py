@@ -29,7 +29,7 @@ class Mass:
     damping : float
         Damping of the dashpot to ground in N s/m. With 0 there is no dashpot.
     name : str, optional
-        Unique in a scene. Without it a name is chosen.
+        Unique in a scene. In Python, a name is chosen if none is given.
 
     Raises
     ------

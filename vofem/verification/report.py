@@ -88,7 +88,7 @@ def markdown(outcomes: Iterable[Outcome], details: str = "") -> str:
         "- **passed**: every quantity is within its tolerance.",
         "- **reported**: a quantity is beyond its tolerance at this step, and `result.notes` says so.",
         "- **refused**: an error before the first step. It names a method that can treat the case where there is one.",
-        "- **stopped**: a typed error on the way: energy out of nothing, no convergence, a load that is no number.",
+        "- **stopped**: an error during the run: energy without a source, no convergence, a load that is not a number.",
         "- **FAILED**: anything else.",
         "",
         *_counts("method", subjects(), outcomes, lambda outcome: outcome.method),
