@@ -41,12 +41,12 @@ class BodyMatrices:
     Attributes
     ----------
     mass, stiffness : csr_matrix or ndarray, shape (n, n)
-        Symmetric; kg and N/m where the degree of freedom is a displacement.
-        An array where n is small: many masses would feel the cost of sparse objects.
+        Mass and stiffness matrix, symmetric, in kg and N/m where the degree of freedom is a displacement. They are
+        arrays if n is small, because sparse objects would make scenes of many masses slow.
     damping : csr_matrix or ndarray, shape (n, n), optional
-        None where the body has no dashpot of its own.
+        Damping matrix; None if the body has no dashpot of its own.
     supported : ndarray of int
-        Degrees of freedom that are held at zero.
+        Degrees of freedom that supports keep at zero.
     scale : ndarray, shape (n,)
         Length by which a degree of freedom is multiplied to become a
         displacement (1 for displacements, the element length for slopes).
@@ -77,16 +77,16 @@ class DegreesOfFreedom:
 
 @dataclass(frozen=True)
 class Shape:
-    """How a body lies in the plane of a picture, and how it moves there.
+    """The place and the direction of motion of a body in the plane of a picture.
 
     Attributes
     ----------
     kind : {"line", "block"}
-        A line is drawn through its places, a block at its one place.
+        A line is drawn through all places. A block is drawn at its only place.
     x : ndarray, shape (k,)
-        Places along the axis of the body in m, ascending; 0 of a block.
+        Places along the axis of the body in m, ascending; 0 for a block.
     rows : csr_matrix or ndarray, shape (k, size)
-        The displacement of these places from the degrees of freedom.
+        Matrix that takes the degrees of freedom to the displacements of these places.
     direction : (float, float)
         Unit vector of the displacement in the plane: (0, 1) upward, across the axis; (1, 0) along it.
     """
@@ -192,7 +192,7 @@ class BaseBody:
         return self.summary()
 
     def strain_rows(self) -> csr_matrix | Array | None:
-        """Return None: nothing is known of K as a sum of squares."""
+        """Return None, because K is not known as a sum of squares."""
         return None
 
     def sections(self) -> Mapping[str, Any]:
@@ -204,7 +204,7 @@ class BaseBody:
         return np.where(self.degrees_of_freedom.rotation, 0.0, self.shape.direction[1])
 
     def rigid_motions(self) -> Array:
-        """Return the displacement of all by the same, where nothing resists it."""
+        """Return the equal displacement of all degrees of freedom, if nothing resists it."""
         motion = np.where(self.degrees_of_freedom.rotation, 0.0, 1.0)[:, None]
         stiffness = self.matrices().stiffness
         resisted = np.abs(stiffness @ motion) > 1e-12 * (abs(stiffness) @ motion)
@@ -241,7 +241,7 @@ class BaseBody:
         return ShapePoint(self, place)
 
     def resolve(self, point: Point) -> Row:
-        """Return the row of a point: its own where it lies on this body, else that of the same x."""
+        """Return the row of a point. A point of another body stands for the point of this body at the same x."""
         return point.row() if point.body is self else self.at(place_of(point)).row()
 
     def supported_at(self, where: Any) -> IntArray:

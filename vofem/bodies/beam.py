@@ -302,7 +302,7 @@ class Beam:
         return basis_for(self._axis, *values)
 
     def at_quadrature(self, what: str, value: Any, basis: Basis, *, positive: bool = True) -> Any:
-        """Return a coefficient where scikit-fem wants it: a number, or values of shape (n_elements, n_points)."""
+        """Return a coefficient at the quadrature points: a number, or values of shape (n_elements, n_points)."""
         return Coefficient(what, value, self._axis, positive).at_quadrature(basis)
 
     # -- fields -----------------------------------------------------------------------------------
@@ -364,6 +364,6 @@ class Beam:
         Raises
         ------
         ArgumentError
-            If the field is not finite, or does not vanish where a support holds it.
+            If the field is not finite, or is not zero at a support.
         """
         return project(f"{what} of {self.label}", field, self._axis, self.supports)

@@ -38,7 +38,7 @@ class Foundation:
     beam : Beam
         The beam that rests on the foundation.
     stiffness : float or callable of an array x
-        k in N/m per m, not negative.
+        Stiffness k of the foundation in N/m per m, not negative.
     one_sided : bool
         Whether the foundation can only push, so that the beam may lift off.
     gap : float

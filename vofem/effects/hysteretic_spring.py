@@ -98,7 +98,7 @@ class HystereticSpring(TwoPoints):
         force : float
             The applied force in N.
         rising : bool
-            Whether the force rises; while it is held, whether it rose before.
+            Whether the force rises. While the force is constant: whether it rose before.
         """
         softened = ideal(self._backbone.level(abs(force)), abs(elongation) - self.linear_limit)
         loading = ideal(self.stiffness, 1.0 if rising else -1.0)
@@ -147,9 +147,9 @@ class CrushingStop(TwoPoints):
     gap : float
         Gap before the stop is touched, in m.
     side : "below" or "above"
-        Where a stop stands that is fixed in space.
+        The side on which a stop that is fixed in space stands.
     stiffness, linear_limit, softening, of
-        As of `HystereticSpring`.
+        These parameters have the same meaning as for `HystereticSpring`.
     name : str, optional
         Unique in a scene.
 

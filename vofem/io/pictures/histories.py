@@ -65,7 +65,7 @@ def time_history(
         not given, the contacts at the points, and where there are none, the
         nearest of their bodies, at most six.
     window : (float, float), optional
-        Begin and end in s; the whole run where not given.
+        Begin and end of the time that is drawn, in s. The default is the whole run.
     envelope : bool, optional
         Whether the envelope is drawn; where not given, if the motion crosses its
         mean more than 300 times.
@@ -81,7 +81,7 @@ def time_history(
     Raises
     ------
     ArgumentError
-        For what is not a point, or no contact of the run, or a window outside the run.
+        If `point` is not a point, `contact` is not a contact of the run, or the window lies outside the run.
     OutputError
         If the file cannot be written.
     """

@@ -45,15 +45,15 @@ def force_histogram(
     ----------
     result : Result
     contact : Contact or str, optional
-        Needed where the scene has several.
+        The contact. It must be given if the scene has several.
     path : path of a .png, .pdf or .svg, optional
         The file to write.
     window : (float, float), optional
-        Begin and end in s; the whole run where not given.
+        Begin and end of the time that is drawn, in s. The default is the whole run.
     bins : int
-        Of the histogram.
+        Number of bins of the histogram.
     ax : matplotlib axes, optional
-        To draw into; by default a figure of its own.
+        The axes to draw into. By default a new figure is made.
 
     Returns
     -------
@@ -109,15 +109,15 @@ def impact_statistics(
     ----------
     result : Result
     contact : Contact or str, optional
-        Needed where the scene has several.
+        The contact. It must be given if the scene has several.
     path : path of a .png, .pdf or .svg, optional
         The file to write.
     window : (float, float), optional
         Impacts that begin between these times in s; all of them where not given.
     bins : int
-        Of each histogram.
+        Number of bins of each histogram.
     ax : four matplotlib axes, optional
-        To draw into; by default a figure of its own.
+        The axes to draw into. By default a new figure is made.
 
     Returns
     -------
@@ -169,9 +169,9 @@ def event_raster(
     path : path of a .png, .pdf or .svg, optional
         The file to write.
     window : (float, float), optional
-        Begin and end in s; the whole run where not given.
+        Begin and end of the time that is drawn, in s. The default is the whole run.
     ax : matplotlib axes, optional
-        To draw into; by default a figure of its own.
+        The axes to draw into. By default a new figure is made.
 
     Returns
     -------

@@ -48,19 +48,19 @@ def shapes(
     outcome : Result or Equilibrium, or mapping of titles to them
         Several are drawn side by side, with the same axes.
     times : array_like or None
-        In s, one line each; None for an equilibrium.
+        Times in s, each drawn as one line; None for an equilibrium.
     path : path of a .png, .pdf or .svg, optional
         The file to write.
     scene : Scene, optional
-        That of an equilibrium.
+        The scene of an equilibrium.
     body : Beam or name, optional
-        Needed where the scene has several beams.
+        The beam. It must be given if the scene has several.
     beside : (name, x, eta), optional
         Another result, drawn with markers: x in m, shape (n,), and eta in m,
         shape (n, n_times) or (n,); a mapping by the titles of `outcome` where
         that is one.
     ax : matplotlib axes, optional
-        One for each outcome, to draw into; by default a figure of its own.
+        The axes to draw into, one for each outcome. By default a new figure is made.
 
     Returns
     -------

@@ -18,9 +18,9 @@ _MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 def work_precision(study: Study, path: Where = None, title: str = "", *, ax: Any = None) -> Any:
     """Draw the error of all runs of a study against their time and their steps.
 
-    A colour per method, a mark per mesh. Dashed lines are the errors of the
-    meshes alone, below which no step helps; the grey band is the reference's
-    own error, within which nothing can be told apart.
+    Each method has a colour and each mesh has a marker. A dashed line is the error of a mesh alone: smaller steps do
+    not reduce the error below it. The grey band is the error of the reference: differences of errors within it have no
+    meaning.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def work_precision(study: Study, path: Where = None, title: str = "", *, ax: Any
         The file to write.
     title : str
     ax : two matplotlib axes, optional
-        To draw into; by default a figure of its own.
+        The axes to draw into. By default a new figure is made.
 
     Returns
     -------
