@@ -19,7 +19,7 @@ _SAMPLES = (-1.0, -0.1, -1e-2, -1e-3, 1e-3, 1e-2, 0.1, 1.0)
 class NonlinearSpring(TwoPoints):
     """An elastic spring with a law written in Python, between two points or from a point to ground.
 
-    Only methods that step in time accept it.
+    The methods that step in time accept it, and so does harmonic balance.
 
     Parameters
     ----------
