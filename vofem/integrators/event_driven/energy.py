@@ -1,8 +1,8 @@
 """Energies of an event-driven run: work and dissipation as closed-form integrals, segment by segment.
 
-Segments of one status are done together (`energy_forms`). Those with pinned contacts, with clusters of modes, or with
-ramps on blocks that are slower than the run, are done one by one (`energy_by_exponentials`). What is left of a motion
-when a contact is pinned counts as dissipated.
+Segments of one status are treated together (`energy_forms`). Segments with pinned contacts, with clusters of modes, or
+with ramps on blocks that are slower than the run, are treated one by one (`energy_by_exponentials`). The kinetic energy
+that is removed when a contact is pinned counts as dissipated.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def work_and_dissipation(
     work: Array,
     dissipated: Array,
 ) -> None:
-    """Fill the work of all loads and the energy taken by all dampers, from t = 0 to the times wanted.
+    """Compute the work of all loads and the energy dissipated by all dampers, from t = 0 to the given times.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def work_and_dissipation(
     visits : list of (int, ndarray of int, ndarray)
         Segments in ascending order with the times wanted in them: their places in `work`, and from its start, s.
     damped : bool
-        Whether there are dampers at all.
+        Whether there are any dampers.
     pinning : ndarray, shape (n_segments,), optional
         Energy lost at the beginning of every segment, J.
     work, dissipated : ndarray, shape (n_times,)

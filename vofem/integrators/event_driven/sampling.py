@@ -30,7 +30,7 @@ def sample_segments(
     rows : ndarray, shape (n_contacts, n)
         Modal rows of the contacts.
     horizon : float
-        For how long motions may be followed, s.
+        Longest time in s for which a motion is computed.
     segments : ndarray of int, shape (k,)
         In which segment each time lies, in ascending order.
     tau : ndarray, shape (k,)

@@ -25,7 +25,7 @@ from vofem.system import Counters, System
 
 Array = NDArray[np.float64]
 
-#:  Stretches of time where no load sets a period, and at least; parts of the run from whose exponents the error is
+#: Stretches of time where no load sets a period, and at least; parts of the run from whose exponents the error is
 #: estimated.
 _STRETCHES, _LEAST, _PARTS = 400, 32, 16
 
