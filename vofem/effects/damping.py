@@ -1,4 +1,4 @@
-"""Damping of the structure without its contacts, be these open or closed. A contact has a damper of its own."""
+"""Damping of the structure without its contacts. It does not change when contacts close."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Elastic foundations: Winkler's, two-sided or with lift-off."""
+"""Elastic foundations of Winkler's type, two-sided or with lift-off."""
 
 from __future__ import annotations
 

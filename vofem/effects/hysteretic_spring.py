@@ -132,7 +132,7 @@ class HystereticSpring(TwoPoints):
 
 
 class CrushingStop(TwoPoints):
-    """A stop behind a gap that yields under force and keeps its dent.
+    """A stop behind a gap that yields under force and keeps its residual deformation.
 
     The approach s is ``u_a - u_b`` between two points, ``-eta`` for a stop below,
     and ``eta`` for a stop above. The stop pushes back when s exceeds the gap.

@@ -148,7 +148,7 @@ def _law(label: str, name: str, elongation: Array, force: Array, units: Units) -
             "from above zero"
         )
     slopes = np.diff(force, prepend=0.0) / steps
-    # What differences of forces given to some digits cannot tell is no bend.
+    # A change of slope below the rounding of the given forces does not count as a bend.
     noise = 1e-12 * slopes[0]
     slopes[np.abs(slopes) <= noise] = 0.0
     if slopes[-1] < 0.0 or slopes[0] <= 0.0:

@@ -18,7 +18,7 @@ from vofem.result import Result
 
 Array = NDArray[np.float64]
 
-#: Times at which the force of a run that is known at any time is looked at.
+#: Number of times at which the force is evaluated in a run that is known at any time.
 _SAMPLES = 40_000
 
 #: What is drawn of impacts: field, label, and name of the unit among those of the contact.
@@ -127,7 +127,7 @@ def impact_statistics(
     Raises
     ------
     ArgumentError
-        For an unknown contact, or one without impacts in the window, or whose forces the run does not know.
+        If the contact is unknown, has no impacts in the window, or has forces that cannot be computed from the run.
     OutputError
         If the file cannot be written.
     """
@@ -196,7 +196,7 @@ def event_raster(
         span = spans_of(result, row)
         within = (span.end >= begin) & (span.begin <= end)
         bars = np.stack([span.begin, span.end - span.begin], axis=1)[within]
-        # An edge, so that what is shorter than a pixel is seen.
+        # The edge makes impacts visible that are shorter than a pixel.
         axes.broken_barh(bars.tolist(), (row - 0.35, 0.7), color=COLORS[0], linewidth=0.8)
     few = len(names) <= 30
     shown = range(len(names)) if few else range(0, len(names), -(-len(names) // 30))
@@ -206,7 +206,7 @@ def event_raster(
 
 
 def _one(result: Result, contact: Any, what: str) -> ContactHistory:
-    """Return the contact that is meant: the one that is given, or the only one."""
+    """Return the given contact, or the only one."""
     if contact is not None:
         return result.contacts[contact]
     if len(result.contacts) != 1:

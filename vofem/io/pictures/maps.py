@@ -1,4 +1,4 @@
-"""Pictures of maps: what the steady states over two parameters look like."""
+"""Maps of the steady states over two parameters."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ MARKS = {
     "branch_point": ("P", 5, "branch point"),
 }
 
-#: Lines of orbits by their stability: width, style, what it says.
+#: Lines of orbits by their stability: width, style and name.
 _LINES = {
     True: ("-", 1.8, "stable"),
     False: ("--", 1.3, "unstable"),
@@ -135,7 +135,7 @@ def multipliers(orbit: PeriodicOrbit | Sequence[PeriodicOrbit] | Branch, path: W
     Raises
     ------
     ArgumentError
-        If the method that found an orbit does not know its multipliers.
+        If the method that found an orbit does not compute multipliers.
     OutputError
         If the file cannot be written.
     """
@@ -162,7 +162,7 @@ def multipliers(orbit: PeriodicOrbit | Sequence[PeriodicOrbit] | Branch, path: W
         dots = axes.scatter(values.real, values.imag, c=order, s=12, cmap="viridis_r", zorder=3)
         canvas.figure.colorbar(dots, ax=axes, label="number of the orbit [-]", shrink=0.8)
     reach = 1.15 * max(1.0, float(np.abs(values).max(initial=0.0)))
-    # Far multipliers would make a dot of the circle.
+    # With very large multipliers the circle would shrink to a dot.
     reach = min(reach, 3.0)
     axes.set(xlim=(-reach, reach), ylim=(-reach, reach), xlabel="real part [-]", ylabel="imaginary part [-]")
     axes.set_box_aspect(1.0)

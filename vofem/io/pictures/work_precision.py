@@ -48,7 +48,7 @@ def work_precision(study: Study, path: Where = None, title: str = "", *, ax: Any
     methods = list(dict.fromkeys(run.setting.method for run in study.runs))
     colors = {name: ink() if method_named(name).exact else COLORS[k % len(COLORS)] for k, name in enumerate(methods)}
     marks = {n: _MARKERS[k % len(_MARKERS)] for k, n in enumerate(meshes)}
-    # What is exact is drawn at rounding, not at minus infinity.
+    # An error of zero is drawn at the level of rounding, because its logarithm is minus infinity.
     lowest = max(study.floor, 1e-16)
     for axes, what in zip(grid[0], ("seconds", "steps"), strict=True):
         for (method, n, _), runs in groupby(study.runs, key=lambda run: _series(run.setting)):
