@@ -83,7 +83,7 @@ class PeriodicOrbit(Shown):
     periods : int
         Number of periods of the loads after which the orbit repeats.
     multipliers : ndarray of complex, optional
-        Floquet multipliers over the whole orbit, in any order; None where the method does not know them.
+        Floquet multipliers over the whole orbit, in any order; None if the method does not compute them.
     residual : float
         The error with which the orbit closes: the largest difference between the states at its two ends, divided by the
         size of the motion. Displacements and velocities are compared separately.
