@@ -149,7 +149,7 @@ class CrushingStop(TwoPoints):
     side : "below" or "above"
         The side on which a stop that is fixed in space stands.
     stiffness, linear_limit, softening, of
-        These parameters have the same meaning as for `HystereticSpring`.
+        The same as for `HystereticSpring`.
     name : str, optional
         Unique in a scene.
 
