@@ -210,7 +210,7 @@ class Result(Shown, Motion):
         Raises
         ------
         ArgumentError
-            For a run of another method.
+            If the run used another method.
         """
         found = self.solution.sensitivity
         if found is None:
@@ -253,7 +253,7 @@ class Result(Shown, Motion):
         Parameters
         ----------
         points
-            As of `to_dataframe`.
+            The same as for `to_dataframe`.
 
         Raises
         ------
@@ -339,7 +339,7 @@ class Result(Shown, Motion):
         Raises
         ------
         ArgumentError
-            For another suffix, for frames outside the run, or if the scene holds
+            If the suffix is another one, if frames lie outside the run, or if the scene holds
             objects of other packages that cannot be stored.
         OutputError
             If the file exists and is not to be overwritten, or cannot be

@@ -75,7 +75,8 @@ class Contact(TwoPoints):
     Raises
     ------
     ArgumentError
-        For a missing or forbidden side, a missing law, or values out of range.
+        If `side` is missing, or is given for a contact between two points; if `acts_on` is missing; or if a value is
+        out of range.
     """
 
     def __init__(

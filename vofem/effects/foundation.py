@@ -28,8 +28,8 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(7)
 class Foundation:
     """A Winkler foundation along a whole beam: a force ``-k(x) eta`` per length.
 
-    From a one-sided foundation the beam may lift off. It is modelled by a
-    contact below every node (``acts_on="penetration"``), with the stiffness of
+    The beam may lift off from a one-sided foundation. Such a foundation is modelled by a contact below every node
+    (``acts_on="penetration"``), with the stiffness of
     the length that belongs to the node. The paper mentions such contact along
     the whole length at the end of section 4.2.
 
@@ -49,7 +49,7 @@ class Foundation:
     Raises
     ------
     ArgumentError
-        For a gap of a two-sided foundation, or values out of range.
+        If a gap is given for a two-sided foundation, or a value is out of range.
     """
 
     def __init__(

@@ -18,14 +18,14 @@ class HystereticSpring(TwoPoints):
 
     The spring is linear up to `linear_limit`. Beyond it, a first loading follows
     the backbone ``F = K (1 - softening(F)) u``, and unloading is elastic with
-    stiffness K. `memory` chooses what the spring keeps of its past:
+    stiffness K. `memory` chooses how earlier loading acts on the spring:
 
     - "printed" is Eqs. 22-25 as they stand. The spring loses its residual
       elongation as soon as the load rises again: loaded to 7 N and unloaded to
       3 N, it jumps from 10 m to 3 m at the first step of reloading. The law is
       driven by the applied force. It therefore holds only for a spring that
       is the single support of a single loaded mass.
-    - "cyclic" keeps the largest force reached. Unloading and reloading are
+    - "cyclic" stores the largest force that was reached. Unloading and reloading are
       elastic up to this force; beyond it the spring follows the backbone.
       Compression has a largest force of its own.
 
@@ -44,7 +44,7 @@ class HystereticSpring(TwoPoints):
         ``(|F| - K d0)/(4 N)``. A callable is tabulated once, up to 1e4 linear
         limits, with an error of 1e-11.
     memory : "printed" or "cyclic"
-        What the spring keeps of its past, see above. There is no default.
+        The memory of the spring for earlier loading, see above. There is no default.
     of : {"displacement", "rotation"}
         Whether it acts on displacements (m, N) or on rotations of beams (rad, N m).
     name : str, optional

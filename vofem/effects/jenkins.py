@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 
 class IwanSpring(TwoPoints):
-    """A spring that follows a measured curve of first loading, and Masing's rules after every reversal.
+    """A spring that follows a given curve of first loading, and Masing's rules after every reversal.
 
     The curve is piecewise linear from the origin through the given points. It is
     reproduced by parallel Jenkins elements, one for each bend, beside a spring
@@ -43,7 +43,7 @@ class IwanSpring(TwoPoints):
     Raises
     ------
     ArgumentError
-        For a curve that stiffens or falls.
+        If a slope of the curve is larger than the one before it, or negative.
 
     References
     ----------

@@ -137,7 +137,7 @@ def rl_integral(
     Raises
     ------
     ArgumentError
-        As for `rl_derivative`.
+        In the same cases as for `rl_derivative`.
     """
     operator = _Operator(samples, t, order, method, history, start, fast, derivative=False)
     return operator.at(-operator.orders)

@@ -91,7 +91,7 @@ class ContactHistory:
         Parameters
         ----------
         count : int
-            How many.
+            Number of impacts.
         tolerance : float
             Accepted error of the forces between events, divided by the largest force.
         """

@@ -126,7 +126,7 @@ class ContactStatistics:
     Attributes
     ----------
     name : str
-        Of the contact.
+        Name of the contact.
     begin, end : float
         Begin and end of the window in s.
     count : int

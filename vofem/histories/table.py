@@ -25,7 +25,7 @@ class Table(Shown, Mapping[str, NDArray]):
         The values and their unit. The unit is "" for texts, truth values and numbers without unit.
     title : str
     notes : tuple of str
-        What a reader of the numbers should know.
+        Sentences that a reader of the numbers should know.
 
     Attributes
     ----------

@@ -37,7 +37,7 @@ class Intrinsic:
 
 
 class CompiledFunction:
-    """A Python function with its compiled form, which is made when it is first asked for.
+    """A Python function with its compiled form, which is made when it is first needed.
 
     A module that holds such functions is imported without numba. Other
     compiled functions call this one as if it had been decorated by numba itself.

@@ -50,7 +50,8 @@ def work_and_dissipation(
     loads : LoadTable, optional
         The functions of time of the loads; None where they are too many for a table.
     visits : list of (int, ndarray of int, ndarray)
-        Segments in ascending order with the times wanted in them: their places in `work`, and from its start, s.
+        Segments in ascending order with the requested times in them: the places of the times in `work`, and the times
+        in s from the start of the segment.
     damped : bool
         Whether there are any dampers.
     pinning : ndarray, shape (n_segments,), optional
@@ -69,7 +70,7 @@ def work_and_dissipation(
             if forms is None:
                 continue
             places, taus = zip(*(wanted.get(k, nothing) for k in members.tolist()), strict=True)
-            # The times in a segment and its end.
+            # The times in a segment, and its end.
             of = np.repeat(np.arange(members.size), [part.size + 1 for part in taus])
             tau = np.concatenate(
                 [part for k, own in zip(members, taus, strict=True) for part in (own, record.durations[k : k + 1])]

@@ -47,7 +47,7 @@ class Loads(NamedTuple):
     Attributes
     ----------
     omega : ndarray, shape (n_h,)
-        In rad/s.
+        Angular frequencies in rad/s.
     constant, slope : ndarray, shape (n_functions, k)
     amplitude : ndarray of complex, shape (n_h, n_functions, k)
     """

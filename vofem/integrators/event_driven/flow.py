@@ -52,7 +52,7 @@ class Start:
     time : float
         Time of the loads in s.
     displacement, velocity : ndarray, shape (n,)
-        Modal.
+        Modal state at `time`.
     status : ndarray of int, shape (n_contacts,), optional
         Contact status just after `time`. By default it follows from the state.
     touching : int, optional
@@ -73,7 +73,7 @@ class FlowEvent:
     Attributes
     ----------
     time : float
-        In s.
+        Time in s.
     contact : int
     before, after : int
         Status of the contact.
@@ -96,7 +96,7 @@ class Flow:
     ----------
     start : Start
     stop : float
-        In s.
+        Time in s.
     displacement, velocity : ndarray, shape (n,)
         Modal state at `stop`.
     monodromy : ndarray, shape (2n, k), optional

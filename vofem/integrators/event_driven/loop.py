@@ -24,7 +24,8 @@ from vofem.system import CLOSED, OPEN
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-#: Why the loop returns: the run is at its end, the segments asked for are done, a status has no slot, the record is
+#: Why the loop returns: the run is at its end, the requested number of segments is done, a status has no slot, the
+#: record is
 #: full, a segment is not of the common kind, or there were too many events.
 DONE, PAUSED, NEW_STATUS, FULL, SPECIAL, STORM = range(6)
 
@@ -45,7 +46,7 @@ class Laws(NamedTuple):
     rows, row_sizes : ndarray, shape (n_contacts, n)
         Modal rows, and bounds on the terms that they are summed of.
     squares : ndarray, shape (n_contacts,)
-        Of the rows.
+        Squared norms of the rows.
     gap : ndarray, shape (n_contacts,)
         Gaps in m.
     pinning, pinning_rate : ndarray, shape (n_contacts,)
@@ -66,11 +67,11 @@ class Now(NamedTuple):
     Attributes
     ----------
     time : ndarray, shape (1,)
-        In s.
+        Time in s that has been reached.
     place : ndarray of int, shape (6,)
         Numbers whose order is that of `SLOT` and the constants after it.
     displacement, velocity : ndarray, shape (n,)
-        Modal.
+        Modal state at this time.
     gaps : ndarray, shape (n_contacts,)
         Gap functions, m.
     watched : ndarray of bool, shape (n_contacts,)
@@ -184,7 +185,7 @@ def run_segments(
     now : Now
         Time and state of the run, changed in place.
     out : Buffers
-        Of the record, filled.
+        Arrays of the record, to which segments and events are added.
     horizon : float
         Longest time in s for which a motion is computed.
     until : float

@@ -32,7 +32,7 @@ _WORST_GRAM = 1e7
 
 
 class Reduction:
-    """Ritz vectors of a system, as many as asked for.
+    """Ritz vectors of a system, in any requested number.
 
     Parameters
     ----------

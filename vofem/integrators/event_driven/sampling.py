@@ -36,7 +36,7 @@ def sample_segments(
     tau : ndarray, shape (k,)
         The times from the begin of their segments, s.
     columns : ndarray of int, shape (k,)
-        Where the values go.
+        Rows of `z`, `v` and `gaps` to which the values are written.
     z, v : ndarray, shape (n_times, n)
         A time is a row, because columns that lie far apart in memory take longer to write than to compute.
     gaps : ndarray, shape (n_times, n_contacts) or (n_times, 0)

@@ -430,7 +430,7 @@ def _differentiate_clusters(
 def _noise(
     watch: Watch, flow: BlockFlow, tau: float, at: _Point, free: Array, cap: Array, noise: Array
 ) -> None:  # fmt: skip
-    """Fill in the level below which each function is lost in the rounding of the terms that make it up by tau.
+    """Compute the level below which each function is rounding of its terms up to tau.
 
     In complex modes the terms are those of second order in tau and the rates at tau = 0. For a slow block the velocity
     divided by the frequency is large compared with all displacements. Only the change of such a block within tau is

@@ -19,7 +19,7 @@ class Segment:
     Attributes
     ----------
     duration : float
-        In s.
+        Duration of the segment in s.
     status : ndarray of int, shape (n_contacts,)
     motion : Motion
         The motion from the segment's start on.
@@ -45,7 +45,7 @@ class Segments(NamedTuple):
     Attributes
     ----------
     starts, durations : ndarray, shape (k,)
-        In s.
+        Start times and durations in s.
     status : ndarray of int, shape (k, n_contacts)
     displacement, velocity : ndarray, shape (k, n)
         Modal states at the start of the segments.

@@ -106,7 +106,7 @@ class Perturbation:
         index : int
             The first segment.
         growth : ndarray, shape (n_segments + 1,)
-            At the ends of segments; filled.
+            Growth at the ends of segments; filled.
 
         Returns
         -------

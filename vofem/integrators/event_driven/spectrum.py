@@ -263,7 +263,7 @@ class Spectra:
     cache : Cache
         Of the system; holds the eigensystems of earlier runs. The last bits of an eigensystem depend on the order in
         which its contacts were closed. Eigensystems are therefore stored by that order. A run thus gives the same
-        bits whatever has run before.
+        bits, independent of earlier runs.
 
     Attributes
     ----------

@@ -52,9 +52,9 @@ class Strip:
     Attributes
     ----------
     x, low, high : ndarray, shape (k,)
-        In pixels.
+        Coordinates in pixels.
     values : ndarray, shape (k,)
-        In the unit of `Drawing.limit`.
+        Values in the unit of `Drawing.limit`.
     """
 
     x: Array

@@ -63,7 +63,7 @@ def force_histogram(
     Raises
     ------
     ArgumentError
-        For an unknown contact, or one that does not close in the window.
+        If the contact is unknown, or does not close in the window.
     OutputError
         If the file cannot be written.
     """
@@ -181,7 +181,7 @@ def event_raster(
     Raises
     ------
     ArgumentError
-        For a run without contacts.
+        If the run has no contacts.
     OutputError
         If the file cannot be written.
     """

@@ -69,8 +69,8 @@ def shapes(
     Raises
     ------
     ArgumentError
-        For an equilibrium without its scene, a scene with several beams and no
-        `body`, times outside the run, or shapes that do not fit.
+        If an equilibrium is given without its scene, a scene has several beams and `body` is missing, times lie outside
+        the run, or arrays of `beside` have wrong shapes.
     OutputError
         If the file cannot be written.
     """

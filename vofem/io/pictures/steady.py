@@ -252,7 +252,7 @@ def poincare_section(section: PoincareSection, point: Any, path: Where = None, *
     Parameters
     ----------
     section : PoincareSection
-        What `vofem.poincare` returns.
+        A section that `vofem.poincare` has returned.
     point : point of a body
     path : path of a .png, .pdf or .svg, optional
         The file to write.
@@ -293,7 +293,7 @@ def backbone_curve(branch: Branch | Sequence[Branch], path: Where = None, *, ax:
     Parameters
     ----------
     branch : Branch, or several of them
-        What `vofem.backbone` returns, with `omega` and `energy`.
+        A branch that `vofem.backbone` has returned.
     path : path of a .png, .pdf or .svg, optional
         The file to write.
     ax : matplotlib axes, optional

@@ -161,7 +161,7 @@ class Branch(Shown):
         Raises
         ------
         ArgumentError
-            For a branch of forced orbits, whose energy changes along each of them.
+            If the orbits are forced, because the energy of a forced orbit changes in time.
         """
         self._free("energy")
         return self.values
@@ -172,7 +172,7 @@ class Branch(Shown):
         Raises
         ------
         ArgumentError
-            For a branch of forced orbits.
+            If the orbits are forced.
         """
         self._free("q0")
         return np.array([orbit.start_of(point) for orbit in self.orbits])
@@ -246,7 +246,7 @@ class Branch(Shown):
         Raises
         ------
         ArgumentError
-            For another suffix.
+            If the suffix is another one.
         OutputError
             If the file exists and is not to be overwritten, or cannot be written.
         """

@@ -1,7 +1,7 @@
 """Shooting for large structures in a few coordinates, which represent the lowest modes and all static responses.
 
 Only few of the modes of a fine mesh move in a steady motion. The other modes follow the forces at once or decay within
-a period. Orbits of large systems are therefore looked for in load-dependent Ritz vectors
+a period. Orbits of large systems are therefore computed in load-dependent Ritz vectors
 (`reduction.py`): static responses to contacts, loads and dashpots, and the vectors that are generated from them and
 from loads of any shape. The latter converge to the lowest modes. Their number is doubled until the orbit no longer
 changes. Equal bodies that are not touched by contacts or loads have several modes of the same frequency. Of these only
@@ -167,7 +167,7 @@ _KIND = "vectors of orbits"
 
 
 def _reduction(full: System) -> Reduction:
-    """Return the vectors of a system, as many as asked for."""
+    """Return the object that computes vectors of a system."""
 
     def make() -> Reduction:
         any_shape = np.random.default_rng(0).standard_normal((1 + full.rigid.shape[1], full.size))

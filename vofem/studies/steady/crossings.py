@@ -45,7 +45,8 @@ _TRIES, _FINE = 60, 1e-13
 #: A sign change counts as a root where the function is smaller there than this share of its ends: no pole, no jump.
 _VANISHES = 1e-3
 
-#: A parabola that falls below this share of the lowest of three values, or of the largest, makes two steps looked into.
+#: A parabola that falls below this share of the lowest of three values, or of the largest, makes it necessary to search
+#: two steps.
 _NEAR, _DEEP = 0.3, 0.05
 
 #: Largest number of orbits that are computed there, and their least distance in terms of the longer step.

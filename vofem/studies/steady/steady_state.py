@@ -51,7 +51,7 @@ def periodic(
         taken.
     method : {"auto", "shooting", "harmonic_balance"}
         "shooting" is exact; it accepts the scenes that event_driven accepts. "harmonic_balance" also accepts other
-        laws. "auto" takes shooting if it accepts the scene, otherwise harmonic balance.
+        laws. "auto" takes shooting if it accepts the scene and `harmonics` is not given, otherwise harmonic balance.
     harmonics : int, optional
         Number of harmonics for harmonic balance. The default is 25 for each period of the loads.
 
@@ -88,7 +88,7 @@ def first_orbit(what: str, problem: OrbitProblem, guess: Any) -> tuple[OrbitProb
     Raises
     ------
     ConvergenceError
-        If none is found, or one that repeats earlier than after the periods that were asked for.
+        If none is found, or one that repeats earlier than after the given number of periods.
     """
     if isinstance(problem, Shooting):
         problem = _as_guess(problem, guess)
