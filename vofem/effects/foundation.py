@@ -29,9 +29,8 @@ class Foundation:
     """A Winkler foundation along a whole beam: a force ``-k(x) eta`` per length.
 
     The beam may lift off from a one-sided foundation. Such a foundation is modelled by a contact below every node
-    (``acts_on="penetration"``), with the stiffness of
-    the length that belongs to the node. The paper mentions such contact along
-    the whole length at the end of section 4.2.
+    (``acts_on="penetration"``), with the stiffness of the length that belongs to the node. The paper mentions such
+    contact along the whole length at the end of section 4.2.
 
     Parameters
     ----------

@@ -70,9 +70,9 @@ def rl_derivative(
     Returns
     -------
     ndarray, shape (n,)
-        The derivative in the unit of g divided by s^order. The value at ``t[0]`` is the limit: infinite where
-        g does not begin at zero and the order is not an integer; NaN where
-        samples cannot decide (orders between 1 and 2, ``g[0] = 0``).
+        The derivative in the unit of g divided by s^order. The value at ``t[0]`` is the limit: infinite where g does
+        not begin at zero and the order is not an integer; NaN where samples cannot decide (orders between 1 and 2,
+        ``g[0] = 0``).
 
     Raises
     ------

@@ -48,9 +48,8 @@ class StreamingDerivative:
     """The derivative of order 0 to 1 of a displacement u, given at steps of equal length.
 
     It is Caputo's derivative, ``1/Gamma(1-a)`` times the integral of ``(t - x)^-a u'(x)`` from 0 to t. It describes a
-    body that was at rest before t = 0, in any position. The
-    Riemann-Liouville derivative is larger by ``u(0) t^-a / Gamma(1-a)``, and
-    the same where ``u(0) = 0``. An order that varies is frozen at the present.
+    body that was at rest before t = 0, in any position. The Riemann-Liouville derivative is larger by ``u(0) t^-a /
+    Gamma(1-a)``, and the same where ``u(0) = 0``. An order that varies is frozen at the present.
 
     Parameters
     ----------

@@ -66,8 +66,7 @@ def render(
         Width and height in pixels.
     magnification : float, optional
         Factor by which displacements are enlarged. The default is the largest 1, 2 or 5 times a power of ten at which
-        the motion fits into the picture. In a scene without beams the picture
-        is taken to be 1 m wide.
+        the motion fits into the picture. In a scene without beams the picture is taken to be 1 m wide.
 
     Returns
     -------

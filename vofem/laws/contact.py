@@ -125,8 +125,7 @@ class ContactLaws(LawGroup):
         """Return the contact forces under the ideal switch.
 
         They are computed from the gap functions, so that small penetrations are accurate. The force of a pinned contact
-        follows from the structure and
-        is returned as zero here.
+        follows from the structure and is returned as zero here.
         """
         elastic = self.column(self.stiffness, s) * (s + self.column(self.gap - self.offset, s))
         return np.where(status == CLOSED, elastic + self.column(self.damping, s) * rate, 0.0)

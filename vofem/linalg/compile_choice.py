@@ -1,9 +1,8 @@
 """The choice between compiled kernels and plain Python for a piece of work.
 
-Plain Python starts at once and is some hundred times slower. Compiled code
-costs the import of numba and, where it is not on disk, the compilation. The time that a process has already spent in
-plain Python on work of a kind counts too. A user who has repeated this work for as long as compiling takes is likely to
-continue.
+Plain Python starts at once and is some hundred times slower. Compiled code costs the import of numba and, where it is
+not on disk, the compilation. The time that a process has already spent in plain Python on work of a kind counts too. A
+user who has repeated this work for as long as compiling takes is likely to continue.
 """
 
 from __future__ import annotations

@@ -18,13 +18,11 @@ _ORTHOGONAL = 1e-9
 def modal_basis(mass: Any, stiffness: Any, scale: Array, rigid: Array, strain: Any = None) -> tuple[Array, Array]:
     """Return all eigenpairs of ``K phi = omega^2 M phi``, M-orthonormal, in ascending order.
 
-    `eigh(K, M)` loses ``eps (omega_max/omega_1)^2`` in the lowest modes, which
-    carry the motion. The lower half is therefore taken from the inverse
-    problem `eigh(M, K)` and the upper half from the direct one, with slopes
-    scaled by the element length. Parts that are not coupled are solved apart.
-    Where K is given as a sum of squares too, frequencies are Rayleigh
-    quotients of strains: they contain the square of the error of a mode, and not the cancellation in K, which grows
-    like the fourth power of the number of elements.
+    `eigh(K, M)` loses ``eps (omega_max/omega_1)^2`` in the lowest modes, which carry the motion. The lower half is
+    therefore taken from the inverse problem `eigh(M, K)` and the upper half from the direct one, with slopes scaled by
+    the element length. Parts that are not coupled are solved apart. Where K is given as a sum of squares too,
+    frequencies are Rayleigh quotients of strains: they contain the square of the error of a mode, and not the
+    cancellation in K, which grows like the fourth power of the number of elements.
 
     Parameters
     ----------

@@ -1,8 +1,7 @@
 """Divided differences of the exponential: every response of a linear oscillator, without division by zero.
 
-The response of ``z'' + 2 delta z' + p z`` to ``exp(b t)`` from rest is the
-divided difference of ``x -> exp(x t)`` over its two roots and b. In this form resonance, repeated roots and rigid-body
-motion are not special cases.
+The response of ``z'' + 2 delta z' + p z`` to ``exp(b t)`` from rest is the divided difference of ``x -> exp(x t)`` over
+its two roots and b. In this form resonance, repeated roots and rigid-body motion are not special cases.
 """
 
 from __future__ import annotations

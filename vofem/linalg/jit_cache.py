@@ -1,8 +1,7 @@
 """The place of compiled kernels on disk, and the kinds of work for which they exist, without importing numba.
 
-numba keeps machine code beside the sources or, where these cannot be written,
-in the user's folder for caches. Beside it stands an index of this package: the
-kinds of work for which all code has been compiled, under a key that names the
+numba keeps machine code beside the sources or, where these cannot be written, in the user's folder for caches. Beside
+it stands an index of this package: the kinds of work for which all code has been compiled, under a key that names the
 sources, the versions of Python and numba, and the processor. The index is only an estimate: code that is missing
 nevertheless is compiled again.
 """

@@ -3,15 +3,13 @@
 The blocks of a status obey ``x' = A x + g(t)``, where x holds the displacements z and the velocities v of all blocks.
 Their motion is written as ``x = h + s``. The part s is the response to loads, and to springs whose force is zero at a
 displacement other than zero. It is a sum of exponentials and a ramp. The part h is free motion, except in blocks that
-have no such response (resonance,
-blocks that are slower than the run).
+have no such response (resonance, blocks that are slower than the run).
 
 Dampers take the power ``x' Q x``. The matrix P with ``A' P + P A = -Q`` is computed once for each status, block by
 block in closed form. The energy that free motion loses is then ``h' P h`` at its start minus that at its end. Integrals
-of ``exp(i w t) r h``
-follow in the same way from the row y with ``(A' + i w) y = r``. Each time costs one evaluation of the blocks and some
-products of matrices, however many exponentials the motion has. P is computed from the dampers and the roots alone, so
-that the energy balance is an independent check.
+of ``exp(i w t) r h`` follow in the same way from the row y with ``(A' + i w) y = r``. Each time costs one evaluation of
+the blocks and some products of matrices, however many exponentials the motion has. P is computed from the dampers and
+the roots alone, so that the energy balance is an independent check.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """Computes a motion segment by segment, in compiled code where this is possible and otherwise in Python.
 
-A step in Python handles every segment: contacts that are pinned, events of
-several contacts at once, clusters of complex modes. The compiled loop
-(`loop.run_segments`) handles the common ones, many in one call. The choice between them depends on the motion alone, so
-that a run that is continued from a snapshot gives the same bits.
+A step in Python handles every segment: contacts that are pinned, events of several contacts at once, clusters of
+complex modes. The compiled loop (`loop.run_segments`) handles the common ones, many in one call. The choice between
+them depends on the motion alone, so that a run that is continued from a snapshot gives the same bits.
 """
 
 from __future__ import annotations

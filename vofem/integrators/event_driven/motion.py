@@ -1,11 +1,9 @@
 """The motion between two events in closed form.
 
-A block's motion is a free part from its own state, a particular part (the
-steady answer to harmonics, constants and ramps) and, where the particular
-part would divide by almost zero (resonance, rigid motion), the response from
-rest instead. All parts are evaluated as changes since the beginning of the segment, which are accurate however small
-they are. The small penetration of a stiff contact is therefore far more accurate than the displacement to which it is
-added.
+A block's motion is a free part from its own state, a particular part (the steady answer to harmonics, constants and
+ramps) and, where the particular part would divide by almost zero (resonance, rigid motion), the response from rest
+instead. All parts are evaluated as changes since the beginning of the segment, which are accurate however small they
+are. The small penetration of a stiff contact is therefore far more accurate than the displacement to which it is added.
 """
 
 from __future__ import annotations

@@ -1,10 +1,9 @@
 """The pinned state of a contact under the displacement law: it rests at its gap, with a reaction in [0, K0 gap].
 
 If the accelerations of the open and of the closed contact both point towards the gap, neither status can last, and
-events accumulate (a Filippov sliding state). A contact is pinned
-when an event finds ``a_open > 0 > a_closed`` and the predicted excursion
-``v^2 / (2 min(a_open, -a_closed))`` below a fraction of its gap. The remaining normal velocity is removed along ``M^-1
-b``. The contact is released when the reaction leaves its interval.
+events accumulate (a Filippov sliding state). A contact is pinned when an event finds ``a_open > 0 > a_closed`` and the
+predicted excursion ``v^2 / (2 min(a_open, -a_closed))`` below a fraction of its gap. The remaining normal velocity is
+removed along ``M^-1 b``. The contact is released when the reaction leaves its interval.
 """
 
 from __future__ import annotations

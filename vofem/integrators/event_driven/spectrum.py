@@ -357,10 +357,9 @@ class Spectra:
         """Return the modes with some contacts closed, and the changes by which they were computed.
 
         The modes are computed from those of the nearest status that is already known in the run. A rank-one update
-        closes a
-        contact, its reverse opens one. The reverse loses digits, so the modes are refined afterwards; where refinement
-        fails, they are computed from a status with fewer closed contacts. A change is k for contact k that closes and
-        ``-1 - k`` for contact k that opens.
+        closes a contact, its reverse opens one. The reverse loses digits, so the modes are refined afterwards; where
+        refinement fails, they are computed from a status with fewer closed contacts. A change is k for contact k that
+        closes and ``-1 - k`` for contact k that opens.
         """
         key = closed.tobytes()
         if key in self._closed:

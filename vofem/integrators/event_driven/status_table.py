@@ -57,8 +57,7 @@ class Table(NamedTuple):
         Block inputs of the loads.
     push : ndarray, shape (slots, 4, n)
         What springs whose force is zero at a displacement other than zero do: static displacement and velocity of the
-        blocks and the
-        inputs g1, g2 that are left.
+        blocks and the inputs g1, g2 that are left.
     constant : ndarray, shape (slots, n_functions, 4, n), or (0, 0, 0, 0)
         The same of the loads' constant parts, where mixed.
     slope : ndarray, shape (slots, n_functions, 8, n), or (0, 0, 0, 0)

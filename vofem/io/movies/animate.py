@@ -116,8 +116,7 @@ def animate(
         The scene of mode shapes. With it, springs, dashpots and joints are shown too.
     progress : bool or callable, optional
         True shows a progress bar and False shows none. None shows it if the standard error stream is a terminal. A
-        function is called with
-        the number of frames that are written and the total number of frames.
+        function is called with the number of frames that are written and the total number of frames.
 
     Returns
     -------

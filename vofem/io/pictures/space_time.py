@@ -26,9 +26,9 @@ def space_time(
 ) -> Any:  # fmt: skip
     """Draw displacements as colours over time and place, and closed contacts as lines.
 
-    The place is x along a beam. In a scene that has only masses it is the number of the mass,
-    and a contact lies between the two that it joins. If a few places move much further than the others, the colours end
-    at three times the root mean square displacement, and the colour bar has arrows.
+    The place is x along a beam. In a scene that has only masses it is the number of the mass, and a contact lies
+    between the two that it joins. If a few places move much further than the others, the colours end at three times the
+    root mean square displacement, and the colour bar has arrows.
 
     Parameters
     ----------

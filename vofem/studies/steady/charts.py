@@ -1,10 +1,9 @@
 """Coordinates of orbits along a branch.
 
-The coordinates are the state at t = 0 if all contacts switch fast. Where a contact
-switches slowly, near a grazing, the flow from t = 0 depends on the state like
-a square root. In this case orbits are described by the phase of the slow event, and by the state at this event, where
-the gap function is zero. The rate of the gap function is one of these coordinates. The orbit is a smooth function of
-them down to rate zero, which is the grazing itself.
+The coordinates are the state at t = 0 if all contacts switch fast. Where a contact switches slowly, near a grazing, the
+flow from t = 0 depends on the state like a square root. In this case orbits are described by the phase of the slow
+event, and by the state at this event, where the gap function is zero. The rate of the gap function is one of these
+coordinates. The orbit is a smooth function of them down to rate zero, which is the grazing itself.
 """
 
 from __future__ import annotations

@@ -1,16 +1,13 @@
 """The linear part of a structure at given frequencies: dynamic compliance in modes or Ritz vectors.
 
-Without its nonlinear laws the response of a structure to a load ``f exp(i omega t)`` is
-``q = A^-1 f``, ``A = K + i omega C - omega^2 M + sum_s c_s (i omega)^alpha_s b_s b_s'``;
-the last sum is that of springpots, which act on harmonic motions exactly in this way.
-In modes A is diagonal except for dashpots, springpots and contacts that are held closed. These are few and enter as a
-small system of equations (Woodbury).
-Modes near resonance stay in that system, so that nothing is divided by a
-small number.
+Without its nonlinear laws the response of a structure to a load ``f exp(i omega t)`` is ``q = A^-1 f``, ``A = K + i
+omega C - omega^2 M + sum_s c_s (i omega)^alpha_s b_s b_s'``; the last sum is that of springpots, which act on harmonic
+motions exactly in this way. In modes A is diagonal except for dashpots, springpots and contacts that are held closed.
+These are few and enter as a small system of equations (Woodbury). Modes near resonance stay in that system, so that
+nothing is divided by a small number.
 
-Large systems are expressed in load-dependent Ritz vectors. These are nested,
-so the change of the response from half of them to all of them is known. Their number is doubled until this change is
-small.
+Large systems are expressed in load-dependent Ritz vectors. These are nested, so the change of the response from half of
+them to all of them is known. Their number is doubled until this change is small.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Periodic orbits by shooting: the state at the end of an orbit must equal the state at its beginning.
 
 The unknowns are modal displacements and velocities at t = 0 of the loads; for large systems those of the vectors of
-`condensed.py`. The flow is exact between
-events and its derivative is too, so Newton's method converges quadratically
+`condensed.py`. The flow is exact between events and its derivative is too, so Newton's method converges quadratically
 and the multipliers are those of the orbit.
 """
 
