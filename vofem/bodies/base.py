@@ -36,7 +36,7 @@ class Row:
 
 @dataclass(frozen=True)
 class BodyMatrices:
-    """What a body contributes, over all its degrees of freedom, supported ones included.
+    """The matrices of a body over all its degrees of freedom, supported ones included.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class BodyMatrices:
 
 @dataclass(frozen=True)
 class DegreesOfFreedom:
-    """What the degrees of freedom of a body are.
+    """The places and kinds of the degrees of freedom of a body.
 
     Attributes
     ----------
@@ -151,12 +151,11 @@ class Body(Protocol):
 
 
 class BaseBody:
-    """What follows from degrees of freedom, matrices and shape; a body written outside may inherit it.
+    """Base class of bodies, which derives common methods from degrees of freedom, matrices and shape.
 
     A subclass sets `name` and offers `size`, `degrees_of_freedom`, `matrices`
-    and `shape`. What is here serves bodies whose degrees of freedom are
-    displacements in one direction; a body with rotations overrides
-    `rigid_motions` and `interpolate`.
+    and `shape`. A body that is written outside the package may inherit from it. The methods suit bodies whose degrees
+    of freedom are displacements in one direction. A body with rotations overrides `rigid_motions` and `interpolate`.
     """
 
     name: str
