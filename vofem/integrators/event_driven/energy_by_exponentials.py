@@ -35,8 +35,8 @@ _RAMP_SERIES = np.array([1.0 / (math.factorial(k) * (k + 2)) for k in range(16)]
 #: Exponentials that are so many times faster than odd blocks are integrated by parts.
 _FASTER = 8.0
 
-#: Decay, as a power of e, beyond which a term counts as zero; and the ratio of the last to the first of the times that
-#: are treated together when there are more than a few.
+#: Decay, as a power of e, beyond which a term counts as zero; ratio of the last to the first of the times that are
+#: treated together; and number of times up to which all are treated together.
 _DECAYED, _BATCH, _FEW = 45.0, 2.0, 16
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)

@@ -32,7 +32,7 @@ Integers = NDArray[np.int64]
 #: Times that are treated together.
 _TOGETHER = 4096
 
-#: Share of a block's energy above which a computed loss is taken as rounding.
+#: Multiple of a block's energy above which its computed loss is taken as rounding.
 _MORE = 4.0
 
 #: Share of coupling by damping below which motions count as not coupled.

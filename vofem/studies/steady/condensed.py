@@ -46,7 +46,8 @@ _CONVERGED = 1e-6
 #: Loss of digits in static responses above which a system is refused.
 _WORST_ROUNDING = 1e-6
 
-#: Decay rates are computed at frequencies from the lowest one that is left out up to this multiple of it.
+#: Number of frequencies at which decay rates are computed. They lie between the lowest one that is left out and this
+#: multiple of it.
 _RATES, _RANGE = 200, 1e6
 
 
