@@ -160,8 +160,8 @@ class Result(Shown, Motion):
     def reaction(self, body: Any, where: Any, t: ArrayLike | None = None) -> Reaction:
         """Return the force and the moment of a support on a body at `times`, or at times t.
 
-        They follow from the equations of motion of the supported degrees of
-        freedom, with inertia and damping.
+        They are computed from the equations of motion of the supported degrees of freedom, and include inertia and
+        damping.
 
         Parameters
         ----------
@@ -175,7 +175,7 @@ class Result(Shown, Motion):
     def joint_force(self, joint: Any, t: ArrayLike | None = None) -> Reaction:
         """Return the force and the moment of a joint on the body of its point a, at `times` or at times t.
 
-        On the body of b act the opposite force and moment.
+        The opposite force and moment act on the body of b.
 
         Parameters
         ----------
@@ -210,7 +210,7 @@ class Result(Shown, Motion):
         Raises
         ------
         ArgumentError
-            For a run of another method.
+            If the run used another method.
         """
         found = self.solution.sensitivity
         if found is None:
@@ -225,21 +225,22 @@ class Result(Shown, Motion):
     # -- tables -----------------------------------------------------------------------------------
 
     def to_dataframe(self, points: Mapping[str, Any] | Iterable[Any] | None = None) -> Any:
-        """Return histories as a `pandas.DataFrame`, one row a time of `times`, with units in the names of the columns.
+        """Return histories as a `pandas.DataFrame` with one row for each of `times` and units in the column names.
 
         The columns are displacement and velocity of points, force and K_eq of contacts, and energies.
 
         Parameters
         ----------
         points : dict of str to point, or points, optional
-            Where not given, those of the contacts, or of other effects where there are none; at most six.
+            Points whose motion is included. The default is the points of the contacts, or of other effects if there are
+            no contacts, at most six points.
 
         Raises
         ------
         MissingPackageError
             If pandas is not installed; it comes with the extra ``vofem[table]``.
         ArgumentError
-            For what is not a point.
+            If an entry of `points` is not a point.
         """
         return dataframe_of(self, points)
 
@@ -252,14 +253,14 @@ class Result(Shown, Motion):
         Parameters
         ----------
         points
-            As of `to_dataframe`.
+            The same as for `to_dataframe`.
 
         Raises
         ------
         MissingPackageError
             If xarray is not installed; it comes with the extra ``vofem[table]``.
         ArgumentError
-            For what is not a point.
+            If an entry of `points` is not a point.
         """
         return dataset_of(self, points)
 
@@ -275,7 +276,7 @@ class Result(Shown, Motion):
         Parameters
         ----------
         window : (float, float), optional
-            Only those that begin between two times in s.
+            Begin and end in s. Only impacts that begin between these times are returned.
 
         Raises
         ------
@@ -285,14 +286,14 @@ class Result(Shown, Motion):
         return impacts_of(self, window)
 
     def contact_statistics(self, window: ArrayLike | None = None) -> Table:
-        """Return the statistics of all contacts as a table, one contact a row.
+        """Return the statistics of all contacts as a table with one contact in each row.
 
         The columns are those of `ContactStatistics`, which ``contacts[...].statistics(...)`` gives for one contact.
 
         Parameters
         ----------
         window : (float, float), optional
-            Begin and end in s; the whole run where not given.
+            Begin and end of the window in s. The default is the whole run.
 
         Raises
         ------
@@ -311,7 +312,7 @@ class Result(Shown, Motion):
         frames: int | ArrayLike | None = None,
         magnification: float = 1.0,
     ) -> Path:
-        """Write the run to one file, for ParaView, for xarray, and for `vofem.load`, which gives it back whole.
+        """Write the run to one file, which ParaView and xarray can read and from which `vofem.load` restores the run.
 
         The file is written under a hidden name in the same folder, forced to disk
         and then renamed. So there is never an incomplete file of that name.
@@ -327,9 +328,8 @@ class Result(Shown, Motion):
             The default is all times, but at most 1000. Everything else is stored
             at all `times`.
         magnification : float
-            By which gaps are drawn larger in ParaView, for Warp By Vector with
-            this scale factor: with another one bodies do not meet their stops
-            when contacts close. The data are never magnified.
+            Factor by which gaps are drawn larger in ParaView. Use the same factor as the scale factor of Warp By
+            Vector, so that bodies meet their stops when contacts close. The data themselves are not magnified.
 
         Returns
         -------
@@ -339,7 +339,7 @@ class Result(Shown, Motion):
         Raises
         ------
         ArgumentError
-            For another suffix, for frames outside the run, or if the scene holds
+            If the suffix is another one, if frames lie outside the run, or if the scene holds
             objects of other packages that cannot be stored.
         OutputError
             If the file exists and is not to be overwritten, or cannot be

@@ -65,7 +65,7 @@ class Modes:
         Returns
         -------
         ndarray, shape (len(x),), or (1,) for a mass; of other bodies at the places of their shape
-            In 1/sqrt(kg).
+            The shape in 1/sqrt(kg).
         """
         if not 0 <= k < self.omega.size:
             raise ArgumentError(f"mode {k} was asked for, expected 0 to {self.omega.size - 1}")

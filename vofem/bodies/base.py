@@ -36,17 +36,17 @@ class Row:
 
 @dataclass(frozen=True)
 class BodyMatrices:
-    """What a body contributes, over all its degrees of freedom, supported ones included.
+    """The matrices of a body over all its degrees of freedom, supported ones included.
 
     Attributes
     ----------
     mass, stiffness : csr_matrix or ndarray, shape (n, n)
-        Symmetric; kg and N/m where the degree of freedom is a displacement.
-        An array where n is small: many masses would feel the cost of sparse objects.
+        Mass and stiffness matrix, symmetric, in kg and N/m where the degree of freedom is a displacement. They are
+        arrays if n is small, because sparse objects would make scenes of many masses slow.
     damping : csr_matrix or ndarray, shape (n, n), optional
-        None where the body has no dashpot of its own.
+        Damping matrix; None if the body has no dashpot of its own.
     supported : ndarray of int
-        Degrees of freedom that are held at zero.
+        Degrees of freedom that supports keep at zero.
     scale : ndarray, shape (n,)
         Length by which a degree of freedom is multiplied to become a
         displacement (1 for displacements, the element length for slopes).
@@ -61,7 +61,7 @@ class BodyMatrices:
 
 @dataclass(frozen=True)
 class DegreesOfFreedom:
-    """What the degrees of freedom of a body are.
+    """The places and kinds of the degrees of freedom of a body.
 
     Attributes
     ----------
@@ -77,16 +77,16 @@ class DegreesOfFreedom:
 
 @dataclass(frozen=True)
 class Shape:
-    """How a body lies in the plane of a picture, and how it moves there.
+    """The place and the direction of motion of a body in the plane of a picture.
 
     Attributes
     ----------
     kind : {"line", "block"}
-        A line is drawn through its places, a block at its one place.
+        A line is drawn through all places. A block is drawn at its only place.
     x : ndarray, shape (k,)
-        Places along the axis of the body in m, ascending; 0 of a block.
+        Places along the axis of the body in m, ascending; 0 for a block.
     rows : csr_matrix or ndarray, shape (k, size)
-        The displacement of these places from the degrees of freedom.
+        Matrix that takes the degrees of freedom to the displacements of these places.
     direction : (float, float)
         Unit vector of the displacement in the plane: (0, 1) upward, across the axis; (1, 0) along it.
     """
@@ -151,12 +151,11 @@ class Body(Protocol):
 
 
 class BaseBody:
-    """What follows from degrees of freedom, matrices and shape; a body written outside may inherit it.
+    """Base class of bodies, which derives common methods from degrees of freedom, matrices and shape.
 
     A subclass sets `name` and offers `size`, `degrees_of_freedom`, `matrices`
-    and `shape`. What is here serves bodies whose degrees of freedom are
-    displacements in one direction; a body with rotations overrides
-    `rigid_motions` and `interpolate`.
+    and `shape`. A body that is written outside the package may inherit from it. The methods suit bodies whose degrees
+    of freedom are displacements in one direction. A body with rotations overrides `rigid_motions` and `interpolate`.
     """
 
     name: str
@@ -192,7 +191,7 @@ class BaseBody:
         return self.summary()
 
     def strain_rows(self) -> csr_matrix | Array | None:
-        """Return None: nothing is known of K as a sum of squares."""
+        """Return None, because K is not known as a sum of squares."""
         return None
 
     def sections(self) -> Mapping[str, Any]:
@@ -204,7 +203,7 @@ class BaseBody:
         return np.where(self.degrees_of_freedom.rotation, 0.0, self.shape.direction[1])
 
     def rigid_motions(self) -> Array:
-        """Return the displacement of all by the same, where nothing resists it."""
+        """Return the equal displacement of all degrees of freedom, if nothing resists it."""
         motion = np.where(self.degrees_of_freedom.rotation, 0.0, 1.0)[:, None]
         stiffness = self.matrices().stiffness
         resisted = np.abs(stiffness @ motion) > 1e-12 * (abs(stiffness) @ motion)
@@ -241,7 +240,7 @@ class BaseBody:
         return ShapePoint(self, place)
 
     def resolve(self, point: Point) -> Row:
-        """Return the row of a point: its own where it lies on this body, else that of the same x."""
+        """Return the row of a point. A point of another body stands for the point of this body at the same x."""
         return point.row() if point.body is self else self.at(place_of(point)).row()
 
     def supported_at(self, where: Any) -> IntArray:

@@ -134,14 +134,14 @@ class Beam:
         path : str or path
             A file that ends in .msh, .vtu or .med, with lengths in m.
         EI, rhoA, supports, tension, name
-            As for `Beam`.
+            The same as for `Beam`.
 
         Raises
         ------
         MeshError
             If the file is missing, damaged, or holds no such chain.
         ArgumentError
-            For coefficients or supports that do not suit the mesh.
+            If coefficients or supports do not suit the mesh.
         """
         from vofem.bodies.mesh_file import read_mesh
 
@@ -302,7 +302,7 @@ class Beam:
         return basis_for(self._axis, *values)
 
     def at_quadrature(self, what: str, value: Any, basis: Basis, *, positive: bool = True) -> Any:
-        """Return a coefficient where scikit-fem wants it: a number, or values of shape (n_elements, n_points)."""
+        """Return a coefficient at the quadrature points: a number, or values of shape (n_elements, n_points)."""
         return Coefficient(what, value, self._axis, positive).at_quadrature(basis)
 
     # -- fields -----------------------------------------------------------------------------------
@@ -310,7 +310,7 @@ class Beam:
     def field_matrix(self, x: ArrayLike, derivative: int = 0) -> csr_matrix:
         """Return the matrix that takes the degrees of freedom to a derivative of eta at x.
 
-        At a node the element to its right is taken (the last node: to its left).
+        At a node the value is that of the element to its right, and at the last node that of the element to its left.
 
         Parameters
         ----------
@@ -364,6 +364,6 @@ class Beam:
         Raises
         ------
         ArgumentError
-            If the field is not finite, or does not vanish where a support holds it.
+            If the field is not finite, or is not zero at a support.
         """
         return project(f"{what} of {self.label}", field, self._axis, self.supports)

@@ -31,7 +31,7 @@ def project(label: str, field: Any, axis: Axis, supports: Mapping[int, str]) -> 
     Raises
     ------
     ArgumentError
-        If the field is not finite, or does not vanish where a support holds it.
+        If the field is not finite, or is not zero at a support.
     """
     if not callable(field):
         constant = number(label, field)

@@ -1,4 +1,4 @@
-"""Effects: what acts on bodies. Each compiles itself into rows, laws and loads of the System."""
+"""Effects, which act on bodies. Each effect adds its rows, laws and loads to the System."""
 
 from vofem._validate import public
 from vofem.effects.attachments import Dashpot, PointMass, RotationalSpring, Spring

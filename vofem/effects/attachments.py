@@ -42,7 +42,7 @@ class Dashpot(TwoPoints):
     a, b : points
         ``beam.at(x)`` or a `Mass`. Without b it acts between a and the ground.
     damping : float
-        In N s/m, not negative; in N m s/rad where it acts on rotations.
+        Damping constant in N s/m, or in N m s/rad if the dashpot acts on rotations; not negative.
     of : {"displacement", "rotation"}
         Whether it acts on displacements (m, N) or on rotations of beams (rad, N m).
     """

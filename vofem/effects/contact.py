@@ -52,13 +52,14 @@ class Contact(TwoPoints):
         closes when a has risen relative to b by more than the gap. Without b
         the contact is a stop that is fixed in space.
     gap : float
-        In m. A negative gap is a preload; it needs ``acts_on="penetration"``.
+        The gap in m. A negative gap is a preload; it needs ``acts_on="penetration"``.
     stiffness : float
-        K0 in N/m, positive.
+        Contact stiffness K0 in N/m, positive.
     damping : float
-        C0 in N s/m, not negative. The damper acts while the contact is closed.
+        Damping constant C0 in N s/m, not negative. The damper acts only while the contact is closed.
     side : "below" or "above"
-        Of a stop: below, it closes when ``eta < -gap``; above, when ``eta > gap``.
+        The side on which a fixed stop stands. A stop below closes when ``eta < -gap``, and a stop above closes when
+        ``eta > gap``.
     acts_on : "displacement" or "penetration"
         "penetration" is an elastic stop behind a gap: the force is K0 times
         ``s``. "displacement" is the paper's law: the force is K0 times the whole
@@ -74,7 +75,8 @@ class Contact(TwoPoints):
     Raises
     ------
     ArgumentError
-        For a missing or forbidden side, a missing law, or values out of range.
+        If `side` is missing, or is given for a contact between two points; if `acts_on` is missing; or if a value is
+        out of range.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Damping of the structure without its contacts, be these open or closed. A contact has a damper of its own."""
+"""Damping of the structure without its contacts. It does not change when contacts close."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class ModalDamping:
     Parameters
     ----------
     ratio : float or array_like, shape (k,)
-        Not negative; 1 is critical. A number holds for every vibration mode.
+        Damping ratio, not negative; 1 is critical damping. A number holds for every vibration mode.
         A list gives one ratio for each mode in ascending order of frequency.
         Modes beyond the end of the list take its last ratio. Rigid motions are
         not counted and stay undamped. Modes of equal frequency should have equal

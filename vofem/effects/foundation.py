@@ -1,4 +1,4 @@
-"""Elastic foundations: Winkler's, two-sided or with lift-off."""
+"""Elastic foundations of Winkler's type, two-sided or with lift-off."""
 
 from __future__ import annotations
 
@@ -28,17 +28,16 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(7)
 class Foundation:
     """A Winkler foundation along a whole beam: a force ``-k(x) eta`` per length.
 
-    From a one-sided foundation the beam may lift off. It is modelled by a
-    contact below every node (``acts_on="penetration"``), with the stiffness of
-    the length that belongs to the node. The paper mentions such contact along
-    the whole length at the end of section 4.2.
+    The beam may lift off from a one-sided foundation. Such a foundation is modelled by a contact below every node
+    (``acts_on="penetration"``), with the stiffness of the length that belongs to the node. The paper mentions such
+    contact along the whole length at the end of section 4.2.
 
     Parameters
     ----------
     beam : Beam
         The beam that rests on the foundation.
     stiffness : float or callable of an array x
-        k in N/m per m, not negative.
+        Stiffness k of the foundation in N/m per m, not negative.
     one_sided : bool
         Whether the foundation can only push, so that the beam may lift off.
     gap : float
@@ -49,7 +48,7 @@ class Foundation:
     Raises
     ------
     ArgumentError
-        For a gap of a two-sided foundation, or values out of range.
+        If a gap is given for a two-sided foundation, or a value is out of range.
     """
 
     def __init__(

@@ -18,14 +18,14 @@ class HystereticSpring(TwoPoints):
 
     The spring is linear up to `linear_limit`. Beyond it, a first loading follows
     the backbone ``F = K (1 - softening(F)) u``, and unloading is elastic with
-    stiffness K. `memory` chooses what the spring keeps of its past:
+    stiffness K. `memory` chooses how earlier loading acts on the spring:
 
     - "printed" is Eqs. 22-25 as they stand. The spring loses its residual
       elongation as soon as the load rises again: loaded to 7 N and unloaded to
       3 N, it jumps from 10 m to 3 m at the first step of reloading. The law is
       driven by the applied force. It therefore holds only for a spring that
       is the single support of a single loaded mass.
-    - "cyclic" keeps the largest force reached. Unloading and reloading are
+    - "cyclic" stores the largest force that was reached. Unloading and reloading are
       elastic up to this force; beyond it the spring follows the backbone.
       Compression has a largest force of its own.
 
@@ -44,7 +44,7 @@ class HystereticSpring(TwoPoints):
         ``(|F| - K d0)/(4 N)``. A callable is tabulated once, up to 1e4 linear
         limits, with an error of 1e-11.
     memory : "printed" or "cyclic"
-        What the spring keeps of its past, see above. There is no default.
+        The memory of the spring for earlier loading, see above. There is no default.
     of : {"displacement", "rotation"}
         Whether it acts on displacements (m, N) or on rotations of beams (rad, N m).
     name : str, optional
@@ -98,7 +98,7 @@ class HystereticSpring(TwoPoints):
         force : float
             The applied force in N.
         rising : bool
-            Whether the force rises; while it is held, whether it rose before.
+            Whether the force rises. While the force is constant: whether it rose before.
         """
         softened = ideal(self._backbone.level(abs(force)), abs(elongation) - self.linear_limit)
         loading = ideal(self.stiffness, 1.0 if rising else -1.0)
@@ -132,7 +132,7 @@ class HystereticSpring(TwoPoints):
 
 
 class CrushingStop(TwoPoints):
-    """A stop behind a gap that yields under force and keeps its dent.
+    """A stop behind a gap that yields under force and keeps its residual deformation.
 
     The approach s is ``u_a - u_b`` between two points, ``-eta`` for a stop below,
     and ``eta`` for a stop above. The stop pushes back when s exceeds the gap.
@@ -147,9 +147,9 @@ class CrushingStop(TwoPoints):
     gap : float
         Gap before the stop is touched, in m.
     side : "below" or "above"
-        Where a stop stands that is fixed in space.
+        The side on which a stop that is fixed in space stands.
     stiffness, linear_limit, softening, of
-        As of `HystereticSpring`.
+        The same as for `HystereticSpring`.
     name : str, optional
         Unique in a scene.
 

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 
 class IwanSpring(TwoPoints):
-    """A spring that follows a measured curve of first loading, and Masing's rules after every reversal.
+    """A spring that follows a given curve of first loading, and Masing's rules after every reversal.
 
     The curve is piecewise linear from the origin through the given points. It is
     reproduced by parallel Jenkins elements, one for each bend, beside a spring
@@ -43,7 +43,7 @@ class IwanSpring(TwoPoints):
     Raises
     ------
     ArgumentError
-        For a curve that stiffens or falls.
+        If a slope of the curve is larger than the one before it, or negative.
 
     References
     ----------
@@ -148,7 +148,7 @@ def _law(label: str, name: str, elongation: Array, force: Array, units: Units) -
             "from above zero"
         )
     slopes = np.diff(force, prepend=0.0) / steps
-    # What differences of forces given to some digits cannot tell is no bend.
+    # A change of slope below the rounding of the given forces does not count as a bend.
     noise = 1e-12 * slopes[0]
     slopes[np.abs(slopes) <= noise] = 0.0
     if slopes[-1] < 0.0 or slopes[0] <= 0.0:

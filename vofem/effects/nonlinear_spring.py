@@ -19,7 +19,7 @@ _SAMPLES = (-1.0, -0.1, -1e-2, -1e-3, 1e-3, 1e-2, 0.1, 1.0)
 class NonlinearSpring(TwoPoints):
     """An elastic spring with a law written in Python, between two points or from a point to ground.
 
-    Only methods that step in time accept it.
+    The methods that step in time accept it, and so does harmonic balance.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class NonlinearSpring(TwoPoints):
         return self.law.force
 
     def _check(self, label: str) -> None:
-        """Compare the force with a difference quotient of the potential: a wrong sign is the usual slip."""
+        """Compare the force with a difference quotient of the potential, to find mistakes such as a wrong sign."""
         with np.errstate(all="ignore"):
             for u in _SAMPLES:
                 step = 1e-4 * abs(u)
@@ -82,7 +82,7 @@ class NonlinearSpring(TwoPoints):
                 if not np.all(np.isfinite([right, middle, left, force])):
                     continue
                 slope = (right - left) / (2.0 * step)
-                # What the quotient itself can be off by: bending of the curve, and rounding.
+                # The error of the quotient itself, from the curvature and from rounding.
                 slack = abs(right - 2.0 * middle + left) / step + 1e-12 * (abs(right) + abs(left)) / step
                 if abs(slope - force) > 1e-3 * (abs(slope) + abs(force)) + slack:
                     raise ArgumentError(

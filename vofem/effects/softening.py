@@ -1,4 +1,4 @@
-"""Softening: how far the secant stiffness of a spring has fallen, as a function of force."""
+"""Softening: the relative loss of secant stiffness of a spring, as a function of the force."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ class Backbone:
     Parameters
     ----------
     label : str
-        What messages call the spring.
+        Name of the spring in messages.
     stiffness, linear_limit : float
         Initial stiffness, N/m, and the elongation up to which the spring is linear, m.
     softening : LinearSoftening or callable, optional
-        Eq. 24 where not given.
+        The softening. The default is Eq. 24.
     """
 
     def __init__(self, label: str, stiffness: float, linear_limit: float, softening: Softening | None) -> None:
@@ -68,7 +68,7 @@ class Backbone:
             )
 
     def _called(self, force: float) -> float:
-        """Return what the callable says at a force of a magnitude in N; 0 up to the linear limit."""
+        """Return the value of the callable at the magnitude of a force in N; 0 up to the linear limit."""
         if force <= self.onset * (1.0 - 1e-12):
             return 0.0
         assert not isinstance(self.softening, LinearSoftening)

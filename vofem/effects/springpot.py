@@ -102,5 +102,5 @@ def _order(label: str, order: Any) -> float | OrderLaw:
 
 
 def _shown(law: Any) -> str:
-    """Return how a law is shown: by its name where it is a function."""
+    """Return a law as text; a function is shown by its name."""
     return str(getattr(law, "__name__", None) or type(law).__name__)

@@ -30,7 +30,7 @@ class Units:
     impulse: str
 
 
-#: By what an effect acts on.
+#: The units by the coordinate on which an effect acts.
 UNITS = {
     "displacement": Units("m", "N", "N/m", "N s/m", "N s"),
     "rotation": Units("rad", "N m", "N m/rad", "N m s/rad", "N m s"),

@@ -52,7 +52,7 @@ def ideal(C0: ArrayLike, s: ArrayLike) -> Array:
 def resolved(C0: ArrayLike, s: ArrayLike, s0: float, tau: float = 1.0) -> Array:
     """Return ``C0 tau^-beta / Gamma(1 - beta)``, ``beta = exp(-s0 s)``, for s > 0; exactly 0 elsewhere.
 
-    Smooth and monotone in s, and within [0, C0] at the default ``tau = 1``.
+    The result is smooth and monotone in s, and lies within [0, C0] at the default ``tau = 1``.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def literal(C0: ArrayLike, s: ArrayLike, s0: float, t: ArrayLike) -> tuple[Array
     """Return sign and natural logarithm of the magnitude of Eq. 4 as printed, at order ``exp(-s0 s)``.
 
     For s < 0 it alternates in sign and grows without bound, far beyond the range
-    of double precision. It is meant to be looked at, and not for simulations.
+    of double precision. It serves to study the equation, and is not suitable for simulations.
 
     Parameters
     ----------

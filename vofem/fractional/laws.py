@@ -31,7 +31,7 @@ class ConstantOrder:
     Parameters
     ----------
     value : float
-        Not negative.
+        The order or orders, not negative.
     """
 
     value: float
@@ -82,7 +82,7 @@ class TabulatedOrder:
     x : array_like, shape (n,)
         Times or states, increasing.
     orders : array_like, shape (n,)
-        Not negative.
+        The order or orders, not negative.
     """
 
     x: Array = field(repr=False)

@@ -43,7 +43,7 @@ def rl_derivative(
     t : array_like, shape (n,)
         Increasing times in s, equally spaced unless ``method="l1"``.
     order : number, array_like of shape (n,), or callable of t
-        In [0, 2]; at most 1 for ``method="l1"``. See `vofem.fractional.laws`.
+        The order, within [0, 2]; at most 1 for ``method="l1"``. See `vofem.fractional.laws`.
     method : {"cq", "gl", "l1"}
         "cq": convolution quadrature of the second-order backward differences
         with starting weights; second order in the step. "gl": Grünwald and
@@ -70,9 +70,9 @@ def rl_derivative(
     Returns
     -------
     ndarray, shape (n,)
-        In the unit of g over s^order. At ``t[0]`` the limit: infinite where
-        g does not begin at zero and the order is not an integer; NaN where
-        samples cannot decide (orders between 1 and 2, ``g[0] = 0``).
+        The derivative in the unit of g divided by s^order. The value at ``t[0]`` is the limit: infinite where g does
+        not begin at zero and the order is not an integer; NaN where samples cannot decide (orders between 1 and 2,
+        ``g[0] = 0``).
 
     Raises
     ------
@@ -131,13 +131,13 @@ def rl_integral(
     Returns
     -------
     ndarray, shape (n,)
-        In the unit of g times s^order; 0 at ``t[0]`` without history, g
-        itself where the order is 0.
+        The integral in the unit of g times s^order. It is 0 at ``t[0]`` without history, and g itself if the order is
+        0.
 
     Raises
     ------
     ArgumentError
-        As for `rl_derivative`.
+        In the same cases as for `rl_derivative`.
     """
     operator = _Operator(samples, t, order, method, history, start, fast, derivative=False)
     return operator.at(-operator.orders)

@@ -43,7 +43,7 @@ def scaling_factor(gap: float, resolution: float = 0.01, delta: float = 1e-3) ->
     Returns
     -------
     float
-        In 1/m. The paper's masses (gap 5 m) give 138.2, which it rounds up to 1e3.
+        The scaling factor in 1/m. The paper's masses (gap 5 m) give 138.2, which it rounds up to 1e3.
     """
     gap = number("gap", gap, positive=True)
     resolution = number("resolution", resolution, positive=True)

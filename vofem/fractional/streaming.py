@@ -47,10 +47,9 @@ def step_integrals(rates: Array, dt: float) -> tuple[Array, Array]:
 class StreamingDerivative:
     """The derivative of order 0 to 1 of a displacement u, given at steps of equal length.
 
-    It is Caputo's, ``1/Gamma(1-a)`` times the integral of ``(t - x)^-a u'(x)``
-    from 0 to t: that of a body at rest before t = 0, in whatever place. The
-    Riemann-Liouville derivative is larger by ``u(0) t^-a / Gamma(1-a)``, and
-    the same where ``u(0) = 0``. An order that varies is frozen at the present.
+    It is Caputo's derivative, ``1/Gamma(1-a)`` times the integral of ``(t - x)^-a u'(x)`` from 0 to t. It describes a
+    body that was at rest before t = 0, in any position. The Riemann-Liouville derivative is larger by ``u(0) t^-a /
+    Gamma(1-a)``, and the same where ``u(0) = 0``. An order that varies is frozen at the present.
 
     Parameters
     ----------
@@ -59,20 +58,20 @@ class StreamingDerivative:
     t_end : float
         Longest time that will be reached, in s.
     order : float
-        In [0, 1]; what `affine` and `peek` take where they are not given another.
+        The order in [0, 1], which `affine` and `peek` use unless another order is given.
     tolerance : float
-        Relative error of the kernel beyond the last step, from 1e-12.
+        Accepted relative error of the kernel beyond the last step, at least 1e-12.
     given : {"velocity", "displacement"}
-        What `peek` and `commit` are given. Velocities are taken as linear over
-        a step: second order for all orders. Displacements are taken as linear
-        (the L1 formula): order ``2 - a``.
+        The quantity that is passed to `peek` and `commit`. Velocities are interpolated linearly over a step; the error
+        is of second order in the step for all orders a. Displacements are interpolated linearly (the L1 formula); the
+        error is of order ``2 - a`` in the step.
     initial : float
         The velocity or displacement at t = 0.
 
     Attributes
     ----------
     decay, start, end : ndarray, shape (k,)
-        One step of the history: ``y <- decay y + start v_old + end v_new``.
+        Coefficients that advance the history variables y by one step: ``y <- decay y + start v_old + end v_new``.
 
     Raises
     ------
@@ -114,7 +113,7 @@ class StreamingDerivative:
 
     @property
     def state(self) -> Array:
-        """All that the past has left, shape (k + 2,), a copy; assign it to go back there."""
+        """A copy of the internal variables that describe the past, shape (k + 2,). Assign it to return to this step."""
         return self._state.copy()
 
     @state.setter
@@ -127,7 +126,7 @@ class StreamingDerivative:
         return float(self._state[-1]) * self.dt
 
     def weights(self, order: float) -> Array:
-        """Return what multiplies the history, seen from the end of the next step, shape (k,)."""
+        """Return the weights of the history variables at the end of the next step, shape (k,)."""
         return self._kernel.weights(self._checked(order)) * self.decay
 
     def affine(self, order: float | None = None) -> tuple[float, float]:
@@ -148,7 +147,7 @@ class StreamingDerivative:
         return self._weighted[1]
 
     def peek(self, value: float, order: float | None = None) -> float:
-        """Return the derivative at the end of the next step, should it end with this value."""
+        """Return the derivative at the end of the next step, if the step ends with this value."""
         slope, rest = self.affine(order)
         return slope * number("value", value) + rest
 

@@ -63,7 +63,7 @@ class ContactHistory:
 
     @property
     def pinned(self) -> Array:
-        """Intervals in s in which the contact is pinned, so rests exactly at its gap, shape (k, 2)."""
+        """Intervals in s in which the contact is pinned, that is, rests exactly at its gap, shape (k, 2)."""
         events = self._run.solution.events
         mine = events.contact == self._index
         times = np.concatenate([[0.0], events.time[mine], [self._run.solution.t_end]])
@@ -76,12 +76,12 @@ class ContactHistory:
 
     @cached_property
     def impacts(self) -> Impacts:
-        """The impacts one by one: when, how fast, for how long, peak force, impulse and work.
+        """The impacts one by one: time, approach speed, duration, peak force, impulse and work.
 
-        In a run of ``event_driven`` the numbers are exact but for rounding: they are integrals and extremes of the
-        motion between events, whatever `times` are. In a run of a stepping method they belong to the motion as
-        interpolated between its steps, so they are as exact as the steps are. Where `times` of such a run are more
-        than two steps apart, forces and work are NaN, and `Impacts.why` says so.
+        In a run of ``event_driven`` the numbers are exact up to rounding and do not depend on `times`: they are
+        integrals and extremes of the motion between events. In a run of a stepping method they belong to the motion
+        that is interpolated between its steps. They are therefore as exact as the steps. If the `times` of such a run
+        are more than two steps apart, forces and work are NaN, and `Impacts.why` says so.
         """
         return self._record.impacts()
 
@@ -91,9 +91,9 @@ class ContactHistory:
         Parameters
         ----------
         count : int
-            How many.
+            Number of impacts.
         tolerance : float
-            Error of forces between events that is accepted, over the largest force.
+            Accepted error of the forces between events, divided by the largest force.
         """
         return ImpactRecord(self._run, self._laws, self._index, self.units, count, tolerance).impacts()
 
@@ -105,8 +105,8 @@ class ContactHistory:
         Parameters
         ----------
         window : (float, float), optional
-            Begin and end in s; the whole run where not given. A window that leaves the transient out, and spans whole
-            periods of the loads, gives means of the steady motion.
+            Begin and end of the window in s. The default is the whole run. To obtain means of the steady motion, choose
+            a window after the transient that spans whole periods of the loads.
 
         Returns
         -------

@@ -31,17 +31,17 @@ _UNKNOWN = (
 class Impacts:
     """The impacts of a contact in the order of time: the intervals in which it is closed or pinned at its gap.
 
-    Of a contact that acts on rotations m stands for rad and N for N m. A force or a work that the run does not know is
-    NaN, and `why` says the reason.
+    For a contact that acts on rotations, read rad for m, and N m for N. A force or a work that cannot be computed from
+    the run is NaN, and `why` gives the reason.
 
     Attributes
     ----------
     name : str
         Name of the contact.
     closing, opening : ndarray, shape (n,)
-        In s. The first impact begins at 0 where the contact starts closed.
+        Times in s at which the impact begins and ends. The first impact begins at 0 if the contact starts closed.
     ended : ndarray of bool, shape (n,)
-        False where the run ends before the contact opens; `opening` is the end of the run then.
+        False if the run ends before the contact opens. In that case `opening` is the end of the run.
     approach_speed, departure_speed : ndarray, shape (n,)
         Rate at which the gap closes at `closing`, and at which it opens at `opening`, m/s. NaN where the contact does
         not close or open within the run.
@@ -50,16 +50,18 @@ class Impacts:
     impulse : ndarray, shape (n,)
         Integral of the force over time, N s.
     work : ndarray, shape (n,)
-        Work done on the contact while it is pressed in, J. Of an elastic contact that is pressed in once it is the
+        Work done on the contact while it is pressed in, J. If an elastic contact is pressed in once, this is the
         largest energy stored in it.
     absorbed : ndarray, shape (n,)
-        The part of `work` that is not given back, J: what the damper takes, and what is stored at the end of the run.
+        The part of `work` that is not returned, J: the energy dissipated in the damper, and the energy that is stored
+        at the end of the run.
     error : float
-        Estimated error of forces between events over the largest force, 1e-10 unless very many oscillations fall into
-        the times in touch; 0 of a stepping method, whose forces are as exact as its steps.
+        Estimated error of the forces between events, divided by the largest force. It is 1e-10 unless the motion
+        oscillates very often while the contact is closed. For a stepping method it is 0: the forces are as exact as the
+        steps.
     units : Units
     why : str
-        Why forces are not known; empty where they are.
+        The reason why forces are not known; empty if they are known.
     """
 
     name: str
@@ -84,11 +86,11 @@ class Impacts:
 
     @property
     def duration(self) -> Array:
-        """Time in touch in s, shape (n,)."""
+        """Duration of each impact in s, shape (n,)."""
         return self.opening - self.closing
 
     def table(self) -> Table:
-        """Return the impacts as a table, one a row."""
+        """Return the impacts as a table with one impact in each row."""
         u = self.units
         speed = f"{u.coordinate}/s"
         return Table(
@@ -117,49 +119,49 @@ class Impacts:
 class ContactStatistics:
     """What a contact does over a window of time.
 
-    Of a contact that acts on rotations m stands for rad and N for N m. Means are over the whole window, open times
-    included, unless they say otherwise. What the run does not know is NaN, and `why` says the reason; what no impact
-    tells is NaN too.
+    For a contact that acts on rotations, read rad for m, and N m for N. Means are over the whole window, open times
+    included, unless they say otherwise. A value that cannot be computed from the run is NaN, and `why` gives the
+    reason. A mean over impacts is NaN if there is no impact.
 
     Attributes
     ----------
     name : str
-        Of the contact.
+        Name of the contact.
     begin, end : float
-        The window, s.
+        Begin and end of the window in s.
     count : int
-        Impacts that begin in the window.
+        Number of impacts that begin in the window.
     rate : float
-        `count` over the length of the window, 1/s.
+        `count` divided by the length of the window, 1/s.
     closed_share : float
         Share of the window in which the contact is closed or pinned.
     mean_duration : float
-        Of the impacts that begin in the window and end within the run, s.
+        Mean duration of the impacts that begin in the window and end within the run, s.
     mean_approach_speed, largest_approach_speed : float
         Mean and largest approach speed of the impacts that begin in the window, m/s.
     peak_force : float
         The force of largest magnitude in the window, N.
     mean_force, rms_force : float
-        Mean, and root of the mean square, N.
+        Mean of the force, and root of its mean square, N.
     mean_closed_force : float
-        Mean over the times in touch, N.
+        Mean force over the time in which the contact is closed, N.
     impulse : float
         Integral of the force over the window, N s.
     work : float
         Work done on the contact while it is pressed in, J.
     work_rate : float
-        `work` over the length of the window, W.
+        `work` divided by the length of the window, W.
     work_per_impact : float
-        `work` over `count`, J.
+        `work` divided by `count`, J.
     absorbed : float
-        The part of `work` that is not given back within the window, J.
+        The part of `work` that is not returned within the window, J.
     absorbed_rate : float
-        `absorbed` over the length of the window, W.
+        `absorbed` divided by the length of the window, W.
     error : float
         Estimated relative error; see `Impacts`.
     units : Units
     why : str
-        Why forces are not known; empty where they are.
+        The reason why forces are not known; empty if they are known.
     """
 
     name: str
@@ -224,7 +226,7 @@ class ImpactRecord:
     most : int, optional
         How many impacts are looked at, from the first on; all where not given.
     tolerance : float
-        Error of forces between events that is accepted, over the largest force.
+        Accepted error of the forces between events, divided by the largest force.
     """
 
     def __init__(

@@ -22,15 +22,15 @@ class Table(Shown, Mapping[str, NDArray]):
     Parameters
     ----------
     columns : dict of str to (array, str)
-        Values, and their unit; "" for texts, truth values and plain numbers.
+        The values and their unit. The unit is "" for texts, truth values and numbers without unit.
     title : str
     notes : tuple of str
-        What a reader of the numbers should know.
+        Sentences that a reader of the numbers should know.
 
     Attributes
     ----------
     units : dict of str to str
-        By the names of the columns.
+        The unit of each column, by its name.
     title : str
     notes : tuple of str
     """

@@ -162,19 +162,19 @@ class Sensitivity:
     Attributes
     ----------
     times : ndarray, shape (k,)
-        Begin of every segment, and the end of the run, s.
+        Times in s at which the segments begin, and the end of the run.
     growth : ndarray, shape (k,)
-        Decimal logarithm of the perturbation's size over that at t = 0.
+        Decimal logarithm of the size of the perturbation, divided by its size at t = 0.
     """
 
     times: Array
     growth: Array
 
     def horizon(self, tolerance: float = 1e-3, perturbation: float = 1e-15) -> float:
-        """Return until when a relative perturbation stays below a tolerance, s; the end of the run where it does.
+        """Return the time in s until which a relative perturbation stays below a tolerance, at most the end of the run.
 
-        With the default, rounding: beyond this time pointwise values mean
-        nothing, while means, rms values and impulses still may.
+        The default tolerance is rounding. Beyond the time that is returned pointwise values have no meaning, but means,
+        rms values and impulses may still be meaningful.
         """
         lost = self.growth + np.log10(perturbation) > np.log10(tolerance)
         return float(self.times[int(np.argmax(lost))] if np.any(lost) else self.times[-1])
@@ -182,19 +182,19 @@ class Sensitivity:
 
 @dataclass(frozen=True)
 class Truncation:
-    """What a truncated run left out.
+    """The error of a run in which a few Ritz vectors replace all modes.
 
     Attributes
     ----------
     vectors, unknowns : int
-        Ritz vectors, and degrees of freedom that they stand for.
+        Number of Ritz vectors, and number of degrees of freedom that they represent.
     error : float
         Estimated error of displacements at contacts and loads and, in the mean over the mass, everywhere,
         relative to the largest value of each.
     until : float
-        Time in s up to which it stays within the tolerance.
+        Time in s up to which `error` stays within the tolerance.
     rounding : float
-        Estimated loss to rounding, relative to displacements.
+        Estimated error of rounding, relative to displacements.
     """
 
     vectors: int

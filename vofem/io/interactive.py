@@ -42,7 +42,7 @@ def show(
     ----------
     subject : Result or PeriodicOrbit
     window : (float, float), optional
-        Begin and end of the slider in s; the whole run where not given.
+        Begin and end of the slider in s. The default is the whole run.
     magnification : float, optional
         Factor by which displacements and gaps are enlarged; chosen where not given.
     scalars : str, optional
@@ -52,7 +52,7 @@ def show(
     Raises
     ------
     ArgumentError
-        For what is no run or orbit, a window outside it, or an unknown field.
+        If the subject is not a run or an orbit, the window lies outside it, or the field is unknown.
     OutputError
         If there is no display.
     """

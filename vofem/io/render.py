@@ -65,9 +65,8 @@ def render(
     size : tuple of int
         Width and height in pixels.
     magnification : float, optional
-        Of displacements; where not given, the largest 1, 2 or 5 times a power
-        of ten at which the motion fits. In a scene without beams the picture
-        is taken to be 1 m wide.
+        Factor by which displacements are enlarged. The default is the largest 1, 2 or 5 times a power of ten at which
+        the motion fits into the picture. In a scene without beams the picture is taken to be 1 m wide.
 
     Returns
     -------
@@ -76,7 +75,7 @@ def render(
     Raises
     ------
     ArgumentError
-        For a time outside the run, a size or a suffix that is not possible.
+        If the time lies outside the run, or the size or the suffix is not possible.
     OutputError
         If the file cannot be written.
     """

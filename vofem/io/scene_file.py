@@ -164,7 +164,7 @@ def dump_scene(
     run : RunSettings, optional
     output : OutputSettings, optional
     respond : RespondSettings, optional
-        What ``[respond]`` says. With ``file = vf.load_scene(...)`` all of a file is written by
+        The contents of the table ``[respond]``. With ``file = vf.load_scene(...)`` all of a file is written by
         ``vf.dump_scene(file.scene, path, file.run, file.output, file.respond)``.
 
     Returns

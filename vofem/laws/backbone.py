@@ -34,7 +34,7 @@ def _knot(laws: Laws, j: int, w: float) -> tuple[int, int, int]:
 
 @jit
 def _cubic(laws: Laws, a: int, n: int, k: int, w: float) -> tuple[float, float]:
-    """Return force and slope of the backbone at w in interval k; beyond the last knot it goes on straight."""
+    """Return force and slope of the backbone at w in interval k; beyond the last knot it is straight."""
     p = laws.parameters
     if w >= p[a + n - 1]:
         slope = p[a + 3 * n - 1]

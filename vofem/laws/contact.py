@@ -28,7 +28,8 @@ Status = NDArray[np.int64]
 #: Width, as a fraction of the gap, over which compiled loops spread the jump of the displacement law.
 _RAMP = 1e-12
 
-#: Where the rise of a resolved switch is cut for quadrature, in units of 1/s0; beyond the last it is 1 to rounding.
+#: Places at which the rise of a resolved switch is divided for quadrature, in units of 1/s0. Beyond the last one the
+#: switch is 1 to rounding.
 _RISE = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 40.0)
 
 
@@ -123,9 +124,8 @@ class ContactLaws(LawGroup):
     def force(self, s: Array, rate: Array, status: Status) -> Array:
         """Return the contact forces under the ideal switch.
 
-        They are computed from the gap functions, so that small penetrations keep
-        their digits. The force of a pinned contact follows from the structure and
-        is returned as zero here.
+        They are computed from the gap functions, so that small penetrations are accurate. The force of a pinned contact
+        follows from the structure and is returned as zero here.
         """
         elastic = self.column(self.stiffness, s) * (s + self.column(self.gap - self.offset, s))
         return np.where(status == CLOSED, elastic + self.column(self.damping, s) * rate, 0.0)
@@ -135,7 +135,7 @@ class ContactLaws(LawGroup):
         return np.asarray(np.sum(np.where(status == CLOSED, self.closed_energies(s), 0.0), axis=0))
 
     def closed_energies(self, s: Array) -> Array:
-        """Return the energy in J that every contact would hold if it were closed, for an ideal switch.
+        """Return the energy in J that every contact would store if it were closed, for an ideal switch.
 
         It is ``K0 (u^2 - gap^2)/2`` under the displacement law and ``K0 s^2/2`` under the penetration law. The
         shape is that of s.
@@ -156,7 +156,7 @@ class ContactLaws(LawGroup):
     def potential(self, u: Array) -> Array:
         """Return the energy in J stored in closed contacts, shape (n_times,).
 
-        It is that of the force in compiled loops, whose jump has a width.
+        This is the potential of the force in compiled loops, where a jump is spread over a small width.
         """
         s, status = u - self.gap[:, None], self.status(u)
         resolved = np.flatnonzero(np.isfinite(self.resolution))
@@ -165,7 +165,7 @@ class ContactLaws(LawGroup):
         for j in np.flatnonzero(self.jump & np.isinf(self.resolution) & (self.gap > 0.0)):
             lever, ramp = self.gap[j], _RAMP * self.gap[j]
             within = np.clip(s[j], 0.0, ramp)
-            # The part of the potential of a jump that the steep rise of the force leaves out.
+            # The part of the potential of a jump that is missing because the force rises over a small width.
             total = total - self.stiffness[j] * lever * within * (1.0 - 0.5 * within / ramp)
         for j in resolved:
             lever, k, s0 = self.gap[j] - self.offset[j], self.stiffness[j], self.resolution[j]

@@ -62,7 +62,10 @@ def _force_and_tangent(
 
 @jit
 def forces_along(laws: Laws, j: int, u: Array, force: Array, tangent: Array) -> None:
-    """Enter forces and tangents at some coordinates, each on a monotone path from where the internal variables hold."""
+    """Enter forces and tangents at some coordinates.
+
+    Each coordinate is reached on a monotone path from the state of the internal variables.
+    """
     for i in range(u.size):
         force[i], tangent[i] = force_and_tangent(laws, j, u[i])
 
@@ -221,7 +224,7 @@ def curve(group: LawGroup, laws: Laws, j: int, index: int, u: Array, tangents: b
 
 
 def kinks(laws: Laws, j: int) -> list[float]:
-    """Return the coordinates at which force or tangent jumps on paths from where the internal variables hold.
+    """Return the coordinates at which force or tangent jumps on paths from the state of the internal variables.
 
     A law that has kinks and no internal variables exerts no force below the first one.
     """
@@ -266,6 +269,6 @@ def may_jump(laws: Laws) -> bool:
 
 
 def rising(laws: Laws) -> bool:
-    """Return whether no force jumps, and none can fall as its coordinate rises, which is not known of Python's laws."""
+    """Return whether no force jumps or falls as its coordinate rises. For laws written in Python this is not known."""
     kind = laws.table["kind"]
     return not np.any((kind == CALLED) | ((kind == JUMP) & (laws.table["gap"] > 0.0)))

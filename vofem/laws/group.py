@@ -1,4 +1,4 @@
-"""The base of all groups of scalar laws: what methods, statics, energies and pictures ask of a group."""
+"""The base of all groups of scalar laws: the methods that time integration, statics, energies and pictures call."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-#: Status of a law: it does not act, it acts, or it is held where its force jumps.
+#: Status of a law: it does not act, it acts, or it rests at the place where its force jumps.
 OPEN, CLOSED, PINNED = 0, 1, 2
 
 
@@ -41,7 +41,7 @@ class StepPast(Protocol):
         """Set the internal variables to those at t = 0 of a run from a `State`."""
 
     def begin_with_mean(self, start: Any, dt: float) -> None:
-        """Set the forces at t = 0 to their means over the first step, for methods that sum over half steps."""
+        """Set the forces at t = 0 to their means over the first step. Methods that sum over half steps need this."""
 
     def forces(self) -> Array:
         """Return the forces at the last time, N, shape (count,)."""
@@ -53,10 +53,10 @@ class StepPast(Protocol):
         """Record force, stored energy and loss at t = 0 in the first columns of `memory`."""
 
     def most_steps(self, count: int) -> int:
-        """Return for how many steps, at most the given number, `over` is to be called at once."""
+        """Return the number of steps, at most the given one, for which `over` is called at once."""
 
     def over(self, dt: float, times: Array) -> Any:
-        """Return what compiled loops need for steps of a size, given a time within each, in s."""
+        """Return the data for compiled loops over steps of one size in s, given a time within each."""
 
     def absorbed(self) -> float:
         """Return the work in J that the laws have absorbed up to the time to which results are stored."""

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-#: Where a cyclic law's internal variables hold what; the first one is that of every law.
+#: Positions of the internal variables of a cyclic law. The first one is common to all laws.
 DISSIPATED = 0
 _UP_AT, _UP, _DOWN_AT, _DOWN, _RESIDUAL = 1, 2, 3, 4, 5
 
@@ -59,7 +59,7 @@ class HystereticLaw:
     limit : float
         Limit load in N, which the force never reaches; inf where there is none.
     one_sided : bool
-        Whether the force cannot pull, as that of a stop.
+        Whether the force cannot pull, as in a stop.
     gap : float
         Elongation in m at which the force begins.
     parameters : ndarray
@@ -377,7 +377,7 @@ def force_slopes(laws: Laws, j: int, u: float) -> Array:
 def commit_slopes(laws: Laws, j: int, u: float) -> tuple[Array, Array]:
     """Return the derivatives of the internal variables after `commit` by those before, (k, k), and by u, (k,).
 
-    The energy lost, on which no force depends, is left out.
+    The dissipated energy is left out, because no force depends on it.
     """
     law = laws.table[j]
     size = law["end"] - law["start"]
@@ -393,7 +393,8 @@ def commit_slopes(laws: Laws, j: int, u: float) -> tuple[Array, Array]:
     tension = u - law["gap"] > high
     if not tension and (law["one_sided"] or u - law["gap"] >= low):
         return past, end
-    # Along the backbone: its elongation grows by the way beyond the edge, force and residual elongation follow.
+    # Along the backbone: its elongation grows by the path beyond the edge, and force and residual elongation follow
+    # from it.
     at, force, sign = (_UP_AT, _UP, 1.0) if tension else (_DOWN_AT, _DOWN, -1.0)
     tangent = hysteretic_force(laws, j, u)[1]
     past[at, _RESIDUAL], past[at, force], end[at] = -sign, -1.0 / k, sign

@@ -66,7 +66,7 @@ class PrintedLaw:
     def path(self, forces: Array, factors: Array) -> Array:
         """Return the elongations of Eq. 25 under applied forces in N, shape (n_factors,), from the unloaded state on.
 
-        While the force is held, the sign of its rate stays what it was before. The
+        While the force is constant, the sign of its rate is the last one before. The
         supremum in Eq. 25 is taken over the path since the unloaded state.
 
         Raises

@@ -58,7 +58,7 @@ def resolved_force(s: float, s0: float, lever: float) -> tuple[float, float]:
     level = switch(x)
     if x >= _END:
         return s + lever, 1.0
-    # The slope steers an iteration only: a difference quotient serves.
+    # The slope is only used in an iteration, so a difference quotient is accurate enough.
     width = 1e-6 * max(x, 1e-6)
     slope = s0 * (switch(x + width) - switch(max(x - width, 0.0))) / (x + width - max(x - width, 0.0))
     return level * (s + lever), level + slope * (s + lever)

@@ -25,13 +25,13 @@ Array = NDArray[np.float64]
 
 _GAUSS = np.sqrt(0.6)
 
-#: Path over coordinate above which the potential's difference keeps enough digits of the work.
+#: Length of a path divided by the coordinate, above which the difference of potentials is accurate enough for the work.
 _LONG = 1e-3
 
 
 @runtime_checkable
 class ScalarLaw(Protocol):
-    """What a law written in Python must offer. Its coordinate is u in m.
+    """The methods that a law written in Python must have. Its coordinate is u in m.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class SmoothLaw:
 
     @property
     def monotone(self) -> bool:
-        """False, because nothing is known of a user's functions: the spring may have several equilibria."""
+        """False, because a function of the user may fall, so that the spring may have several equilibria."""
         return False
 
     @property
@@ -197,7 +197,7 @@ class SmoothLaws(ListedLaws):
             force = np.array([law.reaction(x) for x in places])
             return force, np.array([law.tangent(x) for x in places]) if tangents else force
         except OverflowError:
-            # A trial of Newton's method went much too far.
+            # Newton's method has tried a point that is much too far away.
             return np.full(u.size, np.inf), np.full(u.size, np.inf)
 
     def fill(self, table: NDArray[np.void]) -> None:

@@ -12,13 +12,13 @@ from vofem.errors import ArgumentError
 
 Array = NDArray[np.float64]
 
-#: Elongation, in linear limits, up to which a backbone is tabulated; beyond it goes on straight.
+#: Elongation, divided by the linear limit, up to which a backbone is tabulated. Beyond it the backbone is straight.
 _RANGE = 1e4
 
-#: Largest force, in forces at the linear limit, up to which a limit load is looked for.
+#: Largest force, divided by the force at the linear limit, up to which a limit load is searched.
 _LARGEST = 1e4
 
-#: Error of a tabulated force that is allowed, relative.
+#: Accepted relative error of a tabulated force.
 _ACCURACY = 1e-11
 
 _MOST_KNOTS = 20_000

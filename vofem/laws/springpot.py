@@ -56,7 +56,7 @@ class SpringpotLaw:
     coefficient : float
         Coefficient of the law, N s^order/m.
     order : float or callable
-        In [0, 1]; a callable takes times in s, shape (n,), and returns orders.
+        Order in [0, 1]. A callable takes times in s, shape (n,), and returns orders.
     """
 
     label: str
@@ -191,6 +191,6 @@ def _stored_pairs(p: Complex, order: float) -> Complex:
     pairs = np.where(close, same[:, None], pairs)
     found = first * second * pairs
     still = size == 0.0
-    # A mean elongation relaxes, except under a spring.
+    # The force of a constant elongation relaxes to zero, except for a spring (order 0).
     found[still] = found[:, still] = 1.0 if order == 0.0 else 0.0
     return np.asarray(found)

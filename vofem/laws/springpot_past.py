@@ -35,11 +35,11 @@ _MOST_STEPS = 512
 
 
 class Springpot(Protocol):
-    """What is asked of a springpot; see `springpot.SpringpotLaw`."""
+    """The attributes of a springpot that are used here; see `springpot.SpringpotLaw`."""
 
     @property
     def coefficient(self) -> float:
-        """In N s^order/m."""
+        """Coefficient of the law in N s^order/m."""
 
     @property
     def varies(self) -> bool:
@@ -64,7 +64,7 @@ class SpringpotPast:
     Raises
     ------
     ArgumentError
-        For an order that is beyond [0, 1] at one of some times.
+        If the order lies outside [0, 1] at one of the times at which it is checked.
     """
 
     def __init__(self, laws: Sequence[Springpot], rows: Any, row: int, shortest: float, t_end: float) -> None:
@@ -91,7 +91,8 @@ class SpringpotPast:
     def begin_with_mean(self, start: Any, dt: float) -> None:
         """Let the force at t = 0 be the mean over the first step.
 
-        With the force at t = 0, which grows like a power below 1, a sum over half steps would lose its order.
+        The force grows from t = 0 like a power of time below 1. With its value at t = 0 a sum over half steps would
+        have a lower order of accuracy.
         """
         first = self.over(dt, np.array([0.5 * dt]))
         for i, rate in enumerate(np.asarray(self._rows @ start.v)):

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 class Update(NamedTuple):
-    """What a step of size dt does to the internal variables y; arrays of shape (k,).
+    """The update of the internal variables y over a step of size dt; arrays of shape (k,).
 
     ``decay y + gain p`` is y at its end, ``old y + new p`` its mean, with the rate of elongation p.
     """
@@ -36,7 +36,7 @@ class SpringpotState(NamedTuple):
     Attributes
     ----------
     y : ndarray, shape (n, k)
-        The last one is the rate of elongation over the last step, m/s.
+        Internal variables. The last one is the rate of elongation over the last step, m/s.
     totals : ndarray, shape (n, 7)
         Mean force over the last step; force (N), energy stored and work absorbed (J) at the last time; the same at the
         time before, up to which results are stored.
@@ -62,7 +62,8 @@ class Springpots(NamedTuple):
     row : int
         Number of the first one among all laws.
     weight : ndarray, shape (n, n_steps, k)
-        From y to forces, at the orders of the steps; one step stands for all where no order varies.
+        Weights with which y gives the forces, at the orders of the steps. If no order varies, there is one entry for
+        all steps.
     update : Update
     y, totals : ndarray
         The internal variables, see `SpringpotState`.
@@ -120,7 +121,7 @@ def carry_on(pots: Springpots, i: int, s: int, rate: float, mean: float) -> None
 
 @jit
 def carry_all(pots: Springpots, s: int, rows: Rows, reaction: Array, p: Array) -> None:
-    """Update all springpots over step s of reactions and a rate p of the displacement, by whose product they work."""
+    """Update all springpots over step s with the reactions and the rate p, whose product is their power."""
     for i in range(pots.y.shape[0]):
         mean, rate = reaction[pots.row + i], dot(rows, pots.row + i, p)
         pots.totals[i, WORK] += pots.update.dt * mean * rate

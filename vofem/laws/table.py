@@ -14,7 +14,8 @@ from vofem.laws.kinds import AFFINE, CALLED, HYPERBOLIC, RESOLVED
 
 Array = NDArray[np.float64]
 
-#: Of a law: its kind; where its parameters lie in those of all, `first` to `last`, and its internal variables, `start`
+#: The record of a law holds its kind; where its parameters lie in those of all, `first` to `last`, and its internal
+#: variables, `start`
 #: to `end`; which histories it records, -1 for none; the address of a law written in Python; and its numbers. Gap,
 #: offset, stiffness, damping and resolution are those of `ContactLaws`; an affine law is
 #: ``offset + stiffness (u - gap)``. A record costs a compiled loop one pointer where arrays would each be counted.
@@ -25,10 +26,10 @@ RECORD = np.dtype(
 
 
 class Kinds(NamedTuple):
-    """Which laws there are beside contacts with ideal switches, each True, or None where there are none.
+    """The kinds of laws in a system beside contacts with ideal switches. Each is True, or None if there are none.
 
-    Compiled code is made for what is here: numba leaves out a branch that asks ``x is not None`` of an argument that
-    is None, with all that is called in it.
+    Compiled code contains only these kinds: if an argument is None, numba leaves out the branch ``x is not None`` with
+    all functions that are called in it.
 
     Attributes
     ----------

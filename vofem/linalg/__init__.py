@@ -1,1 +1,1 @@
-"""Numerical building blocks that know nothing of mechanics: eigensystems, exponentials, banded solves."""
+"""Numerical building blocks that do not depend on mechanics: eigensystems, exponentials, banded solves."""

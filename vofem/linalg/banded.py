@@ -141,7 +141,7 @@ def _solve_four_diagonals(factored: Array, x: Array) -> None:
     """Do what `solve` does where the half-bandwidth is 3.
 
     The unknowns on which the next ones depend stay in registers, and the newest of them enters a sum last: a sweep
-    waits for its own results, so this takes a third of the time. There are at least four unknowns.
+    waits for its own results, so this order takes a third of the time. There are at least four unknowns.
     """
     n = x.size
     here, next1, next2 = x[0], x[1], x[2]
@@ -164,7 +164,7 @@ def _solve_four_diagonals(factored: Array, x: Array) -> None:
 
 @plain_form(solve)
 def _solve_in_lists(factored: Array, x: Array) -> None:
-    # Python's own numbers in lists take a fifth of the time of single entries of arrays.
+    # Access to Python's own numbers in lists takes a fifth of the time of access to single entries of arrays.
     width, n = factored.shape[0] - 1, factored.shape[1]
     rows, values = factored.tolist(), x.tolist()
     for i in range(n):

@@ -1,9 +1,8 @@
-"""Whether a piece of work pays for compiled kernels.
+"""The choice between compiled kernels and plain Python for a piece of work.
 
-Plain Python starts at once and is some hundred times slower. Compiled code
-costs the import of numba and, where it is not on disk, the compilation. What a
-process has spent in plain Python on work of a kind counts too: who has repeated
-it for as long as compiling takes is likely to go on.
+Plain Python starts at once and is some hundred times slower. Compiled code costs the import of numba and, where it is
+not on disk, the compilation. The time that a process has already spent in plain Python on work of a kind counts too. A
+user who has repeated this work for as long as compiling takes is likely to continue.
 """
 
 from __future__ import annotations
@@ -32,17 +31,17 @@ _spent: dict[str, float] = {}
 
 @dataclass(frozen=True)
 class Choice:
-    """How work is done.
+    """The choice of how a piece of work is done.
 
     Attributes
     ----------
     kind : str
-        What the work is: work of one kind needs the same kernels.
+        The kind of work. All work of one kind needs the same kernels.
     compiled : bool
     first : bool
-        Whether kernels are compiled now that are not on disk.
+        Whether kernels that are not on disk are compiled now.
     patience : float
-        Seconds after which work in plain Python had better begin anew, compiled.
+        Seconds after which it is faster to start the work again with compiled kernels.
     """
 
     kind: str
@@ -51,11 +50,11 @@ class Choice:
     patience: float
 
     def instead(self) -> Choice:
-        """Return the choice of compiled kernels, where work in plain Python has lost its patience."""
+        """Return the choice of compiled kernels, for work that has exceeded `patience` in plain Python."""
         return choose(self.kind, float("inf"), True)
 
     def done(self, seconds: float) -> None:
-        """Take notice that work of this kind was done, and of the seconds that it took."""
+        """Store that work of this kind was done, and the seconds that it took."""
         if self.compiled:
             if self.kind not in _ready:
                 _ready.add(self.kind)
@@ -65,7 +64,7 @@ class Choice:
 
 
 def by_need(kind: str, effort: Callable[..., float]) -> Callable[[F], F]:
-    """Let a function run kernels as plain Python where its work is small, unless somebody has decided.
+    """Let a function run kernels as plain Python if its work is small, unless the user has decided.
 
     Parameters
     ----------
@@ -97,15 +96,15 @@ def by_need(kind: str, effort: Callable[..., float]) -> Callable[[F], F]:
 
 
 def choose(kind: str, seconds: float, wanted: bool | None = None) -> Choice:
-    """Return how to do work.
+    """Return the choice for a piece of work.
 
     Parameters
     ----------
     kind : str
     seconds : float
-        What it takes at least in plain Python.
+        Least time of the work in plain Python, s.
     wanted : bool, optional
-        Whether kernels shall be compiled, where somebody has decided.
+        Whether kernels are to be compiled, if the user has decided.
     """
     if wanted is False:
         return Choice(kind, False, False, float("inf"))

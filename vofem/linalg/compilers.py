@@ -1,14 +1,14 @@
-"""Compiles kernels with less work than numba's own way: for users of a kernel, and for kernels that call it.
+"""Compiles kernels with less work than numba does by default, for calls from Python and for calls from other kernels.
 
 numba prepares every function that it compiles for calls from Python: it optimises the function, generates machine
 code and two wrappers, and keeps all of it on disk. A kernel that is called by other kernels needs none of this,
 because its code is linked into that of its callers and optimised there. Leaving it out halves the time of
-compilation. What is not optimised twice gives the same results, because all arithmetic is IEEE.
+compilation. The results are the same, because all arithmetic is IEEE.
 
 numba also counts the references to every array, whenever a function is entered or left and whenever an array is taken
 out of a tuple. Kernels take bundles of many arrays, so this counting took two thirds of the time of a step of a small
-system. A kernel that allocates nothing, and returns no array, only uses arrays which its caller holds until it
-returns. Its code counts no references.
+system. A kernel that allocates nothing, and returns no array, only uses arrays that its caller keeps until it returns.
+Its code therefore counts no references.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def _compilers() -> _Compilers:
     from numba.core.lowering import Lower
     from numba.core.typed_passes import NativeLowering
 
-    # The parts of numba that are replaced here; without them its own way is taken.
+    # The parts of numba that are replaced here; without them numba compiles as usual.
     for name in ("_optimize_functions", "_optimize_final_module", "_finalize_final_module", "get_pointer_to_function"):
         getattr(JITCodeLibrary, name)
 
@@ -179,7 +179,7 @@ def _only_borrows(state: Any) -> bool:
             value = assignment.value
             if not isinstance(value, ir.Expr) or value.op in _PARTS:
                 continue
-            # Calling the class of a bundle puts arrays together that the caller holds.
+            # The call of a bundle's class combines arrays that the caller keeps.
             bundle = value.op == "call" and isinstance(state.typemap[value.func.name], bundles)
             if not bundle and _holds_arrays(state.typemap[assignment.target.name]):
                 return False

@@ -11,21 +11,18 @@ from vofem.errors import SingularSystemError
 
 Array = NDArray[np.float64]
 
-#: Departure of modes from M-orthonormality that is mended.
+#: Deviation of modes from M-orthonormality above which it is corrected.
 _ORTHOGONAL = 1e-9
 
 
 def modal_basis(mass: Any, stiffness: Any, scale: Array, rigid: Array, strain: Any = None) -> tuple[Array, Array]:
     """Return all eigenpairs of ``K phi = omega^2 M phi``, M-orthonormal, in ascending order.
 
-    `eigh(K, M)` loses ``eps (omega_max/omega_1)^2`` in the lowest modes, which
-    carry the motion. The lower half is therefore taken from the inverse
-    problem `eigh(M, K)` and the upper half from the direct one, with slopes
-    scaled by the element length. Parts that are not coupled are solved apart.
-    Where K is given as a sum of squares too, frequencies are Rayleigh
-    quotients of strains: the error of a mode enters squared, and the
-    cancellation in K, which grows like the fourth power of the number of
-    elements, not at all.
+    `eigh(K, M)` loses ``eps (omega_max/omega_1)^2`` in the lowest modes, which carry the motion. The lower half is
+    therefore taken from the inverse problem `eigh(M, K)` and the upper half from the direct one, with slopes scaled by
+    the element length. Parts that are not coupled are solved apart. Where K is given as a sum of squares too,
+    frequencies are Rayleigh quotients of strains: they contain the square of the error of a mode, and not the
+    cancellation in K, which grows like the fourth power of the number of elements.
 
     Parameters
     ----------
@@ -67,7 +64,7 @@ def modal_basis(mass: Any, stiffness: Any, scale: Array, rigid: Array, strain: A
             raise _indefinite(strain is not None)
         values[singles] = k / m
         shapes[singles, singles] = 1.0 / np.sqrt(m)
-    # What is left of other parts' rigid motions in a part is rounding, to be judged by the whole.
+    # The rigid motions of other parts appear in a part as rounding, which is compared with the whole motion.
     largest = float(np.abs(rigid * scale[:, None]).max(initial=0.0))
     for part in parts:
         if part.size > 1:
@@ -85,10 +82,10 @@ def modal_basis(mass: Any, stiffness: Any, scale: Array, rigid: Array, strain: A
 
 
 def _orthogonal(shapes: Array, mass: Any) -> Array:
-    """Return modes made M-orthonormal where rounding has spoilt that, low modes changed least.
+    """Return modes that are made M-orthonormal again if rounding has spoilt this; low modes are changed least.
 
-    Beside frequencies 1e7 times as high, a nearly rigid motion comes out with
-    a share of the others, and states would not be the sum of their modes.
+    If other frequencies are 1e7 times as high, a computed nearly rigid motion contains a share of the other modes. A
+    state would then not be the sum of its modes.
     """
     gram = shapes.T @ (mass @ shapes)
     if np.abs(gram - np.eye(gram.shape[0])).max(initial=0.0) <= _ORTHOGONAL:

@@ -1,8 +1,7 @@
 """Divided differences of the exponential: every response of a linear oscillator, without division by zero.
 
-The response of ``z'' + 2 delta z' + p z`` to ``exp(b t)`` from rest is the
-divided difference of ``x -> exp(x t)`` over its two roots and b. Written so,
-resonance, repeated roots and rigid-body motion are no special cases.
+The response of ``z'' + 2 delta z' + p z`` to ``exp(b t)`` from rest is the divided difference of ``x -> exp(x t)`` over
+its two roots and b. In this form resonance, repeated roots and rigid-body motion are not special cases.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ _LARGEST_ANGLE = 1e5
 
 @jit
 def half_turns(frequency: Array, t: float, turn: Array, sine: Array) -> None:
-    """Fill in ``cos(w t) - 1`` and ``sin(w t)`` for many frequencies, shape (n,), with all digits however short t is.
+    """Compute ``cos(w t) - 1`` and ``sin(w t)`` for many frequencies, shape (n,), accurately also for very short t.
 
     The loop has no branches and calls no functions, so that compilers do several frequencies at once. Angles are
     reduced to a quarter of pi, where the Taylor series of degree 17 is exact to rounding.
@@ -83,7 +82,7 @@ def oscillator(delta: float, p: float, t: float) -> tuple[float, float]:
 
     ``s`` is the response to a unit velocity and ``c = s' + delta s``, so that
     ``z = c z0 + s (v0 + delta z0)`` and ``v = c v0 - s (p z0 + delta v0)``.
-    Under-, over- and critically damped and free motion alike.
+    This holds for underdamped, overdamped, critically damped and free motion.
     """
     square = p - delta * delta
     if square > 0.0:
@@ -104,7 +103,7 @@ def oscillator(delta: float, p: float, t: float) -> tuple[float, float]:
 
 @jit
 def oscillator_change(delta: float, p: float, t: float) -> tuple[float, float]:
-    """Return ``c - 1, s`` of `oscillator`, both with all digits however short t is."""
+    """Return ``c - 1, s`` of `oscillator`, both accurate to all digits also for very short t."""
     square = p - delta * delta
     if square > 0.0:
         w = np.sqrt(square)
@@ -148,7 +147,7 @@ def oscillator_changes(delta: Array, p: Array, t: Array) -> tuple[Array, Array]:
 
 @jit
 def oscillator_remainder(delta: float, p: float, t: float) -> tuple[float, float]:
-    """Return ``c - 1 + delta t, s - t`` of `oscillator`: what is of second order in t, with all digits."""
+    """Return ``c - 1 + delta t, s - t`` of `oscillator`: the part of second order in t, accurate to all digits."""
     if max(delta, np.sqrt(p)) * t > 0.5:
         change, s = oscillator_change(delta, p, t)
         return change + delta * t, s - t

@@ -24,7 +24,7 @@ class Intrinsic:
     make : callable
         Returns what `numba.extending.intrinsic` has made.
     plain : callable
-        Does the same in plain Python.
+        The same function in plain Python.
     """
 
     def __init__(self, make: Callable[[], Any], plain: Callable[..., Any]) -> None:
@@ -32,12 +32,12 @@ class Intrinsic:
         self.plain = plain
 
     def __call__(self, *arguments: Any) -> Any:
-        """Do it in plain Python."""
+        """Run the function in plain Python."""
         return self.plain(*arguments)
 
 
 class CompiledFunction:
-    """A Python function with its compiled form, which is made when it is first asked for.
+    """A Python function with its compiled form, which is made when it is first needed.
 
     A module that holds such functions is imported without numba. Other
     compiled functions call this one as if it had been decorated by numba itself.
@@ -138,21 +138,21 @@ def _numba() -> Any:
 #: Compilations under way: that of a kernel, and those of kernels that it calls.
 _under_way: list[object] = []
 
-#: Functions that tell whether Ctrl-C has been pressed and waits to be noticed.
+#: Functions that return whether Ctrl-C has been pressed and not yet been handled.
 waiting_interrupts: list[Callable[[], bool]] = []
 
 
-#: Runs that have computed something, which would be lost if a compilation within them were given up.
+#: Runs that have results, which would be lost if a compilation within them were interrupted.
 runs_with_results: list[object] = []
 
 
 def compiling() -> bool:
-    """Return whether a kernel is being compiled that may be given up: it takes many seconds, and nothing is lost."""
+    """Return whether a kernel is being compiled whose compilation may be interrupted without a loss of results."""
     return bool(_under_way) and not runs_with_results
 
 
 def _watch_compilations() -> None:
-    """Let `compiling` know what numba does."""
+    """Register functions with numba that report compilations to `compiling`."""
     from numba.core import event
 
     class Listener(event.Listener):
@@ -180,8 +180,8 @@ def _compiled(function: Callable[..., Any]) -> Any:
         made = numba.njit(cache=True, **options)(function)
     except RuntimeError:  # numba: "cannot cache function: no locator available"
         return numba.njit(**options)(function)
-    # numba looks at a function's own file only, though code that it calls is compiled into it:
-    # after a change elsewhere it would go on with the old. Internal names may change with its versions.
+    # numba checks only a function's own file, although code that it calls is compiled into it. After a change elsewhere
+    # it would use the old code. Internal names may change with its versions.
     with contextlib.suppress(AttributeError):
         file = made._cache._cache_file
         file._source_stamp = (*file._source_stamp, *source_stamp())
@@ -220,6 +220,6 @@ def jit(function: F) -> F:
     Where no cache folder can be written the function is compiled for this
     process only. Arithmetic is IEEE: no reordering, no contraction. In plain
     Python numbers may be Python's own, which raise where numpy's become infinite:
-    a kernel divides by what may be zero only after it has looked.
+    a kernel therefore checks a divisor that may be zero.
     """
     return cast(F, CompiledFunction(function))

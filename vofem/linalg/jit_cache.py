@@ -1,10 +1,9 @@
-"""Where compiled kernels are on disk, and for which kinds of work they are there already, without importing numba.
+"""The place of compiled kernels on disk, and the kinds of work for which they exist, without importing numba.
 
-numba keeps machine code beside the sources or, where these cannot be written,
-in the user's folder for caches. Beside it stands an index of this package: the
-kinds of work for which all code has been compiled, under a key that names the
-sources, the versions of Python and numba, and the processor. Code that is
-missing all the same is compiled again: the index says what to expect, no more.
+numba keeps machine code beside the sources or, where these cannot be written, in the user's folder for caches. Beside
+it stands an index of this package: the kinds of work for which all code has been compiled, under a key that names the
+sources, the versions of Python and numba, and the processor. The index is only an estimate: code that is missing
+nevertheless is compiled again.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from pathlib import Path
 
 from vofem.folders import read_entries, user_caches, write_entry
 
-#: Rooms of the package that hold kernels.
+#: Subpackages that contain kernels.
 _ROOMS = ("linalg", "laws", "integrators")
 
 _ROOT = Path(__file__).parent.parent
@@ -69,7 +68,7 @@ def _writable(folder: Path) -> bool:
 
 
 def refused_folder() -> str:
-    """Return a sentence on a folder that NUMBA_CACHE_DIR names in vain, empty where there is none."""
+    """Return a sentence if the folder that NUMBA_CACHE_DIR names cannot be used, otherwise an empty text."""
     given = os.environ.get("NUMBA_CACHE_DIR")
     return f"NUMBA_CACHE_DIR names {given}, which cannot be written" if given and not _writable(Path(given)) else ""
 

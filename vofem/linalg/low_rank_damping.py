@@ -8,7 +8,7 @@ Then a root obeys the scalar equation
 
 and its vector is ``x_j = 1, x_i = -s r_i' diag(w) nu / D_i``. Nothing is divided by the small ``D_j``, so that weakly
 coupled modes keep their digits. All roots are improved at once by Newton's method with the terms of Ehrlich and Aberth,
-which keep two of them from meeting.
+which prevent two roots from converging to the same one.
 
 O. Aberth, Math. Comput. 27 (1973) 339, doi:10.2307/2005621; F. Tisseur, K. Meerbergen, SIAM Review 43 (2001) 235,
 doi:10.1137/S0036144500381988.
@@ -26,8 +26,8 @@ Complex = NDArray[np.complex128]
 
 _EPS = float(np.finfo(float).eps)
 
-#: Iterations after which a full eigenproblem is cheaper. Where dampers are not much stronger than what the frequencies
-#: are apart, four to eight suffice.
+#: Iterations after which a full eigenproblem is cheaper. If dampers are not much stronger than the distances of
+#: frequencies, four to eight suffice.
 _MOST_ITERATIONS = 15
 
 #: Share of its size by which every start is moved off the real axis, as a pair of real roots may become complex.

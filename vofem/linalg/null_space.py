@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-#: An entry below this fraction of the largest term of its sum is rounding.
+#: An entry below this fraction of the largest term of its sum counts as rounding.
 _ROUNDING = 1e-12
 
 #: More rows than this are first reduced to a triangle; a foundation may have one row for every element.
@@ -129,7 +129,7 @@ class _Chains:
         return {root: a for root, a in found.items() if abs(a) >= _ROUNDING * largest and a != 0.0}
 
     def absorb(self, row: dict[int, float]) -> dict[int, float] | None:
-        """Use up a row of at most two entries; return it where it has more."""
+        """Apply a row of at most two entries; return the row if it has more."""
         entries = self.reduced(row)
         if len(entries) > 2:
             return row

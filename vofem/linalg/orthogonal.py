@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
-#: Entries of a band that may be kept, 1 GiB.
+#: Largest number of entries of a band; they take 1 GiB.
 _MOST_ENTRIES = 2**27
 
 
@@ -63,7 +63,7 @@ class OrthogonalFactor:
     strain : sparse matrix, shape (n_strains, n)
         D, of full column rank.
     order : ndarray of int, shape (n,)
-        In which the unknowns are eliminated; see `elimination_orders`.
+        The order in which the unknowns are eliminated; see `elimination_orders`.
 
     Raises
     ------

@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-#: Rest of a vector, over its size, below which it counts as a combination of the earlier vectors.
+#: Remainder of a vector, divided by its size, below which it counts as a combination of the earlier vectors.
 _DEPENDENT = 1e-10
 
 
 class RitzBasis:
-    """M-orthonormal vectors, rigid motions first; more are made when asked for.
+    """M-orthonormal vectors, rigid motions first. More vectors are computed on request.
 
     Parameters
     ----------
@@ -34,9 +34,9 @@ class RitzBasis:
     rigid : ndarray, shape (n, r)
         A basis of the motions without stiffness.
     loads : iterable of ndarray, shape (n,)
-        Whose static responses belong in the space.
+        Loads whose static responses belong to the space.
     states : iterable of ndarray, shape (n,)
-        Displacements or velocities that belong in the space themselves.
+        Displacements or velocities that belong to the space.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class RitzBasis:
         self._queue = deque([self._response(load) for load in loads] + [np.array(state) for state in states])
 
     def grow(self, count: int) -> Array:
-        """Return so many vectors, shape (n, count); fewer where the loads and states reach no further."""
+        """Return `count` vectors, shape (n, count), or fewer if the loads and states generate no more."""
         self._reserve(count)
         while self._count < count and self._queue:
             if self._append(self._queue.popleft()):
@@ -72,12 +72,12 @@ class RitzBasis:
             self._vectors = more
 
     def _response(self, load: Array) -> Array:
-        """Return the static response to what a load does beyond accelerating the rigid motions."""
+        """Return the static response to a load, without the part that accelerates the rigid motions."""
         rigid = self._vectors[:, : self.rigid]
         return self._solve(load - self._mass @ (rigid @ (rigid.T @ load)) if self.rigid else load)
 
     def _append(self, x: Array) -> bool:
-        """Add a vector unless the earlier ones hold it."""
+        """Add a vector unless it is a combination of the earlier ones."""
         earlier = self._vectors[:, : self._count]
         image = self._mass @ x
         size = before = left = float(x @ image)

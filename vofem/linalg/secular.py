@@ -187,7 +187,7 @@ def rank_one(d: Array, c: Array, rho: float) -> tuple[Array, Array]:
     Parameters
     ----------
     d : ndarray, shape (n,)
-        Ascending, not negative; repeated values are welcome.
+        Ascending, not negative; repeated values are allowed.
     c : ndarray, shape (n,)
     rho : float
 
@@ -282,7 +282,7 @@ def constrain(d: Array, c: Array) -> tuple[Array, Array, Array]:
     Parameters
     ----------
     d : ndarray, shape (n,)
-        Ascending, not negative; repeated values are welcome.
+        Ascending, not negative; repeated values are allowed.
     c : ndarray, shape (n,)
         Not zero.
 
@@ -293,7 +293,7 @@ def constrain(d: Array, c: Array) -> tuple[Array, Array, Array]:
     vectors : ndarray, shape (n, n - 1)
         Orthonormal columns V, all orthogonal to c.
     force : ndarray, shape (n - 1,)
-        nu with ``diag(d) V = V diag(values) + c nu'``: what the constraint exerts in each mode.
+        nu with ``diag(d) V = V diag(values) + c nu'``: the force of the constraint in each mode.
     """
     n = d.size
     vectors = np.eye(n)

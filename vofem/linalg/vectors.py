@@ -1,7 +1,7 @@
 """Vectors in compiled loops.
 
-numba compiles an assignment to a slice with all that it takes to broadcast, and to say why it could not: half a
-second each. These loops are compiled once.
+numba compiles every assignment to a slice together with code for broadcasting and its errors, which takes half a second
+each. These loops are compiled once.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def _fill(into: Array, value: float) -> None:
 @jit
 def inner(one: Array, two: Array) -> float:
     """Return the sum of the products of the entries of two vectors."""
-    # Four sums at a time: each waits for its own last addition only.
+    # Four sums are computed at a time, because each addition waits only for the last one of its own sum.
     n = one.size
     even = n - n % 4
     first, second, third, fourth = 0.0, 0.0, 0.0, 0.0

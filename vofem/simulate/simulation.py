@@ -44,7 +44,7 @@ def simulate(
     Parameters
     ----------
     scene : Scene
-        What is simulated.
+        The scene that is simulated.
     t_end : float
         Duration of the run in s, positive.
     initial : dict, Equilibrium or Result, optional

@@ -41,7 +41,7 @@ class TimeFunction(ABC):
         """Return the closed form that holds from t0 to the next breakpoint."""
 
     def lines(self, t0: Array) -> tuple[Array, Array] | None:
-        """Return value and slope of the pieces from many times on; None where these may be other than straight lines.
+        """Return value and slope of the pieces from many times on; None if a piece may not be a straight line.
 
         Parameters
         ----------
@@ -56,7 +56,7 @@ class TimeFunction(ABC):
 
     @property
     def sample_spacing(self) -> float:
-        """Distance in s of the times at which a callable was evaluated; 0 if the shape is known, inf if nothing is."""
+        """Distance in s of the times at which a callable was evaluated; 0 for a known shape, inf for an unknown one."""
         return 0.0
 
     def shortest(self, t_end: float) -> float:

@@ -1,4 +1,4 @@
-"""The motion of all blocks of a segment in compiled code: what `motion.Motion` is in Python."""
+"""The motion of all blocks of a segment in compiled code. The form in Python is `motion.Motion`."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def begin(table: Table, s: int, loads: LoadTable, interval: int, t: float, horiz
     mixed = table.mixed[s]
     late = t - loads.edges[interval]
     special = 0
-    # What is static of complex modes, and the inputs that are left; of real modes only g2 is not zero.
+    # The static response of complex modes and the remaining inputs. For real modes only g2 is not zero.
     for k in range(n):
         blocks.poly_z[k], blocks.poly_v[k] = table.push[s, 0, k], table.push[s, 1, k]
         blocks.rate_z[k] = blocks.rate_v[k] = 0.0
@@ -134,7 +134,7 @@ def _enter_special(blocks: Blocks, e: int, k: int, exponent: complex, g1: comple
 def _changes(
     table: Table, s: int, omega: Array, blocks: Blocks, special: int, tau: float, remainder: bool, z: Array, v: Array
 ) -> None:
-    """Write by how much the block states have changed at tau; where asked for, without what is linear in tau."""
+    """Write by how much the block states have changed at tau, on request without the part that is linear in tau."""
     for k in range(z.size):
         delta, p, z0, v0 = table.delta[s, k], table.p[s, k], blocks.z[k], blocks.v[k]
         if remainder:
@@ -173,7 +173,7 @@ def move(
     Parameters
     ----------
     velocity : ndarray, shape (n,)
-        Modal, at the start.
+        Modal velocity at the start.
     change : ndarray, shape (2, n)
         Filled.
     both : ndarray, shape (3, 2n)

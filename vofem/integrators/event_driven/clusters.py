@@ -42,7 +42,7 @@ class Cluster(NamedTuple):
 
 
 class ClusterFlow(NamedTuple):
-    """The motion of all clusters, flat, as compiled code takes it. With inputs a cluster has n coordinates.
+    """The motion of all clusters in flat arrays for compiled code. With its inputs a cluster has n coordinates.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class ClusterFlow(NamedTuple):
     state, states : ndarray
         Coordinates and inputs at tau = 0, and the places where they begin, shape (k + 1,).
     rate, growth : ndarray, shape (k,)
-        Norm of T and the rate at which motion may grow at most, 1/s.
+        Norm of T, and the largest rate at which the motion may grow, 1/s.
     push, jerk : ndarray, shape (k,)
         Bounds on the norms of g and of its rate.
     quickness : ndarray, shape (k,)
@@ -75,7 +75,7 @@ class ClusterFlow(NamedTuple):
 
 _INTEGERS, _NUMBERS, _ORIGIN = np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(1, dtype=np.int64)
 
-#: No clusters: the usual case, so one for all.
+#: The flow without clusters. It is the usual case, so one object serves all segments.
 NO_CLUSTERS = ClusterFlow(
     _INTEGERS, _ORIGIN, _NUMBERS, _ORIGIN, _NUMBERS, _ORIGIN, _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS
 )
@@ -99,13 +99,13 @@ def cluster_flow(
     z, v : ndarray, shape (m,)
         Block states at tau = 0.
     omega : ndarray, shape (n_h,)
-        In rad/s.
+        Angular frequencies of the inputs in rad/s.
     waves : list of (g1, g2)
         Inputs to the blocks ``Re(g exp(i w tau))`` for each of these.
     constant, slope : (g1, g2)
         Constant inputs and those that grow like tau.
     horizon : float
-        For how long the motion may be followed, s.
+        Longest time in s for which the motion is computed.
     """
     if not clusters:
         return NO_CLUSTERS

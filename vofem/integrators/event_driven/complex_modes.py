@@ -32,7 +32,7 @@ _SLOWEST = 1e-3
 #: deviation of their rows from the inverse of their columns.
 _FEW, _LOST = 24, 1e-10
 
-#: Sine of the angle between a row and its rate above which two coordinates form a block.
+#: Two coordinates form a block if the sine of the angle between a row and its rate is above this value.
 _TURNING = 1e-2
 
 
@@ -70,7 +70,8 @@ def damped_blocks(stiffness: Array, damping: Array, terms: CoupledDamping | None
     damping : ndarray, shape (m, m)
         C, symmetric and positive semi-definite.
     terms : CoupledDamping, optional
-        C once more, where few of its terms couple motions. The complex modes then take O(m^2), and not O(m^3).
+        The same C as a diagonal and a few terms, if only few terms couple motions. The complex modes then take O(m^2),
+        and not O(m^3).
     """
     m = stiffness.size
     frame, loose = _loose_motions(stiffness, damping)
@@ -217,7 +218,7 @@ def _updated(k: Array, omega: Array, terms: CoupledDamping | None) -> Roots | No
 
 
 def _turning(roots: Roots, groups: list[Group]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return which pairs of roots form blocks of their own, and which real roots do, two by two."""
+    """Return which pairs of roots form blocks of their own, and which real roots form blocks two by two."""
     pairs = roots.pairs.imag > _TURNING * np.abs(roots.pairs)
     real = np.ones(roots.real.size, dtype=bool)
     if sum(group.right.shape[1] % 2 for group in groups) % 2:
@@ -230,7 +231,7 @@ def _turning(roots: Roots, groups: list[Group]) -> tuple[NDArray[np.bool_], NDAr
 
 
 def _own_blocks(roots: Roots, delta: Array, p: Array, out: Array, into: Array) -> int:
-    """Fill in the blocks of pairs of roots, and of real roots two by two; return their number."""
+    """Enter the blocks of pairs of roots, and of real roots two by two; return their number."""
     m, n, half = roots.pairs.size, delta.size, roots.real.size // 2
     a, b = roots.pairs.real, roots.pairs.imag
     one, two = roots.right[:, :m], roots.right[:, m : 2 * m]

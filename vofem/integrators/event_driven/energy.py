@@ -1,8 +1,8 @@
 """Energies of an event-driven run: work and dissipation as closed-form integrals, segment by segment.
 
-Segments of one status are done together (`energy_forms`). Those with pinned contacts, with clusters of modes, or with
-ramps on blocks that are slower than the run, are done one by one (`energy_by_exponentials`). What is left of a motion
-when a contact is pinned counts as dissipated.
+Segments of one status are treated together (`energy_forms`). Segments with pinned contacts, with clusters of modes, or
+with ramps on blocks that are slower than the run, are treated one by one (`energy_by_exponentials`). The kinetic energy
+that is removed when a contact is pinned counts as dissipated.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def work_and_dissipation(
     work: Array,
     dissipated: Array,
 ) -> None:
-    """Fill the work of all loads and the energy taken by all dampers, from t = 0 to the times wanted.
+    """Compute the work of all loads and the energy dissipated by all dampers, from t = 0 to the given times.
 
     Parameters
     ----------
@@ -50,9 +50,10 @@ def work_and_dissipation(
     loads : LoadTable, optional
         The functions of time of the loads; None where they are too many for a table.
     visits : list of (int, ndarray of int, ndarray)
-        Segments in ascending order with the times wanted in them: their places in `work`, and from its start, s.
+        Segments in ascending order with the requested times in them: the places of the times in `work`, and the times
+        in s from the start of the segment.
     damped : bool
-        Whether there are dampers at all.
+        Whether there are any dampers.
     pinning : ndarray, shape (n_segments,), optional
         Energy lost at the beginning of every segment, J.
     work, dissipated : ndarray, shape (n_times,)
@@ -69,7 +70,7 @@ def work_and_dissipation(
             if forms is None:
                 continue
             places, taus = zip(*(wanted.get(k, nothing) for k in members.tolist()), strict=True)
-            # The times in a segment and its end.
+            # The times in a segment, and its end.
             of = np.repeat(np.arange(members.size), [part.size + 1 for part in taus])
             tau = np.concatenate(
                 [part for k, own in zip(members, taus, strict=True) for part in (own, record.durations[k : k + 1])]

@@ -35,8 +35,8 @@ _RAMP_SERIES = np.array([1.0 / (math.factorial(k) * (k + 2)) for k in range(16)]
 #: Exponentials that are so many times faster than odd blocks are integrated by parts.
 _FASTER = 8.0
 
-#: Decay, as a power of e, beyond which nothing is left; times that are treated together when there are more than a few,
-#: as the last over the first.
+#: Decay, as a power of e, beyond which a term counts as zero; ratio of the last to the first of the times that are
+#: treated together; and number of times up to which all are treated together.
 _DECAYED, _BATCH, _FEW = 45.0, 2.0, 16
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
@@ -113,10 +113,10 @@ class Velocities:
         return total
 
     def _power(self, row: Array | Complex) -> tuple[Complex, Complex, complex]:
-        """Return ``row @ modal velocity`` of the even blocks as a sum: coefficients, exponents, what grows with tau.
+        """Return ``row @ modal velocity`` of the even blocks as a sum: coefficients, exponents, linear part.
 
-        Exponents that blocks share, which are those of the loads, stand in it once. What grows linearly cancels over
-        all blocks; over some it does not.
+        Exponents that several blocks share, which are those of the loads, occur once in the sum. Parts that grow
+        linearly cancel in the sum over all blocks, but not in the sum over some of them.
         """
         w, u = self._velocity_rows(row[None])
         w, u = w[0], u[0]
@@ -140,7 +140,7 @@ class Velocities:
         return quadrature(power, tau, quickest + _quickest(motion))
 
     def dissipation(self, tau: Array) -> Array:
-        """Return the energy taken by all dampers from the segment's start to tau."""
+        """Return the energy dissipated by all dampers from the segment's start to tau."""
         if self.motion.spectrum.classical:
             return self._classical_dissipation(tau)
         rows = self._damping_rows()
@@ -154,7 +154,7 @@ class Velocities:
             return quadrature(power, tau, _quickest(self.motion))
         z, v = self.z.copy(), self.v.copy()
         if np.any(self.odd):
-            # What answers loads and constants is a sum of exponentials in all blocks.
+            # The response to loads and constants is a sum of exponentials in all blocks.
             self._steady(z, v, self.odd)
         gathered, unique = _gathered(w[:, :, None] * z + u[:, :, None] * v, self.mu)
         gram = gathered.T @ gathered
@@ -167,7 +167,7 @@ class Velocities:
         return taken
 
     def _odd_dissipation(self, w: Array, u: Array, others: Complex, mu: Complex, tau: Array) -> Array:
-        """Return what the free motion of odd blocks and their responses from rest add to the energy taken.
+        """Return the energy that is dissipated by the free motion of odd blocks and by their responses from rest.
 
         Squares and products with exponentials of similar rates are smooth, and a few panels integrate them. Products
         with faster exponentials follow from the equation of motion of the blocks, by integration by parts.
@@ -194,7 +194,7 @@ class Velocities:
 
         end = np.inf
         if not motion.special.block.size:
-            # Free motion alone: over when its slowest root has decayed.
+            # The free motion alone ends when its slowest root has decayed.
             delta, p = motion.spectrum.delta, motion.spectrum.p
             slowest = delta - np.sqrt(np.maximum(delta**2 - p, 0.0))
             end = _DECAYED / float(slowest.min()) if slowest.min() > 0.0 else np.inf
@@ -205,7 +205,7 @@ class Velocities:
         wave = np.expm1(np.outer(tau, s))
         for k in range(w.shape[1]):
             delta, p = motion.spectrum.delta[k], motion.spectrum.p[k]
-            # exp(s t) y(t) - y(0), less what the inputs have put in.
+            # exp(s t) y(t) - y(0), less the contribution of the inputs.
             parts = [wave * (begin[i][k] + change[i][k][:, None]) + change[i][k][:, None] for i in (0, 1)]
             for e in np.flatnonzero(motion.special.block == k):
                 exponent, inputs = motion.special.exponent[e], (motion.special.g1[e], motion.special.g2[e])
@@ -264,8 +264,8 @@ class Velocities:
 def _moving(quotient: Complex, mu: Complex, tau: Array) -> Array:
     """Return ``sum over a, b of quotient_ab (exp((mu_a + mu_b) t) - 1)`` at all t.
 
-    By ``exp(mu t) - 1`` of each: in short segments nothing else keeps its digits. What has decayed before all of some
-    times stays what it is, so that few terms remain for late times.
+    Each product is computed from ``exp(mu t) - 1``, because only this is accurate in short segments. Terms that have
+    decayed before a batch of times are constant there, so that few terms remain for late times.
     """
     result = np.empty(tau.size)
     for mine, alive in _batches(mu, tau):
@@ -362,7 +362,7 @@ def _only(motion: Motion, keep: NDArray[np.bool_]) -> Motion:
         poly_z=motion.poly_z[keep],
         poly_v=motion.poly_v[keep],
         special=special,
-        # Their members are kept always, or there are none.
+        # The members of clusters are always kept, or there are none.
         clusters=together._replace(member=number[together.member].astype(np.int64)),
     )
 

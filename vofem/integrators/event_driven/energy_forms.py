@@ -1,15 +1,15 @@
 """Work and dissipation of many segments at once, as linear and quadratic forms of the block states.
 
 The blocks of a status obey ``x' = A x + g(t)``, where x holds the displacements z and the velocities v of all blocks.
-Their motion is written as ``x = h + s``. The part s answers loads, and springs that act from somewhere else than zero,
-as a sum of exponentials and a ramp. The part h is free, apart from blocks that have no such answer (resonance, blocks
-that are slower than the run).
+Their motion is written as ``x = h + s``. The part s is the response to loads, and to springs whose force is zero at a
+displacement other than zero. It is a sum of exponentials and a ramp. The part h is free motion, except in blocks that
+have no such response (resonance, blocks that are slower than the run).
 
-Dampers take the power ``x' Q x``. The matrix P with ``A' P + P A = -Q`` is found once a status, block by block in
-closed form; free motion has then lost ``h' P h`` at its start less that at its end. Integrals of ``exp(i w t) r h``
-follow in the same way from the row y with ``(A' + i w) y = r``. A time that is asked for costs one evaluation of the
-blocks and some products of matrices, however many exponentials the motion consists of. P comes from the dampers and
-the roots alone, so the energies that it must balance have no part in it.
+Dampers take the power ``x' Q x``. The matrix P with ``A' P + P A = -Q`` is computed once for each status, block by
+block in closed form. The energy that free motion loses is then ``h' P h`` at its start minus that at its end. Integrals
+of ``exp(i w t) r h`` follow in the same way from the row y with ``(A' + i w) y = r``. Each time costs one evaluation of
+the blocks and some products of matrices, however many exponentials the motion has. P is computed from the dampers and
+the roots alone, so that the energy balance is an independent check.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ Integers = NDArray[np.int64]
 #: Times that are treated together.
 _TOGETHER = 4096
 
-#: Share of a block's energy above which what it loses is not believed.
+#: Multiple of a block's energy above which its computed loss is taken as rounding.
 _MORE = 4.0
 
-#: Motions that damping couples by less than this share are not coupled.
+#: Share of coupling by damping below which motions count as not coupled.
 _ROUNDING = 4.0 * float(np.finfo(float).eps)
 
 
@@ -45,7 +45,7 @@ class Loads(NamedTuple):
     Attributes
     ----------
     omega : ndarray, shape (n_h,)
-        In rad/s.
+        Angular frequencies in rad/s.
     constant, slope : ndarray, shape (n_functions, k)
     amplitude : ndarray of complex, shape (n_h, n_functions, k)
     """
@@ -64,17 +64,17 @@ class StatusForms:
     space : ModalSpace
     laws : ContactLaws, optional
     status : ndarray of int, shape (n_contacts,)
-        Without pinned contacts.
+        Status of the contacts, none of which is pinned.
     spectrum : Spectrum
-        Without clusters.
+        Spectrum without clusters.
     vectors : ndarray, shape (n_functions, n)
         Modal load vectors.
     push : ndarray, shape (n,)
-        Modal force of springs that act from somewhere else than zero.
+        Modal force of closed contacts at zero displacement.
     horizon : float
-        For how long motions may be followed, s.
+        Longest time in s for which a motion is computed.
     damped : bool
-        Whether there are dampers at all.
+        Whether there are any dampers.
     """
 
     def __init__(
@@ -89,7 +89,7 @@ class StatusForms:
         if spectrum.blocks is None:
             self.rows = np.hstack([np.zeros_like(local), local])
             rates = space.damping[:n]
-            # Of real modes P is that of the energy.
+            # For real modes P is that of the energy.
             self.power = np.concatenate([np.zeros(n), rates])
             self.lost = np.where(np.tile(rates > 0.0, 2), np.concatenate([0.5 * spectrum.p, np.full(n, 0.5)]), 0.0)
             return
@@ -106,26 +106,26 @@ class StatusForms:
             out = spectrum.blocks.out
             energy = 0.5 * (spectrum.real.p @ out[:n] ** 2 + np.sum(out[n:] ** 2, axis=0))
             own = self.power.diagonal()
-            # What a block loses by itself in the whole run may be rounding, which its decay rate does not know of.
+            # The energy that a block loses by itself in the whole run may be rounding, which its decay rate does not
+            # show.
             faint = np.all((own * horizon <= np.finfo(float).eps * energy).reshape(2, n), axis=0)
             self.lost = _lost(spectrum.delta, spectrum.p, self.power, faint)
-            # Nothing loses more than it has, except where decay rates are rounding.
+            # No block can lose more energy than it has, unless its decay rate is rounding.
             self.certain = bool(np.all(np.abs(self.lost.diagonal()) <= _MORE * energy))
 
     def taken(
         self, loads: Loads, displacement: Array, velocity: Array, segment: Integers, tau: Array
     ) -> tuple[Array, Array] | None:
-        """Return work of the loads and energy taken by dampers since the start of a segment, each (n_times,).
+        """Return the work of loads and the energy dissipated by dampers since the start of a segment, each (n_times,).
 
-        None where these forms do not hold: in damped systems, for blocks that are slower than the run, or nearly
-        defective.
+        None if these forms do not hold: in damped systems with blocks that are slower than the run or nearly defective.
 
         Parameters
         ----------
         displacement, velocity : ndarray, shape (k, n)
-            Modal, at the start of k segments.
+            Modal states at the start of k segments.
         segment : ndarray of int, shape (n_times,)
-            Which of these, in ascending order.
+            Number of the segment of each time, in ascending order.
         tau : ndarray, shape (n_times,)
             Times from the starts, s.
         """
@@ -145,7 +145,7 @@ class StatusForms:
         return work, others[0] if others else np.zeros(tau.size)
 
     def _answer(self, loads: Loads) -> _Answer:
-        """Return the steady answers to the loads of some segments, and the blocks that have none."""
+        """Return the steady responses to the loads of some segments, and the blocks that have none."""
         spectrum, horizon = self.spectrum, self.horizon
         n, count, waves = spectrum.p.size, loads.constant.shape[1], loads.omega.size
         steady = np.zeros((1 + waves, 2 * n, count), dtype=complex)
@@ -273,7 +273,7 @@ class StatusForms:
         return y
 
     def _apart(self, form: _Form, answer: _Answer, start: Array, nu: Array, s: int, tau: Array) -> Array:
-        """Return what blocks without a steady answer, which are about as slow as the loads, add to a form."""
+        """Return what blocks without a steady response, which are about as slow as the loads, contribute to a form."""
         n, keep = self.spectrum.p.size, np.flatnonzero(answer.apart)
         delta, p = self.spectrum.delta[keep], self.spectrum.p[keep]
         both = np.concatenate([keep, n + keep])
@@ -300,15 +300,15 @@ class _Answer(NamedTuple):
     Attributes
     ----------
     steady : ndarray of complex, shape (1 + n_h, 2n, k)
-        Of the block states, to what is constant and to each frequency.
+        Responses of the block states to the constant part of the loads and to each frequency.
     apart : ndarray of bool, shape (n,)
-        Blocks that have none, whatever drives them.
+        Blocks that have no steady response to any load.
     block, at : ndarray of int, shape (e,)
-        Inputs to such blocks, and to which of the frequencies they belong, 0 for what is constant.
+        The blocks that inputs act on, and the number of the frequency of each input, 0 for constant inputs.
     g1, g2 : ndarray of complex, shape (e, k)
         Their amplitudes.
     ramp : ndarray of bool, shape (e,)
-        Whether they grow with time instead.
+        Whether an input grows with time instead.
     """
 
     steady: Complex

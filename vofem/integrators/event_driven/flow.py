@@ -1,7 +1,7 @@
-"""The flow of a system over a time, with its exact derivative: what orbits are found with.
+"""The flow of a system over a time, with its exact derivative. Shooting finds periodic orbits with it.
 
 `flow` follows a modal state from one time to another in closed form between
-events, as a run does, and carries perturbations along. Runs of one system
+events, as a run does, and computes how perturbations grow. Runs of one system
 share its modes and the eigensystems of its contact statuses through
 `System.cache`; `share_modes` lets other systems with the same matrices use
 them too.
@@ -33,30 +33,30 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Status = NDArray[np.int64]
 
-#: Events in one flow after which it is given up.
+#: Largest number of events in one flow.
 MOST_EVENTS = 10_000
 
 #: Tables of statuses that a system keeps for its flows.
 _MOST_TABLES = 4
 
-#: With fewer segments the size of a motion is looked up at these shares of the time too.
+#: With fewer segments the size of a motion is also computed at these shares of the time.
 _FEW, _INSIDE = 4, np.array([0.13, 0.37, 0.61, 0.86])
 
 
 @dataclass(frozen=True)
 class Start:
-    """Where a flow begins.
+    """The time and the state at which a flow begins.
 
     Attributes
     ----------
     time : float
-        In s, of the loads.
+        Time of the loads in s.
     displacement, velocity : ndarray, shape (n,)
-        Modal.
+        Modal state at `time`.
     status : ndarray of int, shape (n_contacts,), optional
-        Contact status just after `time`; that of the state where not given.
+        Contact status just after `time`. By default it follows from the state.
     touching : int, optional
-        A contact that switches at `time`, so that it is at its gap to the last bit.
+        A contact that switches at `time`, so that it is exactly at its gap.
     """
 
     time: float
@@ -73,7 +73,7 @@ class FlowEvent:
     Attributes
     ----------
     time : float
-        In s.
+        Time in s.
     contact : int
     before, after : int
         Status of the contact.
@@ -96,12 +96,12 @@ class Flow:
     ----------
     start : Start
     stop : float
-        In s.
+        Time in s.
     displacement, velocity : ndarray, shape (n,)
         Modal state at `stop`.
     monodromy : ndarray, shape (2n, k), optional
-        Perturbations at `stop`, displacements above velocities; with all unit perturbations of the start the
-        derivative of the final state.
+        Perturbations at `stop`, displacements above velocities. If the perturbations at the start are all unit vectors,
+        this is the derivative of the final state.
     events : tuple of FlowEvent
     solution : EventSolution
         The segments, for sampling.
@@ -117,7 +117,7 @@ class Flow:
 
     @property
     def space(self) -> ModalSpace:
-        """The modes."""
+        """Modes of the contact-free system."""
         return self.solution.space
 
     @property
@@ -141,7 +141,7 @@ class Flow:
     def sizes(self) -> tuple[float, float]:
         """Sizes of modal displacements and velocities along the flow: the largest norms at ends of segments.
 
-        Of few segments also in between, since a motion may pass zero at the ends of all of them.
+        With few segments times within them are used too, because a motion may be zero at the ends of all of them.
         """
         segments = self.solution.segments
         z, v = [self.displacement, *segments.displacement], [self.velocity, *segments.velocity]
@@ -179,12 +179,12 @@ def flow(
     Parameters
     ----------
     system : System
-        One that `event_driven` takes.
+        A system that `event_driven` can treat.
     start : Start
     stop : float
         Absolute time in s.
     derivative : ndarray, shape (2n, k), optional
-        Perturbations of the start that are carried along; the identity for the monodromy matrix.
+        Perturbations at the start whose growth is computed; the identity for the monodromy matrix.
     unwatched : sequence of Unwatched
     counters : Counters, optional
         Work is counted here.
@@ -240,14 +240,14 @@ def _share_table(solution: EventSolution) -> None:
 
 
 def _stops(system: System, start: float, stop: float, unwatched: Sequence[Unwatched]) -> list[float]:
-    """Return the times at which a segment ends whatever happens, the last of them the stop."""
+    """Return the times at which a segment ends in any case, the last of which is the stop."""
     breaks = [b for load in system.loads for b in load.function.breakpoints(stop)]
     breaks += [t for window in unwatched for t in (window.start, window.stop)]
     return [*(float(t) for t in np.unique([b for b in breaks if start < b < stop])), stop]
 
 
 def _pass_along(solution: EventSolution, follower: Follower, tangent: Tangent | None) -> list[FlowEvent]:
-    """Carry perturbations, if any, along all segments of a flow; return its events."""
+    """Compute perturbations, if there are any, along all segments of a flow; return its events."""
     record, space = solution.record, solution.space
     events: list[FlowEvent] = []
     for index, duration in enumerate(record.durations):
@@ -273,7 +273,7 @@ def _pass_along(solution: EventSolution, follower: Follower, tangent: Tangent | 
 
 
 def share_modes(system: System, earlier: System) -> bool:
-    """Let a system use the modes of an earlier one with the same matrices, and all else that is equal.
+    """Let a system use the modes of an earlier one with the same matrices, and all other data that are equal.
 
     Where the rows of contacts or loads differ, the modes are expressed in those of the system. Returns whether modes
     are shared.

@@ -1,10 +1,8 @@
-"""Follows a motion from segment to segment: in compiled code where that can, else in Python.
+"""Computes a motion segment by segment, in compiled code where this is possible and otherwise in Python.
 
-A step in Python handles every segment: contacts that are pinned, events of
-several contacts at once, clusters of complex modes. The compiled loop
-(`loop.run_segments`) handles the common ones, many in one call. Which of them
-does a segment depends on the motion alone, so that a run that goes on from a
-snapshot gives the same bits.
+A step in Python handles every segment: contacts that are pinned, events of several contacts at once, clusters of
+complex modes. The compiled loop (`loop.run_segments`) handles the common ones, many in one call. The choice between
+them depends on the motion alone, so that a run that is continued from a snapshot gives the same bits.
 """
 
 from __future__ import annotations
@@ -45,13 +43,13 @@ FIRST_CALL, _SECONDS, MOST = 64, 0.1, 100_000
 
 @dataclass(frozen=True)
 class Unwatched:
-    """A contact whose events do not count for a while: it keeps the status that it has.
+    """A contact whose events are ignored between two times, so that it keeps its status.
 
     Attributes
     ----------
     contact : int
     start, stop : float
-        Absolute times in s; outside of them it is watched.
+        Absolute times in s between which events are ignored.
     """
 
     contact: int
@@ -67,25 +65,25 @@ class Follower:
     solution : EventSolution
         Keeps the segments.
     edges : array_like, shape (k,)
-        Times in s between which the loads are of one closed form, from the begin of the run on; the motion is followed
-        to the last one.
+        Times in s, from the beginning of the run on, between which each load has one closed form. The motion is
+        computed to the last one.
     time : float
-        From where on to follow, s.
+        Time in s from which the motion is computed.
     status : ndarray of int, shape (n_contacts,)
     displacement, velocity : ndarray, shape (n,)
-        Modal state there.
+        Modal state at this time.
     pin_fraction : float
         See `pinned`.
     most_events : int
-        After so many events `advance` returns, for the caller to give up.
+        Number of events after which `advance` returns, so that the caller can stop.
     unwatched : sequence of Unwatched
 
     Attributes
     ----------
     time, status, displacement, velocity
-        Where the motion stands.
+        Time, contact status and modal state that have been reached.
     calls, steps : int
-        How often the compiled loop was called, and how many segments Python has done.
+        Number of calls of the compiled loop, and number of segments that were computed in Python.
     """
 
     def __init__(
@@ -103,7 +101,7 @@ class Follower:
         self._in_loop = compiled() and solution.space.size <= MOST_MODES
 
     def advance(self) -> None:
-        """Go on for one segment or more, for about 0.1 s at most where these are in compiled code."""
+        """Compute one segment or more. In compiled code a call takes about 0.1 s of wall time at most."""
         slot = self._slot() if self._in_loop else -1
         if slot >= 0:
             self._loop(slot)
@@ -113,7 +111,7 @@ class Follower:
     # -- in Python --------------------------------------------------------------------------------
 
     def _step(self) -> None:
-        """Go on for one segment."""
+        """Compute one segment."""
         solution, edges = self.solution, self._edges
         self.steps += 1
         while edges[self._stop] <= self.time:
@@ -186,7 +184,7 @@ class Follower:
         return self.solution.slot(status)
 
     def _loop(self, slot: int) -> None:
-        """Go on in compiled code from a slot, and with a step in Python where that does not do the next segment."""
+        """Continue in compiled code from a slot, or with a step in Python if the next segment needs it."""
         assert self._loads is not None
         solution, now = self.solution, self._now
         record, counters = solution.record, solution.counters
@@ -229,7 +227,7 @@ class Follower:
             self._step()
 
     def _take_over(self) -> None:
-        """Stand where the compiled loop has stopped."""
+        """Take over the time and the state at which the compiled loop has stopped."""
         now, record = self._now, self.solution.record
         self.time = float(now.time[0])
         self.displacement, self.velocity = now.displacement.copy(), now.velocity.copy()

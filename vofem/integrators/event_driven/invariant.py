@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-#: Condition number of a basis that costs hardly any digits, and the largest that is put up with.
+#: Condition number of a basis below which hardly any digits are lost, and the largest one that is accepted.
 _WELL, _BEARABLE = 30.0, 1e3
 
-#: Steps of the power method for a norm that decides, and is not computed with.
+#: Steps of the power method for a norm that is only compared with a limit.
 _POWERS = 6
 
-#: Modes whose overlap is closer to one than this are kept together: as many as it takes, all of them at last.
+#: Modes whose overlap differs from one by less than this are kept together. The values are tried in turn; the last one
+#: joins all modes.
 _OVERLAPS = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 0.3, 0.6, 2.0)
 
 
@@ -50,7 +51,7 @@ class Roots(NamedTuple):
     Attributes
     ----------
     pairs : ndarray of complex, shape (m,)
-        Of each pair of conjugates the root with the positive imaginary part.
+        The root with the positive imaginary part of each conjugate pair.
     real : ndarray, shape (r,)
         Ascending.
     right : ndarray, shape (n, 2m + r)
@@ -70,7 +71,7 @@ class Roots(NamedTuple):
         return self._replace(right=self.right * scale[:, None], left=self.left / scale)
 
     def taken(self, pairs: NDArray[np.bool_], real: NDArray[np.bool_]) -> tuple[Roots, list[Group]]:
-        """Return some of the roots, and the others as groups, each by itself."""
+        """Return some of the roots, and each of the others as a group of its own."""
         m = self.pairs.size
         kept = np.flatnonzero(np.concatenate([pairs, pairs, real]))
         groups = [
@@ -107,7 +108,7 @@ def own_modes(roots: NDArray[np.complex128], right: Any, left: Any = None) -> Ro
 
 
 def well_conditioned(roots: Roots) -> bool:
-    """Return whether modes that span the whole space cost hardly any digits."""
+    """Return whether the modes span the whole space with hardly any loss of digits."""
     return bool(np.all(np.isfinite(roots.left))) and _norm(roots.right) * _norm(roots.left.T) < _WELL
 
 
@@ -126,7 +127,7 @@ def split(state: Array) -> tuple[Roots, list[Group]]:
     Parameters
     ----------
     state : ndarray, shape (n, n)
-        Of which the symmetric part is not positive, or nearly so.
+        Matrix of the system, whose symmetric part has no positive eigenvalues except rounding.
     """
     roots, right = np.linalg.eig(state)
     upper = np.flatnonzero(roots.imag >= 0.0)

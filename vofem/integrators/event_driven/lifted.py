@@ -18,7 +18,7 @@ IntArray = NDArray[np.int64]
 
 
 class LiftedSamples:
-    """Samples in Ritz vectors; degrees of freedom are computed when asked for.
+    """Samples in Ritz vectors; degrees of freedom are computed when they are first needed.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class TruncatedSolution:
         M-orthonormal.
     truncation : Truncation
     tolerance : float
-        Relative error of displacements that was asked for.
+        Relative error of displacements that the user accepts.
     beams : bool
         Whether there are slopes among the degrees of freedom.
     """

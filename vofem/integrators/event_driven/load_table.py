@@ -45,7 +45,7 @@ def load_table(functions: Sequence[TimeFunction], edges: Array) -> LoadTable | N
     Parameters
     ----------
     functions : sequence of TimeFunction
-        With closed forms.
+        Functions with closed forms.
     edges : ndarray, shape (k + 1,)
         Increasing times in s with all breakpoints in between.
     """

@@ -1,10 +1,8 @@
 """The loop over segments and events in compiled code.
 
-It does what a step of `follow.Follower` does in Python, segment after segment:
-begin the motion of the status, search for the next event, move to it, change
-the status. It returns where it needs something that it does not have (the
-eigensystem of a status that is new, room for more segments) and where a segment
-is not of the common kind; that segment is left to Python.
+It repeats in compiled code the step that `follow.Follower` does in Python: it begins the motion of the status, searches
+for the next event, moves to it and changes the status. It returns if it needs the eigensystem of a new status or room
+for more segments. It also returns if a segment is not of the common kind; this segment is then computed in Python.
 """
 
 from __future__ import annotations
@@ -26,7 +24,8 @@ from vofem.system import CLOSED, OPEN
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-#: Why the loop returns: the run is at its end, the segments asked for are done, a status has no slot, the record is
+#: Why the loop returns: the run is at its end, the requested number of segments is done, a status has no slot, the
+#: record is
 #: full, a segment is not of the common kind, or there were too many events.
 DONE, PAUSED, NEW_STATUS, FULL, SPECIAL, STORM = range(6)
 
@@ -34,7 +33,8 @@ DONE, PAUSED, NEW_STATUS, FULL, SPECIAL, STORM = range(6)
 #: numbers of segments and of events in the record, and how often event functions were evaluated.
 SLOT, INTERVAL, SWITCHED, SEGMENTS, EVENTS, EVALUATIONS = range(6)
 
-#: Terms of a contact's coordinate over its size, from which on it is a difference of large numbers.
+#: Size of the terms of a contact's coordinate, divided by its own size, above which it counts as a difference of large
+#: numbers.
 CANCELLING = 8.0
 
 
@@ -46,9 +46,9 @@ class Laws(NamedTuple):
     rows, row_sizes : ndarray, shape (n_contacts, n)
         Modal rows, and bounds on the terms that they are summed of.
     squares : ndarray, shape (n_contacts,)
-        Of the rows.
+        Squared norms of the rows.
     gap : ndarray, shape (n_contacts,)
-        In m.
+        Gaps in m.
     pinning, pinning_rate : ndarray, shape (n_contacts,)
         A contact may be pinned where its speed squared is below ``pinning + pinning_rate speed``.
     """
@@ -62,16 +62,16 @@ class Laws(NamedTuple):
 
 
 class Now(NamedTuple):
-    """Where a run stands; changed in place.
+    """Time and state that a run has reached; changed in place.
 
     Attributes
     ----------
     time : ndarray, shape (1,)
-        In s.
+        Time in s that has been reached.
     place : ndarray of int, shape (6,)
-        See `SLOT` and what follows it.
+        Numbers whose order is that of `SLOT` and the constants after it.
     displacement, velocity : ndarray, shape (n,)
-        Modal.
+        Modal state at this time.
     gaps : ndarray, shape (n_contacts,)
         Gap functions, m.
     watched : ndarray of bool, shape (n_contacts,)
@@ -183,17 +183,17 @@ def run_segments(
     Parameters
     ----------
     now : Now
-        Where the run stands, before and after.
+        Time and state of the run, changed in place.
     out : Buffers
-        Of the record, filled.
+        Arrays of the record, to which segments and events are added.
     horizon : float
-        For how long motions may be followed, s.
+        Longest time in s for which a motion is computed.
     until : float
-        A time in s at which to stop before the end.
+        A time in s at which the loop stops before the end of the run.
     segments : int
-        How many segments to do before `PAUSED`.
+        Number of segments after which the loop returns `PAUSED`.
     events : int
-        How many events there may be in all.
+        Largest number of events in the whole run.
     """
     n, m = now.displacement.size, laws.gap.size
     place, intervals, most = now.place, loads.constant.shape[0], loads.omega.shape[1]

@@ -1,4 +1,4 @@
-"""Samples of a run in modes: displacements, velocities and accelerations are computed when asked for."""
+"""Samples of a run in modes: displacements, velocities and accelerations are computed when they are first needed."""
 
 from __future__ import annotations
 

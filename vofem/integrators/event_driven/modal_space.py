@@ -1,7 +1,7 @@
-"""The contact-free system in its own modes, where everything of the event-driven method happens.
+"""The contact-free system in its own modes. All computations of the event-driven method use this form.
 
-There M is the identity, K and classical C are diagonal, a contact is a row c
-and the finite element model is out of sight.
+In these coordinates M is the identity, K and classical damping C are diagonal, and a contact is a row c. The finite
+element model is no longer needed.
 """
 
 from __future__ import annotations

@@ -1,11 +1,9 @@
 """The motion between two events in closed form.
 
-A block's motion is a free part from its own state, a particular part (the
-steady answer to harmonics, constants and ramps) and, where the particular
-part would divide by almost zero (resonance, rigid motion), the response from
-rest instead. All are evaluated as changes since the beginning, which keep
-their digits however small they are: what a stiff contact does in its short
-time is known far better than the displacement on top of which it happens.
+A block's motion is a free part from its own state, a particular part (the steady answer to harmonics, constants and
+ramps) and, where the particular part would divide by almost zero (resonance, rigid motion), the response from rest
+instead. All parts are evaluated as changes since the beginning of the segment, which are accurate however small they
+are. The small penetration of a stiff contact is therefore far more accurate than the displacement to which it is added.
 """
 
 from __future__ import annotations
@@ -36,7 +34,8 @@ Complex = NDArray[np.complex128]
 #: A harmonic counts as resonant where the steady answer would exceed ten times the static one.
 RESONANT = 0.1
 
-#: Time over that of the quickest block from which on it has decayed, and what is of second order in time is rounding.
+#: Time, divided by the time scale of the fastest block, after which this block has decayed and the part of second
+#: order in time is rounding.
 LONG = 1e6
 
 
@@ -99,7 +98,7 @@ class Motion:
         Whether any of these slopes is not zero.
     special : Special
     clusters : ClusterFlow
-        Blocks that belong to clusters have none of the above, but all of their motion here.
+        The motion of blocks that belong to clusters. The attributes above do not contain it.
     """
 
     spectrum: Spectrum
@@ -148,9 +147,8 @@ class Motion:
     def mode_changes(self, tau: Array) -> tuple[Array, Array]:
         """Return by how much modal displacements and velocities have changed, each of shape (n, n_times).
 
-        In complex modes the displacements of short times are sums of block
-        velocities that are not small: they are taken from the initial velocity
-        and from what is of second order in time, unless that has long been rounding.
+        In complex modes displacements after a short time are small sums of large block velocities. They are therefore
+        computed from the initial velocity and the part of second order in time, unless this part is rounding.
         """
         z, v = self.changes(tau)
         spectrum, real, blocks = self.spectrum, self.spectrum.real, self.spectrum.blocks
@@ -206,7 +204,7 @@ def start_motion(spectrum: Spectrum, displacement: Array, velocity: Array, forci
     displacement, velocity : ndarray, shape (n,)
         Modal state at tau = 0.
     horizon : float
-        For how long the motion may be followed, s; a block slower than that is treated as rigid.
+        Longest time in s for which the motion is computed. A block that is slower than that is treated as rigid.
     """
     delta, p = spectrum.delta, spectrum.p
     n, n_h = p.size, forcing.omega.size
@@ -278,15 +276,15 @@ def _special(entries: list[tuple[int, complex, complex, complex, bool]]) -> Spec
     return Special(np.array(block, dtype=np.int64), first, second, third, np.array(ramp, dtype=bool))
 
 
-#: No responses from rest: the usual case, so one for all.
+#: No responses from rest. This is the usual case, so one object serves all segments.
 _NOTHING = _special([])
 
 
 def static_answer(spectrum: Spectrum, forcing: Forcing, horizon: float) -> tuple[tuple[Array, Array], Forcing]:
-    """Return the answer of complex modes to constants and ramps as far as statics tells it, and the forcing left.
+    """Return the static response of complex modes to constants and ramps, and the remaining forcing.
 
-    A stiff contact behind a gap exerts a force on its way to rest that would
-    drown slow blocks in its rounding; its static displacement does not.
+    The force of a stiff contact behind a gap is so large that its rounding would spoil slow blocks. Its static
+    displacement is small and does not.
     """
     m = spectrum.p.size
     nothing = np.zeros((m, 2)), np.zeros((m, 2))

@@ -1,7 +1,7 @@
 """A sum of modes at many times: on panels of equal width oscillators are evaluated once for all panels.
 
-At the begin of each panel the state of every mode is known. From there the same functions of time lead to the points
-of every panel, so that all of them follow from one product of matrices.
+The state of every mode is known at the beginning of each panel. The functions of time that lead from there to the
+points of a panel are the same for all panels. One product of matrices therefore gives all points.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ def changes_on_panels(motion: Motion, weight: Array, tau: Array, width: Array, f
     ----------
     motion : Motion
     weight : ndarray, shape (m,)
-        Of each mode.
+        Weight of each mode in the sum.
     tau, width : ndarray, shape (n_panels,)
-        Where panels begin, and how long they are, s.
+        Times in s at which panels begin, and their lengths in s.
     fractions : ndarray, shape (n_fractions,)
-        Where in a panel, from 0 to 1.
+        Places in a panel, from 0 to 1.
 
     Returns
     -------

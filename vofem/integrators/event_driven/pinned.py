@@ -1,11 +1,9 @@
-"""The pinned state of the jump law: held at the gap, with a reaction anywhere in [0, K0 gap].
+"""The pinned state of a contact under the displacement law: it rests at its gap, with a reaction in [0, K0 gap].
 
-Where the contact accelerations of both statuses point at the surface, neither
-holds, and events accumulate (a Filippov sliding state). A contact is pinned
-when an event finds ``a_open > 0 > a_closed`` and the predicted excursion
-``v^2 / (2 min(a_open, -a_closed))`` below a fraction of its gap; what is left
-of the normal velocity is removed along ``M^-1 b``. It is released when the
-reaction leaves its interval.
+If the accelerations of the open and of the closed contact both point towards the gap, neither status can last, and
+events accumulate (a Filippov sliding state). A contact is pinned when an event finds ``a_open > 0 > a_closed`` and the
+predicted excursion ``v^2 / (2 min(a_open, -a_closed))`` below a fraction of its gap. The remaining normal velocity is
+removed along ``M^-1 b``. The contact is released when the reaction leaves its interval.
 """
 
 from __future__ import annotations
@@ -72,7 +70,7 @@ def reactions(space: ModalSpace, laws: ContactLaws, status: Status, spectrum: Sp
 
 
 def may_pin(space: ModalSpace, laws: ContactLaws, contact: int, velocity: Array, fraction: float) -> bool:
-    """Return whether a contact is slow enough to be pinned at all, whatever the load: a cheap look before the full one.
+    """Return whether a contact is slow enough to be pinned under any load. This is a cheap test before `should_pin`.
 
     The accelerations of both statuses differ by at most ``c.c (K0 gap + C0 v)``, so the weaker of two
     opposite ones is at most half of that.
@@ -89,19 +87,19 @@ def should_pin(
     space: ModalSpace, laws: ContactLaws, status: Status, contact: int, state: tuple[Array, Array], load: Array,
     fraction: float,
 ) -> bool:  # fmt: skip
-    """Return whether a contact at an event belongs in the pinned state.
+    """Return whether a contact at an event is to be pinned.
 
     Parameters
     ----------
     status : ndarray of int, shape (n_contacts,)
-        Of all contacts; that of the contact itself does not matter.
+        Status of all contacts; that of the contact itself does not matter.
     contact : int
     state : (displacement, velocity)
-        Modal, at the event.
+        Modal state at the event.
     load : ndarray, shape (n,)
         Modal load at the event.
     fraction : float
-        Of the gap.
+        Fraction of the gap below which the predicted excursion leads to pinning.
     """
     jump = laws.stiffness[contact] * laws.gap[contact]
     if not laws.jump[contact] or jump <= 0.0:

@@ -1,4 +1,4 @@
-"""What an event-driven run keeps: one row of arrays for each segment and for each event, which grow as needed."""
+"""The record of an event-driven run: arrays with one row for each segment or event, which grow as needed."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ class Buffers(NamedTuple):
     Attributes
     ----------
     starts, durations : ndarray, shape (rows,)
-        Of the segments, in s.
+        Start times and durations of the segments in s.
     status : ndarray of int, shape (rows,)
         Number of the contact status in `Record.statuses`.
     displacement, velocity : ndarray, shape (rows, n)
-        Modal, at the start.
+        Modal states at the start of the segments.
     gaps : ndarray, shape (rows, n_contacts)
         Gap functions at the start, m.
     event_time : ndarray, shape (event_rows,)
-        In s.
+        Times of the events in s.
     event_contact, event_status : ndarray of int, shape (event_rows,)
         The contact and the status that it takes.
     """
@@ -60,9 +60,9 @@ class Record:
     segments, events : int
         How many rows are in use. A segment that is being computed has a row without a duration.
     known_gaps : int
-        Of how many segments, from the first one on, the gap functions are known.
+        Number of segments, from the first one on, whose gap functions are known.
     statuses : list of ndarray of int, shape (n_contacts,)
-        All contact statuses so far, in the order in which they were met.
+        All contact statuses so far, in the order in which they occurred.
     """
 
     def __init__(self, size: int, contacts: int) -> None:

@@ -1,4 +1,4 @@
-"""A large system expressed in few Ritz vectors: again a System, for the same method.
+"""A large system expressed in few Ritz vectors. The result is again a System that the same method can treat.
 
 With ``q = V z`` the reduced matrices are ``V'MV = I`` and ``V'KV``, rows and
 loads are multiplied by V. Stiffness comes from strains, ``(DV)'(DV)``, and
@@ -23,7 +23,7 @@ from vofem.system import Load, State, System
 Array = NDArray[np.float64]
 Solve = Callable[[Array], Array]
 
-#: Dashpots on more degrees of freedom than this are left to the modes.
+#: Dashpots on more degrees of freedom than this are treated in modes.
 _MOST_DAMPED = 24
 
 
@@ -32,7 +32,7 @@ _WORST_GRAM = 1e7
 
 
 class Reduction:
-    """Ritz vectors of a system, as many as asked for.
+    """Ritz vectors of a system, in any requested number.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def _triangle(strain: Array) -> Array:
 def loss_in_all_modes(system: System, squares: Array, shapes: Array) -> float | None:
     """Return the relative error of static responses in all modes, which lose digits on fine meshes.
 
-    None where no well-conditioned solution is at hand to compare with.
+    None if there is no well-conditioned solution for comparison.
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ def input_rows(system: System) -> list[Array]:
 
 
 def holding(system: System) -> Any:
-    """Return rows that hold r rigid motions at r degrees of freedom, stiff as their neighbours, shape (r, n)."""
+    """Return rows of r springs that prevent the rigid motions, as stiff as the structure nearby, shape (r, n)."""
     from scipy.linalg import qr
     from scipy.sparse import csr_matrix
 
@@ -182,7 +182,10 @@ def holding(system: System) -> Any:
 
 
 def two_solutions(system: System, held: Any) -> tuple[Solve, Solve]:
-    """Return ``K^-1 f`` by two orders of elimination, rigid motions held; their difference tells what rounding does."""
+    """Return two functions for ``K^-1 f`` with rigid motions prevented, which eliminate in different orders.
+
+    The difference of their results is the effect of rounding.
+    """
     from scipy.sparse import vstack
 
     if system.strain is not None:

@@ -1,8 +1,8 @@
 """The event-driven method: closed form between contact events, certified search for the next one.
 
-Exact up to rounding for systems that are linear between events, with loads of
-closed form and ideal switches; no step size, no order, no numerical
-dissipation. Its cost is set by the number of events and by the slow motion.
+The method is exact up to rounding for systems that are linear between events, with loads of closed form and ideal
+switches. It has no step size, and therefore no order, no stability limit and no numerical dissipation. Its cost depends
+on the number of events and on the slow motion.
 """
 
 from __future__ import annotations
@@ -36,10 +36,12 @@ Array = NDArray[np.float64]
 #: Above this many degrees of freedom the dense eigensystems would need gigabytes.
 MOST_UNKNOWNS = 6000
 
-#: Up to this many a run whose Ritz vectors miss the tolerance that was not asked for keeps all modes after all.
+#: Up to this many degrees of freedom a run uses all modes after all, if Ritz vectors miss a tolerance that the user
+#: did not give.
 FULL_AFTER_ALL = 3000
 
-#: Above this many degrees of freedom the loss to rounding in all modes is looked at, and told where it exceeds a size.
+#: Above this many degrees of freedom the loss to rounding in all modes is computed. A note says so if it exceeds this
+#: size.
 _LOSSY = 300
 _WORTH_TELLING = 1e-10
 
@@ -92,22 +94,21 @@ def run(
     system : System
     start : State
     t_end : float
-        In s.
+        Duration of the run in s.
     times : ndarray
-        Where results will be asked for; the run itself does not depend on it.
+        Times in s at which results will be computed. The run itself does not depend on them.
     max_events : int
-        After so many contact events the run gives up.
+        Largest number of contact events. A run with more of them raises an error.
     pin_fraction : float
         Fraction of the gap below which the chatter of a contact that acts on
         the displacement counts as rest at the gap; see `pinned`.
     truncation : float, optional
-        Relative error of displacements for which Ritz vectors may stand for
-        the system, see `truncated`; 0 keeps all modes. Without it `TOLERANCE`
-        above `FULL_UNKNOWNS` degrees of freedom, else 0.
+        Relative error of displacements up to which Ritz vectors may replace the modes of the system, see `truncated`; 0
+        keeps all modes. The default is `TOLERANCE` above `FULL_UNKNOWNS` degrees of freedom, and 0 below.
     watch : callable, optional
-        Called with the time reached; only in a run in all modes.
+        A function that is called with the time reached, only in a run in all modes.
     resume : dict, optional
-        A snapshot of the same run, from which to go on.
+        A snapshot of the same run, from which it is continued.
 
     Raises
     ------

@@ -30,13 +30,13 @@ def sample_segments(
     rows : ndarray, shape (n_contacts, n)
         Modal rows of the contacts.
     horizon : float
-        For how long motions may be followed, s.
+        Longest time in s for which a motion is computed.
     segments : ndarray of int, shape (k,)
         In which segment each time lies, in ascending order.
     tau : ndarray, shape (k,)
         The times from the begin of their segments, s.
     columns : ndarray of int, shape (k,)
-        Where the values go.
+        Rows of `z`, `v` and `gaps` to which the values are written.
     z, v : ndarray, shape (n_times, n)
         A time is a row, because columns that lie far apart in memory take longer to write than to compute.
     gaps : ndarray, shape (n_times, n_contacts) or (n_times, 0)

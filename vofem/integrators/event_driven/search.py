@@ -36,8 +36,8 @@ Complex = NDArray[np.complex128]
 #: Event functions are known to this many units of rounding of their largest terms.
 _ROUNDING = 64.0 * float(np.finfo(float).eps)
 
-#: A rate in complex modes below this share of its largest terms is rounding. The eigenproblem has cost its terms
-#: some digits.
+#: A rate in complex modes below this share of its largest terms is rounding. Its terms have lost some digits in the
+#: eigenproblem.
 _COMPLEX_ROUNDING = 16.0 * _ROUNDING
 
 
@@ -70,7 +70,7 @@ class EventFunctions:
         Size of the constants from which `start` was computed.
     slope : ndarray, shape (k,)
     harmonic : ndarray of complex, shape (k, n_h)
-        With the frequencies of the motion.
+        Amplitudes of the harmonic parts, at the frequencies of the motion.
     """
 
     w: Array
@@ -88,7 +88,7 @@ class EventFunctions:
 class Watch(NamedTuple):
     """Event functions: changes of ``w z + u v + slope tau + steady`` since start.
 
-    `mixed` says that modes are complex: for real modes u, u_size, rate and rate_size are not looked at. In complex
+    `mixed` says that modes are complex: for real modes u, u_size, rate and rate_size are not used. In complex
     modes `rate` is the rate at tau = 0, a sum of terms of the size `rate_size`, and `offset` is its rounding error when
     computed from the blocks.
     """
@@ -157,19 +157,19 @@ def next_event(functions: EventFunctions, motion: Motion, duration: float) -> tu
     Parameters
     ----------
     functions : EventFunctions
-        At tau = 0 negative, or zero and falling.
+        Event functions that are negative at tau = 0, or zero and falling.
     motion : Motion
     duration : float
-        Where the search ends, s.
+        Time in s at which the search ends.
 
     Returns
     -------
     tau : float
-        `duration` where nothing happens.
+        Time of the event in s; `duration` if there is no event.
     hits : ndarray of bool, shape (m,)
         The functions that reach zero at tau; simultaneous events count as one.
     evaluations : int
-        How often the functions were evaluated.
+        Number of evaluations of the functions.
     """
     spectrum = motion.spectrum
     w, u = functions.w, functions.u
@@ -430,10 +430,11 @@ def _differentiate_clusters(
 def _noise(
     watch: Watch, flow: BlockFlow, tau: float, at: _Point, free: Array, cap: Array, noise: Array
 ) -> None:  # fmt: skip
-    """Fill in the level below which each function is lost in the rounding of the terms that make it up by tau.
+    """Compute the level below which each function is rounding of its terms up to tau.
 
-    In complex modes these are what is of second order in tau, and the rates at tau = 0: a slow block, whose velocity
-    over its frequency is large beside all displacements, counts by what it changes in this time.
+    In complex modes the terms are those of second order in tau and the rates at tau = 0. For a slow block the velocity
+    divided by the frequency is large compared with all displacements. Only the change of such a block within tau is
+    therefore counted.
 
     Parameters
     ----------
@@ -627,7 +628,8 @@ def march(
             watch.offset[j] = watch.rate[j] - at.rate[j]
     speed, amplitude, push, jerk = work[14], work[15], np.empty(n), np.empty(n)
     tau, before = 0.0, 0.0
-    # When each function was last seen at or below zero: one above it within rounding has its root before `before`.
+    # The last time at which each function was at or below zero. If a function is above zero within rounding, its root
+    # lies before `before`.
     below = np.zeros(m)
     # A gap that is zero up to rounding, such as that of masses which fall together, allows only tiny certified steps.
     # Its steps double while value and rate are rounding, up to a fraction of the shortest time scale.

@@ -19,14 +19,14 @@ class Segment:
     Attributes
     ----------
     duration : float
-        In s.
+        Duration of the segment in s.
     status : ndarray of int, shape (n_contacts,)
     motion : Motion
-        From the segment's start.
+        The motion from the segment's start on.
     pieces : list of Piece
         The loads from the segment's start.
     wanted : ndarray of int, shape (k,)
-        Which of the times asked for lie in it.
+        Numbers of the requested times that lie in the segment.
     tau : ndarray, shape (k,)
         Those times, from the segment's start.
     """
@@ -45,10 +45,10 @@ class Segments(NamedTuple):
     Attributes
     ----------
     starts, durations : ndarray, shape (k,)
-        In s.
+        Start times and durations in s.
     status : ndarray of int, shape (k, n_contacts)
     displacement, velocity : ndarray, shape (k, n)
-        Modal, at the start.
+        Modal states at the start of the segments.
     gaps : ndarray, shape (k, n_contacts), optional
         Gap functions at the start, m; None where they are to be computed from the states.
     """

@@ -33,7 +33,7 @@ Status = NDArray[np.int64]
 
 
 class Perturbation:
-    """A perturbation that travels along a run: free motion, then the jump of every event.
+    """A perturbation along a run: free motion between events, and a jump at every event.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class Perturbation:
         self._space = space
         self._laws = laws
         self._frequency = np.sqrt(np.where(space.stiffness > 0, space.stiffness, 1.0))
-        # Every mode alike, with phases that favour none; the same in every run.
+        # All modes have the same energy and different phases. The perturbation is the same in every run.
         phase = 2.0 * np.pi * np.modf(np.arange(1, space.size + 1) * 0.6180339887498949)[0]
         amplitude = 1.0 / np.sqrt(space.size)
         self._z = amplitude * np.cos(phase) / self._frequency
@@ -75,7 +75,7 @@ class Perturbation:
         ----------
         events : sequence of (contact, status before, status after)
         velocity : ndarray, shape (n,)
-            Modal, of the run at the event.
+            Modal velocity of the run at the event.
         """
         assert self._laws is not None
         z, v = self._z.copy(), self._v.copy()
@@ -97,7 +97,7 @@ class Perturbation:
         self._renormalise()
 
     def follow(self, table: Table, slots: Status, record: Record, index: int, growth: Array) -> int:
-        """Travel along segments in compiled code, as far as all statuses have slots.
+        """Follow segments in compiled code until a status has no slot.
 
         Parameters
         ----------
@@ -106,12 +106,12 @@ class Perturbation:
         index : int
             The first segment.
         growth : ndarray, shape (n_segments + 1,)
-            At the ends of segments; filled.
+            Growth at the ends of segments; filled.
 
         Returns
         -------
         index : int
-            The first segment that is left.
+            The first segment that was not treated.
         """
         rows, none = self._space.contacts, np.zeros(0)
         force, damping = none, none
@@ -147,7 +147,7 @@ def _travel(
     table: Table, slots: Status, numbers: Status, durations: Array, velocity: Array, rows: Array, force: Array,
     damping: Array, frequency: Array, index: int, z: Array, v: Array, growth: Array,
 ) -> int:  # fmt: skip
-    """Do what `Perturbation.drift` and `Perturbation.jump` do, segment after segment; return the first that is left."""
+    """Do what `Perturbation.drift` and `Perturbation.jump` do, for many segments; return the first one not treated."""
     n, segments = z.size, numbers.size
     in_blocks, both, change = np.empty((2, n)), np.empty((2, 2 * n)), np.empty(n)
     while index < segments:

@@ -46,10 +46,11 @@ F = TypeVar("F", bound=Callable[..., Any])
 _CANCELLING = 8.0
 Status = NDArray[np.int64]
 
-#: Statuses that the growth of a perturbation is followed through in compiled code.
+#: Largest number of statuses for which the growth of a perturbation is computed in compiled code.
 _MOST_SLOTS = 1000
 
-#: With fewer events growth is not looked at unasked: it would cost more than it tells.
+#: With fewer events the growth of perturbations is computed only on request, because it would cost more than it is
+#: worth.
 _MANY_EVENTS = 30
 
 
@@ -61,7 +62,8 @@ _MOST_NUMBERS, _OVERHEAD, _MOST_MOTIONS, _FEW_MODES = 12_000_000, 150, 32, 300
 #: Numbers that a closed form holds for each mode.
 _EACH = 20
 
-#: Change of the energy of a run that nothing drives or damps, over the largest, that is worth telling.
+#: Change of the energy of a run without loads and dampers, divided by the largest energy, above which a note is
+#: written.
 _ENERGY = 0.01
 
 #: Numbers of the last samples that are kept in modes.
@@ -71,10 +73,10 @@ _MOST_KEPT = 20_000_000
 #: matrices.
 _BY_MATRICES, _MANY_TIMES = 100, 8
 
-#: Times at which contacts that never close are looked at.
+#: Number of times at which contacts that never close are checked.
 _LOOKS = 257
 
-#: A contact within this share of its displacement and its gap touches at the start.
+#: A contact touches at the start if its gap function is below this share of its displacement and its gap.
 _TOUCHING = 4.0 * float(np.finfo(float).eps)
 
 
@@ -131,9 +133,9 @@ class EventSolution:
         # Gap functions at the end of the last segment, before an event there.
         self.gaps_now: Array | None = None
         self._initial = np.empty(0, dtype=np.int64)
-        # Whether springs of closed contacts act from somewhere else than zero.
+        # Whether closed contacts exert a force at zero displacement, as under the penetration law.
         self._pushed = system.contacts is not None and bool(np.any(system.contacts.offset))
-        # Counters tell of the run; what sampling costs later is not counted.
+        # Counters count the work of the run, not that of sampling it later.
         self._motions: dict[int, Motion] = {}
         self.load_functions, self.load_vectors = _gathered(system, space)
         # Statuses in the order of the run, each with its first segment, whose eigensystems are still to be computed.
@@ -146,7 +148,7 @@ class EventSolution:
     ) -> EventSolution:  # fmt: skip
         """Return the solution of an earlier run; eigensystems are computed when a segment is first asked for.
 
-        They come out as in the run to the last bit, as far as all of them can be kept in memory.
+        They agree with those of the run to the last bit if all of them can be kept in memory.
         """
         # The modes of the file are those of all runs of this system.
         system.cache.get("modal space", None, lambda: space)
@@ -164,7 +166,7 @@ class EventSolution:
     def row_sizes(self) -> Array:
         """Bounds on the terms that the modal rows of the contacts are summed of, shape (n_contacts, n).
 
-        The gap between bodies that move together is a difference of displacements, and known to their rounding.
+        The gap between bodies that move together is a difference of displacements, so its error is their rounding.
         """
         laws, shapes = self.system.contacts, self.space.shapes
         assert laws is not None
@@ -185,7 +187,7 @@ class EventSolution:
     # -- stopping and going on --------------------------------------------------------------------
 
     def snapshot(self, t: float, status: Status, displacement: Array, velocity: Array) -> dict[str, Any]:
-        """Return what the run goes on from at the end of a segment, as plain data."""
+        """Return the state at the end of a segment, from which the run can continue, as plain data."""
         events = self.events
         return {
             "segments": self.segments,
@@ -197,11 +199,11 @@ class EventSolution:
         }
 
     def go_on(self, saved: dict[str, Any]) -> tuple[float, Status, Array, Array]:
-        """Take over a snapshot of the same run; return time and state to go on from."""
+        """Restore a snapshot of the same run; return the time and the state from which the run continues."""
         segments, log = saved["segments"], saved["log"]
         self.record.fill(segments, log[:, 0], log[:, 1].astype(np.int64), log[:, 2].astype(np.int64))
         self._initial = saved["initial"]
-        # Eigensystems are gained from each other: in the order of the run, for the same last bits.
+        # Each eigensystem is computed from another one. The order is that of the run, so that the last bits agree.
         for number in self.record.status_numbers:
             self._spectra[self.record.statuses[number]]
         for name, value in vars(saved["counters"]).items():
@@ -227,7 +229,7 @@ class EventSolution:
     # -- recording --------------------------------------------------------------------------------
 
     def begin(self, start: State, displacement: Array, velocity: Array, fraction: float, t: float = 0.0) -> Status:
-        """Return and keep the contact status at the start; a start at rest at the gap may be pinned."""
+        """Determine, store and return the contact status at the start. A contact at rest at its gap may be pinned."""
         laws = self.system.contacts
         if laws is not None:
             rows = self.system.cache.get("magnitudes of contact rows", None, lambda: abs(laws.rows))
@@ -255,8 +257,8 @@ class EventSolution:
     def add_segment(self, t: float, status: Status, displacement: Array, velocity: Array) -> Motion:
         """Begin a segment at time t in a modal state.
 
-        Contacts that have just switched are put at their gaps to the last bit: a stiff one would turn the rounding of
-        the displacement into energy.
+        The displacement is corrected so that contacts that have just switched are exactly at their gaps. Otherwise a
+        stiff contact would turn the rounding of the displacement into energy.
         """
         record = self.record
         if record.segments:
@@ -275,8 +277,8 @@ class EventSolution:
     def _at_gaps(self, switched: NDArray[np.int64], displacement: Array) -> Array:
         """Return the displacement nearest to a given one at which some contacts are at their gaps.
 
-        Where a contact's coordinate is a small difference of large modal displacements it is left as it is: what its
-        rounding would move are these.
+        If a contact's coordinate is a small difference of large modal displacements, it is not corrected, because the
+        correction would change these displacements by its rounding.
         """
         assert self.system.contacts is not None
         rows, gap = self.space.contacts[switched], self.system.contacts.gap[switched]
@@ -291,7 +293,7 @@ class EventSolution:
     def end_segment(self, duration: float) -> tuple[Array, Array]:
         """End the last segment after a duration in s; return the modal state there, two arrays of shape (n,).
 
-        The duration is kept: the difference of the segment's ends has lost digits to their size.
+        The duration itself is stored, because the difference of the times at both ends has fewer digits.
         """
         index = self.record.segments - 1
         self.record.buffers.durations[index] = duration
@@ -308,11 +310,11 @@ class EventSolution:
     def gap_functions(self, index: int) -> Array:
         """Return the gap functions s at the begin of a segment, shape (n_contacts,).
 
-        They are sums of changes, so that they are known far better than
-        displacements are; a contact that has just closed or opened has 0.
+        They are computed as sums of changes and are therefore far more accurate than displacements. For a contact that
+        has just closed or opened they are exactly 0.
         """
         record = self.record
-        # Only a run that an earlier version has saved does not know them yet.
+        # Only a run that was saved by an earlier version has no gap functions.
         for k in range(record.known_gaps, index + 1):
             before, now = None if k == 0 else self._gaps_at_end(k - 1), record.status(k)
             changed = None if k == 0 else now != record.status(k - 1)
@@ -370,7 +372,7 @@ class EventSolution:
         rate_size = self.row_sizes[plain] @ np.abs(motion.velocity)
         constant = functions.constant
         if functions.u.shape[1]:
-            # Rounding that earlier segments have left: the search itself counts only what this one changes.
+            # Rounding from earlier segments. The search itself considers only the changes within this segment.
             constant = np.abs(constant) + self.row_sizes[plain] @ np.abs(motion.displacement)
         functions = EventFunctions(
             functions.w, functions.u, functions.w_size, functions.u_size, sign * gaps[plain], rate, rate_size,
@@ -470,7 +472,7 @@ class EventSolution:
         return total
 
     def conclude(self) -> None:
-        """Write the notes; of a run that was cut short none that take long to find out."""
+        """Write the notes. Notes that take long to compute are left out if the run was cut short."""
         if self.was_cut:
             return
         if "table" in self.__dict__ and self.table.lend():
@@ -478,7 +480,7 @@ class EventSolution:
         events, laws = self.events, self.system.contacts
         self._note_energy()
         if laws is not None and np.any(open_throughout(laws, events)):
-            # At times of the run's own choice: what is told does not depend on those that are wanted.
+            # At times that the run chooses, so that notes do not depend on the times at which results are stored.
             z, _ = self.modal(np.linspace(0.0, self.t_end, _LOOKS))
             self.notes += never_closed(laws, events, np.max(self.space.contacts @ z, axis=1))
         for j in np.unique(events.contact[events.status == PINNED]):
@@ -498,9 +500,9 @@ class EventSolution:
                 )
 
     def _note_energy(self) -> None:
-        """Tell where the energy of a run that nothing drives or damps is not that of its start.
+        """Write a note if the energy of a run without loads and dampers changes.
 
-        Of other runs the balance needs integrals over all segments, which cost up to a third of the run.
+        For other runs the balance needs integrals over all segments, which cost up to a third of the run.
         """
         laws, events = self.system.contacts, self.events
         damped = self.system.damped or (laws is not None and bool(np.any(laws.damping > 0)))
@@ -540,7 +542,7 @@ class EventSolution:
         return [function.piece(t) for function in self.load_functions if isinstance(function, TimeFunction)]
 
     def spectrum_of(self, status: Status) -> Spectrum:
-        """Return the eigensystem of a status that the run has come to."""
+        """Return the eigensystem of a status that occurs in the run."""
         return self._spectra[status]
 
     @cached_property
@@ -580,7 +582,7 @@ class EventSolution:
 
     @as_it_ran
     def motion(self, index: int) -> Motion:
-        """Return the closed form of a segment; the last ones asked for are kept."""
+        """Return the closed form of the motion in a segment. The ones that were computed last are kept."""
         if index not in self._motions:
             self._await(index)
             status, (displacement, velocity) = self.record.status(index), self.record.state(index)
@@ -602,7 +604,7 @@ class EventSolution:
     def _await(self, index: int) -> None:
         """Compute the eigensystems of a restored run up to a segment, in the order of the run.
 
-        One is gained from another, so that their last bits depend on the order.
+        Each one is computed from another one, so that their last bits depend on the order.
         """
         while self._awaited and self._awaited[-1][0] <= index:
             self._spectra[self._awaited.pop()[1]]
@@ -631,7 +633,7 @@ class EventSolution:
         return Forcing(omega, waves, constant, slope)
 
     def offset_force(self, status: Status) -> Array:
-        """Return the modal force of the springs of closed contacts that act from somewhere else than zero, (n,)."""
+        """Return the modal force of closed contacts at zero displacement, shape (n,)."""
         laws = self.system.contacts
         if laws is None or not self._pushed:
             return np.zeros(self.space.size)
@@ -657,7 +659,7 @@ class EventSolution:
     def _trajectory(self, times: Array, *, gaps: bool = True) -> tuple[Array, Array, Array]:
         """Return `modal`, and the gap functions of the contacts, shape (n_contacts, n_times), where wanted.
 
-        Those of the last times are kept: motion, contacts and energies are asked for one after the other.
+        The last samples are kept, because motion, contacts and energies are usually computed at the same times.
         """
         asked = times.tobytes(), gaps
         if self._sampled is not None and self._sampled[0] == asked:
@@ -667,7 +669,7 @@ class EventSolution:
         return found
 
     def _sampled_at(self, times: Array, gaps: bool) -> tuple[Array, Array, Array]:
-        # In memory each time is a row.
+        # In memory each row holds one time.
         z, v = np.empty((times.size, self.space.size)).T, np.empty((times.size, self.space.size)).T
         gaps = gaps and self.system.contacts is not None
         s = np.empty((times.size, len(self.space.contacts) if gaps else 0)).T
@@ -770,12 +772,12 @@ class EventSolution:
         low, high : ndarray, shape (n_panels,)
             Ends of each panel in s; no event happens within.
         fractions : ndarray, shape (n_fractions,)
-            Where in a panel, from 0 to 1.
+            Places in a panel, from 0 to 1.
 
         Returns
         -------
         ndarray or None
-            None where the contact is not closed, or where modes are coupled or at resonance: `contacts` knows it then.
+            None if the contact is not closed, or if modes are coupled or at resonance. In these cases use `contacts`.
         """
         laws = self.system.contacts
         assert laws is not None
@@ -793,7 +795,7 @@ class EventSolution:
         return np.asarray(laws.stiffness[contact] * (gaps + laws.gap[contact] - laws.offset[contact]))
 
     def _segment(self, index: int, wanted: Status, tau: Array) -> Segment:
-        """Return a segment with some times in it: which they are, and from its start, s."""
+        """Return a segment with the numbers of some times that lie in it, and these times in s from its start."""
         record, pieces = self.record, self.load_pieces(self.record.starts[index])
         return Segment(record.durations[index], record.status(index), self.motion(index), pieces, wanted, tau)
 
@@ -884,7 +886,7 @@ class EventSolution:
     def _lost_in_pinning(self) -> Array | None:
         """Return the kinetic energy that pinning takes at the begin of every segment, J; None where nothing is pinned.
 
-        It is that of what is left of the normal velocity, which `pinned` removes.
+        It is the energy of the normal velocity at the moment of pinning, which `pinned` removes.
         """
         events = self.events
         if not (np.any(events.status == PINNED) or np.any(events.initial == PINNED)):

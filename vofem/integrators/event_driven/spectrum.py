@@ -42,7 +42,7 @@ _MOST_MEMORY = 512 * 2**20
 
 @dataclass(frozen=True)
 class RealModes:
-    """Undamped modes of a status in the modal space of the contact-free system.
+    """Undamped modes of a contact status, expressed in the modes of the contact-free system.
 
     ``diag(omega^2) V + sum_closed K0 c c' V = V diag(p) + Q' N``, where N are the forces in the pinned rows Q.
 
@@ -59,7 +59,7 @@ class RealModes:
     shift : ndarray, shape (n,), optional
         Modal displacement that puts pinned contacts at their gaps; None where none is pinned.
     shift_force : ndarray, shape (n,), optional
-        Force that holds the shift beside the reactions (only where there are rigid motions).
+        Force that is needed beside the reactions to keep the shift in equilibrium (only if there are rigid motions).
     shift_reaction : ndarray, shape (k,), optional
         Reactions to the shift.
     """
@@ -91,9 +91,9 @@ class Spectrum:
         Decay rate in 1/s and squared frequency in 1/s^2 of each block; see `Blocks` for those of clusters.
     real : RealModes
     blocks : Blocks, optional
-        Where damping couples the real modes.
+        The blocks, if damping couples the real modes.
     damping : ndarray, shape (m, m), optional
-        Their damping there.
+        Damping matrix of the real modes, if damping couples them.
     """
 
     delta: Array
@@ -219,7 +219,7 @@ class Spectrum:
 
     @cached_property
     def _into(self) -> Array:
-        """Block states of unit rates of the real modes, shape (2m, m)."""
+        """Block states for unit rates of the real modes, shape (2m, m)."""
         assert self.blocks is not None
         return np.ascontiguousarray(self.blocks.into[:, self.p.size :])
 
@@ -238,7 +238,7 @@ class Spectrum:
         out = np.abs(self.blocks.out)
         energy = np.sqrt(np.sum((scale[:, None] * out) ** 2, axis=0))
         floor = np.outer(1.0 / scale, energy)
-        # Parts that are not coupled share nothing at all.
+        # Parts that are not coupled have no common terms.
         return np.where(out > 0.0, np.maximum(out, floor), 0.0)
 
     def rows(self, rows: Array, sizes: Array) -> tuple[Array, Array, Array, Array]:
@@ -263,7 +263,7 @@ class Spectra:
     cache : Cache
         Of the system; holds the eigensystems of earlier runs. The last bits of an eigensystem depend on the order in
         which its contacts were closed. Eigensystems are therefore stored by that order. A run thus gives the same
-        bits whatever has run before.
+        bits, independent of earlier runs.
 
     Attributes
     ----------
@@ -279,7 +279,8 @@ class Spectra:
         self._known: dict[bytes, Spectrum] = {}
         self._closed: dict[bytes, tuple[tuple[int, ...], RealModes]] = {}
         self._visited: set[bytes] = set()
-        #: Whether all modes are held: where some are rigid contacts are not taken away, which would spoil their zeros.
+        #: Whether no mode is rigid. If some are rigid, contacts are not removed by updates, because that would spoil
+        #: zero frequencies.
         self._held = bool(np.all(space.stiffness > 0.0))
         undamped = space.coupling is None and not np.any(space.damping) and (laws is None or not np.any(laws.damping))
         matrices = 1 if undamped else 4
@@ -334,7 +335,7 @@ class Spectra:
         """Return the damping of a status as a diagonal and a few terms; None where it is not of this form.
 
         Damping in proportion to the stiffness, ``a1 K``, does not act on the springs of contacts: in the modes of the
-        status, which diagonalise both together, it is diagonal less ``a1 K0`` for each closed contact.
+        status, it is a diagonal matrix minus a term with ``a1 K0`` for each closed contact.
         """
         space, laws = self._space, self._laws
         coupling = space.coupling_terms
@@ -353,12 +354,12 @@ class Spectra:
         return CoupledDamping(own, rows if real.modes is None else rows @ real.modes, weights)
 
     def _closed_modes(self, closed: NDArray[np.bool_]) -> tuple[tuple[int, ...], RealModes]:
-        """Return the modes with some contacts closed, and the changes by which they were gained.
+        """Return the modes with some contacts closed, and the changes by which they were computed.
 
-        The modes are computed from those of the nearest status that the run knows. A rank-one update closes a
-        contact, its reverse opens one. The reverse loses digits, so the modes are refined afterwards; where refinement
-        fails, they are computed from a status with fewer closed contacts. A change is k for contact k that closes and
-        ``-1 - k`` for contact k that opens.
+        The modes are computed from those of the nearest status that is already known in the run. A rank-one update
+        closes a contact, its reverse opens one. The reverse loses digits, so the modes are refined afterwards; where
+        refinement fails, they are computed from a status with fewer closed contacts. A change is k for contact k that
+        closes and ``-1 - k`` for contact k that opens.
         """
         key = closed.tobytes()
         if key in self._closed:
@@ -422,7 +423,7 @@ def _pin(real: RealModes, row: Array) -> RealModes:
     modes = vectors if real.modes is None else real.modes @ vectors
     held = real.force @ vectors
     if real.pinned.shape[0]:
-        # The rows that were pinned before already hold the part of the new row along them.
+        # The part of the new row that lies along rows pinned before is already constrained by these.
         along = np.linalg.lstsq(real.pinned.T, row, rcond=None)[0]
         held = held - np.outer(along, force)
     return RealModes(values, modes, np.vstack([real.pinned, row]), np.vstack([held, force]))

@@ -35,7 +35,7 @@ class Table(NamedTuple):
     Attributes
     ----------
     number : ndarray of int, shape (slots,)
-        Of the status in the record.
+        Number of the status in the record.
     following : ndarray of int, shape (slots, n_contacts)
         The slot of the status in which a contact has switched; -1 where it has none.
     delta, p, frequency : ndarray, shape (slots, n)
@@ -56,8 +56,8 @@ class Table(NamedTuple):
     g1, g2 : ndarray, shape (slots, n_functions, n)
         Block inputs of the loads.
     push : ndarray, shape (slots, 4, n)
-        What springs that act from somewhere else than zero do: static displacement and velocity of the blocks and the
-        inputs g1, g2 that are left.
+        What springs whose force is zero at a displacement other than zero do: static displacement and velocity of the
+        blocks and the inputs g1, g2 that are left.
     constant : ndarray, shape (slots, n_functions, 4, n), or (0, 0, 0, 0)
         The same of the loads' constant parts, where mixed.
     slope : ndarray, shape (slots, n_functions, 8, n), or (0, 0, 0, 0)
@@ -96,10 +96,10 @@ _MIXED = ("into", "out", "u", "u_size", "constant", "slope")
 
 
 class StatusTable:
-    """A `Table` that is filled as statuses are met.
+    """A `Table` to which statuses are added as they occur.
 
-    A run may begin with the table of an earlier one (`continued`). It then holds statuses that this run has not met.
-    These have no number yet, and the compiled loop stops at them.
+    A run may begin with the table of an earlier one (`continued`). It then contains statuses that have not occurred in
+    this run. These have no number yet, and the compiled loop stops at them.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ class StatusTable:
         Modal load vectors.
     contacts : int
     horizon : float
-        For how long motions may be followed, s.
+        Longest time in s for which a motion is computed.
     damped : bool
         Whether there is damping, so that modes may be mixed.
 
@@ -154,9 +154,9 @@ class StatusTable:
         return other
 
     def recall(self, status: Status, number: int, spectrum: Spectrum) -> int:
-        """Give a status the slot that it has had in an earlier run, and return it; -1 where it had none.
+        """Give a status the slot that it had in an earlier run, and return the slot; -1 if it had none.
 
-        An eigensystem that was gained in another order has other last bits, and counts as another.
+        An eigensystem that was computed in another order has other last bits and counts as a different one.
         """
         for slot, known in enumerate(self._spectra):
             if known is spectrum and self.arrays.number[slot] < 0:
@@ -181,7 +181,7 @@ class StatusTable:
         return self._slots.get(status.tobytes(), -1)
 
     def renumber(self, number: Callable[[Status], int]) -> None:
-        """Let the slots lead to the statuses of another record.
+        """Assign the slots to the statuses of another record.
 
         Parameters
         ----------
@@ -197,11 +197,11 @@ class StatusTable:
         Parameters
         ----------
         number : int
-            Of the status in the record.
+            Number of the status in the record.
         functions : EventFunctions
-            Of all contacts, as far as they do not depend on the state.
+            Event functions of all contacts, as far as they do not depend on the state.
         push : ndarray, shape (n,)
-            Modal force of springs that act from somewhere else than zero.
+            Modal force of springs whose force is zero at a displacement other than zero.
         """
         mixed = not spectrum.classical
         self._make_room(mixed)
@@ -242,7 +242,7 @@ class StatusTable:
         return slot
 
     def _answer(self, spectrum: Spectrum, constant: Array, slope: Array) -> Array:
-        """Return the static answer of complex modes to a force, and the inputs that are left, shape (8, n).
+        """Return the static response of complex modes to a force, and the remaining inputs, shape (8, n).
 
         In this order: displacement and its rate, velocity and its rate, constant inputs, inputs that grow with time.
         """
@@ -253,7 +253,7 @@ class StatusTable:
         )
 
     def _link(self, slot: int) -> None:
-        """Enter which statuses follow from each other when one contact switches."""
+        """Store which statuses follow from each other when one contact switches."""
         following, status = self.arrays.following, self._statuses[slot]
         for other, known in enumerate(self._statuses[:slot]):
             changed = np.flatnonzero(known != status)
@@ -261,7 +261,7 @@ class StatusTable:
                 following[slot, changed[0]], following[other, changed[0]] = other, slot
 
     def _make_room(self, mixed: bool) -> None:
-        """Let the arrays have another slot; where there are too many, all statuses leave."""
+        """Let the arrays have another slot; if there are too many, all statuses are removed."""
         slots = self.arrays.number.shape[0]
         if self._lent or (mixed and not self._any_mixed):
             self._any_mixed |= mixed

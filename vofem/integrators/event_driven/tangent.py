@@ -27,12 +27,13 @@ Array = NDArray[np.float64]
 Status = NDArray[np.int64]
 
 
-#: A perturbation that has shrunk to this share of what it was is left out: a tenth of rounding, squared.
+#: A perturbation that has shrunk to this share of its first size is left out. The share is the square of a tenth of
+#: rounding.
 _NOTHING = 1e-33
 
 
 class Event(NamedTuple):
-    """An event as perturbations see it.
+    """The data of an event that determine how perturbations change in it.
 
     Attributes
     ----------
@@ -54,21 +55,21 @@ class Event(NamedTuple):
 class Tangent:
     """Some perturbations of a modal state, as columns.
 
-    Perturbations that have decayed to nothing, as those of fast damped modes do soon, are no longer followed.
+    Perturbations that have decayed to nothing, such as those of fast damped modes, are no longer computed.
 
     Parameters
     ----------
     space : ModalSpace
     laws : ContactLaws, optional
     displacement, velocity : ndarray, shape (n, k)
-        To begin with.
+        Perturbations at the beginning.
 
     Attributes
     ----------
     z, v : ndarray, shape (n, number of columns)
         The perturbations that are left.
     columns : ndarray of int
-        Which ones these are.
+        Numbers of these perturbations.
     """
 
     def __init__(self, space: ModalSpace, laws: ContactLaws | None, displacement: Array, velocity: Array) -> None:
@@ -86,7 +87,7 @@ class Tangent:
         return whole
 
     def _sizes(self) -> Array:
-        """Return the largest number of every column that is left."""
+        """Return the largest entry of every remaining column."""
         return np.asarray(np.maximum(np.abs(self.z).max(axis=0, initial=0.0), np.abs(self.v).max(axis=0, initial=0.0)))
 
     def _drop_what_has_decayed(self) -> None:
@@ -113,7 +114,7 @@ class Tangent:
         self._drop_what_has_decayed()
 
     def jump(self, event: Event) -> None:
-        """Pass an event; contacts that switch at once are passed one after the other."""
+        """Apply the jump of an event. Contacts that switch at the same time are treated one after the other."""
         laws = self._laws
         assert laws is not None
         now = event.before.copy()

@@ -1,4 +1,6 @@
-"""Large systems: as few Ritz vectors as a tolerance allows, their number doubled until the run no longer changes.
+"""Runs of large systems in as few Ritz vectors as a tolerance allows.
+
+The number of vectors is doubled until the run no longer changes.
 
 The error is estimated by running again with half of the vectors: it covers
 static and dynamic responses, impacts and the shift of all later events alike.
@@ -21,7 +23,7 @@ from vofem.system import State, System
 
 Array = NDArray[np.float64]
 
-#: Above this many unknowns a run is truncated to `TOLERANCE` unasked.
+#: Above this many unknowns a run is truncated to `TOLERANCE` by default.
 FULL_UNKNOWNS = 1000
 TOLERANCE = 1e-6
 
@@ -29,10 +31,10 @@ TOLERANCE = 1e-6
 MOST_VECTORS = 512
 _MOST_MEMORY = 2 * 2**30
 
-#: Ritz vectors for every contact, load and rigid motion to begin with, and at least.
+#: First number of Ritz vectors for every contact, load and rigid motion, and the least number in total.
 _EACH, _LEAST = 4, 16
 
-#: Loss of digits beyond which a run is refused.
+#: Loss of digits above which a run is refused.
 _WORST_ROUNDING = 1e-3
 
 #: Times at which runs are compared.
@@ -61,7 +63,7 @@ def run_truncated(
     Parameters
     ----------
     tolerance : float
-        Relative error of displacements that is aimed at.
+        Accepted relative error of displacements.
     follow : callable
         Runs a reduced system.
     """

@@ -83,39 +83,40 @@ def animate(
 ) -> MovieOutcome:
     """Write a movie of a run, of a periodic orbit or of a mode shape.
 
-    In side views contacts light up while they are closed, and arrows show the forces with which they push. A periodic
-    orbit and a mode shape are shown over one period, so that the movie, which starts again at its end, runs on
-    without a jump.
+    In side views contacts are highlighted while they are closed, and arrows show the contact forces. A periodic
+    orbit and a mode shape are shown over one period, so that the repeated movie has no jump.
 
     Parameters
     ----------
     subject : Result, PeriodicOrbit or Modes, or mapping of titles to Results or PeriodicOrbits
-        Several are shown at the same times, side views and histories one below the other.
+        What is shown. If there are several, they are shown at the same times, with side views and histories one below
+        the other.
     path : path of a .webp, .gif or .mp4
         mp4 needs the extra ``vofem[movie]``. WebP files are smaller than GIF files, and browsers show both.
     view : str
         "side"; "history", the displacement of a point over time; or "phase", its velocity over its displacement.
     point : point, optional
-        Of the last two; the point of the first contact where not given.
+        The point whose history or phase plot is shown. The default is the point of the first contact.
     window : (float, float), optional
-        Begin and end in s; the whole run where not given.
+        Begin and end of the time that is drawn, in s. The default is the whole run.
     speed : float, optional
-        Seconds of the motion that pass in a second of the movie: 1 is real time, 0.1 ten times slower.
+        Seconds of the motion that are shown in one second of the movie. 1 is real time, and 0.1 is ten times slower.
     frames : int, optional
-        Number of frames, instead of `speed`. Where neither is given there are 150, or 50 of what repeats itself.
+        Number of frames, instead of `speed`. If neither is given, there are 150 frames, or 50 for an orbit or a mode
+        shape.
     fps : float
         Frames per second. GIF rounds their duration to 0.01 s.
     size : (int, int), optional
         Width and height of the picture of one run, pixels.
     magnification : float, optional
-        Of displacements in side views; chosen where not given, the same for all runs.
+        Factor by which displacements are enlarged in side views. By default one factor is chosen for all runs.
     mode : int
-        Which mode shape, from 0.
+        Number of the mode shape, counted from 0.
     scene : Scene, optional
         The scene of mode shapes. With it, springs, dashpots and joints are shown too.
     progress : bool or callable, optional
-        True shows a bar, False none, None one where the standard error stream is a terminal. A function is called with
-        the number of frames done and that of all.
+        True shows a progress bar and False shows none. None shows it if the standard error stream is a terminal. A
+        function is called with the number of frames that are written and the total number of frames.
 
     Returns
     -------
@@ -124,10 +125,10 @@ def animate(
     Raises
     ------
     ArgumentError
-        For what cannot be shown so, a window outside the run, or more frames than 3000, or than a run of a stepping
-        method has stored times.
+        If the subject cannot be shown in this view, the window lies outside the run, or there are more frames than 3000
+        or than stored times of a stepping method.
     MissingPackageError
-        Where a package is missing that the kind of file needs.
+        If a package that the kind of file needs is missing.
     OutputError
         If the file cannot be written. An earlier file of that name stays as it was, after Ctrl-C too.
 

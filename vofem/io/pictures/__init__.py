@@ -1,1 +1,1 @@
-"""Pictures from the inside: what is drawn, independent of the backend, and the backends."""
+"""The inner part of pictures: the shapes that are drawn, which do not depend on the backend, and the backends."""

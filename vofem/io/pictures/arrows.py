@@ -1,4 +1,4 @@
-"""Arrows of a side view: loads, and the forces with which closed contacts push."""
+"""Arrows of a side view: loads, and the forces of closed contacts."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from vofem.io.pictures.units import spell
 #: Length in pixels of the arrow of the largest force, and the shortest arrow that is drawn.
 _LONG, _SHORT = 74.0, 5.0
 
-#: Colour of loads, and of what lights up where a contact is closed.
+#: Colour of loads, and of the highlight behind closed contacts.
 LOAD, GLOW = "#2f6fae", "#ffec9e"
 PALETTE = (LOAD, GLOW)
 
@@ -37,7 +37,7 @@ def add_loads(drawing: Drawing, view: Snapshot, layout: Layout) -> None:
 
 
 def add_contact_forces(drawing: Drawing, view: Snapshot, layout: Layout) -> None:
-    """Add a glow behind every closed contact, and arrows for the forces with which it pushes bodies apart."""
+    """Highlight every closed contact, and add arrows for the forces with which it pushes bodies apart."""
     for link in view.links:
         if link.status not in ("closed", "pinned") or link.rotation or not moves_across(link.a.body):
             continue
@@ -78,13 +78,13 @@ def _face(layout: Layout, point: Point, side: float) -> tuple[float, float]:
 
 
 def _forces(drawing: Drawing, layout: Layout, push: Push, taken: list[float]) -> None:
-    """Add arrows on the upper face: they end there where they press, and begin there where they lift."""
+    """Add arrows on the upper face. Downward arrows end there, and upward arrows begin there."""
     unit = layout.unit
     tops = []
     for point, value in zip(push.points, push.values, strict=True):
         size = _LONG * unit * abs(float(value)) / push.largest
         x, y = _face(layout, point, 1.0)
-        # Beside what stands on the same place from above.
+        # Beside other shapes that stand on the same place.
         x -= 34.0 * unit if any(abs(other - x) < 30.0 * unit for other in taken) else 0.0
         if not moves_across(point.body):
             way = np.sign(value) * size

@@ -1,7 +1,7 @@
-"""What all pictures with axes share: where they are drawn, colours, legends and saving.
+"""The common parts of pictures with axes: the axes, colours, legends and saving.
 
-A figure of vofem has a look of its own, unless the user has chosen one: where a style sheet of matplotlib is in use, or
-``rcParams`` of axes, grids, lines, fonts or legends are not matplotlib's own, colours, fonts and lines follow these.
+A figure of vofem has its own style unless the user has chosen one. If a style sheet of matplotlib is in use, or
+``rcParams`` of axes, grids, lines, fonts or legends differ from the defaults of matplotlib, the figure follows these.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from vofem.errors import ArgumentError
 from vofem.files.whole import replacing, target
 
-#: Where a picture goes: a file, or nowhere.
+#: The file to which a picture is written, or None.
 Where = str | os.PathLike[str] | None
 
 INK = "#16181d"
@@ -25,7 +25,7 @@ _COLORS = ("#e07b21", "#2f6fae", "#3f8f5b", "#8a5aa8", "#b23a48", "#6b7280")
 
 _SUFFIXES = (".png", ".pdf", ".svg")
 
-#: Beginnings of the names of parameters by which users choose a look.
+#: First parts of the names of the parameters with which users choose a style.
 _LOOKS = ("axes.", "grid.", "lines.", "font.", "legend.", "xtick.", "ytick.")
 
 #: Figures that were made here, whose legends have room beside the axes.
@@ -33,7 +33,7 @@ _OWN: weakref.WeakSet[Any] = weakref.WeakSet()
 
 
 def goal_of(path: Where) -> Path | None:
-    """Return where a picture is to be written, None for nowhere; raise `OutputError` where it cannot be."""
+    """Return the file to which a picture is written, or None. Raise `OutputError` if it cannot be written."""
     return None if path is None else target(path, _SUFFIXES)
 
 
@@ -41,14 +41,14 @@ def goal_of(path: Where) -> Path | None:
 
 
 def restyled() -> bool:
-    """Return whether the user has chosen a look of matplotlib's, such as a style sheet."""
+    """Return whether the user has chosen a style of matplotlib, such as a style sheet."""
     from matplotlib import rcParams, rcParamsDefault
 
     return any(rcParams[key] != value for key, value in rcParamsDefault.items() if key.startswith(_LOOKS))
 
 
 def _cycle() -> list[str]:
-    """Return the colours of lines: the first for what a picture is about."""
+    """Return the colours of lines. The first one is for the main quantity of a picture."""
     if not restyled():
         return [INK, *_COLORS]
     from matplotlib import rcParams
@@ -57,12 +57,12 @@ def _cycle() -> list[str]:
 
 
 def ink() -> str:
-    """Return the colour of what a picture is about."""
+    """Return the colour of the main quantity of a picture."""
     return _cycle()[0]
 
 
 class _Colors(Sequence[str]):
-    """The other colours, those of the user's look where there is one; looked up when asked for."""
+    """The other colours, taken from the user's style if there is one. They are looked up when they are needed."""
 
     def __len__(self) -> int:
         return len(_COLORS)
@@ -83,14 +83,14 @@ COLORS = _Colors()
 
 
 def stroke(width: float) -> float:
-    """Return the width of a line in points, which follows that of the user's look."""
+    """Return the width of a line in points, which follows that of the user's style."""
     from matplotlib import rcParams, rcParamsDefault
 
     return float(width * rcParams["lines.linewidth"] / rcParamsDefault["lines.linewidth"])
 
 
 def text_size(points: float) -> float:
-    """Return the size of a text, which follows that of the user's look."""
+    """Return the size of a text, which follows that of the user's style."""
     from matplotlib import rcParams, rcParamsDefault
 
     return float(points * rcParams["font.size"] / rcParamsDefault["font.size"])
@@ -100,7 +100,7 @@ def text_size(points: float) -> float:
 
 
 class Canvas:
-    """Where a picture is drawn: into axes of the user, or into a figure of its own.
+    """The axes of a picture: those that the user has given, or those of a new figure.
 
     Without a file and without axes the figure is one of ``matplotlib.pyplot``, so that notebooks and
     ``pyplot.show()`` show it.
@@ -112,12 +112,12 @@ class Canvas:
     goal : Path, optional
         The file.
     ax : axes, or several of them, optional
-        In the order of rows.
+        The axes of the user, in the order of rows.
     size : (float, float)
-        Of a figure of its own, inches.
+        Width and height of a new figure in inches.
     rows, columns : int
     options
-        Further ones of ``Figure.subplots``.
+        Further options of ``Figure.subplots``.
 
     Attributes
     ----------
@@ -127,7 +127,7 @@ class Canvas:
     Raises
     ------
     ArgumentError
-        If `ax` is something else than so many axes.
+        If `ax` does not have the required number of axes.
     """
 
     def __init__(
@@ -178,13 +178,13 @@ def _given(what: str, ax: Any, count: int) -> Any:
 
 
 def panels(size: tuple[float, float], rows: int = 1, columns: int = 1, **options: Any) -> tuple[Any, Any]:
-    """Return a figure of its own for a file, size in inches, and its axes, shape (rows, columns)."""
+    """Return a new figure for a file, with its size in inches, and its axes, shape (rows, columns)."""
     canvas = Canvas("panels", Path(), None, size, rows, columns, **options)
     return canvas.figure, canvas.grid
 
 
 def save(figure: Any, goal: Path) -> Path:
-    """Write a figure to its place, whole or not at all."""
+    """Write a figure to its file, completely or not at all."""
     with replacing(goal) as temporary:
         figure.savefig(temporary)
     return goal
@@ -196,7 +196,7 @@ def plain(text: str) -> str:
 
 
 def legend(axes: Any, sources: Iterable[Any] | None = None, most: int = len(COLORS), last: Sequence[str] = ()) -> None:
-    """Add a legend, beside the axes where there is room for it, of at most so many lines.
+    """Add a legend with at most `most` lines, beside the axes if there is room for it.
 
     Lines of several axes, `sources`, are named once; names in `last` come last.
     """

@@ -17,7 +17,7 @@ _COLUMNS = 1024
 
 def draw(drawing: Drawing, path: Path) -> None:
     """Write a drawing to a file, in the format of its suffix."""
-    # Figure, not pyplot: no state that other code shares, no window, no choice of a backend.
+    # Figure is used and not pyplot, because it shares no state with other code and opens no window.
     from matplotlib.figure import Figure
     from matplotlib.patches import Polygon
 

@@ -1,6 +1,6 @@
 """Draws a `Drawing` with VTK. To be imported only where `vofem.io.probe` found that VTK works.
 
-The parts of VTK that a picture needs are used as they are: pyvista takes a second to be imported and to get ready.
+VTK is used directly, because pyvista takes a second to be imported.
 """
 
 from __future__ import annotations
@@ -53,9 +53,9 @@ def draw(drawing: Drawing) -> bytes:
 
 
 def try_window() -> str:
-    """Draw a red square and look at its middle; return the name of VTK's window, or "blank".
+    """Draw a red square and check the colour of its middle; return the name of VTK's window, or "blank".
 
-    Some drivers draw without complaint, and nothing.
+    Some drivers report no error and draw nothing.
     """
     renderer = vtkRenderer()
     polygons = _Polygons()
@@ -112,13 +112,13 @@ class _Polygons:
         self._colors.append(np.tile(_rgb(color), (count, 1)))
 
     def discs(self, centers: Array, radius: float, z: float, color: str) -> None:
-        """Add filled circles: the round points of OpenGL are left to the driver."""
+        """Add filled circles: how OpenGL draws round points depends on the driver."""
         angle = np.linspace(0.0, 2.0 * np.pi, 21)[:-1]
         rim = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
         self.add(centers[:, None, :] + rim, z, color)
 
     def actor(self) -> Any:
-        """Return what a renderer draws."""
+        """Return the actor that a renderer draws."""
         mesh = _mesh(np.concatenate(self.corners), np.concatenate(self._each))
         mesh.GetCellData().SetScalars(numpy_to_vtk(np.concatenate(self._colors), deep=True))
         mapper = vtkPolyDataMapper()

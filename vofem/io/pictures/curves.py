@@ -1,4 +1,4 @@
-"""Curves over logarithmic axes: what benchmarks and pages of numbers show."""
+"""Curves over logarithmic axes, as benchmarks and the pages of figures show them."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ class Curve:
     Attributes
     ----------
     name : str
-        For the legend; curves of one name share colour and entry.
+        Name in the legend. Curves of one name share a colour and an entry.
     x, y : array_like, shape (k,)
         Positive.
     dashed : bool
     strong : bool
-        Whether it is drawn in ink, as what the figure is about.
+        Whether the curve is the main one of the figure, drawn in the main colour.
     """
 
     name: str
@@ -35,7 +35,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Panel:
-    """One pair of axes: curves, and what is written at it."""
+    """One pair of axes: its curves, and its title and labels."""
 
     curves: Sequence[Curve]
     xlabel: str
@@ -55,7 +55,7 @@ def log_curves(pictures: Sequence[Panel], path: Where = None, *, ax: Any = None)
     path : path of a .png, .pdf or .svg, optional
         The file to write.
     ax : sequence of matplotlib axes, optional
-        One a panel, to draw into; by default a figure of its own.
+        The axes to draw into, one for each panel. By default a new figure is made.
 
     Returns
     -------

@@ -37,7 +37,7 @@ def bifurcation(
     ylim: tuple[float, float] | None = None,
     ax: Any = None,
 ) -> Any:
-    """Draw where motions are once a period, over a parameter, with continued branches of orbits over them.
+    """Draw stroboscopic samples of a displacement over a parameter, with continued branches of orbits on top.
 
     Parameters
     ----------
@@ -45,15 +45,15 @@ def bifurcation(
     path : path of a .png, .pdf or .svg, optional
         The file to write.
     point : point, optional
-        Whose displacement is drawn; the first of the diagram where not given.
+        The point whose displacement is drawn. The default is the first one of the diagram.
     branches : sequence of Branch
         Their stable parts are drawn as solid lines, the others dashed.
     label : str
-        Of the parameter, with its unit.
+        Label of the axis: name and unit of the parameter.
     ylim : tuple of float, optional
         Limits of the displacement, m.
     ax : matplotlib axes, optional
-        To draw into; by default a figure of its own.
+        The axes to draw into. By default a new figure is made.
 
     Returns
     -------
@@ -136,18 +136,18 @@ def _positions(orbit: Any, periods: int, diagram: BifurcationDiagram, point: Any
 
 
 def basin_map(basins: Basins, path: Where = None, *, labels: tuple[str, str] | None = None, ax: Any = None) -> Any:
-    """Draw which attractor each initial state leads to, a colour each.
+    """Draw to which attractor each initial state leads. Each attractor has its colour.
 
     Parameters
     ----------
     basins : Basins
-        Over a grid of two parameters.
+        The outcome of `vofem.basins` over a grid of two parameters.
     path : path of a .png, .pdf or .svg, optional
         The file to write.
     labels : tuple of str, optional
-        Of the two parameters, with their units.
+        Labels of the axes: names and units of the two parameters.
     ax : matplotlib axes, optional
-        To draw into; by default a figure of its own.
+        The axes to draw into. By default a new figure is made.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""A picture as plain shapes in pixels: what `layout` arranges, `sketch` composes, and a backend draws.
+"""A picture as plain shapes in pixels: `layout` arranges them, `sketch` composes them, and a backend draws them.
 
 The origin is the lower left corner, y points up. Shapes are drawn in the order
 of their kinds: lines behind, patches, strips, lines, dots, labels.
@@ -35,7 +35,7 @@ CLOSED = "#e07b21"
 CLOSED_TEXT = "#8f4306"
 MASS = "#8f9bb0"
 
-#: All of them but that of the paper.
+#: All colours except that of the paper.
 PALETTE = (INK, BLOCK, GROUND, OUTLINE, SPRING, OPEN, OPEN_TEXT, CLOSED, CLOSED_TEXT, MASS)
 
 
@@ -52,9 +52,9 @@ class Strip:
     Attributes
     ----------
     x, low, high : ndarray, shape (k,)
-        In pixels.
+        Coordinates in pixels.
     values : ndarray, shape (k,)
-        In the unit of `Drawing.limit`.
+        Values in the unit of `Drawing.limit`.
     """
 
     x: Array
@@ -121,7 +121,7 @@ class Drawing:
     limit : float
         Strips are coloured from -limit to limit.
     taken : list of tuple
-        Left, bottom, right and top of what `place` keeps labels away from, other labels aside.
+        Left, bottom, right and top of areas other than labels that `place` keeps free of labels.
     """
 
     size: tuple[int, int]
@@ -149,7 +149,7 @@ class Drawing:
         self.patches.append(Patch(np.array(corners, dtype=float), color))
 
     def place(self, label: Label, others: list[Label]) -> bool:
-        """Add the first of `label` and `others` that is inside and covers nothing; return whether one is."""
+        """Add the first of `label` and `others` that lies inside and covers nothing; return whether there is one."""
         for candidate in (label, *others):
             left, bottom, right, top = candidate.box
             inside = left >= 0.0 and bottom >= 0.0 and right <= self.size[0] and top <= self.size[1]

@@ -14,7 +14,7 @@ def envelope_of(times: Array, values: Array, window: tuple[float, float], parts:
     Parameters
     ----------
     times, values : ndarray, shape (n,)
-        In the order of time.
+        Times and values in the order of time.
     window : (float, float)
         In s.
     parts : int

@@ -1,4 +1,4 @@
-"""Histories in time: displacements of points, and K_eq of contacts under them."""
+"""Histories over time: displacements of points, and the stiffness K_eq of contacts below them."""
 
 from __future__ import annotations
 
@@ -43,35 +43,31 @@ def time_history(
     envelope: bool | None = None,
     ax: Any = None,
 ) -> Any:
-    """Draw the displacement of points over time, and K_eq of contacts under it.
+    """Draw the displacement of points over time, and the stiffness K_eq of contacts below it.
 
-    Times at which a contact is closed are shaded; the displacement at which
-    it closes is a dashed line. Of a motion with very many oscillations, which
-    would be a solid block, the envelope is drawn: the least and the largest
-    displacement in each of up to 400 parts of the window, and under it the
-    share of each part in which contacts are closed.
+    Times at which a contact is closed are shaded. A dashed line shows the displacement at which it closes. A motion
+    with very many oscillations would be a solid block, so its envelope is drawn: the least and the largest displacement
+    in each of up to 400 parts of the window. Below it is then the share of each part in which contacts are closed.
 
     Parameters
     ----------
     result : Result, or mapping of titles to Results
-        Several are drawn side by side, with the same axes; K_eq has its own
-        where stiffnesses differ by more than ten times.
+        The runs. Several are drawn side by side with the same scales. K_eq has separate scales if stiffnesses differ by
+        more than a factor of ten.
     point : point, or several of them
         ``beam.at(x)`` or a Mass; found in every result by its body's name.
     path : path of a .png, .pdf or .svg, optional
         The file to write.
     contact : contact, name or several of them, optional
-        Those to show, ``name[node]`` of a one-sided foundation among them; where
-        not given, the contacts at the points, and where there are none, the
-        nearest of their bodies, at most six.
+        The contacts to show; ``name[node]`` is a contact of a one-sided foundation. The default is the contacts at the
+        points. If there are none, it is the nearest contacts of their bodies, at most six.
     window : (float, float), optional
-        Begin and end in s; the whole run where not given.
+        Begin and end of the time that is drawn, in s. The default is the whole run.
     envelope : bool, optional
-        Whether the envelope is drawn; where not given, if the motion crosses its
-        mean more than 300 times.
+        Whether the envelope is drawn. By default it is drawn if the motion crosses its mean more than 300 times.
     ax : matplotlib axes, optional
-        To draw into: for each result one, for displacements alone, or two, the
-        second for K_eq; those for displacements come first. By default a figure of its own.
+        The axes to draw into. For each result give one for displacements, or two, the second for K_eq. All axes for
+        displacements come first. By default a new figure is made.
 
     Returns
     -------
@@ -81,7 +77,7 @@ def time_history(
     Raises
     ------
     ArgumentError
-        For what is not a point, or no contact of the run, or a window outside the run.
+        If `point` is not a point, `contact` is not a contact of the run, or the window lies outside the run.
     OutputError
         If the file cannot be written.
     """
@@ -122,7 +118,7 @@ def time_history(
 
 @dataclass(frozen=True)
 class _View:
-    """What is drawn of a run: contacts, a window, times in it, and displacements there, shape (n_points, n_times)."""
+    """The part of a run that is drawn: contacts, a window, times, and displacements, shape (n_points, n_times)."""
 
     run: Result
     contacts: list[Contact]
@@ -195,7 +191,7 @@ def _draw_shares(view: _View, points: int, most: float, axes: Any) -> None:
 
 
 def _share(row: Array) -> None:
-    """Give the axes of a row one scale, told by the first."""
+    """Give all axes of a row the same scale, labelled at the first one."""
     for axes in row[1:]:
         axes.sharey(row[0])
         axes.tick_params(labelleft=False)
@@ -223,7 +219,7 @@ def _draw_stiffness(view: _View, points: int, most: float, axes: Any) -> None:
 
 
 def _color(index: int, points: int) -> str:
-    """Return the colour of a contact: none that a point has."""
+    """Return the colour of a contact: it differs from the colours of points."""
     return COLORS[0] if index == 0 else COLORS[(index + points - 1) % len(COLORS)]
 
 
@@ -235,7 +231,7 @@ def _contacts(result: Result, points: list[Point], wanted: Any) -> list[Contact]
     bodies = {point.body.name for point in points}
     of_bodies = [c for c in result.scene.contacts if any(p.body.name in bodies for p in c.points())]
     here = [c for c in all_contacts(result.scene) if any(_at(c, point) for point in points)]
-    # More than there are colours cannot be told apart.
+    # If there are more than there are colours, they cannot be distinguished.
     nearest = sorted(of_bodies, key=lambda c: min(_distance(p, q) for p in c.points() for q in points))
     return here or [c for c in of_bodies if c in nearest[: len(COLORS)]]
 
@@ -264,7 +260,7 @@ def _at(contact: Contact, point: Point) -> bool:
 
 
 def _end(result: Result) -> float:
-    # The last step of a stepping method may reach beyond the end of the run, where nothing is known.
+    # The last step of a stepping method may reach beyond the end of the run, where there are no results.
     return min(float(result.times[-1]), result.solution.t_end)
 
 

@@ -18,7 +18,7 @@ from vofem.result import Result
 
 Array = NDArray[np.float64]
 
-#: Times at which the force of a run that is known at any time is looked at.
+#: Number of times at which the force is evaluated in a run that is known at any time.
 _SAMPLES = 40_000
 
 #: What is drawn of impacts: field, label, and name of the unit among those of the contact.
@@ -45,15 +45,15 @@ def force_histogram(
     ----------
     result : Result
     contact : Contact or str, optional
-        Needed where the scene has several.
+        The contact. It must be given if the scene has several.
     path : path of a .png, .pdf or .svg, optional
         The file to write.
     window : (float, float), optional
-        Begin and end in s; the whole run where not given.
+        Begin and end of the time that is drawn, in s. The default is the whole run.
     bins : int
-        Of the histogram.
+        Number of bins of the histogram.
     ax : matplotlib axes, optional
-        To draw into; by default a figure of its own.
+        The axes to draw into. By default a new figure is made.
 
     Returns
     -------
@@ -63,7 +63,7 @@ def force_histogram(
     Raises
     ------
     ArgumentError
-        For an unknown contact, or one that does not close in the window.
+        If the contact is unknown, or does not close in the window.
     OutputError
         If the file cannot be written.
     """
@@ -109,15 +109,15 @@ def impact_statistics(
     ----------
     result : Result
     contact : Contact or str, optional
-        Needed where the scene has several.
+        The contact. It must be given if the scene has several.
     path : path of a .png, .pdf or .svg, optional
         The file to write.
     window : (float, float), optional
         Impacts that begin between these times in s; all of them where not given.
     bins : int
-        Of each histogram.
+        Number of bins of each histogram.
     ax : four matplotlib axes, optional
-        To draw into; by default a figure of its own.
+        The axes to draw into. By default a new figure is made.
 
     Returns
     -------
@@ -127,7 +127,7 @@ def impact_statistics(
     Raises
     ------
     ArgumentError
-        For an unknown contact, or one without impacts in the window, or whose forces the run does not know.
+        If the contact is unknown, has no impacts in the window, or has forces that cannot be computed from the run.
     OutputError
         If the file cannot be written.
     """
@@ -169,9 +169,9 @@ def event_raster(
     path : path of a .png, .pdf or .svg, optional
         The file to write.
     window : (float, float), optional
-        Begin and end in s; the whole run where not given.
+        Begin and end of the time that is drawn, in s. The default is the whole run.
     ax : matplotlib axes, optional
-        To draw into; by default a figure of its own.
+        The axes to draw into. By default a new figure is made.
 
     Returns
     -------
@@ -181,7 +181,7 @@ def event_raster(
     Raises
     ------
     ArgumentError
-        For a run without contacts.
+        If the run has no contacts.
     OutputError
         If the file cannot be written.
     """
@@ -196,7 +196,7 @@ def event_raster(
         span = spans_of(result, row)
         within = (span.end >= begin) & (span.begin <= end)
         bars = np.stack([span.begin, span.end - span.begin], axis=1)[within]
-        # An edge, so that what is shorter than a pixel is seen.
+        # The edge makes impacts visible that are shorter than a pixel.
         axes.broken_barh(bars.tolist(), (row - 0.35, 0.7), color=COLORS[0], linewidth=0.8)
     few = len(names) <= 30
     shown = range(len(names)) if few else range(0, len(names), -(-len(names) // 30))
@@ -206,7 +206,7 @@ def event_raster(
 
 
 def _one(result: Result, contact: Any, what: str) -> ContactHistory:
-    """Return the contact that is meant: the one that is given, or the only one."""
+    """Return the given contact, or the only one."""
     if contact is not None:
         return result.contacts[contact]
     if len(result.contacts) != 1:

@@ -1,7 +1,7 @@
-"""Where everything goes in a picture: bodies in lanes one above another, one scale along, one for the motion.
+"""The layout of a picture: bodies lie in lanes one above the other, with one scale along them and one for the motion.
 
-In a contact between two bodies `a` closes upward on `b`, so the lane of b is
-above that of a, and the spring between them is seen to shorten as it closes.
+In a contact between two bodies `a` closes upward on `b`, so the lane of b is above that of a. The spring between them
+becomes shorter as the contact closes.
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ class Lane:
     half : float
         Half the largest depth, pixels.
     shift : float
-        By which the body's x is moved along the picture, m.
+        Distance in m by which the body is moved along the picture.
     floor, ceiling : float or None
-        Where the ground of its springs begins, pixels.
+        Height at which the ground of its springs begins, pixels.
     """
 
     state: BodyState
@@ -65,13 +65,13 @@ class Layout:
     Attributes
     ----------
     lanes : dict of Body to Lane
-        From the lowest to the highest.
+        The lanes from the lowest to the highest.
     unit : float
         Pixels of this picture per pixel of a picture of 1600 x 700.
     motion : float
         Pixels per metre of displacement.
     magnification : float or None
-        Of displacements over lengths; None where the scene has no length.
+        Magnification of displacements over lengths; None if the scene has no length.
     top, diagrams : float
         Upper end and height of the moment diagrams, pixels.
     """
@@ -98,7 +98,7 @@ class Layout:
 
 @dataclass(frozen=True)
 class _Needs:
-    """Room that a body takes below or above its axis: ``fixed + share * motion`` pixels."""
+    """Space that a body needs below or above its axis: ``fixed + share * motion`` pixels."""
 
     body: Body
     half: float
@@ -114,7 +114,7 @@ class _Needs:
 
 
 def side_of_ground(index: int, count: int) -> str:
-    """Return where the ground spring of a mass goes: the lowest stands, the highest hangs, others are held aside."""
+    """Return where the ground spring of a mass is drawn: below the lowest mass, above the highest, beside others."""
     return "below" if index == 0 else "above" if index == count - 1 else "aside"
 
 
@@ -164,7 +164,7 @@ def _choose(
     scale: float,
     wanted: float | None,
 ) -> tuple[float, float]:
-    """Return the unit and the magnification: bodies are drawn smaller only where the motion would not be seen."""
+    """Return the unit and the magnification: bodies shrink only if the motion would be invisible otherwise."""
     fallback: tuple[float, float] | None = None
     for unit in full * 0.85 ** np.arange(14):
         needs = _needs(view, order, float(unit))
@@ -205,14 +205,14 @@ def _shifts(view: Snapshot) -> dict[Body, float]:
     bodies = [state.body for state in view.bodies]
     roots = [b for b in bodies if is_line(b)] + [b for b in bodies if not is_line(b)]
     first = roots[0]
-    # Joints first: what is tied stands where it is tied.
+    # Joints come first: bodies that are tied are drawn where they are tied.
     pairs = [(joint.a, joint.b) for joint in view.joints]
     pairs += [(link.a, link.b) for link in view.links if link.b is not None]
     shifts: dict[Body, float] = {}
     for root in roots:
         if root in shifts:
             continue
-        # A mass that nothing ties to a beam stands in the middle.
+        # A mass that is not connected with a beam is drawn in the middle.
         middle = 0.5 * float(first.shape.x[0] + first.shape.x[-1])
         shifts[root] = 0.0 if is_line(root) else middle
         found = [root]

@@ -1,4 +1,4 @@
-"""Contacts and springs of a picture: what touches what, and with which force."""
+"""Contacts and springs of a picture, with their forces."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ _COLORS = {
 }
 
 
-#: What acts at any distance.
+#: Links that act at any distance.
 _ALWAYS = ("spring", "damper")
 
-#: Stops whose gaps are dimensioned at most, and the shortest dimension, pixels.
+#: Largest number of stops whose gaps are dimensioned, and length of the shortest dimension in pixels.
 _DIMENSIONS, _NARROW = 4, 12.0
 
 
@@ -74,7 +74,9 @@ def add_links(drawing: Drawing, view: Snapshot, layout: Layout) -> None:
 
 
 def _slots(view: Snapshot, layout: Layout) -> tuple[dict[int, float], float]:
-    """Return where along each stop is drawn, and their smallest spacing; those at one place stand side by side.
+    """Return the position of each stop along the picture, and the smallest spacing.
+
+    Stops at one place stand side by side.
 
     The ground spring of the mass in lane i has the key ``-1 - i``.
     """
@@ -158,7 +160,7 @@ def _dimensions(drawing: Drawing, view: Snapshot, layout: Layout, slots: dict[in
 
 
 def _rotation(drawing: Drawing, layout: Layout, link: Link) -> tuple[float, float]:
-    """Draw what acts on rotations as a spiral at its point a, with a line to its point b; return its label's place."""
+    """Draw a link on rotations as a spiral at point a, with a line to point b; return the place of its label."""
     ends = []
     for point in (link.a, link.b):
         if point is not None:
@@ -240,7 +242,7 @@ def _ground_springs(drawing: Drawing, layout: Layout, slots: dict[int, float], h
 
 
 def _labels(drawing: Drawing, layout: Layout, wanted: list[tuple[Link, float, float, float]]) -> None:
-    """Label the links beside them, the largest force first; where it is crowded some go without, and are counted."""
+    """Write labels beside the links, the largest force first; links without room for a label are only counted."""
     unit, omitted = layout.unit, 0
     for link, x, y, half in sorted(wanted, key=lambda w: -abs(w[0].force)):
         if link.status in _ALWAYS:

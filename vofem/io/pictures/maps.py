@@ -1,4 +1,4 @@
-"""Pictures of maps: what the steady states over two parameters look like."""
+"""Maps of the steady states over two parameters."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ def state_map(
     quantity : {"amplitude", "multiplier"}
         The amplitude in m, or the modulus of the leading multiplier.
     labels : tuple of str
-        Of the two parameters, with their units.
+        Labels of the axes: names and units of the two parameters.
     ax : matplotlib axes, optional
-        To draw into; by default a figure of its own.
+        The axes to draw into. By default a new figure is made.
 
     Returns
     -------

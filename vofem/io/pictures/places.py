@@ -1,4 +1,4 @@
-"""Where contacts lie along a beam or between masses."""
+"""The places of contacts along a beam or between masses."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ class Place(NamedTuple):
     ----------
     name : str
     x : float
-        On the axis of a beam in m; for masses, numbered from 1, between their numbers.
+        Place on the axis of a beam in m. Masses are numbered from 1, and a contact lies between the numbers of its two
+        masses.
     surface : float or None
         The displacement in m at which the body touches a stop; None between two bodies.
     """
@@ -77,7 +78,7 @@ def between_masses(scene: Scene) -> list[Place]:
 
 
 def one_line(scene: Scene, body: Body | str | None) -> Body:
-    """Return the line of a scene that is meant, a beam or another one: that of this name, or the only one."""
+    """Return the line of a scene with this name, or the only one. A line is a beam or a similar body."""
     lines = [b for b in scene.bodies if is_line(b)]
     wanted = [b for b in lines if body is None or b.name == getattr(body, "name", body)]
     if len(wanted) != 1:
@@ -86,7 +87,7 @@ def one_line(scene: Scene, body: Body | str | None) -> Body:
 
 
 def one_beam(scene: Scene, body: Beam | str | None) -> Beam:
-    """Return the beam of a scene that is meant: that of this name, or the only one."""
+    """Return the beam of a scene with this name, or the only one."""
     beams = [b for b in scene.bodies if isinstance(b, Beam)]
     wanted = [b for b in beams if body is None or b.name == getattr(body, "name", body)]
     if len(wanted) != 1:

@@ -24,7 +24,7 @@ Others = tuple[str, ArrayLike, ArrayLike]
 
 #: Points along a beam at which its shape is drawn, and marks of another result along it.
 _POINTS, _MARKS = 401, 26
-#: Names of what is shown beside lines; they stand last in the legend.
+#: Names of the entries that are not lines; they stand last in the legend.
 _CLOSED, _SURFACE = "closed contact", "untouched surface"
 
 #: Lines of a legend that fit beside the axes.
@@ -46,21 +46,20 @@ def shapes(
     Parameters
     ----------
     outcome : Result or Equilibrium, or mapping of titles to them
-        Several are drawn side by side, with the same axes.
+        What is drawn. Several outcomes are drawn side by side with the same scales.
     times : array_like or None
-        In s, one line each; None for an equilibrium.
+        Times in s, each drawn as one line; None for an equilibrium.
     path : path of a .png, .pdf or .svg, optional
         The file to write.
     scene : Scene, optional
-        That of an equilibrium.
+        The scene of an equilibrium.
     body : Beam or name, optional
-        Needed where the scene has several beams.
+        The beam. It must be given if the scene has several.
     beside : (name, x, eta), optional
-        Another result, drawn with markers: x in m, shape (n,), and eta in m,
-        shape (n, n_times) or (n,); a mapping by the titles of `outcome` where
-        that is one.
+        Another result, drawn with markers: x in m, shape (n,), and eta in m, shape (n, n_times) or (n,). If `outcome`
+        is a mapping, give a mapping with the same titles.
     ax : matplotlib axes, optional
-        One for each outcome, to draw into; by default a figure of its own.
+        The axes to draw into, one for each outcome. By default a new figure is made.
 
     Returns
     -------
@@ -70,8 +69,8 @@ def shapes(
     Raises
     ------
     ArgumentError
-        For an equilibrium without its scene, a scene with several beams and no
-        `body`, times outside the run, or shapes that do not fit.
+        If an equilibrium is given without its scene, a scene has several beams and `body` is missing, times lie outside
+        the run, or arrays of `beside` have wrong shapes.
     OutputError
         If the file cannot be written.
     """
@@ -140,7 +139,7 @@ class _Shapes:
 
 
 def _colors(count: int) -> list[Any]:
-    """Return colours of lines: such as can be told apart, and of more than there are of these, a scale in time."""
+    """Return colours of lines: easily distinguished ones for a few lines, a scale over time for many lines."""
     if count <= len(COLORS):
         return [ink(), *COLORS[1:]]
     from matplotlib import colormaps
@@ -149,7 +148,7 @@ def _colors(count: int) -> list[Any]:
 
 
 def _draw_stops(axes: Any, places: list[Place], size: float, factor: float) -> None:
-    """Draw the surfaces of stops where they are while they are not touched; those in a row as one line."""
+    """Draw the surfaces of stops that are not touched. Surfaces in a row are drawn as one line."""
     surfaces = sorted({p.surface for p in places if p.surface is not None})
     for surface in surfaces:
         at = np.array(sorted(p.x for p in places if p.surface == surface))

@@ -1,4 +1,4 @@
-"""Loads of a picture: which forces and moments act where, and how large they are beside their largest values."""
+"""Loads of a picture: their places and values, and their largest values over the run."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ class Push:
     kind : str
         "force", "moment", "line" (a load along a beam), or "weight".
     points : tuple of Point
-        Where it acts; empty for the weight.
+        Points on which the load acts; empty for the weight.
     values : ndarray, shape (n_points,)
-        In N, N m or N/m, positive upward; of the weight g, m/s^2, positive downward.
+        Values in N, N m or N/m, positive upward. For the weight it is g in m/s^2, positive downward.
     largest : float
         Largest magnitude over the run, of all points.
     """
@@ -45,7 +45,7 @@ class Push:
 def pushes(scene: Scene, times: Array, run: Array) -> list[tuple[Push, ...]]:
     """Return the loads at some times of the loads, with their largest values over the times of the run.
 
-    A load whose values are not known at these times, as that of a run from a file may be, is left out.
+    A load whose values at these times are not known, which may occur for a run from a file, is left out.
     """
     found: list[list[Push]] = [[] for _ in times]
     for effect in scene.effects:
@@ -59,7 +59,7 @@ def pushes(scene: Scene, times: Array, run: Array) -> list[tuple[Push, ...]]:
 
 
 def _of(effect: Any, times: Array, run: Array) -> list[Push]:
-    """Return what an effect pushes at some times; nothing where it is no load."""
+    """Return the loads of an effect at some times; nothing if it is not a load."""
     if isinstance(effect, Gravity):
         return [Push("weight", (), np.array([effect.g]), abs(effect.g)) for _ in times]
     if not isinstance(effect, (PointLoad, PointMoment, DistributedLoad)):

@@ -45,11 +45,11 @@ def sketch(
     size : (int, int)
         Width and height in pixels.
     magnification : float, optional
-        Of displacements; chosen where not given.
+        Factor by which displacements are enlarged. By default it is chosen.
     forces : bool
-        Whether closed contacts light up, and arrows show the forces with which they push.
+        Whether closed contacts are highlighted and arrows show their forces.
     title : str
-        Stands before the time.
+        Text before the time.
     """
     size = _checked(size)
     if magnification is not None:
@@ -117,7 +117,7 @@ def _title(drawing: Drawing, view: Snapshot, layout: Layout, before: str) -> Non
 
 
 def _spelled(time: float) -> str:
-    """Return a time to a millisecond, or finer where it is short."""
+    """Return a time as text, to a millisecond or finer if it is short."""
     return f"{time:.3f} s" if time >= 0.1 or time == 0.0 else spell(time, "s")
 
 
@@ -228,7 +228,7 @@ def _line(drawing: Drawing, layout: Layout, lane: Lane) -> None:
     for side in (-half, half):
         drawing.line(rest, np.full(x.size, lane.axis + side), OUTLINE, 1.6, behind=True)
         drawing.line(x, y + side, INK, 2.2)
-    # Cross sections show what moves along the line.
+    # Cross sections show the motion along the line.
     for k in range(x.size) if np.ptp(x) / x.size >= 4.0 * unit else (0, -1):
         drawing.line(x[[k, k]], [y[k] - half, y[k] + half], INK, 2.2 if k in (0, x.size - 1, -1) else 1.0)
     held = {float(place) for place in state.body.degrees_of_freedom.x[state.body.matrices().supported]}
@@ -284,7 +284,7 @@ def _mass(drawing: Drawing, layout: Layout, lane: Lane, side: str) -> None:
 
 
 def _scale_of_motion(drawing: Drawing, layout: Layout) -> None:
-    """Add a measure of displacement: a scene of masses has no length to compare it with."""
+    """Add a scale of displacement, because a scene of masses has no length for comparison."""
     size = nice_below(120.0 * layout.unit / layout.motion)
     x, low = 60.0 * layout.unit, 60.0 * layout.unit
     high = low + size * layout.motion

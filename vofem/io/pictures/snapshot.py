@@ -1,4 +1,4 @@
-"""What a picture needs of a run or of an equilibrium, at one time."""
+"""The data of a run or of an equilibrium at one time that a picture needs."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 #: A beam is drawn through about this many points, and the range of a run is taken from as many times.
 _POINTS, _TIMES = 240, 240
 
-#: What is drawn as a spring.
+#: Classes of effects that are drawn as a spring.
 _SPRINGS = (Spring, NonlinearSpring, HystereticSpring, IwanSpring, Springpot)
 
 #: A two-sided foundation is drawn as this many springs, or one at each node.
@@ -83,17 +83,17 @@ class Link:
     ----------
     name : str
     a, b : points
-        b is None for one to ground.
+        The two points; b is None for a link to ground.
     side : str
         "below" or "above": where ground is.
     gap : float
-        In m.
+        Gap in m.
     status : str
         "open", "closed", "pinned", "spring" or "damper".
     force : float
-        In N, positive pushes the bodies apart; of a rotation in N m.
+        Force in N, or moment in N m for a link on rotations; positive pushes the bodies apart.
     rotation : bool
-        Whether it acts on rotations; gaps are not drawn then.
+        Whether the link acts on rotations. In that case gaps are not drawn.
     """
 
     name: str
@@ -113,18 +113,18 @@ class Snapshot:
     Attributes
     ----------
     time : float or None
-        In s; None for an equilibrium, and for a mode shape.
+        Time in s; None for an equilibrium and for a mode shape.
     bodies : tuple of BodyState
     links : tuple of Link
     joints : tuple of Joint
     peak : float
         The largest contact force of the run, N.
     title : str
-        What stands in place of the time.
+        Text that stands in place of the time.
     pushes : tuple of Push
         Loads.
     weights : tuple of Point
-        Where point masses are.
+        Points at which there are point masses.
     """
 
     time: float | None
@@ -138,12 +138,12 @@ class Snapshot:
 
     @property
     def bending(self) -> bool:
-        """Whether bending moments are known, of a beam."""
+        """Whether the bending moments of a beam are known."""
         return not self.title and any(isinstance(state.body, Beam) for state in self.bodies)
 
 
 def snapshot(outcome: Result | Equilibrium, t: float | None, scene: Scene | None = None) -> Snapshot:
-    """Return what a picture needs.
+    """Return the data that a picture of one time needs.
 
     Ranges are those of the whole run, so that pictures of one run at several
     times have one magnification and one scale of colours.
@@ -152,9 +152,9 @@ def snapshot(outcome: Result | Equilibrium, t: float | None, scene: Scene | None
     ----------
     outcome : Result or Equilibrium
     t : float
-        In s, within the run; not used for an equilibrium.
+        Time in s, within the run; not used for an equilibrium.
     scene : Scene, optional
-        Needed with an equilibrium, which does not know its scene.
+        The scene. It is needed for an equilibrium, which has no reference to its scene.
     """
     if isinstance(outcome, Equilibrium):
         if scene is None:
@@ -169,13 +169,13 @@ def snapshot(outcome: Result | Equilibrium, t: float | None, scene: Scene | None
 
 
 def snapshots(result: Result, times: Array) -> list[Snapshot]:
-    """Return what pictures of a run at several times need, with the ranges of the whole run.
+    """Return the data that pictures of a run at several times need, with the ranges of the whole run.
 
     Parameters
     ----------
     result : Result
     times : ndarray, shape (n_times,)
-        In s, within the run.
+        Times in s, within the run.
     """
     bodies = [_in_motion(result, body, times) for body in result.scene.bodies]
     contacts, peak = _contact_states(result, times)
@@ -312,8 +312,8 @@ def _in_motion(result: Result, body: Body, times: Array) -> list[BodyState]:
 
 
 def _times_of_range(result: Result) -> Array:
-    """Return times spread over the run: a stepping method knows those that it has stored, and not between."""
-    # Its last step may reach beyond the end of the run, where nothing is known.
+    """Return times spread over the run. A stepping method has results only at the times that it has stored."""
+    # Its last step may reach beyond the end of the run, where there are no results.
     stored = result.times[result.times <= result.solution.t_end]
     if result.solution.continuous:
         return np.linspace(0.0, float(stored[-1]), _TIMES)

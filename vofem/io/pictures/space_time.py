@@ -26,10 +26,9 @@ def space_time(
 ) -> Any:  # fmt: skip
     """Draw displacements as colours over time and place, and closed contacts as lines.
 
-    The place is x along a beam. In a scene of masses only it is their number,
-    and a contact lies between the two that it joins. Colours end at three times
-    the root mean square displacement where a few places move much further; the
-    colour bar then has arrows.
+    The place is x along a beam. In a scene that has only masses it is the number of the mass, and a contact lies
+    between the two that it joins. If a few places move much further than the others, the colours end at three times the
+    root mean square displacement, and the colour bar has arrows.
 
     Parameters
     ----------
@@ -37,11 +36,11 @@ def space_time(
     path : path of a .png, .pdf or .svg, optional
         The file to write.
     body : Beam or name, optional
-        Needed where the scene has several beams, or beams and masses.
+        The beam. It must be given if the scene has several beams, or beams and masses.
     ax : matplotlib axes, optional
-        To draw into; by default a figure of its own.
+        The axes to draw into. By default a new figure is made.
     window : (float, float), optional
-        Begin and end in s; the whole run where not given.
+        Begin and end of the time that is drawn, in s. The default is the whole run.
 
     Returns
     -------
@@ -51,7 +50,7 @@ def space_time(
     Raises
     ------
     ArgumentError
-        Where it is not clear what to draw.
+        If `body` is needed and missing.
     OutputError
         If the file cannot be written.
     """

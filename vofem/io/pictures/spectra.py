@@ -56,11 +56,12 @@ def spectrum(
     quantity : str
         "displacement", "velocity" or "acceleration".
     window : (float, float), optional
-        Begin and end in s; the whole run where not given. Leave the transient out for the spectrum of a steady motion.
+        Begin and end of the time that is drawn, in s. The default is the whole run. Leave the transient out for the
+        spectrum of a steady motion.
     limit : float, optional
         Highest frequency that is drawn, Hz.
     ax : matplotlib axes, optional
-        To draw into; by default a figure of its own.
+        The axes to draw into. By default a new figure is made.
 
     Returns
     -------
@@ -70,7 +71,7 @@ def spectrum(
     Raises
     ------
     ArgumentError
-        For what is not a point, a kind or a quantity, or a run that has stored too few times.
+        If the point, the kind or the quantity is not valid, or the run has stored too few times.
     OutputError
         If the file cannot be written.
 

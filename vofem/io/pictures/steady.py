@@ -26,7 +26,7 @@ MARKS = {
     "branch_point": ("P", 5, "branch point"),
 }
 
-#: Lines of orbits by their stability: width, style, what it says.
+#: Lines of orbits by their stability: width, style and name.
 _LINES = {
     True: ("-", 1.8, "stable"),
     False: ("--", 1.3, "unstable"),
@@ -51,12 +51,12 @@ def response_curve(
     Parameters
     ----------
     branch : Branch, or several of them
-        Further ones are drawn in colours.
+        The branches. Each branch after the first has its own colour.
     point : point of a body
     path : path of a .png, .pdf or .svg, optional
         The file to write.
     ax : matplotlib axes, optional
-        To draw into; by default a figure of its own.
+        The axes to draw into. By default a new figure is made.
     parameter : str
         Name and unit of the parameter, for the axis.
     title : str
@@ -69,7 +69,7 @@ def response_curve(
     Raises
     ------
     ArgumentError
-        For a branch without orbits, or what is not a point.
+        If the branch has no orbits, or `point` is not a point of a body.
     OutputError
         If the file cannot be written.
     """
@@ -120,11 +120,12 @@ def multipliers(orbit: PeriodicOrbit | Sequence[PeriodicOrbit] | Branch, path: W
     Parameters
     ----------
     orbit : PeriodicOrbit, several of them, or Branch
-        Of several orbits the multipliers change from light to dark in their order.
+        If there are several orbits, the colour of the multipliers changes from light to dark in the order of the
+        orbits.
     path : path of a .png, .pdf or .svg, optional
         The file to write.
     ax : matplotlib axes, optional
-        To draw into; by default a figure of its own.
+        The axes to draw into. By default a new figure is made.
 
     Returns
     -------
@@ -134,7 +135,7 @@ def multipliers(orbit: PeriodicOrbit | Sequence[PeriodicOrbit] | Branch, path: W
     Raises
     ------
     ArgumentError
-        If the method that found an orbit does not know its multipliers.
+        If the method that found an orbit does not compute multipliers.
     OutputError
         If the file cannot be written.
     """
@@ -161,7 +162,7 @@ def multipliers(orbit: PeriodicOrbit | Sequence[PeriodicOrbit] | Branch, path: W
         dots = axes.scatter(values.real, values.imag, c=order, s=12, cmap="viridis_r", zorder=3)
         canvas.figure.colorbar(dots, ax=axes, label="number of the orbit [-]", shrink=0.8)
     reach = 1.15 * max(1.0, float(np.abs(values).max(initial=0.0)))
-    # Far multipliers would make a dot of the circle.
+    # With very large multipliers the circle would shrink to a dot.
     reach = min(reach, 3.0)
     axes.set(xlim=(-reach, reach), ylim=(-reach, reach), xlabel="real part [-]", ylabel="imaginary part [-]")
     axes.set_box_aspect(1.0)
@@ -188,7 +189,7 @@ def phase_portrait(
     path : path of a .png, .pdf or .svg, optional
         The file to write.
     ax : matplotlib axes, optional
-        To draw into; by default a figure of its own.
+        The axes to draw into. By default a new figure is made.
 
     Returns
     -------
@@ -198,7 +199,7 @@ def phase_portrait(
     Raises
     ------
     ArgumentError
-        For what is not an orbit or a point.
+        If an argument is not an orbit, or not a point.
     OutputError
         If the file cannot be written.
     """
@@ -251,12 +252,12 @@ def poincare_section(section: PoincareSection, point: Any, path: Where = None, *
     Parameters
     ----------
     section : PoincareSection
-        What `vofem.poincare` returns.
+        A section that `vofem.poincare` has returned.
     point : point of a body
     path : path of a .png, .pdf or .svg, optional
         The file to write.
     ax : matplotlib axes, optional
-        To draw into; by default a figure of its own.
+        The axes to draw into. By default a new figure is made.
 
     Returns
     -------
@@ -266,7 +267,7 @@ def poincare_section(section: PoincareSection, point: Any, path: Where = None, *
     Raises
     ------
     ArgumentError
-        For what is no section, or no point.
+        If an argument is not a section, or not a point.
     OutputError
         If the file cannot be written.
     """
@@ -292,11 +293,11 @@ def backbone_curve(branch: Branch | Sequence[Branch], path: Where = None, *, ax:
     Parameters
     ----------
     branch : Branch, or several of them
-        What `vofem.backbone` returns, with `omega` and `energy`.
+        A branch that `vofem.backbone` has returned.
     path : path of a .png, .pdf or .svg, optional
         The file to write.
     ax : matplotlib axes, optional
-        To draw into; by default a figure of its own.
+        The axes to draw into. By default a new figure is made.
 
     Returns
     -------
@@ -306,7 +307,7 @@ def backbone_curve(branch: Branch | Sequence[Branch], path: Where = None, *, ax:
     Raises
     ------
     ArgumentError
-        For a branch that is no backbone.
+        If the branch is not a backbone.
     OutputError
         If the file cannot be written.
     """

@@ -1,7 +1,7 @@
-"""A process that draws with VTK while this one does other work.
+"""A separate process that draws with VTK while this one does other work.
 
-VTK takes a while to be imported, and without a working graphics driver it ends
-the process with a segmentation fault: here it is that of the studio.
+VTK takes a while to be imported. Without a working graphics driver it ends its process with a segmentation fault. It
+therefore runs in a process of its own.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ class Studio:
     Attributes
     ----------
     found : Probe or None
-        Whether VTK works: as it is remembered of this machine where it does not, None until the first picture was
-        waited for where it may.
+        Whether VTK works. If it is stored that VTK does not work on this machine, this is known at once. Otherwise it
+        is None until the first picture has been drawn.
     """
 
     def __init__(self) -> None:
         prepare_environment()
         known = remembered()
-        # A machine on which VTK does not work needs no process that finds it out again.
+        # If VTK is known not to work on this machine, no process is started.
         self.found: Probe | None = known if known is not None and not known.works else None
         self._folder = tempfile.TemporaryDirectory(prefix="vofem-")
         self._asked = 0
@@ -50,12 +50,12 @@ class Studio:
             )
 
     def ask(self, drawing: Drawing) -> Path:
-        """Let a picture be drawn; return where it will be. Pictures are waited for in the order of asking."""
+        """Request a picture; return its file. `wait` returns pictures in the order of the requests."""
         self._asked += 1
         source = Path(self._folder.name) / f"{self._asked}.drawing"
         goal = source.with_suffix(".png")
         source.write_bytes(pickle.dumps(drawing))
-        # A process that has ended is found out later.
+        # If the process has ended, `wait` notices it later.
         if self._child is not None and self._child.stdin is not None:
             with contextlib.suppress(OSError):
                 self._child.stdin.write(f"{source}\t{goal}\n")
@@ -71,7 +71,7 @@ class Studio:
         if self._line() == "vofem-drawn":
             return True
         self.found = self._failure("")
-        # The next process draws a trial picture again, and what it shows is remembered.
+        # The next process draws a trial picture again, and the outcome is stored.
         forget()
         return False
 
@@ -84,7 +84,7 @@ class Studio:
         return ""
 
     def _greeting(self) -> Probe:
-        """Return what the process says first: what its trial picture has shown, or what is known already."""
+        """Return the first message of the process: the outcome of its trial picture, or what is known already."""
         line = self._line()
         found = verdict(0, line, "") if line else self._failure(line)
         remember(found)
@@ -104,7 +104,7 @@ class Studio:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if self._child is not None:
-            # Where no picture was asked for, it need not even get ready.
+            # If no picture was requested, the process need not be ready.
             if kind is not None or not self._asked:
                 self._child.kill()
             # A process whose pictures are done may crash as it ends.

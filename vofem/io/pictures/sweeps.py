@@ -25,8 +25,8 @@ def sweep_curves(
 ) -> Any:
     """Draw quantities of a sweep over its parameters.
 
-    A grid of one parameter gives curves, a grid of two gives maps; one panel
-    a quantity. Points that failed are left blank.
+    A grid of one parameter gives curves, and a grid of two parameters gives maps. There is one panel for each quantity.
+    Points that failed are left blank.
 
     Parameters
     ----------
@@ -35,11 +35,11 @@ def sweep_curves(
     path : path of a .png, .pdf or .svg, optional
         The file to write.
     names : tuple of str, optional
-        Of the quantities; all that are numbers where not given.
+        Names of the quantities that are drawn. The default is all quantities that are numbers.
     units : dict of str to str, optional
         Units of parameters and quantities by their names, for the axes.
     ax : matplotlib axes, optional
-        One for each quantity, to draw into; by default a figure of its own.
+        The axes to draw into, one for each quantity. By default a new figure is made.
 
     Returns
     -------
@@ -49,7 +49,7 @@ def sweep_curves(
     Raises
     ------
     ArgumentError
-        If the points are no such grid, or no quantity can be drawn.
+        If the points are not a grid of one or two parameters, or no quantity can be drawn.
     OutputError
         If the file cannot be written.
     """

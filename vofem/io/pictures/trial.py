@@ -14,7 +14,7 @@ def _print(*words: str) -> None:
 
 
 def draw(path: str) -> None:
-    """Draw a trial picture and, where that went well, what stands on the standard input."""
+    """Draw a trial picture and, if this succeeds, the drawing on the standard input."""
     from vofem.io.pictures import backend_vtk
 
     found = backend_vtk.try_window()

@@ -11,7 +11,7 @@ _LIMITS = (1.0, 1.2, 1.6, 2.0, 2.4, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
 
 
 def prefixed(size: float, unit: str) -> tuple[float, str]:
-    """Return a factor and a unit in which a number of magnitude `size` reads well.
+    """Return a factor and a unit with a prefix that suits a number of magnitude `size`.
 
     >>> prefixed(1300.0, "N")
     (1000.0, 'kN')

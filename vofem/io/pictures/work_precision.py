@@ -18,9 +18,9 @@ _MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 def work_precision(study: Study, path: Where = None, title: str = "", *, ax: Any = None) -> Any:
     """Draw the error of all runs of a study against their time and their steps.
 
-    A colour per method, a mark per mesh. Dashed lines are the errors of the
-    meshes alone, below which no step helps; the grey band is the reference's
-    own error, within which nothing can be told apart.
+    Each method has a colour and each mesh has a marker. A dashed line is the error of a mesh alone: smaller steps do
+    not reduce the error below it. The grey band is the error of the reference: differences of errors within it have no
+    meaning.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def work_precision(study: Study, path: Where = None, title: str = "", *, ax: Any
         The file to write.
     title : str
     ax : two matplotlib axes, optional
-        To draw into; by default a figure of its own.
+        The axes to draw into. By default a new figure is made.
 
     Returns
     -------
@@ -48,7 +48,7 @@ def work_precision(study: Study, path: Where = None, title: str = "", *, ax: Any
     methods = list(dict.fromkeys(run.setting.method for run in study.runs))
     colors = {name: ink() if method_named(name).exact else COLORS[k % len(COLORS)] for k, name in enumerate(methods)}
     marks = {n: _MARKERS[k % len(_MARKERS)] for k, n in enumerate(meshes)}
-    # What is exact is drawn at rounding, not at minus infinity.
+    # An error of zero is drawn at the level of rounding, because its logarithm is minus infinity.
     lowest = max(study.floor, 1e-16)
     for axes, what in zip(grid[0], ("seconds", "steps"), strict=True):
         for (method, n, _), runs in groupby(study.runs, key=lambda run: _series(run.setting)):

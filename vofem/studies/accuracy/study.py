@@ -45,7 +45,7 @@ class Run:
     setting : Setting
     unknowns : int
     seconds : float
-        Shortest wall time of the run and of the point's history, without assembly.
+        Shortest wall time in s of the run and of the point's history, without assembly.
     assembly : float
         Wall time of assembling the scene, s.
     counters : dict
@@ -55,7 +55,7 @@ class Run:
     time : Errors
         Errors against the run on the same mesh that is exact in time.
     space : float
-        Error of the mesh alone in m: that of the run that is exact in time, against the reference.
+        Error of the mesh alone in m, which is the error of the run that is exact in time, against the reference.
     rounding : float
         Largest difference in m to a run of the same equations with other rounding errors; NaN if not measured.
     order : float
@@ -80,7 +80,7 @@ class Run:
 
     @property
     def work(self) -> int:
-        """All counted operations, events aside."""
+        """Number of all counted operations except events."""
         return sum(value for name, value in self.counters.items() if name != "events")
 
     @property
@@ -110,9 +110,9 @@ class Reference:
         Method and mesh.
     elements : int
     floor : float
-        Its estimated error in m. Smaller errors of runs mean nothing.
+        Estimated error of the reference in m. Errors of runs that are smaller have no meaning.
     scale : float
-        Its largest displacement in m.
+        Largest displacement of the reference in m.
     horizon : float
         Time in s until which pointwise values are meaningful. Pointwise errors are taken up to it.
     """
@@ -152,7 +152,7 @@ class Study:
         return f"Study({self.point} over {self.t_end:g} s, {len(self.runs)} runs, {len(self.left_out)} left out)"
 
     def relative(self, run: Run) -> float:
-        """Return the largest error of the displacement of the point, relative to the largest of the reference."""
+        """Return the largest displacement error of the point, relative to the largest displacement of the reference."""
         return self._over_scale(run.total.largest)
 
     def _over_scale(self, error: float) -> float:
@@ -166,7 +166,7 @@ class Study:
     def meeting(self, tolerance: float) -> tuple[Run, ...]:
         """Return the runs whose relative error is at most the tolerance, fastest first.
 
-        The error of steps alone has to meet the tolerance too, because it may cancel with that of the mesh.
+        The error of the steps alone must also meet the tolerance, because it may cancel with the error of the mesh.
         """
         tolerance = number("meeting: tolerance", tolerance, positive=True)
         good = [run for run in self.runs if self._over_scale(run.judged) <= tolerance]

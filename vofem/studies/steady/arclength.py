@@ -12,18 +12,18 @@ from vofem.studies.steady.newton import direction
 
 Array = NDArray[np.float64]
 
-#: First, largest and least step, relative to the unknowns, and the number of them after which a curve is given up.
+#: First, largest and least step, relative to the unknowns, and the largest number of steps along a curve.
 _FIRST, _LARGEST, _LEAST, _MOST = 1e-4, 0.1, 1e-10, 1000
 
 #: Steps of Newton's method at a point, and the residual that is small enough.
 _STEPS, _TOLERANCE = 8, 1e-11
 
-#: Cosine of the angle between successive directions that is refused.
+#: Cosine of the angle between successive directions below which a step is rejected.
 _REFUSED = float(np.cos(np.radians(25.0)))
 
 
 class LostCurveError(ConvergenceError):
-    """A curve does not lead where it should.
+    """Following a curve failed before the function became positive.
 
     Parameters
     ----------
@@ -45,13 +45,13 @@ def until_positive(
     Parameters
     ----------
     equations : callable
-        Returns what the equations leave over at a point, shape (n,), and its derivative, shape (n, n + 1).
+        Returns the residual of the equations at a point, shape (n,), and its derivative, shape (n, n + 1).
     function : callable
         Negative at the start.
     start : ndarray, shape (n + 1,)
         A point of the curve. The last unknown is compared with itself, the others with their common size.
     towards : ndarray, shape (n + 1,)
-        Roughly the direction in which to go.
+        Approximate direction in which the curve is followed.
 
     Returns
     -------
@@ -60,7 +60,7 @@ def until_positive(
     Raises
     ------
     LostCurveError
-        If the curve is lost, or does not lead there within 1000 steps.
+        If the curve cannot be followed, or the function does not become positive within 1000 steps.
     """
     best = float(function(start))
     where = np.array(start)

@@ -1,9 +1,8 @@
 """Nonlinear normal modes of conservative scenes: `backbone`.
 
-A free oscillation of a conservative scene that comes to rest twice is the same
-forwards and backwards in time. It is found over half a period, from rest to
-rest: unknowns are the displacement at rest and half the period, equations that
-all velocities vanish again and that the energy is the one wanted.
+If a free oscillation of a conservative scene comes to rest twice in a period, the motion is the same forwards and
+backwards in time. It is therefore computed over half a period, from rest to rest. The unknowns are the displacement at
+rest and half the period. The equations say that all velocities vanish again and that the energy has the given value.
 
 G. Kerschen, M. Peeters, J. C. Golinval, A. F. Vakakis, Mech. Syst. Signal Process. 23 (2009) 170,
 doi:10.1016/j.ymssp.2008.04.002.
@@ -39,7 +38,7 @@ _STEPS, _TOLERANCE, _ROUNDING = 12, 1e-14, 1e-11
 #: First, largest and least step of the logarithm of the energy.
 _FIRST, _LARGEST, _LEAST = 0.02, 0.3, 1e-6
 
-#: First share of the contacts' stiffness where these touch at rest, and the factor by which it grows.
+#: First fraction of the contacts' stiffness if contacts touch at rest, and the factor by which it grows.
 _SOFT, _HARDER = 1e-3, 2.0
 
 
@@ -65,12 +64,12 @@ class _Rest:
 
 @dataclass(frozen=True)
 class _Level:
-    """What says how far an oscillation goes: its energy, or the displacement of one degree of freedom at rest.
+    """The measure of the size of an oscillation: its energy, or the displacement of one degree of freedom at rest.
 
     Attributes
     ----------
     dof : int
-        -1 for the energy.
+        Number of the degree of freedom; -1 for the energy.
     """
 
     dof: int
@@ -99,24 +98,26 @@ def backbone(
     Parameters
     ----------
     scene : Scene
-        Without loads and dampers; its initial state does not matter.
+        A scene without loads and dampers. Its initial state does not matter.
     mode : int
-        1 for the lowest vibration mode with all contacts open, from which the backbone begins.
+        Number of the vibration mode, with all contacts open, from which the backbone begins; 1 is the lowest.
     energies : array_like, shape (k,), optional
-        In J, positive.
+        Energies of the oscillations in J, positive.
     amplitudes : array_like, shape (k,), optional
-        Instead of energies: the largest displacement of a degree of freedom at rest, m.
+        Amplitudes in m, given instead of energies. The amplitude is the largest displacement of any degree of freedom
+        at the instant of rest.
 
     Returns
     -------
     Branch
-        With one orbit for each, in their order. `Branch.omega` in rad/s, `Branch.energy` in J, and `Branch.q0(point)`,
-        the displacement in m at rest, on the side that is farthest from the stops. Orbits begin at rest there.
+        One orbit for each energy or amplitude, in the given order. `Branch.omega` is in rad/s and `Branch.energy` in J.
+        All orbits begin at the instant of rest that is farthest from the stops; `Branch.q0(point)` is the displacement
+        in m at this instant.
 
     Raises
     ------
     ArgumentError
-        For levels that are not positive, or a mode that there is not.
+        If an energy or amplitude is not positive, or the scene has no such mode.
     MethodError
         If the scene is not conservative.
     ConvergenceError
@@ -196,7 +197,7 @@ class _Search:
         return _Level(-1).of(self.system, self.space, z)[0]
 
     def linear(self, number: int, level: float, by_amplitude: bool) -> tuple[_Rest, _Level]:
-        """Return a linear oscillation of a mode that touches no contact, or one with these closing where they touch."""
+        """Return a linear oscillation of a mode that touches no contact, or else one in which the contacts close."""
         space, laws = self.space, self.system.contacts
         shape = np.zeros(space.size)
         shape[number] = 1.0
@@ -227,7 +228,7 @@ class _Search:
         return self._hardened(start, kind, level), kind
 
     def _hardened(self, start: _Rest, kind: _Level, level: float) -> _Rest:
-        """Return an oscillation of contacts that touch at rest: from soft ones to those of the system."""
+        """Return an oscillation with contacts that touch at rest. The contacts are soft at first and then stiffened."""
         share, now = _SOFT, start
         factor = _HARDER
         while True:

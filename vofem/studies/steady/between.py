@@ -13,7 +13,7 @@ from vofem.studies.steady.point import Interval, Point, corrected, derivative_by
 
 Array = NDArray[np.float64]
 
-#: `Evaluation.error` to which orbits are found that special points are located with.
+#: `Evaluation.error` that the orbits reach with which special points are located.
 EXACT = 1e-13
 
 
@@ -31,7 +31,7 @@ class Step:
 
     @property
     def secant(self) -> Array:
-        """From the first to the last, in the scaled coordinates of the first."""
+        """The difference of the two points, in the scaled coordinates of the first one."""
         return np.asarray((self.last.y - self.first.y) / self.first.scales)
 
     @property
@@ -59,7 +59,7 @@ def between(family: Family, step: Step, share: float) -> tuple[Array, Any, Array
         + (t**3 - t**2) * length * two
     )
     normal = secant / length
-    # On the plane at this share.
+    # The orbit is found on the plane at this share.
     guess = guess + normal * (normal @ (start + t * secant - guess))
     by_value = (1.0 - t) * first.by_value + t * last.by_value
     return corrected(family, first.chart, guess * scales, scales, normal, by_value, tolerance=EXACT)

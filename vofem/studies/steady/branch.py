@@ -30,8 +30,8 @@ class BranchCounters:
     points : int
         Orbits of the branch.
     flows : int
-        Evaluations of the equations for points that were kept: of shooting, one flow over the orbit with its
-        monodromy. Evaluations for derivatives with respect to the parameter count.
+        Evaluations of the equations for points that were kept. For shooting, one evaluation is a flow over the orbit
+        with its monodromy matrix. Evaluations for derivatives with respect to the parameter are included.
     refinement_flows : int
         The same for special points.
     rejected_flows : int
@@ -51,17 +51,17 @@ class BranchCounters:
 
 
 class Source(Protocol):
-    """What finds further orbits of a branch."""
+    """An object that computes further orbits of a branch."""
 
     def at(self, value: float) -> list[PeriodicOrbit]:
-        """Return all orbits at a value of the parameter, solved anew."""
+        """Return all orbits at a value of the parameter, computed by Newton's method."""
 
     def switch(self, special: SpecialPoint) -> Branch:
         """Return the branch that leaves at a special point."""
 
 
 class Orbits(Sequence[PeriodicOrbit]):
-    """Orbits of a branch, each made when it is first asked for.
+    """Orbits of a branch. Each orbit is created when it is first needed.
 
     Parameters
     ----------
@@ -100,16 +100,16 @@ class Branch(Shown):
     Attributes
     ----------
     values : ndarray, shape (n_points,)
-        The parameter, in the order of the branch; it goes back and forth at folds.
+        Values of the parameter in the order of the branch. They reverse their direction at folds.
     orbits : sequence of PeriodicOrbit
-        With one just before and one just after every grazing.
+        The orbits. There is one just before and one just after every grazing.
     special : list of SpecialPoint
-        In the order of the branch.
+        The special points in the order of the branch.
     counters : BranchCounters
     notes : list of str
-        What a user should know, such as why the branch ended.
+        Sentences that a user should read, such as why the branch ended.
     periods : int
-        Periods of the loads that an orbit takes.
+        Number of periods of the loads after which an orbit repeats.
     """
 
     def __init__(
@@ -161,18 +161,18 @@ class Branch(Shown):
         Raises
         ------
         ArgumentError
-            For a branch of forced orbits, whose energy changes along each of them.
+            If the orbits are forced, because the energy of a forced orbit changes in time.
         """
         self._free("energy")
         return self.values
 
     def q0(self, point: Any) -> Array:
-        """Return the displacement of a point at rest, on the side farthest from the stops, m, shape (n_points,).
+        """Return the displacement of a point when the motion comes to rest farthest from the stops, m, (n_points,).
 
         Raises
         ------
         ArgumentError
-            For a branch of forced orbits.
+            If the orbits are forced.
         """
         self._free("q0")
         return np.array([orbit.start_of(point) for orbit in self.orbits])
@@ -184,9 +184,10 @@ class Branch(Shown):
             )
 
     def at(self, value: float) -> list[PeriodicOrbit]:
-        """Return all orbits of the branch at exactly this value, one a sheet, in the order of the branch.
+        """Return all orbits of the branch at exactly this value of the parameter, in the order of the branch.
 
-        Each is solved again from its stored neighbours, never interpolated; there is none outside the branch.
+        A branch with folds has several orbits at one value. Each orbit is computed by Newton's method from its stored
+        neighbours and not interpolated. There is no orbit outside the branch.
 
         Raises
         ------
@@ -198,8 +199,9 @@ class Branch(Shown):
     def switch(self, special: SpecialPoint) -> Branch:
         """Return the branch that leaves at a special point.
 
-        At a period doubling it is that of orbits over twice as many periods; at a branch point the other one through
-        it. It begins at the special point and is followed within the interval of this branch.
+        At a period doubling this is the branch of orbits that take twice as many periods. At a branch point it is the
+        other branch through the point. It begins at the special point and is followed within the interval of this
+        branch.
 
         Parameters
         ----------
@@ -209,9 +211,10 @@ class Branch(Shown):
         Raises
         ------
         ArgumentError
-            For another kind, where no branch of periodic orbits leaves, or a branch that was loaded from a file.
+            If the point is of another kind, where no branch of periodic orbits leaves, or if this branch was loaded
+            from a file.
         ConvergenceError
-            If no orbit is found beside the point.
+            If no orbit of the other branch is found near the point.
         """
         if not isinstance(special, SpecialPoint):
             raise ArgumentError(f"switch: special is {special!r}, expected an entry of branch.special")
@@ -231,19 +234,19 @@ class Branch(Shown):
         return self._source
 
     def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
-        """Write the branch to one file; `vofem.load` gives it back.
+        """Write the branch to one file, from which `vofem.load` restores it.
 
         Parameters
         ----------
         path : path
-            Ends in .h5 or .hdf.
+            Name of the file; it ends in .h5 or .hdf.
         overwrite : bool
-            Whether a file of that name is replaced.
+            Whether an existing file of that name is replaced.
 
         Raises
         ------
         ArgumentError
-            For another suffix.
+            If the suffix is another one.
         OutputError
             If the file exists and is not to be overwritten, or cannot be written.
         """

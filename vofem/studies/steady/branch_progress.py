@@ -1,4 +1,4 @@
-"""Progress and interruption of a walk along a branch."""
+"""Progress and interruption of a continuation."""
 
 from __future__ import annotations
 

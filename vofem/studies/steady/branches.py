@@ -36,32 +36,32 @@ def continuation(
 
     The first orbit is found at `start`, from the guess or from rest as in `vofem.periodic`. The branch is followed
     until it leaves the interval between `start` and `stop`. Folds, period doublings, Neimark-Sacker points, branch
-    points and, by shooting, grazings are located on the way. Ctrl-C ends the walk; what was found is returned, and a
-    note says so.
+    points and, by shooting, grazings are located on the way. Ctrl-C ends the continuation. The part of the branch that
+    was found is returned, and a note says so.
 
     Parameters
     ----------
     build : callable
-        Returns the scene at a value of the parameter: bodies and effects of the same names, on the same mesh. It is
-        also called for values a millionth of the interval away from points of the branch, for derivatives.
+        Returns the scene at a value of the parameter. All scenes have bodies and effects of the same names on the same
+        mesh. For derivatives it is also called at values that are a millionth of the interval away from points of the
+        branch.
     start, stop : float
-        Values of the parameter.
+        Values of the parameter between which the branch is followed.
     periods : int
-        How many periods of the loads an orbit takes.
+        Number of periods of the loads after which an orbit repeats.
     guess : PeriodicOrbit, Result or anything that ``simulate(initial=)`` takes, optional
-        For the first orbit.
+        The motion from which the search for the first orbit starts.
     method : {"auto", "shooting", "harmonic_balance"}
         As in `vofem.periodic`.
     harmonics : int, optional
-        Of harmonic balance.
+        Number of harmonics for harmonic balance. The default is 25 for each period of the loads.
     max_step : float
-        Largest step along the branch: changes of the orbit over its size and of the parameter over the interval,
-        squared and summed. Steps adapt to the branch and are mostly shorter.
+        Largest step along the branch. Its length is the root of the summed squares of the changes of the orbit, divided
+        by its size, and of the parameter, divided by the interval. Steps adapt to the branch and are mostly shorter.
     max_points : int
-        After so many orbits the walk ends, and a note says so.
+        Largest number of orbits. If it is reached, the continuation ends, and a note says so.
     progress : bool or callable, optional
-        A bar on the standard error stream, as in `vofem.simulate`; a function is called with the value reached and
-        `stop`.
+        Whether a progress bar is shown, as in `vofem.simulate`. A function is called with the value reached and `stop`.
 
     Returns
     -------

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 #: Step of the second differences, in scaled coordinates.
 _DIFFERENCE = 1e-4
 
-#: Distances at which the other branch is looked for on both sides of the point.
+#: Distances from the point, on both sides, at which the other branch is searched.
 _ASIDE = (2e-2, 4e-3, 1e-3)
 
 
@@ -33,14 +33,14 @@ def other_direction(family: Family, point: Point, along: Array) -> Array:
     ----------
     family : Family
     point : Point
-        With its derivative by the parameter.
+        A point with its derivative with respect to the parameter.
     along : ndarray, shape (n + 1,)
-        Roughly the direction of the branch that is known, in scaled coordinates.
+        Approximate direction of the known branch, in scaled coordinates.
 
     Returns
     -------
     ndarray, shape (n + 1,)
-        In scaled coordinates, of length 1.
+        The direction in scaled coordinates, of length 1.
     """
     n = point.y.size - 1
     matrix = np.concatenate([point.evaluation.jacobian, point.by_value[:, None]], axis=1)
@@ -76,7 +76,7 @@ def neighbours(family: Family, interval: Interval, point: Point, direction: Arra
     Raises
     ------
     ConvergenceError
-        If there are none.
+        If no such orbits are found.
     """
     failure: ConvergenceError | None = None
     for aside in _ASIDE:

@@ -1,4 +1,4 @@
-"""How many multipliers lie beyond the unit circle, and functions that vanish where one passes it."""
+"""The number of multipliers outside the unit circle, and functions that are zero when one crosses it."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from vofem.studies.steady.point import Point
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-#: Returns a number of an orbit that changes its sign at a special point.
+#: A function of an orbit whose value changes its sign at a special point.
 Test = Callable[[Point], float]
 
 #: Imaginary part of a multiplier, over its modulus, up to which it counts as real.
 _REAL = 1e-12
 
-#: How near to 1 the product of two multipliers counts as 1.
+#: Distance from 1 below which the product of two multipliers counts as 1.
 _RECIPROCAL = 1e-12
 
 
 class Census(NamedTuple):
-    """Numbers of multipliers beyond the unit circle.
+    """Numbers of multipliers outside the unit circle.
 
     Attributes
     ----------
     plus : int
-        Real ones above 1.
+        Number of real multipliers above 1.
     minus : int
-        Real ones below -1.
+        Number of real multipliers below -1.
     pairs : int
-        Pairs of complex ones.
+        Number of pairs of complex multipliers.
     """
 
     plus: int
@@ -43,7 +43,7 @@ class Census(NamedTuple):
 
 
 def multipliers(point: Point) -> Complex | None:
-    """Return the multipliers of a point, or None where the method does not know them."""
+    """Return the multipliers of a point, or None if the method does not compute them."""
     values = point.evaluation.multipliers
     return None if values is None else np.asarray(values)
 
@@ -53,7 +53,7 @@ def _real(values: Complex) -> NDArray[np.bool_]:
 
 
 def census(point: Point) -> Census | None:
-    """Return the numbers of multipliers beyond the unit circle, or None where the method does not know them."""
+    """Return the numbers of multipliers beyond the unit circle, or None if the method does not compute them."""
     values = multipliers(point)
     if values is None:
         return None
@@ -98,8 +98,8 @@ def pairs_at_one(reference: Point) -> Test:
     """Return the test of a complex pair on the unit circle: the product of all ``1 - a b`` of two multipliers a, b.
 
     It is as smooth as the monodromy matrix, also where a pair becomes real. It vanishes as well where a real multiplier
-    is the reciprocal of another one, which is no special point. Values are in terms of that at a reference; they are
-    not numbers where they would be rounding, as in conservative scenes.
+    is the reciprocal of another one, which is no special point. Values are divided by that at a reference. They are NaN
+    where they would be rounding, as in conservative scenes.
     """
 
     def size(point: Point) -> tuple[float, float]:
@@ -135,14 +135,15 @@ def determinant(reference: Point) -> Test:
 def counted(which: int, middle: float) -> Test:
     """Return the test of one of several multipliers that pass the unit circle close to each other, or at one place.
 
-    Its sign says whether more than a number of them lie beyond the circle, its size how near the nearest one is to it.
+    Its sign says whether more multipliers than a given number lie outside the circle. Its size is the distance of the
+    nearest one from the circle.
 
     Parameters
     ----------
     which : int
         Entry of `Census`.
     middle : float
-        The number, between two whole ones.
+        The given number, which lies between two whole numbers.
     """
 
     def test(point: Point) -> float:
@@ -157,7 +158,7 @@ def counted(which: int, middle: float) -> Test:
 
 
 def outside(point: Point) -> int:
-    """Return the number of multipliers beyond the unit circle; 0 where the method does not know them."""
+    """Return the number of multipliers beyond the unit circle; 0 if the method does not compute them."""
     values = multipliers(point)
     return 0 if values is None else int(np.sum(np.abs(values) > 1.0))
 
@@ -168,7 +169,7 @@ def modulus(place: int) -> Test:
 
 
 def kind_of(point: Point) -> str:
-    """Return which special point it is at which a multiplier lies on the unit circle."""
+    """Return the kind of a special point at which a multiplier lies on the unit circle."""
     values = multipliers(point)
     assert values is not None
     nearest = int(np.argmin(np.abs(np.abs(values) - 1.0)))

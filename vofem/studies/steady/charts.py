@@ -1,11 +1,9 @@
 """Coordinates of orbits along a branch.
 
-The state at t = 0 serves where all contacts switch fast. Where a contact
-switches slowly, near a grazing, the flow from t = 0 depends on the state like
-a square root. Then orbits are described by the state at the slow event
-instead: its phase, and the state on the surface where the gap function is
-zero. The rate of the gap function is one of these coordinates, and all of the
-orbit is a smooth function of them, down to rate zero: the grazing itself.
+The coordinates are the state at t = 0 if all contacts switch fast. Where a contact switches slowly, near a grazing, the
+flow from t = 0 depends on the state like a square root. In this case orbits are described by the phase of the slow
+event, and by the state at this event, where the gap function is zero. The rate of the gap function is one of these
+coordinates. The orbit is a smooth function of them down to rate zero, which is the grazing itself.
 """
 
 from __future__ import annotations
@@ -40,7 +38,7 @@ class Chart(Protocol):
         """Return the equations at coordinates y, shape (n,)."""
 
     def scales(self, problem: Any, evaluation: Any) -> Array:
-        """Return sizes of the coordinates, shape (n,), by which changes of them are judged."""
+        """Return sizes of the coordinates, shape (n,), by which their changes are divided."""
 
     def unknowns(self, problem: Any, y: Array, evaluation: Any) -> Array:
         """Return the unknowns of the problem, shape (n,)."""
@@ -51,12 +49,12 @@ class Chart(Protocol):
 
 @dataclass(frozen=True)
 class OriginChart:
-    """The unknowns of the problem themselves; of shooting the state at t = 0 of the loads.
+    """The unknowns of the problem as coordinates. For shooting they are the state at t = 0 of the loads.
 
     Attributes
     ----------
     unwatched : tuple of (contact, from, to)
-        Phases ``omega t`` of the loads between which a contact is not watched; of shooting only.
+        Phases ``omega t`` of the loads between which the events of a contact are ignored, for shooting only.
     """
 
     unwatched: tuple[tuple[int, float, float], ...] = ()
@@ -69,7 +67,7 @@ class OriginChart:
         return evaluation
 
     def scales(self, problem: Any, evaluation: Any) -> Array:
-        """Return sizes of the unknowns: those of the motion, displacements and velocities apart."""
+        """Return sizes of the unknowns: those of the motion, separately for displacements and velocities."""
         if isinstance(problem, Shooting):
             n = problem.size // 2
             z, v = sizes(problem, evaluation.flow)
@@ -107,9 +105,9 @@ class EventEvaluation:
     residual : ndarray, shape (2n,)
     jacobian : ndarray, shape (2n, 2n)
     starts : ndarray, shape (2n, 2n), optional
-        States before the event that the columns of `ends` begin with; None for unit states.
+        States before the event at which the columns of `ends` begin; None for unit states.
     ends : ndarray, shape (2n, 2n)
-        States at the end.
+        States at the end of the orbit.
     """
 
     flow: Flow
@@ -148,17 +146,17 @@ class EventChart:
     before, after : ndarray of int, shape (n_contacts,)
         Contact status on both sides of the event.
     row : ndarray, shape (n,)
-        Of the contact, in the unknowns, where the chart was made.
+        Row of the contact in the unknowns for which the chart was made.
     basis : ndarray, shape (2n, 2n - 1)
-        Orthonormal; without displacement along `row`.
+        Orthonormal basis of states without displacement along `row`.
     margin : float
-        Share of the orbit before its end in which the contact is not watched.
+        Share of the orbit before its end in which events of the contact are ignored.
     grazes : bool
-        Whether the contact keeps its status `before`, as if it were not there, near the event: the orbit at and just
-        beyond a grazing, seen from the side where it does not touch.
+        Whether the contact keeps its status `before` near the event, as if it did not exist. This describes the orbit
+        at and just beyond a grazing, from the side where it does not touch.
     also : tuple of (contact, phase)
-        Other contacts that graze in the same orbit, with the phases ``omega t`` at which they do. Near the grazing
-        their touches are as faint as those of `contact`, and those that come or go are no grazings of their own.
+        Other contacts that graze in the same orbit, with the phases ``omega t`` at which they do. Near the grazing they
+        touch as lightly as `contact`. If such a touch appears or disappears, this is not a separate grazing.
     """
 
     contact: int
@@ -179,7 +177,7 @@ class EventChart:
         return float(y[0]) / problem.loads.omega, state
 
     def directions(self, problem: Shooting) -> Array:
-        """Return the derivative of the state with respect to the coordinates but the phase, shape (2n, 2n - 1)."""
+        """Return the derivative of the state with respect to the coordinates except the phase, shape (2n, 2n - 1)."""
         row, _ = surface(problem, self.contact)
         n = row.size
         moved = self.basis.copy()
@@ -191,7 +189,7 @@ class EventChart:
         return np.concatenate([[problem.loads.omega * time], self.basis.T @ state])
 
     def rate(self, problem: Shooting, y: Array) -> float:
-        """Return the rate of the gap function in m/s, positive where the event is as it should be."""
+        """Return the rate of the gap function in m/s, positive if its direction is that of the event."""
         row, _ = surface(problem, self.contact)
         return float(row @ (self.basis[row.size :] @ y[1:])) * self.sign
 
@@ -263,7 +261,7 @@ class EventChart:
     def _along(self, problem: Shooting, moved: Array, time: float, z: Array, v: Array) -> Array:
         """Return modal states after the event: those on the surface, which do not jump, and the rates.
 
-        With them no number is divided by the rate of the gap function, however slow the event is.
+        In this form nothing is divided by the rate of the gap function, so the event may be very slow.
         """
         rate = self._rates(problem, self.after, time, z, v)
         return np.concatenate([modal(problem, moved), rate[:, None]], axis=1)
@@ -292,7 +290,7 @@ class EventChart:
 
 
 def around(touches: tuple[tuple[int, float], ...], margin: float, periods: int) -> tuple[tuple[int, float, float], ...]:
-    """Return contacts and the phases between which they are not watched, around those at which they touch."""
+    """Return contacts and phases around their touches, between which their events are ignored."""
     width = 2.0 * np.pi * periods * margin
     return tuple((contact, phase - width, phase + width) for contact, phase in touches)
 

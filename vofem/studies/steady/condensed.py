@@ -1,10 +1,11 @@
-"""Large structures in shooting: few coordinates, of which the lowest modes are made and all static responses.
+"""Shooting for large structures in a few coordinates, which represent the lowest modes and all static responses.
 
-Only few of the modes of a fine mesh move in a steady motion. The others follow forces at once or decay, and the next
-period does not remember them. Orbits of large systems are therefore looked for in load-dependent Ritz vectors
-(`reduction.py`): static responses to contacts, loads and dashpots, and what grows out of them and out of loads of any
-shape, which is the lowest modes. Their number is doubled until the orbit stays. Of several modes of one frequency that
-neither contacts nor loads reach, as those of equal bodies that nothing touches, one alone is held for each such load.
+Only few of the modes of a fine mesh move in a steady motion. The other modes follow the forces at once or decay within
+a period. Orbits of large systems are therefore computed in load-dependent Ritz vectors
+(`reduction.py`): static responses to contacts, loads and dashpots, and the vectors that are generated from them and
+from loads of any shape. The latter converge to the lowest modes. Their number is doubled until the orbit no longer
+changes. Equal bodies that are not touched by contacts or loads have several modes of the same frequency. Of these only
+one is included for each load.
 """
 
 from __future__ import annotations
@@ -30,10 +31,10 @@ from vofem.system import Counters, State, System
 
 Array = NDArray[np.float64]
 
-#: Degrees of freedom up to which all modes serve.
+#: Number of degrees of freedom up to which all modes are used.
 FULL = 200
 
-#: Vectors at first and for each load, contact and rigid motion; at most.
+#: First number of vectors; number for each load, contact and rigid motion; largest number.
 _FIRST, _EACH, _MOST = 48, 6, 384
 
 #: Relative change of displacements by doubling the vectors that is small enough.
@@ -42,20 +43,21 @@ GOOD = 1e-8
 #: Relative change of a frequency by doubling the vectors, up to which it is that of a mode.
 _CONVERGED = 1e-6
 
-#: Loss of digits in static responses beyond which a system is refused.
+#: Loss of digits in static responses above which a system is refused.
 _WORST_ROUNDING = 1e-6
 
-#: Frequencies, from the lowest one that is left out to so many times it, at which decay rates are looked at.
+#: Number of frequencies at which decay rates are computed. They lie between the lowest one that is left out and this
+#: multiple of it.
 _RATES, _RANGE = 200, 1e6
 
 
 def condensable(system: System) -> bool:
-    """Return whether a system is so large, and its loads and contacts are so few, that few vectors stand for it."""
+    """Return whether a system is so large, with so few loads and contacts, that it is reduced to a few vectors."""
     return system.size > FULL and 2 * first_count(system) <= min(_MOST, system.size // 2)
 
 
 def first_count(system: System) -> int:
-    """Return how many vectors a system begins with."""
+    """Return the first number of vectors of a system."""
     return max(_FIRST, _EACH * (len(input_rows(system)) + system.rigid.shape[1] + 1))
 
 
@@ -66,7 +68,7 @@ class Condensed:
     Attributes
     ----------
     full, system : System
-        With all degrees of freedom, and in the vectors.
+        The system with all degrees of freedom, and the system in the vectors.
     vectors : ndarray, shape (n, count)
         M-orthonormal.
     rounding : float
@@ -90,9 +92,9 @@ class Condensed:
 
     @cached_property
     def lowest_left_out(self) -> float:
-        """A bound from below on the frequencies in rad/s of modes that the vectors do not hold.
+        """A lower bound in rad/s on the frequencies of the modes that the vectors do not represent.
 
-        Modes are found from the lowest one on. Those that half of the vectors hold as well have converged.
+        Modes converge from the lowest one on. A mode has converged if half of the vectors represent it too.
         """
         count = self.vectors.shape[1]
         half, _ = _in_vectors(self.full, count // 2)
@@ -116,7 +118,7 @@ class Condensed:
         return max(away / whole if whole > 0.0 else away for away, whole in parts)
 
     def truncation(self, duration: float, error: float | None) -> OrbitTruncation:
-        """Return what is left out of an orbit of some duration in s.
+        """Return the error of an orbit of some duration in s by the modes that are left out.
 
         Parameters
         ----------
@@ -166,7 +168,7 @@ _KIND = "vectors of orbits"
 
 
 def _reduction(full: System) -> Reduction:
-    """Return the vectors of a system, as many as asked for."""
+    """Return the object that computes vectors of a system."""
 
     def make() -> Reduction:
         any_shape = np.random.default_rng(0).standard_normal((1 + full.rigid.shape[1], full.size))
@@ -198,7 +200,7 @@ def slowest_decay(system: System, lowest: float) -> float:
     """Return the least rate in 1/s at which free vibrations above a frequency in rad/s decay by material damping.
 
     A vibration with ``x'' + c x' + w^2 x = 0`` decays at the rate c/2, and where it is overdamped at the slower one of
-    two rates. Dashpots add to it.
+    two rates. Dashpots increase this rate.
     """
     squares = np.geomspace(max(lowest, np.finfo(float).tiny) ** 2, (_RANGE * lowest) ** 2, _RATES)
     rates = np.zeros(squares.size)

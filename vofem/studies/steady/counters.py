@@ -14,9 +14,9 @@ class Work:
     Attributes
     ----------
     flows : int
-        Evaluations of the equations; of shooting, flows over one orbit, with or without monodromy.
+        Evaluations of the equations. For shooting these are flows over one orbit, with or without monodromy matrix.
     runs : Counters
-        What these took.
+        Work of these evaluations.
     """
 
     flows: int = 0

@@ -1,8 +1,8 @@
 """Folds, branch points, period doublings and Neimark-Sacker points between two neighbours on a branch.
 
-A multiplier that has passed the unit circle shows in the numbers of them beyond it at both neighbours; where a number
-changes by two, two are looked for. Two crossings that undo each other leave all numbers as they were. They are looked
-for where a parabola through three orbits of the branch comes near zero, until its lowest point is known.
+If a multiplier crosses the unit circle between two neighbours, the numbers of multipliers outside the circle differ. If
+a number changes by two, two crossings are searched. Two opposite crossings leave all numbers unchanged. They are
+searched where a parabola through three orbits of the branch comes near zero, until its lowest point is known.
 """
 
 from __future__ import annotations
@@ -45,10 +45,11 @@ _TRIES, _FINE = 60, 1e-13
 #: A sign change counts as a root where the function is smaller there than this share of its ends: no pole, no jump.
 _VANISHES = 1e-3
 
-#: A parabola that falls below this share of the lowest of three values, or of the largest, makes two steps looked into.
+#: A parabola that falls below this share of the lowest of three values, or of the largest, makes it necessary to search
+#: two steps.
 _NEAR, _DEEP = 0.3, 0.05
 
-#: Orbits that are looked at there, and how near to each other, in the longer of both steps.
+#: Largest number of orbits that are computed there, and their least distance in terms of the longer step.
 _LOOKS, _CLOSE = 16, 1e-8
 
 #: Values of a test that are rounding, as those of conservative scenes, where multipliers come in reciprocal pairs.
@@ -65,10 +66,10 @@ class Crossing:
     Attributes
     ----------
     kind : str
-        As of `SpecialPoint`; "shorter" for an orbit that repeats before its end, where a branch ends.
+        As in `SpecialPoint`, or "shorter" for an orbit that repeats before its end, at which a branch ends.
     point : Point
     share : float
-        Of the way between the neighbours.
+        Position of the point as a share of the step between the neighbours.
     turns : bool
         Whether the branch turns there.
     """
@@ -99,7 +100,7 @@ class _Part:
 
 
 def crossings(family: Family, step: Step, interval: Interval) -> list[Crossing]:
-    """Return the special points of a step in the order of the branch, as far as its ends tell of them.
+    """Return the special points of a step, in the order of the branch, that can be found from its two ends.
 
     Parameters
     ----------
@@ -118,10 +119,10 @@ def crossings(family: Family, step: Step, interval: Interval) -> list[Crossing]:
 def hidden(
     family: Family, interval: Interval, steps: tuple[Step, Step], known: tuple[set[str], set[str]]
 ) -> tuple[list[Crossing], list[Crossing]]:
-    """Return special points of two successive steps that undo each other, so that no end of a step tells of them.
+    """Return opposite special points of two successive steps, which cannot be found from the ends of the steps.
 
     Along the three orbits at the ends of both steps every function that vanishes at a special point is compared with a
-    parabola. Where this comes near zero without reaching it at any of the three, the lowest value is looked for.
+    parabola. Where this comes near zero without reaching it at any of the three, the lowest value is searched.
 
     Parameters
     ----------
@@ -129,12 +130,12 @@ def hidden(
     interval : Interval
     steps : (Step, Step)
     known : (set of str, set of str)
-        Kinds of special points that have been found in each of them, which are not looked for again.
+        Kinds of special points that have been found in each of them, which are not searched again.
 
     Returns
     -------
     list of Crossing, list of Crossing
-        For each of the two steps.
+        The special points of each of the two steps.
     """
     found: tuple[list[Crossing], list[Crossing]] = ([], [])
     for kinds, test in _tests(steps[0].last):
@@ -212,7 +213,7 @@ def _changes(step: Step) -> Census | None:
     if a is None or b is None:
         return None
     plus, minus, pairs = (y - x for x, y in zip(a, b, strict=True))
-    # Two real ones that meet beyond the circle and become a pair pass nothing.
+    # If two real multipliers meet outside the circle and become a pair, none crosses the circle.
     if abs(plus) == 2 and pairs == -plus // 2:
         plus = pairs = 0
     if abs(minus) == 2 and pairs == -minus // 2:
@@ -221,7 +222,7 @@ def _changes(step: Step) -> Census | None:
 
 
 def _single(family: Family, interval: Interval, step: Step) -> list[Crossing]:
-    """Return the special points of a step, as far as numbers of multipliers at its ends tell of them."""
+    """Return the special points of a step, that can be found from the numbers of multipliers at its ends."""
     found: list[Crossing] = []
     changes = _changes(step)
     turned = turning(step.first) * turning(step.last) < 0.0
@@ -271,7 +272,7 @@ def _located(
 
 
 def _at_turn(family: Family, interval: Interval, step: Step, passed: bool, at_one: Test) -> list[Crossing]:
-    """Return what lies where a branch turns: a fold, or a point at which it meets another branch.
+    """Return the special point at which a branch turns: a fold, or a point at which it meets another branch.
 
     At a fold the determinant changes its sign with the direction of the branch. Where it does not, the branch comes
     back along mirrored orbits: another branch of orbits, mostly symmetric ones, passes there.
@@ -317,7 +318,7 @@ def _on_other(family: Family, interval: Interval, step: Step, point: Point, at_o
 
 
 def _lowest(family: Family, interval: Interval, steps: tuple[Step, Step], test: Test) -> float | None:
-    """Return where a test has another sign than at the ends of two steps that agree in it; None where there is none.
+    """Return where a test has another sign than at the ends of two steps that agree in it; None if there is none.
 
     Returns
     -------
@@ -356,7 +357,7 @@ def _lowest(family: Family, interval: Interval, steps: tuple[Step, Step], test: 
 
 
 def _next(known: dict[float, float]) -> float | None:
-    """Return where to look next for a negative value below some positive ones; None where there seems none.
+    """Return the next place at which a negative value is searched between positive ones; None if there seems none.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Contact events around an orbit: which there are, and which are about to come or to go."""
+"""The contact events of an orbit, and events that are about to appear or disappear."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from vofem.system import CLOSED, OPEN
 Array = NDArray[np.float64]
 Status = NDArray[np.int64]
 
-#: Samples around an orbit among which extremes of gap functions are looked for.
+#: Number of samples of an orbit among which extremes of gap functions are searched.
 _SAMPLES = 601
 
-#: Share of a phase without events of a contact in which it need not be watched.
+#: Share of a phase without events of a contact in which its events can be ignored.
 _MARGIN = 0.4
 
 #: Largest such share of the orbit.
@@ -29,7 +29,8 @@ _MOST_MARGIN = 0.25
 #: Steps by which an extreme is found between samples.
 _REFINED = 4
 
-#: Way of a contact between two events, over the size of the motion, up to which they happen at one time.
+#: Displacement of a contact between two events, divided by the size of the motion, up to which the events count as
+#: simultaneous.
 _AT_ONCE = 1e-13
 
 
@@ -41,11 +42,11 @@ class Phase:
     ----------
     contact : int
     time, stop : float
-        Begin, and end, which may lie beyond the end of the orbit, s.
+        Beginning and end in s. The end may lie beyond the end of the orbit.
     rate : float
         The larger of the rates of the gap function at both ends over the largest speed of the contact.
     status : int
-        In the phase.
+        Status of the contact in the phase.
     earlier : float
         Time since the event before `time`, s.
     """
@@ -66,11 +67,11 @@ class Extreme:
     ----------
     contact : int
     time : float
-        In s.
+        Time in s.
     height : float
-        Of the gap function, m: negative at a maximum while open, positive at a minimum while closed.
+        Value of the gap function in m: negative at a maximum while open, positive at a minimum while closed.
     status : int
-        Of the contact.
+        Status of the contact.
     size : float
         `height` over the size of the motion.
     """
@@ -177,7 +178,7 @@ def extremes(problem: Shooting, flow: Flow, window: tuple[int, float, float] | N
     Parameters
     ----------
     window : (contact, from, to), optional
-        Only these, times in s; they may lie beyond the end of the orbit.
+        Only extremes of this contact between these times in s. The times may lie beyond the end of the orbit.
     """
     laws = problem.system.contacts
     if laws is None:
@@ -204,7 +205,7 @@ def extremes(problem: Shooting, flow: Flow, window: tuple[int, float, float] | N
             share = rate[j, k] / (rate[j, k] - rate[j, k + 1])
             time = times[k] + share * (times[k + 1] - times[k])
             height = float(np.interp(time, times[k : k + 2], s[j, k : k + 2]))
-            # What a parabola adds between the samples.
+            # The correction by a parabola between the samples.
             height += 0.5 * share * (times[k + 1] - times[k]) * float(rate[j, k]) * (1.0 - share)
             found.append(Extreme(j, float(time), height, OPEN if top[k] else CLOSED, abs(height) / size))
     return sorted(found, key=lambda extreme: extreme.size)

@@ -1,7 +1,7 @@
-"""Lyapunov exponents: whether nearby motions of a scene come together or part, and how fast.
+"""Lyapunov exponents: the rates at which nearby motions of a scene separate or approach each other.
 
-Perturbations are carried along exactly, through events by their saltation
-matrices, and made orthogonal again after every stretch of time.
+Perturbations are computed exactly along the motion, across events by saltation matrices. They are made orthogonal again
+after every stretch of time.
 
 G. Benettin, L. Galgani, A. Giorgilli, J.-M. Strelcyn, Meccanica 15 (1980) 9, doi:10.1007/BF02128236;
 P. Mueller, Chaos Solitons Fractals 5 (1995) 1671, doi:10.1016/0960-0779(94)00170-U (systems with impacts).
@@ -25,7 +25,8 @@ from vofem.system import Counters, System
 
 Array = NDArray[np.float64]
 
-#: Stretches of time where no load sets a period, and at least; parts of the run whose exponents tell the error.
+#: Stretches of time where no load sets a period, and at least; parts of the run from whose exponents the error is
+#: estimated.
 _STRETCHES, _LEAST, _PARTS = 400, 32, 16
 
 
@@ -36,13 +37,13 @@ class LyapunovExponents:
     Attributes
     ----------
     exponents : ndarray, shape (count,)
-        The largest ones in descending order, 1/s. Where a contact rests at its gap under the displacement law,
+        The largest exponents in descending order, 1/s. Where a contact rests at its gap under the displacement law,
         perturbations across it vanish, and their exponents are -inf.
     error : ndarray, shape (count,)
-        Estimated standard errors, 1/s: from the scatter over parts of the run, or half the difference between its
-        halves where that is larger.
+        Estimated standard errors, 1/s: from the scatter over parts of the run, or half the difference between the two
+        halves of the run if that is larger.
     t_end, skip : float
-        As they were given, s.
+        The arguments of `lyapunov`, in s.
     """
 
     exponents: Array
@@ -57,19 +58,19 @@ def lyapunov(scene: Scene, t_end: float, *, count: int = 1, skip: float = 0.0) -
     Parameters
     ----------
     scene : Scene
-        One that event_driven takes.
+        A scene that event_driven can treat.
     t_end : float
-        In s, the end of the motion.
+        Duration of the motion in s.
     count : int
-        How many exponents.
+        Number of exponents.
     skip : float
-        Time in s of the beginning of the motion, a transient, that does not count.
+        Time in s at the beginning of the motion, the transient, that is left out.
 
     Returns
     -------
     LyapunovExponents
-        Its first exponent is positive for a chaotic motion, and negative where motions settle on a stable orbit: then
-        it is ``log|multiplier|/period``.
+        The first exponent is positive for a chaotic motion. It is negative for motions that settle on a stable orbit,
+        and is then ``log|multiplier|/period`` of the largest multiplier.
 
     Raises
     ------

@@ -23,7 +23,7 @@ class Family:
     Attributes
     ----------
     what : str
-        Whose arguments these are, for messages.
+        Name of the function whose arguments these are, for messages.
     build : callable
         Returns the scene at a value.
     method : str
@@ -63,12 +63,12 @@ class Family:
         return problem
 
     def begin_with(self, value: float, problem: OrbitProblem) -> None:
-        """Take a problem for a value of the parameter, and go on from it."""
+        """Use a given problem at a value of the parameter. Later problems are derived from it."""
         self._known = {float(value): problem}
         self._latest = problem
 
     def over(self, periods: int) -> Family:
-        """Return the family of orbits over another number of periods, sharing modes and counted apart."""
+        """Return the family of orbits over another number of periods, which shares modes but has its own counters."""
         other = Family(self.what, self.build, self.method, periods, self.harmonics)
         other._latest = self._latest
         return other

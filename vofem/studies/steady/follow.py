@@ -34,19 +34,20 @@ Array = NDArray[np.float64]
 #: First, largest and least step in scaled coordinates.
 FIRST, LARGEST, LEAST = 0.01, 0.1, 1e-9
 
-#: Cosine of the angle between successive tangents that is refused, and the one aimed at.
+#: Cosine of the angle between successive tangents below which a step is rejected, and the desired angle in rad.
 _REFUSED, _AIM = np.cos(np.radians(25.0)), np.radians(8.0)
 
-#: Cosine of the angle that is refused at corners of a branch, and steps up to which there may be one.
+#: Cosine of the angle below which a step is rejected at a corner of a branch, and the largest step at a corner.
 _CORNER, _SHORT = np.cos(np.radians(80.0)), 1e-4
 
 #: Factors by which a step may change.
 _SHRINK, _GROW = 0.4, 2.0
 
-#: Relative rate of the slowest event below which its coordinates are taken, and above which they are left.
+#: Relative rate of the slowest event below which the coordinates at this event are used, and the rate above which the
+#: usual ones are used again.
 _ENTER, _LEAVE = 0.1, 0.25
 
-#: Points before which a branch is not looked at for whether it is closed.
+#: Number of points from which on it is checked whether a branch is closed.
 _LOOP = 12
 
 #: Share of the last step of a closed branch before its first orbit in which a special point is that of this orbit.
@@ -55,7 +56,7 @@ _AGAIN = 1e-2
 #: Difference of two orbits, over the size of the motion, and of their values, over the interval, that are one.
 _SAME = 1e-7
 
-#: How far from a point a grazing may be, in steps, and how near zero an extreme must be to be looked at.
+#: Largest distance of a grazing from a point, in steps, and largest relative height of an extreme that is checked.
 _FARTHEST, _NEAR = 4.0, 0.3
 
 
@@ -68,9 +69,9 @@ class Mark:
     kind : str
     point : Point
     place : float
-        Number of the point before it, and the share of the way to the next.
+        Number of the point before it, plus the share of the step to the next one.
     contact : str
-        That grazes; empty for other kinds.
+        Name of the contact that grazes; empty for other kinds.
     turns : bool
         Whether the branch turns there, smoothly.
     """
@@ -84,13 +85,13 @@ class Mark:
 
 @dataclass
 class Track:
-    """A branch as far as it was followed.
+    """The part of a branch that has been followed.
 
     Attributes
     ----------
     points : list of Point
     steps : list of Step or None
-        From each point to the next; None where these have no coordinates in common.
+        The steps from each point to the next; None if the two have no common coordinates.
     marks : list of Mark
     notes : list of str
     """
@@ -172,7 +173,7 @@ class Follower:
     ) -> Track:
         """Follow the branch from a point until it leaves the interval.
 
-        A branch that is `leaving` another one begins at a special point, which is not one of its own.
+        If `leaving` is true, the branch begins at a special point of another branch. This point is not marked again.
         """
         track = self.track
         track.points.append(first)
@@ -255,7 +256,7 @@ class Follower:
         problem = self.family.at(y[-1])
         chart = now.chart
         scales = np.append(chart.scales(problem, evaluation), self.interval.size)
-        # Cheap first: with the derivative that the correction has left.
+        # First the cheap test, with the derivative from the correction.
         towards = now.tangent * now.scales / scales
         towards /= np.linalg.norm(towards)
         secant = (y - now.y) / now.scales
@@ -304,14 +305,14 @@ class Follower:
             self._mark(crossing, step, base)
 
     def _earlier(self, step: Step) -> Step | None:
-        """Return the step that has led to the begin of another one, in the same coordinates, or None."""
+        """Return the step that ends where another one begins, in the same coordinates, or None."""
         before = self.track.steps[-1] if self.track.steps else None
         if before is None or before.last.y is not step.first.y or type(before.last.chart) is not type(step.first.chart):
             return None
         return before
 
     def _mark(self, crossing: Crossing, step: Step, base: int) -> None:
-        """Note a crossing; a branch over several periods ends where its orbits repeat earlier."""
+        """Add a crossing. A branch over several periods ends where its orbits repeat earlier."""
         kind, at = crossing.kind, crossing.point
         problem = at.problem
         if kind == "shorter":
@@ -347,7 +348,7 @@ class Follower:
         if step @ (place(points[1]) - start) <= 0.0:
             return False
         self._over = True
-        # What lies beyond the first orbit is the begin of the branch once more.
+        # The points beyond the first orbit are the beginning of the branch again.
         last = len(points) - 2 + share - _AGAIN
         self.track.marks[:] = [mark for mark in self.track.marks if mark.place < last]
         self.track.notes.append(f"the branch is closed: it has come back to its first orbit at {points[0].value:.12g}")
@@ -529,7 +530,7 @@ class Follower:
     def _passed_before(self, at: Point, state: Array, scales: Array) -> bool:
         """Return whether the branch has come through a grazing already: then going on from it would lead back.
 
-        One branch goes on from a grazing, so that it can meet this orbit again only as a closed one, behind its begin.
+        Only one branch continues from a grazing, so a branch can return to this orbit only if it is closed.
         """
         for mark in self.track.marks:
             if mark.kind != "grazing" or abs(mark.point.value - at.value) > _SAME * self.interval.size:
@@ -539,7 +540,7 @@ class Follower:
         return False
 
     def _passed_in(self, now: Point, touch: Touch, step: float) -> tuple[Point, float] | None:
-        """Go on with a contact that begins to touch."""
+        """Continue with a contact that begins to touch."""
         at = self._located(now, touch, step)
         try:
             if at is None or self._signed(at, at) != self._signed(now, at):
@@ -565,7 +566,7 @@ class Follower:
         return first, min(step, FIRST)
 
     def _passed_out(self, now: Point, touch: Touch, step: float) -> tuple[Point, float] | None:
-        """Go on without a contact that has just stopped to touch."""
+        """Continue without a contact that has just stopped touching."""
         at = self._located(now, touch, step)
         try:
             if at is None or self._signed(at, at) == self._signed(now, at):
@@ -604,7 +605,7 @@ class Follower:
 
     @staticmethod
     def _signed(point: Point, at: Point) -> Any:
-        """Return how often contacts close in an orbit, but for those that graze together at another one."""
+        """Return how often contacts close in an orbit, without the contacts that graze together at another orbit."""
         return signature(point.chart, point.evaluation, [contact for contact, _ in at.chart.also])
 
     def _ends_there(self, at: Point) -> None:
@@ -633,7 +634,7 @@ def _grazed(at: Point) -> list[int]:
 
 
 def _may_split(at: Point) -> bool:
-    """Return whether more than one branch may go on from a grazing: of several contacts, of which a force jumps.
+    """Return whether several branches may continue from a grazing: one of several contacts with a force that jumps.
 
     Where no force jumps the flow has a continuous derivative, and there is one branch.
     """

@@ -1,4 +1,4 @@
-"""Orbits that just touch a contact, and how a branch goes on beyond them."""
+"""Orbits that just touch a contact, and the continuation of a branch beyond them."""
 
 from __future__ import annotations
 
@@ -33,29 +33,29 @@ _ALIKE, _TOGETHER = 0.2, 1e-9
 #: Difference of phases, as a share of the orbit, up to which contacts that touch together do so at one time.
 _AT_ONCE = 1e-3
 
-#: Share of the time to the next event of a contact in which it is not watched near a grazing.
+#: Share of the time to the next event of a contact in which its events are ignored near a grazing.
 _MARGIN, _MOST_MARGIN = 0.4, 0.25
 
 
 @dataclass(frozen=True)
 class Touch:
-    """Where a grazing is looked for.
+    """The place at which a grazing is searched.
 
     Attributes
     ----------
     problem : Shooting
     value : float
-        Of the parameter.
+        Value of the parameter.
     contact : int
     time : float
-        In s.
+        Time of the touch in s.
     state : ndarray, shape (2n,)
-        In unknowns, at that time.
+        State at that time, in unknowns.
     outside : ndarray of int, shape (n_contacts,)
         Contact status of the orbit that does not touch.
     margin : float
     also : tuple of (contact, phase)
-        Other contacts that are as near to touching, as in symmetric scenes.
+        Other contacts that are equally near to touching, as in symmetric scenes.
     """
 
     problem: Shooting
@@ -83,7 +83,7 @@ def touch_of_phase(point: Point, phase: Phase) -> Touch:
 
 
 def phases_like(point: Point, phase: Phase) -> tuple[tuple[int, float], ...]:
-    """Return contacts with a phase as short as another one's, and where its middle is."""
+    """Return contacts with a phase as short as the given one, and the middles of these phases."""
     found = {}
     for other in phases(point.problem, point.chart, point.evaluation.flow):
         alike = abs(other.rate - phase.rate) <= _ALIKE * phase.rate and other.stop - other.time < other.earlier
@@ -135,7 +135,7 @@ def grazing(family: Family, interval: Interval, touch: Touch) -> Point:
     Raises
     ------
     ConvergenceError
-        If there is none near.
+        If there is no grazing near.
     """
     problem = touch.problem
     inside = touch.outside.copy()

@@ -1,19 +1,18 @@
 """Periodic orbits by harmonic balance in the coordinates of the laws.
 
-A periodic motion is a Fourier series. The linear rest of a structure answers
-each harmonic by itself, so the only unknowns are the harmonics of the
-coordinates ``u = B q`` on which laws act, however many degrees of freedom there are:
+A periodic motion is a Fourier series. The linear part of a structure responds to each harmonic separately. The only
+unknowns are therefore the harmonics of the coordinates ``u = B q`` on which laws act, however many degrees of freedom
+there are:
 
     u_k + G_k R_k(u) = B A_k^-1 F_k,    G_k = B A_k^-1 B',    A_k = K + i k omega C - (k omega)^2 M
 
 with R_k the harmonics of the laws' forces along u. Springpots are part of A_k,
 exactly, by ``(i k omega)^alpha``.
 
-Where the force has kinks its harmonics fall like k^-2, where it jumps like
-k^-1; those of the displacement fall by k^-2 faster. So the error of
-displacements falls like H^-3 with the number H of harmonics under a
-penetration law or a spring that slips, and like H^-2 under the displacement law. It is estimated by the
-harmonics that the force has beyond H, which are known.
+The harmonics of a force with kinks fall like k^-2, and those of a force with jumps fall like k^-1. The harmonics of the
+displacement fall by k^-2 faster. The error of displacements therefore falls like H^-3 with the number H of harmonics
+under a penetration law or a spring that slips, and like H^-2 under the displacement law. It is estimated from the
+harmonics of the force beyond H, which are known.
 """
 
 from __future__ import annotations
@@ -45,16 +44,16 @@ from vofem.system import System
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-#: Harmonics of an orbit over one period of the loads where none are asked for.
+#: Default number of harmonics for each period of the loads.
 HARMONICS = 25
 
-#: Harmonics of the force that are looked at beyond those of the unknowns, as a multiple of them.
+#: Number of harmonics of the force that are computed beyond those of the unknowns, as a multiple of them.
 _BEYOND = 2
 
-#: Margin of frequencies within which Ritz vectors serve other problems of a branch.
+#: Margin of frequencies within which Ritz vectors are used again in other problems of a branch.
 _MARGIN = 1.3
 
-#: Periods of a transient, and its steps in a period, where harmonic balance needs a better start.
+#: Periods of a transient, and its steps in a period, which are simulated if harmonic balance needs a better start.
 _TRANSIENT, _STEPS = 60, 200
 
 #: Relative difference of harmonics below which an orbit repeats before its end.
@@ -72,7 +71,7 @@ class HarmonicEvaluation:
     ----------
     residual : ndarray, shape (n,)
     size : float
-        Of the motion, m.
+        Size of the motion, m.
     settled : ndarray of bool, shape (n_laws,)
         Whether internal variables repeat after a period.
     """
@@ -91,7 +90,7 @@ class HarmonicEvaluation:
 
     @property
     def error(self) -> float:
-        """Size of the residual over that of the motion."""
+        """Size of the residual, divided by that of the motion."""
         size = float(np.linalg.norm(self.residual))
         if not np.isfinite(size):
             return np.inf
@@ -99,27 +98,27 @@ class HarmonicEvaluation:
 
     @property
     def multipliers(self) -> None:
-        """Harmonic balance does not know them."""
+        """None, because harmonic balance does not compute multipliers."""
         return None
 
 
 class HarmonicBalance:
-    """Periodic orbits of a scene as roots of the balance of harmonics; an `OrbitProblem`.
+    """Periodic orbits of a scene as solutions of the balance of harmonics; an `OrbitProblem`.
 
     Parameters
     ----------
     what : str
-        Whose argument the scene is, for messages.
+        Name of the function whose argument the scene is, for messages.
     scene : Scene
     periods : int
     period : float, optional
-        Of the loads, in s.
+        Period of the loads in s.
     harmonics : int, optional
-        Of the orbit, beyond the mean; 25 for each period of the loads where not given.
+        Number of harmonics of the orbit beyond the mean. The default is 25 for each period of the loads.
     earlier : HarmonicBalance, optional
         A problem at another value of a parameter.
     work : Work, optional
-        Where work is counted.
+        Counters to which the work is added.
 
     Attributes
     ----------
@@ -211,7 +210,7 @@ class HarmonicBalance:
         self.compliance, self.free = compliance, free
 
     def _hold(self, rest: LinearRest) -> None:
-        """Give laws that alone hold rigid motions a spring each, which is taken from the law again.
+        """Give a spring to each law that alone prevents a rigid motion; its force is subtracted from that of the law.
 
         The equations stay the same. Without it the compliance would be infinite at zero frequency.
         """
@@ -235,7 +234,7 @@ class HarmonicBalance:
     # -- guesses --------------------------------------------------------------------------------------
 
     def from_rest(self) -> Array:
-        """Return the linear response, led to the laws' full strength; where that fails, the end of a transient."""
+        """Return the response with laws raised stepwise to full strength, or if that fails the end of a transient."""
         from vofem.studies.steady.newton import solved
 
         start = to_real(self.free[:, : self.harmonics + 1].T).T.ravel()
@@ -389,7 +388,7 @@ class HarmonicBalance:
         return [label for group in self.groups for label in group.labels]
 
     def _truncation(self, unknowns: Array, forces: Complex) -> OrbitTruncation:
-        """Estimate what the harmonics left out would add, from the force that they balance."""
+        """Estimate the displacements of the harmonics that are left out, from the force in these harmonics."""
         h = self.harmonics
         u = unknowns.reshape(self.laws.size, 2 * h + 1)
         beyond = self.free - np.einsum("kij,jk->ik", self.compliance, forces)
@@ -432,13 +431,13 @@ class _Weaker:
 
 
 def harmonics_in(scene: Scene, size: int) -> int | None:
-    """Return how many harmonics so many unknowns of a scene stand for; None where it has no laws."""
+    """Return the number of harmonics that belongs to a number of unknowns; None if the scene has no laws."""
     laws = sum(len(group) for group in nonlinear_groups(scene.model.system))
     return (size // laws - 1) // 2 if laws else None
 
 
 def refuse(what: str, system: System) -> None:
-    """Raise `MethodError` for laws that harmonic balance does not know."""
+    """Raise `MethodError` for laws that harmonic balance cannot treat."""
     for group in nonlinear_groups(system):
         reason = group.harmonic_refusal()
         if reason is not None:

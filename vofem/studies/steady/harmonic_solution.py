@@ -29,7 +29,7 @@ Complex = NDArray[np.complex128]
 #: Gauss's rule between two times, for work and dissipation.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 
-#: Parts of a period in a period of the highest harmonic for these integrals.
+#: Number of panels in a period of the highest harmonic for these integrals.
 _PARTS = 2
 
 
@@ -44,7 +44,7 @@ class HarmonicMotion:
     coefficients : ndarray of complex, shape (m, K + 1)
         Modal displacements ``Re sum_k c_k exp(i k omega t)``.
     omega : float
-        Of the first harmonic, rad/s.
+        Angular frequency of the first harmonic, rad/s.
     """
 
     def __init__(self, system: System, rest: LinearRest, laws: LawPaths, coefficients: Complex, omega: float) -> None:
@@ -53,7 +53,7 @@ class HarmonicMotion:
 
     @property
     def period(self) -> float:
-        """In s."""
+        """Duration of the period in s."""
         return 2.0 * np.pi / self.omega
 
     @cached_property
@@ -73,7 +73,7 @@ class HarmonicMotion:
 
 
 class HarmonicSamples(ModalSamples):
-    """Samples of which rows are computed without the whole structure."""
+    """Samples whose rows are computed without the motion of the whole structure."""
 
     def along(self, rows: Any, kind: str) -> Array:
         """Return ``rows @ q`` (kind "q", or v, a) for rows (k, n)."""
@@ -245,7 +245,7 @@ class HarmonicSolution:
         return Energies(kinetic, strain, contact, dissipated, work)
 
     def _losses(self, times: Array) -> Array:
-        """Return the power that dashpots, material damping and dampers of contacts take, W."""
+        """Return the power that dashpots, material damping and dampers of contacts dissipate, W."""
         power = self.motion.rest.dissipation(self.motion.modal(times, 1))
         laws = self.motion.system.contacts
         if laws is not None and np.any(laws.damping > 0.0):

@@ -1,9 +1,8 @@
 """Forces of scalar laws along periodic motions: Fourier coefficients and their derivatives.
 
-The period is cut where the force or its tangent jumps, and each part is
-integrated by Gauss's rule, so that coefficients are right to rounding
-however short a contact is: no aliasing, which sampling at equal times would
-bring in with the square of their distance. Laws with internal variables are
+The period is divided where the force or its tangent jumps, and each part is integrated by Gauss's rule. The
+coefficients are therefore exact up to rounding, also for very short contacts. Sampling at equal times would cause
+aliasing in proportion to the square of their distance. Laws with internal variables are
 followed from turning point to turning point, until they repeat.
 """
 
@@ -28,13 +27,13 @@ Array = NDArray[np.float64]
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 _PHASE = 8.0
 
-#: Forces and tangents, in N and N/m, from which on squares overflow; a trial has gone much too far.
+#: Forces and tangents, in N and N/m, above which squares overflow. Such a trial point is much too far away.
 _LARGEST = 1e150
 
 #: Equal angles in a period of the highest harmonic at which smooth laws are evaluated.
 _SAMPLES = 8
 
-#: Passes over the period after which a law with internal variables is given up, and the change that ends them.
+#: Largest number of passes over the period for a law with internal variables, and the change that ends the passes.
 PASSES, _SETTLED = 40, 1e-12
 
 _TURN = 2.0 * np.pi
@@ -49,7 +48,7 @@ class LawForce:
     force : ndarray, shape (2K + 1,)
         Fourier series of the force, N.
     slope : ndarray, shape (2K + 1, 2H + 1), optional
-        Its derivative by the series of the coordinate.
+        Derivative of `force` with respect to the series of the coordinate.
     settled : bool
         Whether internal variables repeat after a period.
     """
@@ -81,7 +80,7 @@ class _Integral:
             self.slope += projected @ slopes
 
     def add_jump(self, angle: float, size: float) -> None:
-        """Add what the motion of a place does at which the force jumps by `size` over the rate of the coordinate."""
+        """Add the effect of a moving jump; `size` is the jump of the force over the rate of the coordinate."""
         if self.derivative:
             left = basis(np.array([angle]), self.wanted)[0] * self._norm
             self.slope += size * np.outer(left, basis(np.array([angle]), self.harmonics)[0])
@@ -93,14 +92,14 @@ class LawPaths:
     Parameters
     ----------
     groups : sequence of LawGroup
-        Those that are not linear in harmonic motions.
+        Groups of laws that are not linear in harmonic motions.
 
     Attributes
     ----------
     size : int
         Number of laws.
     passes : int
-        Most cycles over which internal variables are followed.
+        Largest number of cycles over which internal variables were computed.
     """
 
     passes = PASSES
@@ -127,11 +126,11 @@ class LawPaths:
         ----------
         j : int
         series : ndarray, shape (2H + 1,)
-            Of the coordinate, m.
+            Series of the coordinate, m.
         omega : float
-            Of the first harmonic, rad/s; what dampers ask for.
+            Angular frequency of the first harmonic in rad/s, which dampers need.
         wanted : int
-            Harmonics of the force.
+            Number of harmonics of the force.
         derivative : bool
         """
         total = _Integral(series.size // 2, wanted, derivative)

@@ -23,13 +23,13 @@ Complex = NDArray[np.complex128]
 
 
 class FrequencyResponse:
-    """The linear response of a scene to its harmonic loads, each at unit amplitude times its own share.
+    """The linear response of a scene to its harmonic loads, of which the first one has unit amplitude.
 
     Attributes
     ----------
     scene : Scene
     frequencies : ndarray, shape (n_frequencies,)
-        In Hz.
+        Frequencies in Hz.
     counters : Counters
     notes : list of str
     """
@@ -61,8 +61,9 @@ class FrequencyResponse:
     def displacement(self, point: Any) -> Complex:
         """Return the complex displacement of a point, shape (n_frequencies,).
 
-        Under the load ``F sin(omega t + phase)`` the displacement is ``F Im(H exp(i (omega t + phase)))`` with the
-        H that is returned: its modulus is the amplitude and its angle the lead in phase, both against the load.
+        Under the load ``F sin(omega t + phase)`` the displacement is ``F Im(H exp(i (omega t + phase)))`` where H is
+        the value that is returned. The modulus of H is the amplitude per unit of the load, and its angle is the phase
+        by which the displacement leads the load.
 
         Parameters
         ----------
@@ -71,24 +72,24 @@ class FrequencyResponse:
         Returns
         -------
         ndarray of complex
-            In m per unit of the load's amplitude.
+            The response H in m per unit of the load's amplitude.
         """
         rows = rows_over(self.scene.model, self.scene.bodies, [point])
         return np.asarray((rows @ self._rest.vectors) @ self._modal)[0]
 
 
 def frequency_response(scene: Scene, frequencies: ArrayLike, closed: Sequence[Any] = ()) -> FrequencyResponse:
-    """Return the linear response to the scene's harmonic loads, contacts open but for the named ones.
+    """Return the linear response to the scene's harmonic loads; all contacts are open except the named ones.
 
-    Loads that are `Sine` act, whatever their own frequency, at each of the given ones; constant loads have no part.
-    Where several loads are harmonic, they act together, in the ratio of their amplitudes and with the differences of
-    their phases; the first one is the unit. A contact that is held closed acts by its stiffness and its damper.
+    Loads that are `Sine` act at each of the given frequencies, and their own frequency is ignored. Constant loads are
+    left out. Several harmonic loads act together: the ratios of their amplitudes and the differences of their phases
+    are kept, and the first load has unit amplitude. A contact that is held closed acts by its stiffness and its damper.
 
     Parameters
     ----------
     scene : Scene
     frequencies : array_like, shape (n_frequencies,)
-        In Hz, not negative.
+        Frequencies in Hz, not negative.
     closed : sequence of str or Contact
         Contacts that are held closed; all others are open.
 
@@ -99,9 +100,9 @@ def frequency_response(scene: Scene, frequencies: ArrayLike, closed: Sequence[An
     Raises
     ------
     ArgumentError
-        For frequencies that are none, unknown contacts, or loads that are not harmonic.
+        If a frequency is negative or not a number, a contact is unknown, or a load is not harmonic.
     MethodError
-        If the scene has laws that are not linear, beside contacts.
+        If the scene has laws other than contacts that are not linear.
     SingularSystemError
         When displacements are asked for at a natural frequency without damping.
     """

@@ -1,16 +1,13 @@
 """The linear part of a structure at given frequencies: dynamic compliance in modes or Ritz vectors.
 
-Without its non-linear laws a structure answers a load ``f exp(i omega t)`` with
-``q = A^-1 f``, ``A = K + i omega C - omega^2 M + sum_s c_s (i omega)^alpha_s b_s b_s'``;
-the last sum is that of springpots, which act on harmonic motions exactly in this way.
-In modes A is diagonal but for dashpots, springpots and contacts that are held
-closed, which are few and enter as a small system of equations (Woodbury).
-Modes near resonance stay in that system, so that nothing is divided by a
-small number.
+Without its nonlinear laws the response of a structure to a load ``f exp(i omega t)`` is ``q = A^-1 f``, ``A = K + i
+omega C - omega^2 M + sum_s c_s (i omega)^alpha_s b_s b_s'``; the last sum is that of springpots, which act on harmonic
+motions exactly in this way. In modes A is diagonal except for dashpots, springpots and contacts that are held closed.
+These are few and enter as a small system of equations (Woodbury). Modes near resonance stay in that system, so that
+nothing is divided by a small number.
 
-Large systems are expressed in load-dependent Ritz vectors. These are nested,
-so the change of the response from one half of them to all is known, and their number is
-doubled until it is small.
+Large systems are expressed in load-dependent Ritz vectors. These are nested, so the change of the response from half of
+them to all of them is known. Their number is doubled until this change is small.
 """
 
 from __future__ import annotations
@@ -32,19 +29,19 @@ from vofem.system import Counters, System
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-#: Degrees of freedom up to which all modes serve.
+#: Number of degrees of freedom up to which all modes are used.
 FULL = 200
 
-#: Number of Ritz vectors at first and at most, and the relative change of responses that ends their doubling.
+#: First and largest number of Ritz vectors, and the relative change of responses that ends their doubling.
 _FIRST, _MOST, _CHANGE = 32, 2048, 1e-10
 
-#: Change that is tolerated, with a note, where rounding keeps it from falling further.
+#: Largest change that is accepted, with a note, if it does not fall further because of rounding.
 _ROUNDING = 1e-7
 
 #: A mode whose dynamic stiffness is below this fraction of its terms is solved together with dashpots and springpots.
 _NEAR = 1e-3
 
-#: Eigenvalues of a damping matrix below this fraction of the largest are none.
+#: Eigenvalues of a damping matrix below this fraction of the largest count as zero.
 _NO_DAMPING = 1e-14
 
 #: Condition of the small system from which on the response counts as unbounded.
@@ -53,7 +50,7 @@ _SINGULAR = 1e14
 
 @dataclass(frozen=True)
 class Attached:
-    """A force ``b factor(omega) (b.q)`` of something linear on a row.
+    """The force ``b factor(omega) (b.q)`` of a linear law or a closed contact on a row.
 
     Attributes
     ----------
@@ -73,11 +70,11 @@ class LinearRest:
     ----------
     system : System
     attached : sequence of Attached
-        What is linear and not part of the system's matrices.
+        Linear laws that are not part of the system's matrices.
     inputs : ndarray, shape (k, n)
         Rows of laws and load vectors through which forces act.
     largest : ndarray, shape (n_frequencies,)
-        Angular frequencies in rad/s at which Ritz vectors must be right.
+        Angular frequencies in rad/s at which Ritz vectors must be accurate.
     counters : Counters, optional
 
     Attributes
@@ -114,7 +111,7 @@ class LinearRest:
         self.vectors, self.squares, self.damping = vectors, squares, damping
 
     def _couple(self, coupling: Array | None) -> None:
-        """Keep what couples modes as columns, dashpots first."""
+        """Store the terms that couple modes as columns, dashpots first."""
         columns, self._dashpots = [np.zeros((self.squares.size, 0))], 0
         if coupling is not None:
             values, shapes = np.linalg.eigh(0.5 * (coupling + coupling.T))
@@ -126,7 +123,7 @@ class LinearRest:
         self.columns = np.concatenate(columns, axis=1)
 
     def _reduce(self, inputs: Array, largest: Array, counters: Counters) -> None:
-        """Double the number of Ritz vectors until responses at all frequencies stay."""
+        """Double the number of Ritz vectors until responses at all frequencies no longer change."""
         system = self.system
         solve, _ = two_solutions(system, holding(system))
         counters.factorizations += 1
@@ -145,7 +142,7 @@ class LinearRest:
                 if self.error <= _CHANGE:
                     return
             if vectors.shape[1] < count:
-                # The loads reach no further: this is the whole response.
+                # The loads generate no further vectors, so this is the whole response.
                 self.error = 0.0
                 return
             if count >= _MOST:
@@ -190,14 +187,14 @@ class LinearRest:
         return np.stack([self._ritz @ self.response(w, forces) for w in omegas.tolist()])
 
     def with_attached(self, part: Attached) -> LinearRest:
-        """Return the same structure with something more that is linear."""
+        """Return the same structure with further linear laws."""
         other = copy.copy(self)
         other._attached = (*self._attached, part)
         other.columns = np.concatenate([self.columns, np.asarray(part.rows @ self.vectors).T], axis=1)
         return other
 
     def dissipation(self, rates: Array) -> Array:
-        """Return the power in W that dashpots and material damping take at modal velocities (m, n_times)."""
+        """Return the power in W that dashpots and material damping dissipate at modal velocities (m, n_times)."""
         power = self.damping @ rates**2
         if self._dashpots:
             power = power + self._rates @ (self.columns[:, : self._dashpots].T @ rates) ** 2
@@ -206,7 +203,7 @@ class LinearRest:
     # -- responses ------------------------------------------------------------------------------------
 
     def factors(self, omega: float) -> Complex:
-        """Return the complex stiffnesses of what couples modes, shape (k,)."""
+        """Return the complex stiffnesses of the terms that couple modes, shape (k,)."""
         parts = [np.zeros(0, dtype=complex)]
         if self._dashpots:
             parts.append(1j * omega * self._rates)
@@ -219,7 +216,7 @@ class LinearRest:
         Parameters
         ----------
         omega : float
-            In rad/s.
+            Angular frequency in rad/s.
         forces : ndarray, shape (m, k)
 
         Returns
@@ -296,7 +293,7 @@ def linear_laws(what: str, system: System) -> list[Attached]:
     Raises
     ------
     ArgumentError
-        If one has no response to one frequency, as a springpot whose order varies in time.
+        If a law has no response to a single frequency, such as a springpot whose order varies in time.
     """
     groups = [group for group in system.laws if group.linear]
     for group in groups:

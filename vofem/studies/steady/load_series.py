@@ -11,7 +11,7 @@ from vofem.time_functions import TimeFunction
 
 Complex = NDArray[np.complex128]
 
-#: Times in a period at which loads without closed form are taken.
+#: Number of times in a period at which loads without closed form are sampled.
 _SAMPLES = 8192
 
 #: Coefficients below this fraction of the largest are rounding.
@@ -24,11 +24,11 @@ def load_series(what: str, system: System, omega: float, harmonics: int) -> Comp
     Parameters
     ----------
     what : str
-        For messages.
+        Name of the argument in messages.
     system : System
-        With loads that are periodic with ``2 pi/omega``.
+        A system whose loads are periodic with ``2 pi/omega``.
     omega : float
-        Of the first harmonic, rad/s.
+        Angular frequency of the first harmonic, rad/s.
     harmonics : int
 
     Returns

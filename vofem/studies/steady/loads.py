@@ -13,10 +13,11 @@ from vofem.errors import ArgumentError
 from vofem.system import Load, System
 from vofem.time_functions import TimeFunction
 
-#: Largest whole number in a ratio of two frequencies of loads, and the relative error that it may have.
+#: Largest whole number in a ratio of two frequencies of loads, and the accepted relative error of the ratio.
 _LARGEST, _EXACT = 1000, 1e-12
 
-#: Times in a period at which loads are compared with themselves a period later, and by how much they may differ.
+#: Number of times in a period at which loads are compared with their values a period later, and the accepted
+#: difference.
 _LOOKS, _SAME = 97, 1e-9
 
 
@@ -37,7 +38,7 @@ class LoadPeriod:
 
     @property
     def period(self) -> float:
-        """In s."""
+        """Period in s."""
         return 2.0 * np.pi / self.omega
 
 
@@ -47,10 +48,10 @@ def load_period(what: str, system: System, period: float | None = None) -> LoadP
     Parameters
     ----------
     what : str
-        Whose argument it is, for messages.
+        Name of the function whose argument it is, for messages.
     system : System
     period : float, optional
-        In s.
+        Period in s.
 
     Raises
     ------

@@ -15,7 +15,7 @@ METHODS = ("auto", "shooting", "harmonic_balance")
 
 
 def chosen(scene: Scene, method: str, harmonics: int | None) -> str:
-    """Return the method for a scene: shooting where it applies and no harmonics are asked for."""
+    """Return the method for a scene: shooting if it applies and no number of harmonics is given."""
     if method != "auto":
         return method
     return "harmonic_balance" if harmonics is not None or shooting_refusal(scene) is not None else "shooting"
@@ -37,18 +37,18 @@ def problem_of(
     Parameters
     ----------
     what : str
-        Whose argument the scene is, for messages.
+        Name of the function whose argument the scene is, for messages.
     scene : Scene
     method : str
     periods : int
     period : float, optional
-        Of the loads, in s.
+        Period of the loads in s.
     harmonics : int, optional
     earlier : OrbitProblem, optional
-        Of the same method, at another value of a parameter: its unknowns mean the same, and what it has computed
-        serves.
+        A problem of the same method at another value of a parameter. Its unknowns have the same meaning, and its data
+        are used again.
     work : Work, optional
-        Where work is counted.
+        Counters to which the work is added.
     """
     if method == "harmonic_balance":
         # Most users need shooting alone.

@@ -27,7 +27,7 @@ class Solved:
     ----------
     unknowns : ndarray, shape (n,)
     evaluation : Evaluation
-        There, with its Jacobian matrix.
+        The evaluation at these unknowns, with its Jacobian matrix.
     """
 
     unknowns: Array
@@ -40,7 +40,7 @@ def solved(problem: OrbitProblem, guess: Array, steps: int = _STEPS) -> Solved:
     Raises
     ------
     ConvergenceError
-        If the residual does not vanish; the message says how far it came.
+        If the residual does not vanish. The message gives the least residual.
     """
     x = np.array(guess, dtype=float)
     now = problem.evaluate(x)
@@ -76,7 +76,7 @@ def _shorter(problem: OrbitProblem, x: Array, step: Array, now: Evaluation) -> t
 
 
 def direction(matrix: Array, right: Array) -> Array:
-    """Return the solution of linear equations; of singular ones the shortest."""
+    """Return the solution of linear equations; if they are singular, the shortest solution."""
     try:
         step = np.linalg.solve(matrix, right)
     except np.linalg.LinAlgError:

@@ -1,4 +1,4 @@
-"""A periodic orbit: what is known of it, whatever method has found it."""
+"""A periodic orbit, with the same attributes for all methods that find orbits."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _HALVINGS = 60
 
 
 class Unknown:
-    """Stands for what is to be computed."""
+    """Marks a value that is still to be computed."""
 
 
 UNKNOWN = Unknown()
@@ -54,12 +54,12 @@ class OrbitTruncation:
     modes : int
         Number of modes (or harmonics) left out.
     largest : float
-        Bound on the modulus of their multipliers; of harmonics, estimated error of displacements relative to the
-        largest one.
+        Bound on the modulus of the multipliers of the modes left out. For harmonics it is the estimated error of
+        displacements relative to the largest one.
     what : str
-        One sentence about it.
+        One sentence about what was left out.
     error : float
-        Estimated error of displacements relative to the largest one; not a number where it is not known.
+        Estimated error of displacements relative to the largest one; NaN if it is not known.
     """
 
     modes: int
@@ -79,36 +79,38 @@ class PeriodicOrbit(Shown):
     method : str
         "shooting" or "harmonic_balance".
     omega : float
-        Angular frequency of the loads, rad/s; of a free oscillation its own.
+        Angular frequency of the loads in rad/s; for a free oscillation its own angular frequency.
     periods : int
-        How many periods of the loads the orbit takes.
+        Number of periods of the loads after which the orbit repeats.
     multipliers : ndarray of complex, optional
-        Floquet multipliers over the whole orbit, in any order; None where the method does not know them.
+        Floquet multipliers over the whole orbit, in any order; None if the method does not compute them.
     residual : float
-        What is missing to close the orbit: the largest difference between its two ends over the size of the motion,
-        displacements and velocities alike.
+        The error with which the orbit closes: the largest difference between the states at its two ends, divided by the
+        size of the motion. Displacements and velocities are compared separately.
     result : callable
-        Returns the `Result` over the whole orbit at `TIMES` equal times; called once, when it is first needed.
+        Returns the `Result` over the whole orbit at `TIMES` equally spaced times. It is called once, when the result is
+        first needed.
     truncation : OrbitTruncation, optional
     notes : tuple of str
-        What a user should know.
+        Sentences about the orbit that a user should read.
     unknowns : ndarray, optional
-        Of the method, for problems that go on from here.
+        The unknowns of the method, from which other problems can start.
     autonomous : bool
-        Whether no load sets the period: then one multiplier is 1 whatever the stability.
+        True if no load determines the period. In that case one multiplier is always 1.
     decided : callable, optional
-        Returns the distance from the unit circle below which stability is not decided; called where it matters.
+        Returns the distance from the unit circle below which stability is not decided. It is called only if a
+        multiplier is near the circle.
     start : State, optional
-        Over the free degrees of freedom at t = 0 of the loads.
+        State over the free degrees of freedom at t = 0 of the loads.
     stable : bool or None, optional
-        Where it is known already.
+        Whether the orbit is stable, if this is known already.
 
     Attributes
     ----------
     method, omega, periods, residual, truncation, notes, unknowns, start
         As above.
     multipliers : ndarray of complex, optional
-        By decreasing modulus.
+        Floquet multipliers by decreasing modulus; None if the method does not compute them.
     """
 
     def __init__(
@@ -147,13 +149,13 @@ class PeriodicOrbit(Shown):
 
     @property
     def stability(self) -> str:
-        """What is known of the stability, in words."""
+        """A sentence about the stability."""
         unclear = "stability not decided" if self.multipliers is not None else "stability not known"
         return {True: "stable", False: "unstable", None: unclear}[self.stable]
 
     @property
     def scene(self) -> Scene:
-        """The scene; of an orbit from a file it is read when first asked for."""
+        """The scene. For an orbit from a file it is read when it is first needed."""
         return self._scene if isinstance(self._scene, Scene) else self._scene()
 
     @property
@@ -165,8 +167,8 @@ class PeriodicOrbit(Shown):
     def stable(self) -> bool | None:
         """Whether small perturbations die out.
 
-        None where this is not decided: where multipliers are not known, or the largest one lies on the unit circle
-        within rounding, as those of conservative scenes and of special points do.
+        None if this is not decided. This is so if multipliers are not known, or if the largest one lies on the unit
+        circle within rounding, as at special points and in conservative scenes.
         """
         if not isinstance(self._stable, Unknown):
             return self._stable
@@ -230,7 +232,7 @@ class PeriodicOrbit(Shown):
         turning = np.flatnonzero(v[:-1] * v[1:] < 0.0)
         low, high = times[turning], times[turning + 1]
         rising = v[turning] > 0.0
-        # Only neighbours of the samples that lead: the rest cannot win.
+        # Only neighbours of the largest samples are refined, because no other sample can be an extreme.
         spread = float(np.ptp(u)) if u.size else 0.0
         reach = np.maximum(np.abs(v[turning]), np.abs(v[turning + 1])) * (high - low)
         top, bottom = np.maximum(u[turning], u[turning + 1]), np.minimum(u[turning], u[turning + 1])
@@ -258,18 +260,19 @@ class PeriodicOrbit(Shown):
         ----------
         point : point of a body
         count : int
-            Harmonics beyond the mean.
+            Number of harmonics beyond the mean.
 
         Returns
         -------
         ndarray of complex, shape (count + 1,)
             ``c`` in m with ``u(t) = Re sum_k c[k] exp(2 pi i k t/period)``: ``c[0]`` is the mean and ``abs(c[k])`` the
-            amplitude of harmonic k of the whole orbit, which for k periods of the loads is a subharmonic.
+            amplitude of harmonic k of the whole orbit. If the orbit takes n periods of the loads, harmonic n has the
+            frequency of the loads, and the harmonics below it are subharmonics.
 
         Raises
         ------
         ArgumentError
-            If count is no whole number of 0 or more.
+            If count is negative or not a whole number.
         """
         count = whole("harmonics: count", count, least=0)
         inner = self._events

@@ -1,4 +1,4 @@
-"""Points of a branch: an orbit in some coordinates, the direction of the branch there, and how one is corrected."""
+"""Points of a branch: an orbit in some coordinates, the direction of the branch, and the correction of a guess."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _STEPS, _GROWTH = 8, 10.0
 #: Step of the parameter by which derivatives are taken, in terms of the interval and of the value.
 _DIFFERENCE, _LEAST = 1e-6, 1e-9
 
-#: Change of the parameter, as a share of a step, from which on it tells the derivative.
+#: Change of the parameter, as a share of a step, above which it is used to compute the derivative.
 _TELLING = 1e-2
 
 
@@ -44,7 +44,7 @@ class Point:
     by_value : ndarray, shape (n,)
         Derivative of the residual with respect to the parameter.
     tangent : ndarray, shape (n + 1,)
-        Of the branch, in scaled coordinates, of length 1.
+        Direction of the branch in scaled coordinates, of length 1.
     """
 
     chart: Any
@@ -57,7 +57,7 @@ class Point:
 
     @property
     def value(self) -> float:
-        """Of the parameter."""
+        """Value of the parameter."""
         return float(self.y[-1])
 
     def orbit(self) -> PeriodicOrbit:
@@ -84,7 +84,7 @@ class Interval:
 
     @property
     def size(self) -> float:
-        """Its length."""
+        """Length of the interval."""
         return abs(self.stop - self.start)
 
     def beyond(self, value: float) -> float | None:
@@ -122,13 +122,13 @@ def corrected(
     guess : ndarray, shape (n + 1,)
     scales : ndarray, shape (n + 1,)
     normal : ndarray, shape (n + 1,)
-        In scaled coordinates.
+        Normal of the plane in scaled coordinates.
     by_value : ndarray, shape (n,)
-        Derivative of the residual with respect to the parameter, roughly; it is improved on the way.
+        Approximate derivative of the residual with respect to the parameter. It is improved in the iteration.
     steps : int
-        Of Newton's method, at most.
+        Largest number of steps of Newton's method.
     tolerance : float
-        `Evaluation.error` that is small enough. Where it is below rounding, the best that there is is taken.
+        Value of `Evaluation.error` that is small enough. If it is below rounding, the best point is returned.
 
     Returns
     -------

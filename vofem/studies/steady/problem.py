@@ -1,4 +1,4 @@
-"""What a method offers for periodic orbits, so that one code follows branches of all of them.
+"""The interface of methods for periodic orbits, so that one code follows branches with all methods.
 
 A method (shooting, harmonic balance) describes the orbits of one scene as the
 roots of as many equations as unknowns: `OrbitProblem`. A branch needs the same
@@ -25,7 +25,7 @@ class Evaluation(Protocol):
 
     @property
     def residual(self) -> Array:
-        """What the equations leave over, shape (n,)."""
+        """Residual of the equations, shape (n,)."""
 
     @property
     def flow(self) -> Any:
@@ -33,15 +33,15 @@ class Evaluation(Protocol):
 
     @property
     def jacobian(self) -> Array:
-        """Derivative of the residual with respect to the unknowns, shape (n, n); only where it was asked for."""
+        """Derivative of the residual with respect to the unknowns, shape (n, n); only if it was requested."""
 
     @property
     def error(self) -> float:
-        """Size of the residual over that of the motion: what `PeriodicOrbit.residual` tells of an orbit."""
+        """Size of the residual over that of the motion: the value of `PeriodicOrbit.residual`."""
 
     @property
     def multipliers(self) -> NDArray[np.complex128] | None:
-        """Floquet multipliers by decreasing modulus; None where the method does not know them."""
+        """Floquet multipliers by decreasing modulus; None if the method does not compute them."""
 
 
 class OrbitProblem(Protocol):
@@ -51,7 +51,7 @@ class OrbitProblem(Protocol):
     ----------
     scene : Scene
     periods : int
-        Of the loads, that an orbit takes.
+        Number of periods of the loads after which an orbit repeats.
     size : int
         Number n of unknowns.
     scales : ndarray, shape (n,)
@@ -68,7 +68,7 @@ class OrbitProblem(Protocol):
     tolerance: float
 
     def from_rest(self) -> Array:
-        """Return a first guess of the unknowns without any orbit to start from, shape (n,)."""
+        """Return a first guess of the unknowns without a known orbit, shape (n,)."""
 
     def from_orbit(self, orbit: Any) -> Array:
         """Return the unknowns of a `PeriodicOrbit` or of the last period of a `Result`, of any method, shape (n,)."""
@@ -79,7 +79,7 @@ class OrbitProblem(Protocol):
         Raises
         ------
         ConvergenceError
-            Where the unknowns are beyond what the method can evaluate.
+            If the method cannot evaluate the equations at these unknowns.
         """
 
     def orbit(self, unknowns: Array, evaluation: Any) -> PeriodicOrbit:

@@ -18,13 +18,13 @@ from vofem.studies.steady.shooting import MOST_UNKNOWNS
 from vofem.system import Load
 from vofem.time_functions import TimeFunction
 
-#: What makes a body, but its name; bodies of other classes are compared by identity.
+#: Attributes that define a body, except its name. Bodies of other classes are compared by identity.
 _BODIES: dict[type, tuple[str, ...]] = {
     Beam: ("length", "elements", "EI", "rhoA", "supports", "tension", "mesh_file"),
     Mass: ("mass", "stiffness", "damping"),
 }
 
-#: Which attribute of a load is its function of time.
+#: Name of the attribute of a load that is its function of time.
 _FUNCTIONS: dict[type, str] = {
     PointLoad: "f",
     PointMoment: "f",
@@ -39,14 +39,14 @@ def recompiled(scene: Scene, earlier: Scene) -> Scene:
     Parameters
     ----------
     scene : Scene
-        Not compiled yet.
+        A scene that is not yet compiled.
     earlier : Scene
         Compiled.
 
     Returns
     -------
     Scene
-        The same one where anything else differs.
+        The given scene itself if anything else differs.
     """
     if len(scene.bodies) != len(earlier.bodies) or len(scene.effects) != len(earlier.effects):
         return scene
@@ -61,13 +61,13 @@ def recompiled(scene: Scene, earlier: Scene) -> Scene:
 
 
 def like_guess(scene: Scene, guess: Any) -> Scene:
-    """Return a scene that uses what is known of the scene of a guess, as far as both are equal: assembly and modes.
+    """Return a scene that shares assembly and modes with the scene of a guess, as far as both scenes are equal.
 
     Parameters
     ----------
     scene : Scene
     guess : object
-        A `Result`, a `PeriodicOrbit`; anything else has nothing to share.
+        A `Result` or a `PeriodicOrbit`. Other guesses have nothing to share.
     """
     known = getattr(guess, "scene", None)
     if not isinstance(known, Scene) or known is scene or not known.assembled:
@@ -124,7 +124,7 @@ def _same(new: Any, old: Any, partners: dict[Body, Body]) -> bool:
 
 
 def _with_functions(model: Model, scene: Scene, earlier: Scene, partners: dict[Body, Body]) -> Model | None:
-    """Return a model with the functions of a scene's loads and its contacts' names; None where it is not clear."""
+    """Return a model with the functions of a scene's loads and its contacts' names; None if this is not clear."""
     functions: dict[int, tuple[TimeFunction, str]] = {}
     names: dict[str, str] = {}
     for new, old in zip(scene.effects, earlier.effects, strict=True):

@@ -14,13 +14,14 @@ from vofem.studies.steady.shooting import Shooting, relative
 
 Array = NDArray[np.float64]
 
-#: Periods of the loads after which a transient is given up.
+#: Largest number of periods of the loads in a transient.
 MOST_PERIODS = 200
 
-#: Relative change over an orbit from which on Newton's method is tried; by which factor it must fall for another try.
+#: Relative change over an orbit below which Newton's method is tried, and the factor by which it must fall before the
+#: next trial.
 _TRY, _AGAIN = 1e-2, 0.1
 
-#: Steps of Newton's method at a try, and how far it may lead, in changes over an orbit.
+#: Steps of Newton's method in a trial, and the largest distance to its solution, in changes over an orbit.
 _STEPS, _FAR = 8, 200.0
 
 
@@ -41,12 +42,12 @@ class Settled:
 def from_rest(what: str, problem: Shooting) -> Settled:
     """Return the orbit that a motion from rest settles on, or one near the linear response where it does not settle.
 
-    `what` is whose argument the problem is, for messages.
+    `what` is the name of the function whose argument the problem is, for messages.
 
     Raises
     ------
     ConvergenceError
-        If neither leads to an orbit.
+        If no orbit is found in either way.
     """
     x = np.zeros(problem.size)
     level, change = _TRY, np.inf
@@ -93,6 +94,6 @@ def _tried(problem: Shooting, x: Array, change: float, sizes: tuple[float, float
     leading = float(size.max()) if size.size else 0.0
     if leading > 1.0 + 1e-9:
         return None
-    # The motion still has to cover the change over an orbit as often as its slowest multiplier says.
+    # The slowest multiplier determines how many times the change over an orbit remains.
     reach = _FAR * change / max(1.0 - leading, 1e-2)
     return found if relative(found.unknowns - x, sizes) <= reach else None

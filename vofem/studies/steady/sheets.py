@@ -1,4 +1,4 @@
-"""A branch from what was followed: its orbits at any value, and the branches that leave it."""
+"""A branch that has been followed: its orbits at any value, and the branches that leave it."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from vofem.studies.steady.special import SpecialPoint
 
 Array = NDArray[np.float64]
 
-#: Relative difference of two solutions that are one orbit, and steps with which a leaving branch is tried.
+#: Relative difference below which two solutions are the same orbit, and first steps that are tried on a leaving branch.
 _SAME, _TRIED = 1e-8, (1.0, 0.1, 1e-2, 1e-3)
 
 
 def branch_of(track: Track, family: Family, walker: Follower) -> Branch:
-    """Return a branch from what was followed."""
+    """Return a branch that has been followed."""
     source = Sheets(track, family, walker)
     special = [
         SpecialPoint(mark.kind, mark.point.value, mark.point.orbit(), mark.contact, mark.place) for mark in track.marks
@@ -55,7 +55,7 @@ class Sheets:
     track : Track
     family : Family
     walker : Follower
-        That has followed the branch.
+        The follower of the branch.
     """
 
     def __init__(self, track: Track, family: Family, walker: Follower) -> None:
@@ -64,7 +64,7 @@ class Sheets:
         self.special: list[SpecialPoint] = []
 
     def at(self, value: float) -> list[PeriodicOrbit]:
-        """Return all orbits at a value of the parameter, one a sheet."""
+        """Return all orbits at a value of the parameter, one for each part of the branch between folds."""
         found: list[tuple[Array, PeriodicOrbit]] = []
         points = self._with_turns()
         for first, last, step in points:

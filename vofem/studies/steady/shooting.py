@@ -1,8 +1,7 @@
-"""Periodic orbits by shooting: the flow over one orbit must return to where it began.
+"""Periodic orbits by shooting: the state at the end of an orbit must equal the state at its beginning.
 
-The unknowns are modal displacements and velocities at t = 0 of the loads; of
-large systems those of the vectors of `condensed.py`. The flow is exact between
-events and its derivative is too, so Newton's method converges quadratically
+The unknowns are modal displacements and velocities at t = 0 of the loads; for large systems those of the vectors of
+`condensed.py`. The flow is exact between events and its derivative is too, so Newton's method converges quadratically
 and the multipliers are those of the orbit.
 """
 
@@ -37,7 +36,7 @@ Complex = NDArray[np.complex128]
 #: Degrees of freedom up to which all modes may be unknowns.
 MOST_UNKNOWNS = 600
 
-#: Rounding of a multiplier, in terms of its condition and the size of the monodromy matrix.
+#: Rounding error of a multiplier, divided by its condition and the size of the monodromy matrix.
 _EPS = 64.0 * float(np.finfo(float).eps)
 
 
@@ -49,7 +48,7 @@ class ShootingEvaluation:
     ----------
     flow : Flow
     residual : ndarray, shape (2n,)
-        By how much the end differs from the start.
+        Difference of the states at the end and at the start.
     frame : ndarray, shape (n, n), optional
         Modal states of one unit of each unknown; None for the identity.
     """
@@ -83,7 +82,7 @@ class ShootingEvaluation:
     @cached_property
     def multipliers(self) -> Complex:
         """Eigenvalues of the monodromy matrix."""
-        # The unknowns do not matter for the eigenvalues, and perturbations that have decayed have those that are zero.
+        # The eigenvalues do not depend on the unknowns. Perturbations that have decayed have the eigenvalue zero.
         matrix = self.flow.monodromy
         assert matrix is not None
         if not np.all(np.isfinite(matrix)):
@@ -92,7 +91,7 @@ class ShootingEvaluation:
 
     @cached_property
     def uncertainty(self) -> float:
-        """What rounding may have done to the modulus of the largest multipliers."""
+        """Estimated rounding error of the modulus of the largest multipliers."""
         from scipy.linalg import eig
 
         values, left, right = eig(self.monodromy, left=True, right=True)
@@ -122,17 +121,17 @@ class Shooting:
     Parameters
     ----------
     what : str
-        Whose argument the scene is, for messages.
+        Name of the function whose argument the scene is, for messages.
     scene : Scene
     periods : int
     period : float, optional
-        Of the loads, in s.
+        Period of the loads in s.
     earlier : Shooting, optional
-        A problem whose modes define the unknowns, and serve here too where they are the same.
+        A problem whose modes define the unknowns. They are used here too if the modes are the same.
     work : Work, optional
-        Where work is counted.
+        Counters to which the work is added.
     vectors : int, optional
-        How many stand for a large system; as many as in `earlier`, or as it begins with.
+        Number of vectors of a large system. The default is that of `earlier`, or the first number.
 
     Attributes
     ----------
@@ -193,7 +192,7 @@ class Shooting:
 
     @property
     def duration(self) -> float:
-        """Of the whole orbit, s."""
+        """Duration of the whole orbit in s."""
         return 2.0 * np.pi * self.periods / self.loads.omega
 
     def _in_own_vectors(self, shapes: Array) -> Array:
@@ -236,7 +235,7 @@ class Shooting:
     # -- guesses --------------------------------------------------------------------------------------
 
     def from_rest(self) -> Array:
-        """Return the response with all contacts open, or rest where it has none."""
+        """Return the response with all contacts open, or the state of rest if there is none."""
         return self.linear_response()
 
     def linear_response(self) -> Array:
@@ -268,7 +267,7 @@ class Shooting:
         Raises
         ------
         ConvergenceError
-            Where contacts chatter or the motion diverges.
+            If contacts chatter or the motion diverges.
         """
         self.work.flows += 1
         if not (np.all(np.isfinite(start.displacement)) and np.all(np.isfinite(start.velocity))):
@@ -281,7 +280,7 @@ class Shooting:
     def evaluate(
         self, unknowns: Array, *, derivative: bool = True, unwatched: Sequence[tuple[int, float, float]] = ()
     ) -> ShootingEvaluation:
-        """Return the flow over one orbit; contacts are not watched between some phases ``omega t`` of the loads."""
+        """Return the flow over one orbit; events are ignored between some phases ``omega t`` of the loads."""
         z, v = self.to_modes(unknowns)
         one = self.run(
             Start(0.0, z, v),

@@ -1,4 +1,4 @@
-"""Where a branch of orbits over several periods ends: at an orbit that repeats earlier."""
+"""The end of a branch of orbits over several periods: an orbit that repeats earlier."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ Array = NDArray[np.float64]
 def repeats(first: Point, last: Point) -> Callable[[Point], float] | None:
     """Return the test function of orbits that repeat earlier than at their end, where two neighbours lie around one.
 
-    Such an orbit is where a branch of subharmonics turns back on itself: beyond it there are the same orbits, a period
-    of the loads later.
+    At such an orbit a branch of subharmonics returns along itself: the orbits beyond it are the same ones, a period of
+    the loads later.
     """
     problem = first.problem
     if not isinstance(problem, Shooting) or problem.periods == 1:

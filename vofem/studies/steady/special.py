@@ -22,12 +22,13 @@ class SpecialPoint:
         multipliers crosses the unit circle. "grazing": a local extremum of a gap function touches zero, whether or not
         the branch turns there.
     value : float
-        Of the branch's parameter.
+        Value of the branch's parameter at the point.
     orbit : PeriodicOrbit
     contact : str
         Name of the contact that grazes; empty for other kinds.
     place : float
-        Where the point lies on the branch: the number of the orbit before it, and the fraction of the way to the next.
+        Position of the point on the branch: the number of the orbit before it, plus the fraction of the way to the next
+        orbit.
     """
 
     kind: str

@@ -18,7 +18,7 @@ from vofem.studies.steady.rebuild import like_guess
 from vofem.studies.steady.settle import from_rest
 from vofem.studies.steady.shooting import Shooting
 
-#: Closings slower than this, of the largest speed of the contact, are told as grazings.
+#: Closings slower than this, of the largest speed of the contact, are reported as grazings.
 _SLOW = 1e-3
 
 
@@ -33,25 +33,27 @@ def periodic(
 ) -> PeriodicOrbit:
     """Return a steady state of a scene: a periodic orbit, with its stability.
 
-    Without a guess a motion from rest runs until its states at the beginnings of periods settle, at most for 200
-    periods of the loads, and Newton's method does the rest: what is found is an attractor, not necessarily the only
-    one. Where nothing settles Newton's method starts from the response with all contacts open, and a note says so.
+    Without a guess, shooting simulates a motion from rest until its states at the beginnings of periods settle, at most
+    for 200 periods of the loads. Newton's method then finds the exact orbit. The orbit is an attractor, but not
+    necessarily the only one. If the motion does not settle, Newton's method starts from the response with all contacts
+    open, and a note says so.
 
     Parameters
     ----------
     scene : Scene
-        With loads that are sums of `Sine` and `Constant` for shooting.
+        The scene. For shooting its loads must be sums of `Sine` and `Constant`.
     period : float, optional
-        Of the loads, in s; their common period where not given.
+        Period of the loads in s. The default is their common period.
     periods : int
-        How many periods of the loads the orbit takes: k for a subharmonic of order k.
+        Number of periods of the loads after which the orbit repeats: k for a subharmonic of order k.
     guess : PeriodicOrbit, Result or anything that ``simulate(initial=)`` takes, optional
-        Where the search begins. Of a run the state at its last full period of the loads is taken.
+        The motion from which the search starts. If it is a run, its state at the last full period of the loads is
+        taken.
     method : {"auto", "shooting", "harmonic_balance"}
-        "shooting" is exact, where event_driven applies; "harmonic_balance" takes any law; "auto" takes shooting where
-        it applies.
+        "shooting" is exact; it accepts the scenes that event_driven accepts. "harmonic_balance" also accepts other
+        laws. "auto" takes shooting if it accepts the scene and `harmonics` is not given, otherwise harmonic balance.
     harmonics : int, optional
-        Of harmonic balance.
+        Number of harmonics for harmonic balance. The default is 25 for each period of the loads.
 
     Returns
     -------
@@ -64,7 +66,7 @@ def periodic(
     MethodError
         If the method cannot treat the scene.
     ConvergenceError
-        If no orbit is found; the message says what was seen and what to try.
+        If no orbit is found. The message describes what happened and what to try.
     """
     as_scene("periodic", scene)
     choice("periodic: method", method, METHODS)
@@ -81,12 +83,12 @@ def periodic(
 def first_orbit(what: str, problem: OrbitProblem, guess: Any) -> tuple[OrbitProblem, Solved, tuple[str, ...]]:
     """Return an orbit of a problem from a guess or from rest, its minimal period checked, and notes about it.
 
-    The problem is the one given, or of a large system one with more vectors, as many as the orbit needs.
+    The problem is the given one. For a large system it may be one with more vectors, if the orbit needs them.
 
     Raises
     ------
     ConvergenceError
-        If none is found, or one that repeats earlier than after the periods that were asked for.
+        If none is found, or one that repeats earlier than after the given number of periods.
     """
     if isinstance(problem, Shooting):
         problem = _as_guess(problem, guess)
@@ -118,7 +120,7 @@ def first_orbit(what: str, problem: OrbitProblem, guess: Any) -> tuple[OrbitProb
 
 
 def _as_guess(problem: Shooting, guess: Any) -> Shooting:
-    """Return the problem of a large system in as many vectors as the orbit nearby has needed that is the guess."""
+    """Return the problem of a large system with as many vectors as were needed for the orbit that is the guess."""
     few = problem.condensed
     known = guess.truncation if isinstance(guess, PeriodicOrbit) and guess.method == "shooting" else None
     if few is None or known is None or guess.unknowns is None:
@@ -132,7 +134,7 @@ def _as_guess(problem: Shooting, guess: Any) -> Shooting:
 
 
 def _with_enough_vectors(problem: Shooting, found: Solved) -> tuple[Shooting, Solved, tuple[str, ...]]:
-    """Return an orbit of a large system in as many vectors as it needs, and notes: twice as many change it little."""
+    """Return an orbit of a large system, and notes. Vectors are added until twice as many change it little."""
     notes: tuple[str, ...] = ()
     now = problem.condensed
     while now is not None and problem.change is None:
@@ -153,7 +155,7 @@ def _with_enough_vectors(problem: Shooting, found: Solved) -> tuple[Shooting, So
 
 
 def seen_of(problem: Shooting, guess: Any) -> str:
-    """Return a sentence about what lies near a guess: a grazing, chatter; or nothing."""
+    """Return a sentence about a grazing or chatter near a guess, or an empty one."""
     try:
         evaluation = problem.evaluate(problem.from_orbit(guess), derivative=False)
     except ConvergenceError as error:

@@ -1,4 +1,4 @@
-"""Stroboscopic samples of a run, one a period: Poincare sections."""
+"""Stroboscopic samples of a run, one in each period: Poincare sections."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ _SLACK = 1e-9
 
 
 class PoincareSection:
-    """A run, looked at once in every period.
+    """Stroboscopic samples of a run: its states at one phase of every period.
 
     Attributes
     ----------
     result : Result
     period : float
-        In s.
+        Time between two samples in s.
     phase : float
-        In rad.
+        Phase of the samples in rad.
     times : ndarray, shape (n_samples,)
-        Of the run, in s.
+        Times of the samples in s, as times of the run.
     """
 
     def __init__(self, result: Result, period: float, phase: float, times: Array) -> None:
@@ -53,16 +53,16 @@ def poincare(result: Result, period: float, *, phase: float = 0.0, skip: int = 0
     """Return stroboscopic samples of a run: its states at one phase of every period.
 
     Runs of event_driven are evaluated exactly at these times. Runs of methods that step in time are interpolated
-    between neighbouring steps, for which every step must have been stored: leave ``times=`` out when simulating.
+    between neighbouring steps. This needs every step, so do not give ``times=`` to `vofem.simulate`.
 
     Parameters
     ----------
     result : Result
     period : float
-        In s, mostly that of the loads.
+        Time between two samples in s, usually the period of the loads.
     phase : float
-        In rad: samples are taken where ``2 pi t/period`` is this phase but for whole turns. t is the time of the
-        loads, that of the run plus its `t_start`.
+        Phase in rad. Samples are taken where ``2 pi t/period`` equals this phase up to a multiple of 2 pi. Here t is
+        the time of the loads, which is the time of the run plus its `t_start`.
     skip : int
         Number of samples at the beginning that are left out, while the motion settles.
 

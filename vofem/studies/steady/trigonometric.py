@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-#: Looks in a period of the highest harmonic at which signs are compared.
+#: Number of times in a period of the highest harmonic at which signs are compared.
 _LOOKS = 8
 
 #: Steps of the search for a root; bisection alone would need 52.
@@ -21,7 +21,7 @@ _STEPS = 80
 #: Change of an angle, rad, at which the search for a root ends.
 _CLOSE = 1e-14
 
-#: A rate below this fraction of the size of its terms is none.
+#: A rate below this fraction of the size of its terms counts as zero.
 _STILL = 1e-13
 
 
@@ -58,7 +58,7 @@ def grid(harmonics: int) -> Array:
 
 
 def roots(series: Array, low: Array, high: Array, level: float = 0.0) -> Array:
-    """Return where a series has a level, between angles at which it lies on different sides of it, shape (k,)."""
+    """Return the angles at which a series reaches a level, between angles on different sides of it, shape (k,)."""
     harmonics, slope = series.size // 2, rate(series)
     low, high = low.copy(), high.copy()
     rising = basis(high, harmonics) @ series > basis(low, harmonics) @ series
