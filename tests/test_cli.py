@@ -381,6 +381,19 @@ def test_run_of_a_stepping_method_with_few_times(tmp_path, capsys):
     assert len((tmp_path / "out" / "histories.csv").read_text().splitlines()) == 27
 
 
+def test_an_interrupt_after_the_run_leaves_its_histories(scene, monkeypatch, capsys):
+    def pressed(*arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(tables, "energy_table", pressed)
+    assert cli.main(["run", str(scene)]) == 130
+    out = capsys.readouterr().out
+    assert "interrupted: energies and pictures are left out" in out
+    folder = scene.parent / "output" / "ball"
+    assert [path.name for path in folder.iterdir()] == ["histories.csv"]
+    assert columns(folder / "histories.csv")["t [s]"][-1] == pytest.approx(6.0)
+
+
 def test_an_interrupted_run_writes_what_was_computed(tmp_path):
     """Ctrl-C once: exit code 130, tables and histories, no energies, no pictures."""
     (tmp_path / "long.toml").write_text(

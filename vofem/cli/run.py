@@ -67,20 +67,28 @@ def _simulated(arguments: argparse.Namespace, file: SceneFile, folder: Path, stu
     from vofem.io import tables
 
     result = file.simulate(**_changes(arguments, file))
-    if result.interrupted:
-        # Energies and pictures may take as long as the run, and a user who has pressed Ctrl-C does not want to wait.
-        print("interrupted: energies and pictures are left out", flush=True)
+    interrupted = result.interrupted
+    # Energies and pictures may take as long as the run, and a user who has pressed Ctrl-C does not want to wait.
+    left_out = "interrupted: energies and pictures are left out"
+    if interrupted:
+        print(left_out, flush=True)
+    try:
+        print(tables.counter_line(result), end="\n\n")
+        print(tables.contact_tables(result), end="\n\n", flush=True)
+        if not interrupted:
+            print(tables.energy_table(result))
+    except KeyboardInterrupt:
+        # The run is complete, so its histories are written.
+        interrupted = True
+        print(left_out, flush=True)
+    if interrupted:
         studio = None
-    print(tables.counter_line(result), end="\n\n")
-    print(tables.contact_tables(result), end="\n\n", flush=True)
-    if not result.interrupted:
-        print(tables.energy_table(result))
     for note in result.notes:
         print(f"note: {note}")
     saved = [] if arguments.save is None else [result.save(arguments.save, overwrite=arguments.overwrite)]
     written = saved + write(result, file.output, folder, studio)
     print("\nwrote " + "\n      ".join(str(path) for path in written))
-    return INTERRUPTED if result.interrupted else FINE
+    return INTERRUPTED if interrupted else FINE
 
 
 def _changes(arguments: argparse.Namespace, file: SceneFile) -> dict[str, Any]:
