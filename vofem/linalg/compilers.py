@@ -147,22 +147,22 @@ def _compilers() -> _Compilers:
     class Entry(CompilerBase):
         """numba's compiler, which generates code as `Lowering` does."""
 
+        #: A pass that comes before the code is generated.
+        prepare: Any = None
+
         def define_pipelines(self) -> list[Any]:
             passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
+            if self.prepare is not None:
+                order = [one for one, _ in passes.passes]
+                passes.add_pass_after(self.prepare, order[order.index(NativeLowering) - 1])
             passes.passes = [(Lowering if one is NativeLowering else one, text) for one, text in passes.passes]
             passes.finalize()
             return [passes]
 
-    class Callee(CompilerBase):
+    class Callee(Entry):
         """As `Entry`, with code that is neither optimised nor translated."""
 
-        def define_pipelines(self) -> list[Any]:
-            passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
-            order = [one for one, _ in passes.passes]
-            passes.add_pass_after(UseCode, order[order.index(NativeLowering) - 1])
-            passes.passes = [(Lowering if one is NativeLowering else one, text) for one, text in passes.passes]
-            passes.finalize()
-            return [passes]
+        prepare = UseCode
 
     return _Compilers(Entry, Callee)
 
