@@ -240,16 +240,16 @@ from typing import NamedTuple
 import numpy as np
 from numba.core.runtime import rtsys
 from vofem.linalg.jit import jit
-import vofem.linalg.compilers as compilers
+import vofem.linalg.compiler.pipelines as compilers
 
 counted = {}
-decide = compilers._only_borrows
+decide = compilers.only_borrows
 
 def spy(state):
     counted[state.func_id.func_name] = not decide(state)
     return not counted[state.func_id.func_name]
 
-compilers._only_borrows = spy
+compilers.only_borrows = spy
 
 class Pair(NamedTuple):
     one: np.ndarray

@@ -64,7 +64,7 @@ class CompiledFunction:
     @cached_property
     def callee(self) -> Any:
         """The function as other compiled functions call it."""
-        from vofem.linalg.compilers import callee
+        from vofem.linalg.compiler import callee
 
         try:
             return callee(self.py_func)
@@ -170,7 +170,7 @@ def _watch_compilations() -> None:
 
 
 def _compiled(function: Callable[..., Any]) -> Any:
-    from vofem.linalg.compilers import entry_compiler
+    from vofem.linalg.compiler import entry_compiler
 
     numba = _numba()
     options: dict[str, Any] = {}

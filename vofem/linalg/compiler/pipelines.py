@@ -1,0 +1,133 @@
+"""The compilers of kernels: of those that are called from Python, and of those that only kernels call."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numba.core import ir
+from numba.core import types as numba_types
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler_machinery import AnalysisPass, register_pass
+from numba.core.errors import NumbaError
+from numba.core.typed_passes import NativeLowering
+
+from vofem.linalg.compiler.code import Code
+from vofem.linalg.compiler.lowering import Borrowing, Lending
+from vofem.linalg.compiler.overloads import own_overloads
+
+types: Any = numba_types
+
+#: Expressions of numba's intermediate language whose arrays, if any, are parts or views of others.
+_PARTS = frozenset(
+    ["getattr", "getitem", "static_getitem", "typed_getitem", "build_tuple", "exhaust_iter", "cast", "phi"]
+)
+
+
+@register_pass(mutates_CFG=False, analysis_only=True)
+class UseCode(AnalysisPass):
+    """Lets the next pass, which generates code, fill a `Code`."""
+
+    _name = "vofem_use_code"
+
+    def __init__(self) -> None:
+        super().__init__()
+
+    def run_pass(self, state: Any) -> bool:
+        """Make an empty `Code`."""
+        state.library = Code(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.library.enable_object_caching()
+        return True
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class Lowering(NativeLowering):
+    """Generates code that counts references only where the function allocates or returns arrays."""
+
+    _name = "vofem_lowering"
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._lower: type[Lending] = Lending
+
+    @property
+    def lowering_class(self) -> type[Lending]:
+        """The class that generates the code."""
+        return self._lower
+
+    def run_pass(self, state: Any) -> bool:
+        """Generate the code."""
+        if only_borrows(state):
+            given = state.library
+            self._lower = Borrowing
+            try:
+                return bool(super().run_pass(state))
+            except NumbaError as error:
+                # This is how numba refuses to allocate without counting.
+                if "NRT required" not in str(error):
+                    raise
+            finally:
+                self._lower = Lending
+            state.library = None
+            if isinstance(given, Code):
+                UseCode().run_pass(state)
+        return bool(super().run_pass(state))
+
+
+class Entry(CompilerBase):
+    """numba's compiler, which generates code as `Lowering` does."""
+
+    #: A pass that comes before the code is generated.
+    prepare: Any = None
+
+    def compile_extra(self, func: Any) -> Any:
+        """Compile a function, and what it calls."""
+        with own_overloads(Callee):
+            return super().compile_extra(func)
+
+    def define_pipelines(self) -> list[Any]:
+        """Return the passes of the compiler."""
+        passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
+        if self.prepare is not None:
+            order = [one for one, _ in passes.passes]
+            passes.add_pass_after(self.prepare, order[order.index(NativeLowering) - 1])
+        passes.passes = [(Lowering if one is NativeLowering else one, text) for one, text in passes.passes]
+        passes.finalize()
+        return [passes]
+
+
+class Callee(Entry):
+    """As `Entry`, with code that is neither optimised nor translated."""
+
+    prepare = UseCode
+
+    def compile_extra(self, func: Any) -> Any:
+        """Compile a function as a part of a kernel, whose compilation is under way."""
+        return CompilerBase.compile_extra(self, func)
+
+
+def only_borrows(state: Any) -> bool:
+    """Return whether a function neither returns arrays nor is given new ones by what it calls."""
+    bundles = types.NamedTupleClass
+    if _holds_arrays(state.return_type):
+        return False
+    for block in state.func_ir.blocks.values():
+        for assignment in block.find_insts(ir.Assign):
+            value = assignment.value
+            if not isinstance(value, ir.Expr) or value.op in _PARTS:
+                continue
+            # The call of a bundle's class combines arrays that the caller keeps.
+            bundle = value.op == "call" and isinstance(state.typemap[value.func.name], bundles)
+            if not bundle and _holds_arrays(state.typemap[assignment.target.name]):
+                return False
+    return True
+
+
+def _holds_arrays(kind: Any) -> bool:
+    """Return whether values of a type may hold references that are counted."""
+    if isinstance(kind, types.BaseTuple):
+        return any(_holds_arrays(one) for one in kind)
+    if isinstance(kind, types.Pair):
+        return _holds_arrays(kind.first_type) or _holds_arrays(kind.second_type)
+    plain = (types.Number, types.Boolean, types.NoneType, types.Literal, types.Function, types.Dispatcher)
+    ranges = (types.RangeType, types.RangeIteratorType, types.SliceType)
+    return not isinstance(kind, (*plain, *ranges, types.Module, types.Record, types.Omitted))
