@@ -189,10 +189,10 @@ def kinds_of_laws():
 
 
 def questions(tree):
-    """Return the parts of a module that ask for the class of an object, or for a group of a system by its class."""
+    """Return the parts of a module that ask for the class of an object."""
     for node in ast.walk(tree):
         called = getattr(node, "func", None)
-        asks = getattr(called, "id", getattr(called, "attr", "")) in ("isinstance", "issubclass", "group")
+        asks = getattr(called, "id", getattr(called, "attr", "")) in ("isinstance", "issubclass")
         if asks or isinstance(node, (ast.Compare, ast.MatchClass)):
             yield node
 

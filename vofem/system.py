@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from scipy.sparse import csc_matrix, csr_matrix
 
 Array = NDArray[np.float64]
-
-Group = TypeVar("Group", bound=LawGroup)
 
 
 class LoadFunction(Protocol):
@@ -204,16 +202,12 @@ class System:
         They alone have gaps and events, on which `event_driven`, histories of contacts and pictures of K_eq are built.
         Everything else asks each of `laws`.
         """
-        return self.group(ContactLaws)
+        return next((group for group in self.laws if isinstance(group, ContactLaws)), None)
 
     @property
     def driven(self) -> Any:
         """The law that the applied load drives, which is alone in its system; None where there is none."""
         return next((group.driven for group in self.laws if group.driven is not None), None)
-
-    def group(self, kind: type[Group]) -> Group | None:
-        """Return the group of laws of a kind, or None where the system has none."""
-        return next((group for group in self.laws if isinstance(group, kind)), None)
 
     def first_of(self, group: LawGroup) -> int:
         """Return the number of a group's first law among all."""
