@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 from scipy.sparse.csgraph import connected_components
 
+import vofem as vf
+
 ROOT = Path(__file__).parent.parent / "vofem"
 
 # From the bottom up. A module imports only from layers before its own, or from its own package.
@@ -271,3 +273,9 @@ beam = vf.Beam(1.0, 1.0, 1.0, 5, {"left": "clamped"})
 vf.simulate(vf.Scene([beam], [vf.PointLoad(beam.at(1.0), 1.0)]), 1.0)
 """
     assert set(loaded_after(code)) == {"scipy", "skfem"}
+
+
+def test_type_checkers_see_the_public_interface():
+    tree = ast.parse((ROOT / "__init__.py").read_text())
+    (shown,) = (block for block in tree.body if isinstance(block, ast.If))
+    assert {alias.asname for line in shown.body for alias in line.names} | {"__version__"} == set(vf.__all__)
