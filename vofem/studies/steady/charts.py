@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,26 +25,6 @@ from vofem.studies.steady.shooting import Shooting, relative
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Status = NDArray[np.int64]
-
-
-class Chart(Protocol):
-    """Coordinates of orbits."""
-
-    @property
-    def also(self) -> tuple[tuple[int, float], ...]:
-        """Other contacts that graze in the same orbit, with their phases; empty where there are none."""
-
-    def evaluate(self, problem: Any, y: Array, *, derivative: bool = True) -> Evaluation:
-        """Return the equations at coordinates y, shape (n,)."""
-
-    def scales(self, problem: Any, evaluation: Any) -> Array:
-        """Return sizes of the coordinates, shape (n,), by which their changes are divided."""
-
-    def unknowns(self, problem: Any, y: Array, evaluation: Any) -> Array:
-        """Return the unknowns of the problem, shape (n,)."""
-
-    def orbit(self, problem: Any, y: Array, evaluation: Any) -> PeriodicOrbit:
-        """Return the orbit of a solution."""
 
 
 @dataclass(frozen=True)
