@@ -9,7 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem.cache import Cache
-from vofem.laws import CLOSED, OPEN, PINNED, ContactLaws, LawGroup, PrintedLaws
+from vofem.laws import CLOSED as CLOSED
+from vofem.laws import OPEN as OPEN
+from vofem.laws import PINNED as PINNED
+from vofem.laws import ContactLaws, LawGroup, PrintedLaws
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix, csr_matrix
@@ -365,18 +368,3 @@ class Events:
     contact: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     status: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     initial: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
-
-
-__all__ = [
-    "CLOSED",
-    "OPEN",
-    "PINNED",
-    "ContactLaws",
-    "Counters",
-    "Events",
-    "Load",
-    "LoadFunction",
-    "State",
-    "System",
-    "same_matrix",
-]

@@ -377,6 +377,3 @@ def _at_phase(result: Result, period: float) -> StoredState:
     q, v = result.solution.sample(np.array([min(time, end)])).last()
     of = result.model.of_body
     return StoredState({body.name: (of(body, q), of(body, v)) for body in result.scene.bodies}, {}, source="Result")
-
-
-__all__ = ["Shooting", "ShootingEvaluation", "orbit_result", "relative", "shooting_refusal"]
