@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from vofem._validate import number
 from vofem.errors import ArgumentError
+from vofem.progress import SweepProgress
 from vofem.scene import Scene, as_scene
 from vofem.studies.diagrams.stroboscope import Stroboscope, order_of, stroboscope
 from vofem.studies.sweep import Sweep
-from vofem.studies.sweep.bar import Progress
 from vofem.studies.sweep.sweeping import sweep
 
 Array = NDArray[np.float64]
@@ -82,7 +82,7 @@ def basins(
     executor: Any = None,
     workers: int | None = None,
     store: Any = None,
-    progress: Progress = None,
+    progress: SweepProgress = None,
 ) -> Basins:
     """Return the steady motion to which each initial state of a grid leads.
 

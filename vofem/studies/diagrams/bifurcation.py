@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import choice, name_of
 from vofem.errors import ArgumentError, VofemError
+from vofem.progress import SweepProgress
 from vofem.scene import Scene
 from vofem.studies.diagrams.stroboscope import Stroboscope, order_of, plain_state, state_from, stroboscope
 from vofem.studies.sweep import Sweep
-from vofem.studies.sweep.bar import Progress
 from vofem.studies.sweep.sweeping import sweep
 
 Array = NDArray[np.float64]
@@ -101,7 +101,7 @@ def bifurcation_diagram(
     executor: Any = None,
     workers: int | None = None,
     store: Any = None,
-    progress: Progress = None,
+    progress: SweepProgress = None,
 ) -> BifurcationDiagram:
     """Return a stroboscopic diagram: displacement and velocity once a period of the loads, over a parameter.
 
