@@ -286,7 +286,7 @@ class State:
 
     q: Array
     v: Array
-    memory: Array | None = None
+    internal: Array | None = None
 
 
 @dataclass

@@ -100,9 +100,9 @@ class SpringpotPast:
         """Return the mean forces over the last step, N, shape (n_laws,)."""
         return self.state.totals[:, MEAN].copy()
 
-    def record(self, times: Array, memory: Array, count: int) -> None:
+    def record(self, times: Array, histories: Array, count: int) -> None:
         """Record the springpots at the first times, where a run starts; see `record_springpots`."""
-        record_springpots(self.over(1.0, np.zeros(1)), times, memory, 0, count, 0.0, 1.0)
+        record_springpots(self.over(1.0, np.zeros(1)), times, histories, 0, count, 0.0, 1.0)
 
     def absorbed(self) -> float:
         """Return the work in J that all springpots have absorbed up to the time to which results are stored."""

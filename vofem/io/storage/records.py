@@ -143,10 +143,10 @@ class Encoder:
                 return {body: tuple(state) for body, state in initial.items()}
         state, model = scene.initial_state(), scene.model
         states = {body.name: (model.of_body(body, state.q), model.of_body(body, state.v)) for body in scene.bodies}
-        if state.memory is None:
+        if state.internal is None:
             return StoredState(states, {})
         names = [name for group in model.system.laws for name in group.names]
-        pasts = {name: past for name in names if (past := past_of(model.system.laws, state.memory, name)) is not None}
+        pasts = {name: past for name in names if (past := past_of(model.system.laws, state.internal, name)) is not None}
         return StoredState(states, pasts)
 
 

@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.integrators.event_driven.flow import Flow, Start, Unwatched
+from vofem.integrators.event_driven.flow import Flow, IgnoredEvents, Start
 from vofem.integrators.event_driven.tangent import acceleration
 from vofem.linalg.eigen import eigenvalues
 from vofem.studies.steady.orbit import DECIDED, PeriodicOrbit
@@ -33,16 +33,16 @@ class OriginChart:
 
     Attributes
     ----------
-    unwatched : tuple of (contact, from, to)
+    ignored : tuple of (contact, from, to)
         Phases ``omega t`` of the loads between which the events of a contact are ignored, for shooting only.
     """
 
-    unwatched: tuple[tuple[int, float, float], ...] = ()
+    ignored: tuple[tuple[int, float, float], ...] = ()
     also: ClassVar[tuple[tuple[int, float], ...]] = ()
 
     def evaluate(self, problem: Any, y: Array, *, derivative: bool = True) -> Evaluation:
         """Return the equations."""
-        more = {"unwatched": self.unwatched} if self.unwatched else {}
+        more = {"ignored": self.ignored} if self.ignored else {}
         evaluation: Evaluation = problem.evaluate(y, derivative=derivative, **more)
         return evaluation
 
@@ -188,11 +188,11 @@ class EventChart:
         """Return the flow over one orbit from the event."""
         time, state = self.point(problem, y)
         stop = time + problem.duration
-        windows = [Unwatched(j, stop - self.margin * problem.duration, stop) for j in self.switching]
+        windows = [IgnoredEvents(j, stop - self.margin * problem.duration, stop) for j in self.switching]
         status = self.after
         if self.grazes:
             status = self.before
-            windows.append(Unwatched(self.contact, time, time + self.margin * problem.duration))
+            windows.append(IgnoredEvents(self.contact, time, time + self.margin * problem.duration))
             for entry in around(self.also, self.margin, problem.periods):
                 windows += problem.windows(*entry, time)
         z, v = problem.to_modes(state)
@@ -202,7 +202,7 @@ class EventChart:
         begin = None
         if derivative:
             begin = self._switched(problem) if regular else self._along(problem, moved, time, z, v)
-        one = problem.run(start, stop, derivative=begin, unwatched=windows)
+        one = problem.run(start, stop, derivative=begin, ignored=windows)
         residual = problem.to_unknowns(one.displacement, one.velocity) - state
         if begin is None:
             nothing = np.empty((0, 0))
