@@ -42,7 +42,7 @@ def main(output: Path, count: int = 9) -> tuple[vf.Branch, object]:
     branch = vf.continuation(scene_at, 1.01, 0.81, guess={vf.Mass(1.0, name="mass"): START})
     for special in branch.special:
         print(f"{special.kind} at w = {special.value:.12f}")
-    for start in diagram.looks:
+    for start in diagram.samples:
         regular = np.count_nonzero(diagram.order(start, tolerance=1e-3))
         print(f"{start}: {regular} of {count} motions repeat after at most 50 periods")
     picture = bifurcation(

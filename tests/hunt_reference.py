@@ -171,6 +171,11 @@ def parts_of(effect):
     return [Cyclic(effect)]
 
 
+def group_of(system, kind):
+    """Return the group of laws of a kind, or None."""
+    return next((group for group in system.laws if isinstance(group, kind)), None)
+
+
 class HuntReference:
     """One case, integrated from t = 0 until `until`, where its budget of steps ends."""
 
@@ -181,8 +186,8 @@ class HuntReference:
         self.laws, rows = [], []
         for kind, held in (
             ("contact", system.contacts),
-            ("smooth", system.group(SmoothLaws)),
-            ("memory", system.group(HystereticLaws)),
+            ("smooth", group_of(system, SmoothLaws)),
+            ("memory", group_of(system, HystereticLaws)),
         ):
             for effect, row in zip(case.laws[kind], [] if held is None else held.rows.toarray(), strict=True):
                 made = {
@@ -306,7 +311,7 @@ class SpringpotReference:
     def run(self, steps):
         """Return displacements at `steps` + 1 equal times, shape (n, steps + 1)."""
         (M, C, K), system, h = self.matrices, self.system, self.case.t_end / steps
-        start, pots = self.case.scene.initial_state(), system.group(SpringpotLaws)
+        start, pots = self.case.scene.initial_state(), group_of(system, SpringpotLaws)
         B = np.zeros((0, M.shape[0])) if system.contacts is None else system.contacts.rows.toarray()
         P, orders = pots.rows.toarray(), [effect.order for effect in self.case.laws["springpot"]]
         size = [effect.coefficient for effect in self.case.laws["springpot"]]

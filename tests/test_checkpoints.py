@@ -81,8 +81,9 @@ def test_resumed_runs_are_bitwise_the_same(kind, fraction, tmp_path, monkeypatch
 
 
 def test_checkpoints_of_earlier_versions_are_read(tmp_path, monkeypatch):
-    """What says where a run under a tolerance stands had other names."""
+    """What says where a run under a tolerance stands had other names, and so had other entries."""
     former = {"ticks": "now", "level": "rung", "last_hard": "uneasy"}
+    entries = {"last_step": "trail", "contact_checks": "watch", "histories": "memory"}
     small_steps(monkeypatch, 6000)
     snapshot, path = march._snapshot, tmp_path / "run.checkpoint"
     beam, scene = scene_of("penetration")
@@ -90,7 +91,9 @@ def test_checkpoints_of_earlier_versions_are_read(tmp_path, monkeypatch):
     def as_then(*arguments):
         saved = snapshot(*arguments)
         assert former.keys() <= saved["place"].keys()
-        return saved | {"place": {former.get(name, name): value for name, value in saved["place"].items()}}
+        saved["place"] = {former.get(name, name): value for name, value in saved["place"].items()}
+        saved["output"] = {entries.get(name, name): value for name, value in saved["output"].items()}
+        return {entries.get(name, name): value for name, value in saved.items()}
 
     def lose_power(t, t_end):
         if t > 0.5 * t_end:

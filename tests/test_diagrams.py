@@ -64,7 +64,7 @@ def test_a_store_gives_the_same_diagram_without_computing(tmp_path, monkeypatch)
     for start in ("rest", "up", "down"):
         assert again.displacement(start=start).tobytes() == first.displacement(start=start).tobytes()
     assert first.points == ("second",)
-    assert np.all(np.isfinite(first.looks["down"]))
+    assert np.all(np.isfinite(first.samples["down"]))
 
 
 @pytest.mark.parametrize(

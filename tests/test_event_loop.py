@@ -7,7 +7,7 @@ import pytest
 
 import vofem as vf
 from vofem.integrators.event_driven import follow, solution, status_table, tangent
-from vofem.integrators.event_driven.flow import Start, Unwatched, flow, modes_of
+from vofem.integrators.event_driven.flow import IgnoredEvents, Start, flow, modes_of
 from vofem.integrators.event_driven.load_table import load_table
 from vofem.kernel_mode import kernels
 from vofem.linalg.exponential import half_turns
@@ -171,14 +171,16 @@ def flow_of(scene, **options):
         return flow(system, start, 12.0, derivative=np.eye(2 * space.size), **options)
 
 
-@pytest.mark.parametrize("windows", [[], [Unwatched(0, 1.0, 2.0), Unwatched(0, 9.0, np.inf)]], ids=["all", "windows"])
+@pytest.mark.parametrize(
+    "windows", [[], [IgnoredEvents(0, 1.0, 2.0), IgnoredEvents(0, 9.0, np.inf)]], ids=["all", "windows"]
+)
 def test_flows_are_those_of_steps_in_python(windows, monkeypatch):
     build = SCENES["beam, damped"][0]
     counts = counted(monkeypatch)
-    by_loop = flow_of(build(), unwatched=windows)
+    by_loop = flow_of(build(), ignored=windows)
     assert counts["steps"] == 0
     monkeypatch.setattr(follow, "MOST_MODES", 0)
-    by_steps = flow_of(build(), unwatched=windows)
+    by_steps = flow_of(build(), ignored=windows)
     assert counts["steps"] >= 4
     assert len(by_loop.events) == len(by_steps.events) > 1
     for mine, other in zip(by_loop.events, by_steps.events, strict=True):

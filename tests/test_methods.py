@@ -28,7 +28,7 @@ def refusal(system):
     return None
 
 
-def run(system, start, t_end, times, *, dt, watch, resume, stages=4):
+def run(system, start, t_end, times, *, dt, observer, resume, stages=4):
     """The classical method of Runge and Kutta for M q'' + C q' + K q = f(t); with one stage, Euler's."""
     dt = t_end / 2000 if dt is None else dt
     steps, n = step_count(t_end, dt), system.size

@@ -135,6 +135,14 @@ def test_the_past_of_springpots_in_earlier_checkpoints_is_read(tmp_path):
         assert tuple(read_tree(file)) == (1.0, 2.0)
 
 
+def test_internal_variables_in_earlier_checkpoints_are_read(tmp_path):
+    with writing(tmp_path / "a.h5") as blocks:
+        fields = '{"q": 1.0, "v": 2.0, "memory": 3.0}'
+        write_text(blocks.file, "tree", f'{{"data": "vofem.system:State", "number": 0, "fields": {fields}}}')
+    with reading(tmp_path / "a.h5") as file:
+        assert read_tree(file).internal == 3.0
+
+
 def test_fields_that_came_later_have_their_defaults(tmp_path):
     with writing(tmp_path / "a.h5") as blocks:
         data = '{"data": "vofem.effects.time_functions:Ramp", "number": 0, "fields": {"slope": 2.0, "start": 1.0}}'

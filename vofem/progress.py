@@ -18,6 +18,9 @@ _REFRESH = 0.1
 #: Type of the argument `progress`.
 Progress = bool | Callable[[float, float], None] | None
 
+#: The same of a sweep, whose function takes the numbers of points done, of all points, and of those that failed.
+SweepProgress = bool | Callable[[int, int, int], None] | None
+
 
 class TerminalBar:
     """A progress bar on the standard error stream; a context manager.
@@ -56,12 +59,22 @@ class TerminalBar:
             )
         self.shown = progress is True or (progress is None and sys.stderr is not None and sys.stderr.isatty())
         self._total, self._counting, self._begin = total, counting, done
+        self._report = progress if callable(progress) else None
         self._drawn = time.monotonic() + _PATIENCE - _REFRESH
         self._bar: Any = None
         self._task: Any = None
 
-    def update(self, done: float, description: str = "", *, at_once: bool = False) -> None:
-        """Show the work done and a description; seldom, unless `at_once`."""
+    @property
+    def idle(self) -> bool:
+        """Whether nothing is to be shown or called."""
+        return self._report is None and not self.shown
+
+    def update(
+        self, done: float, description: str = "", *, at_once: bool = False, report: tuple[Any, ...] = ()
+    ) -> None:
+        """Show the work done and a description; seldom, unless `at_once`. Call the user's function with a report."""
+        if self._report is not None and report:
+            self._report(*report)
         now = time.monotonic()
         if not self.shown or not (at_once or now - self._drawn >= _REFRESH):
             return
@@ -114,23 +127,20 @@ class RunProgress:
         label = "simulate", "the time reached and t_end"
         self._bar = TerminalBar(label, progress, t_end, "t = {task.completed:.4g} of {task.total:.4g} s")
         self._t_end, self._save, self._every, self._first = t_end, save, every, first
-        self._report = progress if callable(progress) else None
         self._saved = time.monotonic()
 
     @property
     def idle(self) -> bool:
         """Whether nothing is to be shown, called or saved."""
-        return self._save is None and self._report is None and not self._bar.shown
+        return self._save is None and self._bar.idle
 
     def __call__(self, t: float, snapshot: Callable[[], dict[str, Any]], last: bool = False) -> None:
         """Take note of the time reached in s."""
         if self._save is not None and (last or time.monotonic() - self._saved >= self._every):
             self._save(snapshot())
             self._saved = time.monotonic()
-        if self._report is not None:
-            self._report(t, self._t_end)
         # The work before the first step, such as compilation, is over, so its description is removed at once.
-        self._bar.update(t, at_once=bool(self._first))
+        self._bar.update(t, at_once=bool(self._first), report=(t, self._t_end))
         self._first = ""
 
     def __enter__(self) -> Self:

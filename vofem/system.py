@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem.cache import Cache
-from vofem.laws import CLOSED, OPEN, PINNED, ContactLaws, LawGroup, PrintedLaws
+from vofem.laws import CLOSED as CLOSED
+from vofem.laws import OPEN as OPEN
+from vofem.laws import PINNED as PINNED
+from vofem.laws import ContactLaws, LawGroup, PrintedLaws
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix, csr_matrix
 
 Array = NDArray[np.float64]
-
-Group = TypeVar("Group", bound=LawGroup)
 
 
 class LoadFunction(Protocol):
@@ -204,16 +205,12 @@ class System:
         They alone have gaps and events, on which `event_driven`, histories of contacts and pictures of K_eq are built.
         Everything else asks each of `laws`.
         """
-        return self.group(ContactLaws)
+        return next((group for group in self.laws if isinstance(group, ContactLaws)), None)
 
     @property
     def driven(self) -> Any:
         """The law that the applied load drives, which is alone in its system; None where there is none."""
         return next((group.driven for group in self.laws if group.driven is not None), None)
-
-    def group(self, kind: type[Group]) -> Group | None:
-        """Return the group of laws of a kind, or None where the system has none."""
-        return next((group for group in self.laws if isinstance(group, kind)), None)
 
     def first_of(self, group: LawGroup) -> int:
         """Return the number of a group's first law among all."""
@@ -289,7 +286,7 @@ class State:
 
     q: Array
     v: Array
-    memory: Array | None = None
+    internal: Array | None = None
 
 
 @dataclass
@@ -371,18 +368,3 @@ class Events:
     contact: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     status: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     initial: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
-
-
-__all__ = [
-    "CLOSED",
-    "OPEN",
-    "PINNED",
-    "ContactLaws",
-    "Counters",
-    "Events",
-    "Load",
-    "LoadFunction",
-    "State",
-    "System",
-    "same_matrix",
-]

@@ -48,9 +48,4 @@ __all__ = [
     "TimeFunction",
 ]
 
-public(
-    Approximated, BaseMotion, BilinearSpring, Constant, Contact, CrushingStop, Dashpot, DistributedLoad,
-    Foundation, Gravity, HystereticSpring, IwanSpring, Joint, LinearSoftening, ModalDamping, NonlinearSpring,
-    PointLoad, PointMass, PointMoment, Pulse, Ramp, RayleighDamping, Resolved, RotationalSpring, Sine, Spring,
-    Springpot, Tabulated,
-)  # fmt: skip
+public(*(globals()[name] for name in __all__ if name != "TimeFunction"))

@@ -132,16 +132,10 @@ class Contact(TwoPoints):
 
     def describe(self) -> str:
         """Return points, gap, stiffness and law."""
-        where = (
-            f"{self.side} {self.a.describe()}"
-            if self.b is None
-            else (f"of {self.a.describe()} below {self.b.describe()}")
-        )
-        units, rotation = self.units, " in rotation" if self.of == "rotation" else ""
+        units = self.units
         damper = f", C0 = {self.damping:g} {units.damping}" if self.damping else ""
         switch = "" if self.switch == "ideal" else f", {self.switch!r}"
         return (
-            f"Contact {self.name!r} {where}{rotation}: gap {self.gap:g} {units.coordinate}, "
-            f"K0 = {self.stiffness:g} {units.stiffness}{damper}, "
-            f"acts on {self.acts_on}{switch}"
+            f"Contact {self.name!r} {self._stop(self.side, self.gap)}, K0 = {self.stiffness:g} {units.stiffness}"
+            f"{damper}, acts on {self.acts_on}{switch}"
         )

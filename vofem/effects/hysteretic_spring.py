@@ -195,14 +195,8 @@ class CrushingStop(TwoPoints):
 
     def describe(self) -> str:
         """Return name, place and numbers."""
-        where = (
-            f"{self.side} {self.a.describe()}"
-            if self.b is None
-            else f"of {self.a.describe()} below {self.b.describe()}"
-        )
-        units, rotation = self.units, " in rotation" if self.of == "rotation" else ""
+        units = self.units
         return (
-            f"CrushingStop {self.name!r} {where}{rotation}: gap {self.gap:g} {units.coordinate}, {self.stiffness:g} "
-            f"{units.stiffness}, linear to {self.linear_limit:g} {units.coordinate}, limit load {self.limit_load:g} "
-            f"{units.force}"
+            f"CrushingStop {self.name!r} {self._stop(self.side, self.gap)}, {self.stiffness:g} {units.stiffness}, "
+            f"linear to {self.linear_limit:g} {units.coordinate}, limit load {self.limit_load:g} {units.force}"
         )

@@ -73,6 +73,12 @@ class TwoPoints:
         rotation = " in rotation" if self.of == "rotation" else ""
         return f"{self.a.describe()} to {'ground' if self.b is None else self.b.describe()}{rotation}"
 
+    def _stop(self, side: str | None, gap: float) -> str:
+        """Return place and gap of a contact for `describe`."""
+        where = f"of {self.a.describe()} below {self.b.describe()}" if self.b else f"{side} {self.a.describe()}"
+        rotation = " in rotation" if self.of == "rotation" else ""
+        return f"{where}{rotation}: gap {gap:g} {self.units.coordinate}"
+
 
 def units_of(effects: Iterable[Any], name: str) -> Units:
     """Return the units of the contact or spring of that name; those of displacements if there is none."""

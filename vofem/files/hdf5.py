@@ -20,6 +20,7 @@ from typing import Any
 
 import h5py
 
+from vofem._version import __version__
 from vofem.errors import StorageError, VofemError
 from vofem.files.whole import impossible, replacing
 
@@ -265,3 +266,19 @@ def _complaint(place: Path, error: Exception, expected: str) -> str:
     if "truncated" in text:
         return "is cut off: it was copied in part; copy or save it again"
     return f"is damaged ({type(error).__name__}: {text.strip()[:200]}); take a copy, or save the run again"
+
+
+def mark_format(group: h5py.Group, version: int) -> None:
+    """Write the version of the format of a group, and that of vofem."""
+    group.attrs["format"] = version
+    group.attrs["written_by"] = __version__
+
+
+def check_format(group: h5py.Group, known: int, cure: str = "") -> None:
+    """Raise `StorageError` if a group has a format above the last one that is known."""
+    if int(group.attrs["format"]) > known:
+        written = f"vofem {group.attrs['written_by']} in format {group.attrs['format']}"
+        raise StorageError(
+            f"{group.file.filename} was written by {written}; this is vofem {__version__}, which reads formats up to "
+            f"{known}. Update vofem{cure}"
+        )

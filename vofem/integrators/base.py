@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.system import CLOSED, OPEN, PINNED, Counters, Events
+from vofem.system import Counters, Events
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -272,21 +272,3 @@ def status_at(events: Events, times: Array) -> NDArray[np.int64]:
         history = np.concatenate([[initial], events.status[mine]])
         status[j] = history[np.searchsorted(events.time[mine], times, side="right")]
     return status
-
-
-__all__ = [
-    "CLOSED",
-    "OPEN",
-    "PINNED",
-    "ContactSamples",
-    "Energies",
-    "ProbeRows",
-    "ProbeSamples",
-    "Sampled",
-    "Samples",
-    "Sensitivity",
-    "Solution",
-    "SpringSamples",
-    "Truncation",
-    "status_at",
-]

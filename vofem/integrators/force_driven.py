@@ -67,7 +67,7 @@ def run(
     t_end: float,
     times: Array | None,
     dt: float | None = None,
-    watch: Observer | None = None,
+    observer: Observer | None = None,
     resume: Snapshot | None = None,
 ) -> SteppedSolution:
     """Simulate from the start state at t = 0 to t_end; `Method` describes the arguments.
@@ -87,7 +87,7 @@ def run(
     if times is None:
         steps = 1000 if dt is None else step_count(t_end, dt)
         times = np.minimum(np.arange(steps + 1) * (t_end / 1000 if dt is None else dt), t_end)
-    return _Run(system, start, times).solve(t_end, watch, resume)
+    return _Run(system, start, times).solve(t_end, observer, resume)
 
 
 class _Run:
@@ -122,7 +122,7 @@ class _Run:
 
         return rates
 
-    def solve(self, t_end: float, watch: Observer | None, resume: Snapshot | None) -> SteppedSolution:
+    def solve(self, t_end: float, observer: Observer | None, resume: Snapshot | None) -> SteppedSolution:
         """Return the whole motion."""
         regime = _Regime(True, abs(self.y[0]) > self.law.linear_limit, 0.0)
         # The spring has no past: what it holds at the start it was given before.
@@ -134,8 +134,8 @@ class _Run:
             for n, (begin, end, rising) in enumerate(spans[first:], first):
                 regime = self._span(self._turned(regime, begin, rising), begin, end)
                 stop = interrupted() and n + 1 < len(spans)
-                if watch is not None:
-                    watch(end, partial(self._snapshot, regime, n + 1), stop)
+                if observer is not None:
+                    observer(end, partial(self._snapshot, regime, n + 1), stop)
                 if stop:
                     if not self.cursor:
                         raise KeyboardInterrupt

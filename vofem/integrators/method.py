@@ -35,7 +35,7 @@ class Method:
     name : str
         The name that a user gives as ``method=``.
     run : callable
-        ``run(system, start, t_end, times, *, watch, resume, **arguments)``, which returns a `Solution`; see
+        ``run(system, start, t_end, times, *, observer, resume, **arguments)``, which returns a `Solution`; see
         `vofem.integrators.base`. The arguments are the options of the method and, as the flags below say,
         ``dt``, ``tol`` and ``probes``, each of which may be None. See the notes.
     refusal : callable
@@ -82,7 +82,7 @@ class Method:
         Chooses the steps: the estimated errors of all steps together stay below this fraction of the largest
         displacement, which a rough run of a thousand steps finds beforehand. Impacts are resolved. Velocities and
         contact forces are not bounded by it.
-    watch : Observer or None
+    observer : Observer or None
         Called with the time reached.
     resume : dict or None
         A snapshot of the same run, from which the run goes on.

@@ -49,8 +49,8 @@ class StepPast(Protocol):
     def means(self) -> Array:
         """Return the mean forces over the last step, N, shape (count,)."""
 
-    def record(self, times: Array, memory: Array, count: int) -> None:
-        """Record force, stored energy and loss at t = 0 in the first columns of `memory`."""
+    def record(self, times: Array, histories: Array, count: int) -> None:
+        """Record force, stored energy and loss at t = 0 in the first columns of `histories`."""
 
     def most_steps(self, count: int) -> int:
         """Return the number of steps, at most the given one, for which `over` is called at once."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,27 +34,12 @@ _LOOKS = 257
 _MOST_STEPS = 512
 
 
-class Springpot(Protocol):
-    """The attributes of a springpot that are used here; see `springpot.SpringpotLaw`."""
-
-    @property
-    def coefficient(self) -> float:
-        """Coefficient of the law in N s^order/m."""
-
-    @property
-    def varies(self) -> bool:
-        """Whether the order is a function of time."""
-
-    def orders(self, t: Array) -> Array:
-        """Return the orders at times in s."""
-
-
 class SpringpotPast:
     """The past of springpots in a run whose steps are not below a size; see `group.StepPast`.
 
     Parameters
     ----------
-    laws : sequence of Springpot
+    laws : sequence of SpringpotLaw
     rows : csr_matrix, shape (n_laws, n)
     row : int
         Number of the first of these laws among all laws.
@@ -67,7 +52,7 @@ class SpringpotPast:
         If the order lies outside [0, 1] at one of the times at which it is checked.
     """
 
-    def __init__(self, laws: Sequence[Springpot], rows: Any, row: int, shortest: float, t_end: float) -> None:
+    def __init__(self, laws: Sequence[Any], rows: Any, row: int, shortest: float, t_end: float) -> None:
         self._laws, self._rows, self.row = laws, rows, row
         self._kernel = exponentials(shortest, max(t_end, shortest), _TOLERANCE)
         self._varies = any(law.varies for law in self._laws)
@@ -115,9 +100,9 @@ class SpringpotPast:
         """Return the mean forces over the last step, N, shape (n_laws,)."""
         return self.state.totals[:, MEAN].copy()
 
-    def record(self, times: Array, memory: Array, count: int) -> None:
+    def record(self, times: Array, histories: Array, count: int) -> None:
         """Record the springpots at the first times, where a run starts; see `record_springpots`."""
-        record_springpots(self.over(1.0, np.zeros(1)), times, memory, 0, count, 0.0, 1.0)
+        record_springpots(self.over(1.0, np.zeros(1)), times, histories, 0, count, 0.0, 1.0)
 
     def absorbed(self) -> float:
         """Return the work in J that all springpots have absorbed up to the time to which results are stored."""

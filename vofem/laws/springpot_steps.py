@@ -5,7 +5,7 @@ See `springpot` for the elements that a springpot is made of, and `springpot_pas
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,11 +44,6 @@ class SpringpotState(NamedTuple):
 
     y: Array
     totals: Array
-
-    @classmethod
-    def from_earlier(cls, fields: dict[str, Any]) -> dict[str, Any]:
-        """Return the fields as they are called now."""
-        return {"totals" if name == "told" else name: value for name, value in fields.items()}
 
 
 MEAN, FORCE, STORED, WORK, BEFORE = 0, 1, 2, 3, 3
@@ -139,24 +134,24 @@ def mean_of_both(pots: Springpots, reaction: Array, last: float) -> None:
 
 @jit
 def record_springpots(
-    pots: Springpots, times: Array, memory: Array, first: int, cursor: int, t: float, dt: float
+    pots: Springpots, times: Array, histories: Array, first: int, cursor: int, t: float, dt: float
 ) -> None:
     """Record the springpots at the times `first` to `cursor`, to t, the end of a step of size dt.
 
-    They are the last laws in `memory`, shape (3, n_laws, n_times). Values between both ends of the step are
+    They are the last laws in `histories`, shape (3, n_laws, n_times). Values between both ends of the step are
     interpolated.
     """
     n, totals = pots.totals.shape[0], pots.totals
-    row = memory.shape[1] - n
+    row = histories.shape[1] - n
     for c in range(first, cursor):
         x = min(max(1.0 - (t - times[c]) / dt, 0.0), 1.0)
         for i in range(n):
             force = (1.0 - x) * totals[i, BEFORE + FORCE] + x * totals[i, FORCE]
             stored = (1.0 - x) * totals[i, BEFORE + STORED] + x * totals[i, STORED]
             work = (1.0 - x) * totals[i, BEFORE + WORK] + x * totals[i, WORK]
-            memory[0, row + i, c] = force
-            memory[1, row + i, c] = stored
-            memory[2, row + i, c] = work - stored
+            histories[0, row + i, c] = force
+            histories[1, row + i, c] = stored
+            histories[2, row + i, c] = work - stored
     for i in range(n):
         for what in (FORCE, STORED, WORK):
             totals[i, BEFORE + what] = totals[i, what]

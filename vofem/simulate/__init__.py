@@ -3,23 +3,15 @@
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from vofem.integrators.registry import method_names
-    from vofem.simulate.explanation import Explanation, explain
-    from vofem.simulate.methods import Choice, choose, option_names
-    from vofem.simulate.plan import Plan, run_plan
-    from vofem.simulate.simulation import simulate
-
-__all__ = [
-    "Choice",
-    "Explanation",
-    "Plan",
-    "choose",
-    "explain",
-    "method_names",
-    "option_names",
-    "run_plan",
-    "simulate",
-]
+    from vofem.integrators.registry import method_names as method_names
+    from vofem.simulate.explanation import Explanation as Explanation
+    from vofem.simulate.explanation import explain as explain
+    from vofem.simulate.methods import Choice as Choice
+    from vofem.simulate.methods import choose as choose
+    from vofem.simulate.methods import option_names as option_names
+    from vofem.simulate.plan import Plan as Plan
+    from vofem.simulate.plan import run_plan as run_plan
+    from vofem.simulate.simulation import simulate as simulate
 
 _MODULES = {
     "vofem.integrators.registry": "method_names",
@@ -30,6 +22,8 @@ _MODULES = {
 }
 
 _LATER = {name: module for module, names in _MODULES.items() for name in names.split()}
+
+__all__ = list(_LATER)
 
 
 def __getattr__(name: str) -> Any:

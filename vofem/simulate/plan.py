@@ -118,7 +118,7 @@ def _choice(method: Method, system: System, plan: Plan) -> Choice:
     return choose(kind, method.effort(system, plan.t_end, plan.dt, tol), wanted)
 
 
-def _run(scene: Scene, plan: Plan, watch: RunProgress | None, snapshot: dict[str, Any] | None) -> Result:
+def _run(scene: Scene, plan: Plan, observer: RunProgress | None, snapshot: dict[str, Any] | None) -> Result:
     """Run a plan, compiled or not as has been decided."""
     from vofem.integrators.coarse import unresolved_contacts
 
@@ -130,7 +130,7 @@ def _run(scene: Scene, plan: Plan, watch: RunProgress | None, snapshot: dict[str
         arguments["dt"] = plan.dt
     if method.records:
         arguments["probes"] = plan.probes
-    solution = method.run(model.system, start, plan.t_end, plan.times, watch=watch, resume=snapshot, **arguments)
+    solution = method.run(model.system, start, plan.t_end, plan.times, observer=observer, resume=snapshot, **arguments)
     solution.notes.extend(unresolved_contacts(model.system))
     if method.exact and "tol" not in plan.options:
         solution.notes.extend(cheaper(model.system, plan.t_end))

@@ -124,8 +124,8 @@ class Approximated(TimeFunction):
     ) -> None:
         if not callable(function):
             raise ArgumentError(f"Approximated: function is {function!r}, expected a callable of t")
-        watched = as_time_function(function)
-        self._set("name", repr(watched))
+        original = as_time_function(function)
+        self._set("name", repr(original))
         self._set("t_end", number("Approximated: t_end", t_end, positive=True))
         self._set("tolerance", number("Approximated: tolerance", tolerance, positive=True))
         self._set("absolute", number("Approximated: absolute", absolute, minimum=0))
@@ -137,7 +137,7 @@ class Approximated(TimeFunction):
         known = np.atleast_1d(array("Approximated: breaks", breaks)) if np.size(breaks) else np.empty(0)
         if known.ndim != 1:
             raise ArgumentError(f"Approximated: breaks has shape {known.shape}, expected a list of times")
-        starts, coefficients, error = self._cover(watched, known, int(max_pieces))
+        starts, coefficients, error = self._cover(original, known, int(max_pieces))
         self._set("starts", starts)
         self._set("lengths", np.diff(np.append(starts, self.t_end)))
         self._set("coefficients", coefficients)

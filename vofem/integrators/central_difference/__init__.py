@@ -56,7 +56,7 @@ def run(
     t_end: float,
     times: Array | None,
     dt: float | None = None,
-    watch: Observer | None = None,
+    observer: Observer | None = None,
     resume: Snapshot | None = None,
     probes: ProbeRows | None = None,
     nearby: bool | None = None,
@@ -109,7 +109,7 @@ def run(
     out = kernel.record(stored, probes, t_end)
     solution = march(
         kernel, CENTRAL_DIFFERENCE, start, initial, t_end, dt, out, notes, first_energy=first, blow_up=_BLOW_UP,
-        watch=watch, resume=resume, probes=probes,
+        observer=observer, resume=resume, probes=probes,
     )  # fmt: skip
 
     def again(beside: State) -> CentralDifference:

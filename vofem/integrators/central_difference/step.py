@@ -39,7 +39,7 @@ class State(NamedTuple):
     q: Array
     half: Array
     status: IntArray
-    memory: Array
+    internal: Array
 
 
 class Implicit(NamedTuple):
@@ -140,7 +140,7 @@ def advance(
         if step > 0:
             _add_work(before, dt, half, load, loss, loads.shape[0] > 0, lossy)
         store(out, t, dt, step == 0, before, Motion(q, v, a), a)
-        record_hysteresis(laws, laws.kinds.hysteretic, before.memory, rows, out)
+        record_hysteresis(laws, laws.kinds.hysteretic, before.internal, rows, out)
         _record_springpots(springpots, t, dt, out)
         check_contacts(out.contact_checks, rows, dt, q, v)
         leave(before, q, v, a)
@@ -275,7 +275,7 @@ def _middle_of_springpots(
 @jit
 def _record_springpots(springpots: Springpots | None, t: float, dt: float, out: Record) -> None:
     if springpots is not None:
-        record_springpots(springpots, out.times, out.memory, out.cursor[1], out.cursor[0], t, dt)
+        record_springpots(springpots, out.times, out.histories, out.cursor[1], out.cursor[0], t, dt)
 
 
 @jit

@@ -66,7 +66,7 @@ class Trial(NamedTuple):
         Results of the first half, of the second half and of the whole step.
     q, v, end : ndarray, shape (n,)
         Displacements and velocities between the halves, and velocities at the end.
-    memory : ndarray
+    internal : ndarray
         Internal variables of hysteretic laws at the start.
     """
 
@@ -76,7 +76,7 @@ class Trial(NamedTuple):
     q: Array
     v: Array
     end: Array
-    memory: Array
+    internal: Array
 
 
 class AdaptiveSteps(StepDoubling, Midpoint):
@@ -90,7 +90,7 @@ class AdaptiveSteps(StepDoubling, Midpoint):
         self.sizes: dict[int, Factored] = {}
         n, m = self.state.q.size, self.state.u.size
         first, second, whole = (Found(np.zeros(n), np.zeros(m)) for _ in range(3))
-        self.trial = Trial(first, second, whole, np.zeros(n), np.zeros(n), np.zeros(n), self.state.memory.copy())
+        self.trial = Trial(first, second, whole, np.zeros(n), np.zeros(n), np.zeros(n), self.state.internal.copy())
         #: Internal variables of springpots with which the second half begins.
         self.ahead = None if self.past is None else type(self.past.state)(*(part.copy() for part in self.past.state))
 
@@ -192,11 +192,11 @@ def _try(
     combine(half, values, index + 2, forcing)
     copy(trial.first.reaction, trial.second.reaction)
     # The second half begins with the state at the end of the first, as if that had been accepted.
-    copy(state.memory, trial.memory)
+    copy(state.internal, trial.internal)
     commit_all(laws, u)
     _set_ahead(springpots, laws, u, rows, first, index)
     c = step(equations, half, forcing.push, Start(q, v, u), trial.second, space)
-    copy(trial.memory, state.memory)
+    copy(trial.internal, state.internal)
     if c < 0:
         return -1, 0.0, 0.0, 0.0
     rough, smooth, unresolved = 0.0, 0.0, 0.0

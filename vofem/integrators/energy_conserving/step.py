@@ -89,7 +89,7 @@ class State(NamedTuple):
     status : ndarray of int, shape (n_contacts,)
     width : ndarray, shape (2,)
         Size of the last step in s, 0 at the start; and whether a contact closed or opened in it.
-    memory : ndarray
+    internal : ndarray
         Internal variables of the hysteretic laws.
     """
 
@@ -102,7 +102,7 @@ class State(NamedTuple):
     reaction: Array
     status: IntArray
     width: Array
-    memory: Array
+    internal: Array
 
 
 class Start(NamedTuple):
@@ -250,7 +250,7 @@ def accept(
         leaving[i] = rate if turned or turns or dt > _UNEVEN * last else between
         state.acceleration[i] = rate
     store(out, t, last if last > 0.0 else dt, last == 0.0, before, Motion(q, v, now), arriving)
-    record_hysteresis(laws, laws.kinds.hysteretic, before.memory, rows, out)
+    record_hysteresis(laws, laws.kinds.hysteretic, before.internal, rows, out)
     check_contacts(out.contact_checks, rows, last, q, v)
     leave(before, q, v, leaving)
     taken = 0.0
@@ -301,7 +301,7 @@ def accept_springpots(
     if springpots is not None:
         mean_of_both(springpots, found.reaction, last)
         record_springpots(
-            springpots, out.times, out.memory, out.cursor[1], out.cursor[0], t,
+            springpots, out.times, out.histories, out.cursor[1], out.cursor[0], t,
             last if last > 0.0 else springpots.update.dt,
         )  # fmt: skip
         carry_all(springpots, s, rows, found.reaction, found.p)

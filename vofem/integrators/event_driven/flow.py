@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import EventStormError
-from vofem.integrators.event_driven.follow import Follower, Unwatched
+from vofem.integrators.event_driven.follow import Follower, IgnoredEvents
 from vofem.integrators.event_driven.modal_space import ModalSpace, modal_space
 from vofem.integrators.event_driven.pinned import PIN_FRACTION
 from vofem.integrators.event_driven.solution import EventSolution
@@ -170,7 +170,7 @@ def flow(
     stop: float,
     *,
     derivative: Array | None = None,
-    unwatched: Sequence[Unwatched] = (),
+    ignored: Sequence[IgnoredEvents] = (),
     counters: Counters | None = None,
     most_events: int = MOST_EVENTS,
 ) -> Flow:
@@ -185,7 +185,7 @@ def flow(
         Absolute time in s.
     derivative : ndarray, shape (2n, k), optional
         Perturbations at the start whose growth is computed; the identity for the monodromy matrix.
-    unwatched : sequence of Unwatched
+    ignored : sequence of IgnoredEvents
     counters : Counters, optional
         Work is counted here.
     most_events : int
@@ -210,9 +210,9 @@ def flow(
         solution.begin_at(status, displacement, start.touching)
     tangent = None if derivative is None else Tangent(space, system.contacts, derivative[:n], derivative[n:])
     _share_table(solution)
-    edges = [t, *_stops(system, t, stop, unwatched)]
+    edges = [t, *_stops(system, t, stop, ignored)]
     follower = Follower(
-        solution, edges, t, status, displacement, velocity, PIN_FRACTION, most_events, unwatched
+        solution, edges, t, status, displacement, velocity, PIN_FRACTION, most_events, ignored
     )  # fmt: skip
     while follower.time < stop:
         follower.advance()
@@ -239,10 +239,10 @@ def _share_table(solution: EventSolution) -> None:
         solution.table = table
 
 
-def _stops(system: System, start: float, stop: float, unwatched: Sequence[Unwatched]) -> list[float]:
+def _stops(system: System, start: float, stop: float, ignored: Sequence[IgnoredEvents]) -> list[float]:
     """Return the times at which a segment ends in any case, the last of which is the stop."""
     breaks = [b for load in system.loads for b in load.function.breakpoints(stop)]
-    breaks += [t for window in unwatched for t in (window.start, window.stop)]
+    breaks += [t for window in ignored for t in (window.start, window.stop)]
     return [*(float(t) for t in np.unique([b for b in breaks if start < b < stop])), stop]
 
 
@@ -301,8 +301,8 @@ def _with_rows(system: System, known: ModalSpace) -> ModalSpace:
 __all__ = [
     "Flow",
     "FlowEvent",
+    "IgnoredEvents",
     "Start",
-    "Unwatched",
     "flow",
     "modal_state",
     "modes_of",

@@ -25,7 +25,7 @@ from vofem.integrators.event_driven.loop import (
     SPECIAL,
     SWITCHED,
     Laws,
-    Now,
+    Reached,
     run_segments,
 )
 from vofem.integrators.event_driven.search import EventFunctions, next_event
@@ -42,7 +42,7 @@ FIRST_CALL, _SECONDS, MOST = 64, 0.1, 100_000
 
 
 @dataclass(frozen=True)
-class Unwatched:
+class IgnoredEvents:
     """A contact whose events are ignored between two times, so that it keeps its status.
 
     Attributes
@@ -76,7 +76,7 @@ class Follower:
         See `pinned`.
     most_events : int
         Number of events after which `advance` returns, so that the caller can stop.
-    unwatched : sequence of Unwatched
+    ignored : sequence of IgnoredEvents
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ class Follower:
 
     def __init__(
         self, solution: EventSolution, edges: ArrayLike, time: float, status: Status, displacement: Array,
-        velocity: Array, pin_fraction: float, most_events: int, unwatched: Sequence[Unwatched] = (),
+        velocity: Array, pin_fraction: float, most_events: int, ignored: Sequence[IgnoredEvents] = (),
     ) -> None:  # fmt: skip
         self.solution = solution
         self.time, self.status, self.displacement, self.velocity = time, status, displacement, velocity
@@ -96,7 +96,7 @@ class Follower:
         self._edges = np.asarray(edges, dtype=float)
         self._stop = 0
         self._pin_fraction, self._most_events = pin_fraction, most_events
-        self._unwatched = tuple(unwatched)
+        self._ignored = tuple(ignored)
         self._segments = FIRST_CALL
         self._in_loop = compiled() and solution.space.size <= MOST_MODES
 
@@ -121,7 +121,7 @@ class Follower:
         tau, duration = stop - t, stop - t
         entered = None
         if solution.system.contacts is not None:
-            functions, owner, entering = self._watched(*solution.event_functions(motion))
+            functions, owner, entering = self._searched(*solution.event_functions(motion))
             if owner.size:
                 tau, hits, evaluations = next_event(functions, motion, duration)
                 solution.counters.gap_evaluations += evaluations * len(solution.system.contacts)
@@ -134,11 +134,11 @@ class Follower:
                 self.time, self.status, entered, self.displacement, self.velocity, self._pin_fraction
             )
 
-    def _watched(
+    def _searched(
         self, functions: EventFunctions, owner: NDArray[np.int64], entering: Status
     ) -> tuple[EventFunctions, NDArray[np.int64], Status]:
-        """Return event functions without those of contacts that are not watched now."""
-        out = [window.contact for window in self._unwatched if window.start <= self.time < window.stop]
+        """Return event functions without those of contacts whose events are ignored at this time."""
+        out = [window.contact for window in self._ignored if window.start <= self.time < window.stop]
         if not out:
             return functions, owner, entering
         kept = ~np.isin(owner, out)
@@ -169,10 +169,10 @@ class Follower:
         )  # fmt: skip
 
     @cached_property
-    def _now(self) -> Now:
+    def _reached(self) -> Reached:
         n, contacts = self.solution.space.contacts.shape[1], self.solution.space.contacts.shape[0]
-        watched = np.ones(contacts, dtype=bool)
-        return Now(np.zeros(1), np.zeros(6, dtype=np.int64), np.zeros(n), np.zeros(n), np.zeros(contacts), watched)
+        searched = np.ones(contacts, dtype=bool)
+        return Reached(np.zeros(1), np.zeros(6, dtype=np.int64), np.zeros(n), np.zeros(n), np.zeros(contacts), searched)
 
     def _slot(self) -> int:
         """Return the slot of the status for the compiled loop; -1 where the next segment is for Python."""
@@ -186,29 +186,29 @@ class Follower:
     def _loop(self, slot: int) -> None:
         """Continue in compiled code from a slot, or with a step in Python if the next segment needs it."""
         assert self._loads is not None
-        solution, now = self.solution, self._now
+        solution, reached = self.solution, self._reached
         record, counters = solution.record, solution.counters
-        now.time[0] = self.time
-        now.displacement[:], now.velocity[:] = self.displacement, self.velocity
+        reached.time[0] = self.time
+        reached.displacement[:], reached.velocity[:] = self.displacement, self.velocity
         changed = np.flatnonzero(self.status != record.last_status).tolist() if record.segments else []
-        now.place[SLOT], now.place[SWITCHED] = slot, changed[0] if changed else -1
-        now.place[SEGMENTS], now.place[EVENTS], now.place[EVALUATIONS] = record.segments, record.events, 0
-        now.gaps[:] = solution.gaps_at(self.status, self.displacement)
+        reached.place[SLOT], reached.place[SWITCHED] = slot, changed[0] if changed else -1
+        reached.place[SEGMENTS], reached.place[EVENTS], reached.place[EVALUATIONS] = record.segments, record.events, 0
+        reached.gaps[:] = solution.gaps_at(self.status, self.displacement)
         until = np.inf
-        now.watched[:] = True
-        for window in self._unwatched:
+        reached.searched[:] = True
+        for window in self._ignored:
             if window.start <= self.time < window.stop:
-                now.watched[window.contact] = False
+                reached.searched[window.contact] = False
             until = min([t for t in (window.start, window.stop, until) if t > self.time], default=np.inf)
         first, first_event, begun = record.segments, record.events, time.perf_counter()
         record.make_room(1, 1)
         while True:
             reason = run_segments(
-                solution.table.arrays, self._laws, self._loads, now, record.buffers, solution.t_end, until,
+                solution.table.arrays, self._laws, self._loads, reached, record.buffers, solution.t_end, until,
                 self._segments, self._most_events,
             )  # fmt: skip
             self.calls += 1
-            record.segments, record.events = int(now.place[SEGMENTS]), int(now.place[EVENTS])
+            record.segments, record.events = int(reached.place[SEGMENTS]), int(reached.place[EVENTS])
             if reason != FULL:
                 break
             more = max(min(record.segments, MOST), 1)
@@ -217,10 +217,10 @@ class Follower:
         if record.segments - first >= self._segments:
             self._segments = min(2 * self._segments, MOST) if seconds < 0.5 * _SECONDS else self._segments
             self._segments = max(self._segments // 2, 1) if seconds > 2.0 * _SECONDS else self._segments
-        record.known_gaps = record.segments if now.gaps.size else 0
+        record.known_gaps = record.segments if reached.gaps.size else 0
         counters.steps += record.segments - first
         counters.events += record.events - first_event
-        counters.gap_evaluations += int(now.place[EVALUATIONS]) * now.gaps.size
+        counters.gap_evaluations += int(reached.place[EVALUATIONS]) * reached.gaps.size
         if record.segments > first:
             self._take_over()
         if reason == SPECIAL:
@@ -228,12 +228,12 @@ class Follower:
 
     def _take_over(self) -> None:
         """Take over the time and the state at which the compiled loop has stopped."""
-        now, record = self._now, self.solution.record
-        self.time = float(now.time[0])
-        self.displacement, self.velocity = now.displacement.copy(), now.velocity.copy()
-        self.solution.gaps_now = now.gaps.copy()
+        reached, record = self._reached, self.solution.record
+        self.time = float(reached.time[0])
+        self.displacement, self.velocity = reached.displacement.copy(), reached.velocity.copy()
+        self.solution.gaps_now = reached.gaps.copy()
         self.status = record.last_status
-        if now.place[SWITCHED] >= 0:
-            contact = now.place[SWITCHED]
+        if reached.place[SWITCHED] >= 0:
+            contact = reached.place[SWITCHED]
             self.status = self.status.copy()
             self.status[contact] = OPEN if self.status[contact] == CLOSED else CLOSED

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from vofem.integrators.event_driven.block_motion import Blocks, begin, move, work_space
 from vofem.integrators.event_driven.load_table import LoadTable
 from vofem.integrators.event_driven.record import Buffers
-from vofem.integrators.event_driven.search import TINY, BlockFlow, Watch, largest_term, march
+from vofem.integrators.event_driven.search import TINY, BlockFlow, EventTerms, largest_term, march
 from vofem.integrators.event_driven.status_table import Table, to_blocks
 from vofem.linalg.jit import jit
 from vofem.linalg.vectors import copy, inner
@@ -29,7 +29,7 @@ Integers = NDArray[np.int64]
 #: full, a segment is not of the common kind, or there were too many events.
 DONE, PAUSED, NEW_STATUS, FULL, SPECIAL, STORM = range(6)
 
-#: What `Now.place` holds: the slot of the status, the interval of the loads, the contact that has just switched or -1,
+#: What `Reached.place` holds: slot of the status, interval of the loads, the contact that has just switched or -1,
 #: numbers of segments and of events in the record, and how often event functions were evaluated.
 SLOT, INTERVAL, SWITCHED, SEGMENTS, EVENTS, EVALUATIONS = range(6)
 
@@ -61,7 +61,7 @@ class Laws(NamedTuple):
     pinning_rate: Array
 
 
-class Now(NamedTuple):
+class Reached(NamedTuple):
     """Time and state that a run has reached; changed in place.
 
     Attributes
@@ -74,8 +74,8 @@ class Now(NamedTuple):
         Modal state at this time.
     gaps : ndarray, shape (n_contacts,)
         Gap functions, m.
-    watched : ndarray of bool, shape (n_contacts,)
-        Contacts whose events count.
+    searched : ndarray of bool, shape (n_contacts,)
+        Contacts whose events are searched; those of the others are ignored.
     """
 
     time: Array
@@ -83,7 +83,7 @@ class Now(NamedTuple):
     displacement: Array
     velocity: Array
     gaps: Array
-    watched: NDArray[np.bool_]
+    searched: NDArray[np.bool_]
 
 
 @jit
@@ -100,9 +100,9 @@ def _at_gap(laws: Laws, j: int, displacement: Array) -> None:
 
 
 @jit
-def _watch(
+def _event_terms(
     table: Table, s: int, laws: Laws, blocks: Blocks, count: int, gaps: Array, displacement: Array, velocity: Array
-) -> Watch:
+) -> EventTerms:
     """Return the event functions of a segment, as `EventSolution.event_functions` and `search.next_event` do."""
     m, n = table.w.shape[1], velocity.size
     mixed = table.mixed[s]
@@ -134,30 +134,30 @@ def _watch(
             if mixed:
                 for k in range(n):
                     steady[j, h] += u[j, k] * blocks.steady_v[k, h]
-    return Watch(
+    return EventTerms(
         mixed, w, u, table.w_size[s], u_size, start, rate, rate_size, np.zeros(m), slope, steady, constant
     )  # fmt: skip
 
 
 @jit
-def _without(watch: Watch, watched: NDArray[np.bool_]) -> Watch:
-    """Return event functions of which those of contacts that are not watched stay where they are, below zero."""
-    w, u, w_size, u_size = watch.w.copy(), watch.u.copy(), watch.w_size.copy(), watch.u_size.copy()
+def _without(terms: EventTerms, searched: NDArray[np.bool_]) -> EventTerms:
+    """Return event functions of which those of contacts with ignored events stay where they are, below zero."""
+    w, u, w_size, u_size = terms.w.copy(), terms.u.copy(), terms.w_size.copy(), terms.u_size.copy()
     size = 0.0
-    for j in range(watched.size):
-        size = max(size, abs(watch.start[j]))
-    for j in range(watched.size):
-        if watched[j]:
+    for j in range(searched.size):
+        size = max(size, abs(terms.start[j]))
+    for j in range(searched.size):
+        if searched[j]:
             continue
         for part in (w, u, w_size, u_size):
             part[j] = 0.0
-        for values in (watch.rate, watch.rate_size, watch.slope, watch.constant):
+        for values in (terms.rate, terms.rate_size, terms.slope, terms.constant):
             values[j] = 0.0
-        watch.steady[j] = 0.0j
-        watch.start[j] = -size
-    return Watch(
-        watch.mixed, w, u, w_size, u_size, watch.start, watch.rate, watch.rate_size, watch.offset, watch.slope,
-        watch.steady, watch.constant,
+        terms.steady[j] = 0.0j
+        terms.start[j] = -size
+    return EventTerms(
+        terms.mixed, w, u, w_size, u_size, terms.start, terms.rate, terms.rate_size, terms.offset, terms.slope,
+        terms.steady, terms.constant,
     )  # fmt: skip
 
 
@@ -175,14 +175,14 @@ def _only(hits: NDArray[np.bool_]) -> int:
 
 @jit
 def run_segments(
-    table: Table, laws: Laws, loads: LoadTable, now: Now, out: Buffers, horizon: float, until: float, segments: int,
-    events: int,
+    table: Table, laws: Laws, loads: LoadTable, reached: Reached, out: Buffers, horizon: float, until: float,
+    segments: int, events: int,
 ) -> int:  # fmt: skip
     """Follow a run from segment to segment; return why it stops, see `DONE` and what follows it.
 
     Parameters
     ----------
-    now : Now
+    reached : Reached
         Time and state of the run, changed in place.
     out : Buffers
         Arrays of the record, to which segments and events are added.
@@ -195,12 +195,12 @@ def run_segments(
     events : int
         Largest number of events in the whole run.
     """
-    n, m = now.displacement.size, laws.gap.size
-    place, intervals, most = now.place, loads.constant.shape[0], loads.omega.shape[1]
+    n, m = reached.displacement.size, laws.gap.size
+    place, intervals, most = reached.place, loads.constant.shape[0], loads.omega.shape[1]
     blocks = work_space(n, most)
     start, change, both = np.empty(n), np.empty((2, n)), np.empty((3, 2 * n))
     for _ in range(segments):
-        t = now.time[0]
+        t = reached.time[0]
         if t >= loads.edges[intervals] or t >= until:
             return DONE
         while loads.edges[place[INTERVAL] + 1] <= t:
@@ -210,18 +210,18 @@ def run_segments(
             return NEW_STATUS
         if row >= out.starts.size or place[EVENTS] >= out.event_time.size:
             return FULL
-        copy(now.displacement, start)
+        copy(reached.displacement, start)
         if place[SWITCHED] >= 0:
             _at_gap(laws, place[SWITCHED], start)
-        to_blocks(table, s, start, now.velocity, blocks.z_start, blocks.v_start, both)
+        to_blocks(table, s, start, reached.velocity, blocks.z_start, blocks.v_start, both)
         special = begin(table, s, loads, interval, t, horizon, blocks)
         omega = loads.omega[interval, : loads.counts[interval]]
         duration = loads.edges[interval + 1] - t
         tau, hit, evaluations = duration, -1, 0
         if m:
-            watch = _watch(table, s, laws, blocks, omega.size, now.gaps, start, now.velocity)
-            if not np.all(now.watched):
-                watch = _without(watch, now.watched)
+            terms = _event_terms(table, s, laws, blocks, omega.size, reached.gaps, start, reached.velocity)
+            if not np.all(reached.searched):
+                terms = _without(terms, reached.searched)
             flow = BlockFlow(
                 table.delta[s], table.p[s], table.frequency[s], blocks.z_start, blocks.v_start, blocks.z, blocks.v,
                 omega, blocks.block[:special], blocks.exponent[:special], blocks.g1[:special], blocks.g2[:special],
@@ -230,37 +230,37 @@ def run_segments(
             largest = 0.0
             for k in range(n):
                 largest = max(largest, abs(blocks.z[k]))
-            if largest < TINY and 0.0 < largest_term(watch, flow) < TINY:
+            if largest < TINY and 0.0 < largest_term(terms, flow) < TINY:
                 return SPECIAL
-            tau, hits, evaluations = march(watch, flow, table.levels[s, : table.level_count[s]], duration)
+            tau, hits, evaluations = march(terms, flow, table.levels[s, : table.level_count[s]], duration)
             hit = _only(hits)
             if hit == -2:
                 return SPECIAL
-        move(table, s, omega, blocks, special, tau, now.velocity, change, both)
+        move(table, s, omega, blocks, special, tau, reached.velocity, change, both)
         if hit >= 0:
             speed = 0.0
             for k in range(n):
-                speed += laws.rows[hit, k] * (now.velocity[k] + change[1, k])
+                speed += laws.rows[hit, k] * (reached.velocity[k] + change[1, k])
             speed = abs(speed)
             if speed * speed < laws.pinning[hit] + laws.pinning_rate[hit] * speed:
                 return SPECIAL
         out.starts[row], out.durations[row], out.status[row] = t, tau, table.number[s]
-        copy(now.gaps, out.gaps[row])
+        copy(reached.gaps, out.gaps[row])
         for k in range(n):
-            out.displacement[row, k], out.velocity[row, k] = start[k], now.velocity[k]
-            now.displacement[k] = start[k] + change[0, k]
-            now.velocity[k] += change[1, k]
+            out.displacement[row, k], out.velocity[row, k] = start[k], reached.velocity[k]
+            reached.displacement[k] = start[k] + change[0, k]
+            reached.velocity[k] += change[1, k]
         for j in range(m):
-            now.gaps[j] += inner(laws.rows[j], change[0])
-        now.time[0] = loads.edges[interval + 1] if tau >= duration else t + tau
+            reached.gaps[j] += inner(laws.rows[j], change[0])
+        reached.time[0] = loads.edges[interval + 1] if tau >= duration else t + tau
         place[SEGMENTS] = row + 1
         place[EVALUATIONS] += evaluations
         place[SWITCHED] = hit
         if hit < 0:
             continue
-        now.gaps[hit] = 0.0
+        reached.gaps[hit] = 0.0
         e = place[EVENTS]
-        out.event_time[e], out.event_contact[e] = now.time[0], hit
+        out.event_time[e], out.event_contact[e] = reached.time[0], hit
         out.event_status[e] = CLOSED if table.sign[s, hit] > 0.0 else OPEN
         place[EVENTS] = e + 1
         place[SLOT] = table.following[s, hit]

@@ -84,7 +84,7 @@ def run(
     max_events: int = MOST_EVENTS,
     pin_fraction: float = PIN_FRACTION,
     truncation: float | None = None,
-    watch: Observer | None = None,
+    observer: Observer | None = None,
     resume: Snapshot | None = None,
 ) -> EventSolution | TruncatedSolution:
     """Simulate from the start state at t = 0 to t_end.
@@ -105,7 +105,7 @@ def run(
     truncation : float, optional
         Relative error of displacements up to which Ritz vectors may replace the modes of the system, see `truncated`; 0
         keeps all modes. The default is `TOLERANCE` above `FULL_UNKNOWNS` degrees of freedom, and 0 below.
-    watch : callable, optional
+    observer : callable, optional
         A function that is called with the time reached, only in a run in all modes.
     resume : dict, optional
         A snapshot of the same run, from which it is continued.
@@ -139,7 +139,7 @@ def run(
             return truncated
     if system.size > MOST_UNKNOWNS:
         raise MethodError(_too_large(system))
-    solution = _follow(system, start, t_end, times, max_events, pin_fraction, watch, resume)
+    solution = _follow(system, start, t_end, times, max_events, pin_fraction, observer, resume)
     solution.notes += loads_by_values(system, t_end)
     if system.size > _LOSSY or graded(system):
         space = solution.space
@@ -157,7 +157,7 @@ def run(
 
 def _follow(
     system: System, start: State, t_end: float, times: Array, max_events: int, pin_fraction: float,
-    watch: Observer | None = None, resume: Snapshot | None = None,
+    observer: Observer | None = None, resume: Snapshot | None = None,
 ) -> EventSolution:  # fmt: skip
     """Follow all modes of a system from event to event."""
     counters = Counters()
@@ -182,8 +182,8 @@ def _follow(
             if solution.counters.events > max_events:
                 raise EventStormError(_storm(system, solution, follower.time, max_events))
             cut = interrupted() and follower.time < t_end
-            if watch is not None:
-                watch(follower.time, snapshot, cut)
+            if observer is not None:
+                observer(follower.time, snapshot, cut)
             if cut:
                 solution.cut(follower.time)
                 break

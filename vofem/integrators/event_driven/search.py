@@ -85,7 +85,7 @@ class EventFunctions:
     harmonic: Complex
 
 
-class Watch(NamedTuple):
+class EventTerms(NamedTuple):
     """Event functions: changes of ``w z + u v + slope tau + steady`` since start.
 
     `mixed` says that modes are complex: for real modes u, u_size, rate and rate_size are not used. In complex
@@ -179,7 +179,7 @@ def next_event(functions: EventFunctions, motion: Motion, duration: float) -> tu
         poly = poly + u @ motion.poly_v
         steady = steady + u @ motion.steady_v
     constant = np.maximum(np.abs(functions.constant), np.abs(poly[:, 0]))
-    watch = Watch(
+    terms = EventTerms(
         u.shape[1] > 0, w, u, functions.w_size, functions.u_size, functions.start, functions.rate, functions.rate_size,
         np.zeros(w.shape[0]), poly[:, 1] + functions.slope, steady, constant,
     )  # fmt: skip
@@ -188,36 +188,36 @@ def next_event(functions: EventFunctions, motion: Motion, duration: float) -> tu
         motion.special.block, motion.special.exponent, motion.special.g1, motion.special.g2, motion.special.ramp,
         motion.clusters if motion.clusters.rate.size else None,
     )  # fmt: skip
-    factor = _raise(watch, flow)
+    factor = _raise(terms, flow)
     if factor != 1.0:
-        watch, flow = _raised(watch, flow, factor)
-    return march(watch, flow, spectrum.levels, duration)
+        terms, flow = _raised(terms, flow, factor)
+    return march(terms, flow, spectrum.levels, duration)
 
 
-def _raise(watch: Watch, flow: BlockFlow) -> float:
+def _raise(terms: EventTerms, flow: BlockFlow) -> float:
     """Return a power of two that scales tiny motions to about 1, so that squares do not underflow; 1 for others."""
     if flow.z0.size and np.abs(flow.z0).max() >= TINY:
         return 1.0
-    size = largest_term(watch, flow)
+    size = largest_term(terms, flow)
     return float(np.ldexp(1.0, -int(np.frexp(size)[1]))) if 0.0 < size < TINY else 1.0
 
 
 @jit
-def largest_term(watch: Watch, flow: BlockFlow) -> float:
+def largest_term(terms: EventTerms, flow: BlockFlow) -> float:
     """Return the largest magnitude of the terms of the event functions."""
     size = _largest_state(flow.clusters)
     for k in range(flow.z0.size):
         size = max(size, abs(flow.z0[k]), abs(flow.v0[k]))
     for e in range(flow.g1.size):
         size = max(size, abs(flow.g1[e]), abs(flow.g2[e]))
-    for j in range(watch.constant.size):
-        size = max(size, watch.constant[j], abs(watch.start[j]), abs(watch.slope[j]))
-        for h in range(watch.steady.shape[1]):
-            size = max(size, abs(watch.steady[j, h]))
+    for j in range(terms.constant.size):
+        size = max(size, terms.constant[j], abs(terms.start[j]), abs(terms.slope[j]))
+        for h in range(terms.steady.shape[1]):
+            size = max(size, abs(terms.steady[j, h]))
     return size
 
 
-def _raised(watch: Watch, flow: BlockFlow, factor: float) -> tuple[Watch, BlockFlow]:
+def _raised(terms: EventTerms, flow: BlockFlow, factor: float) -> tuple[EventTerms, BlockFlow]:
     """Return the same motion, which is linear in its state and its loads, multiplied by a factor."""
     clusters = flow.clusters
     if clusters is not None:
@@ -225,13 +225,13 @@ def _raised(watch: Watch, flow: BlockFlow, factor: float) -> tuple[Watch, BlockF
             state=factor * clusters.state, push=factor * clusters.push, jerk=factor * clusters.jerk
         )
     return (
-        watch._replace(
-            start=factor * watch.start,
-            rate=factor * watch.rate,
-            rate_size=factor * watch.rate_size,
-            slope=factor * watch.slope,
-            steady=factor * watch.steady,
-            constant=factor * watch.constant,
+        terms._replace(
+            start=factor * terms.start,
+            rate=factor * terms.rate,
+            rate_size=factor * terms.rate_size,
+            slope=factor * terms.slope,
+            steady=factor * terms.steady,
+            constant=factor * terms.constant,
         ),
         flow._replace(
             z_start=factor * flow.z_start,
@@ -246,11 +246,11 @@ def _raised(watch: Watch, flow: BlockFlow, factor: float) -> tuple[Watch, BlockF
 
 
 @jit
-def _evaluate(tau: float, watch: Watch, flow: BlockFlow, at: _Point) -> None:
+def _evaluate(tau: float, terms: EventTerms, flow: BlockFlow, at: _Point) -> None:
     """Fill `at` with the states, the event functions and their rates at tau."""
-    n, m = flow.p.size, watch.w.shape[0]
+    n, m = flow.p.size, terms.w.shape[0]
     z, v, zdot, vdot, dz, dv = at.z, at.v, at.zdot, at.vdot, at.dz, at.dv
-    mixed = watch.mixed
+    mixed = terms.mixed
     half_turns(at.root, tau, at.turn, at.sine)
     for k in range(n):
         delta, p, z0, v0 = flow.delta[k], flow.p[k], flow.z0[k], flow.v0[k]
@@ -297,24 +297,24 @@ def _evaluate(tau: float, watch: Watch, flow: BlockFlow, at: _Point) -> None:
         vdot[k] -= 2.0 * flow.delta[k] * v[k] + flow.p[k] * z[k]
     _evaluate_clusters(flow.clusters, tau, at)
     for j in range(m):
-        value = watch.start[j] + (watch.rate[j] if mixed else watch.slope[j]) * tau
-        slope = watch.slope[j] + watch.offset[j]
+        value = terms.start[j] + (terms.rate[j] if mixed else terms.slope[j]) * tau
+        slope = terms.slope[j] + terms.offset[j]
         for h in range(flow.omega.size):
             half = 0.5 * flow.omega[h] * tau
             sine, cosine = np.sin(half), np.cos(half)
-            steady = watch.steady[j, h]
+            steady = terms.steady[j, h]
             turned = complex(-2.0 * sine * sine, 2.0 * sine * cosine)
             value += (steady * turned).real
             if mixed:
                 value += steady.imag * flow.omega[h] * tau
             slope -= flow.omega[h] * (steady + steady * turned).imag
         for k in range(n):
-            value += watch.w[j, k] * dz[k]
-            slope += watch.w[j, k] * zdot[k]
+            value += terms.w[j, k] * dz[k]
+            slope += terms.w[j, k] * zdot[k]
         if mixed:
             for k in range(n):
-                value += watch.u[j, k] * dv[k]
-                slope += watch.u[j, k] * vdot[k]
+                value += terms.u[j, k] * dv[k]
+                slope += terms.u[j, k] * vdot[k]
         at.phi[j] = value
         at.rate[j] = slope
 
@@ -428,7 +428,7 @@ def _differentiate_clusters(
 
 @jit
 def _noise(
-    watch: Watch, flow: BlockFlow, tau: float, at: _Point, free: Array, cap: Array, noise: Array
+    terms: EventTerms, flow: BlockFlow, tau: float, at: _Point, free: Array, cap: Array, noise: Array
 ) -> None:  # fmt: skip
     """Compute the level below which each function is rounding of its terms up to tau.
 
@@ -441,13 +441,13 @@ def _noise(
     free, cap : ndarray, shape (n,)
         Free energy of the blocks as sqrt(2 E), and the amplitude that it allows.
     """
-    mixed = watch.mixed
-    for j in range(watch.w.shape[0]):
-        size = watch.constant[j] + abs(watch.slope[j]) * tau
+    mixed = terms.mixed
+    for j in range(terms.w.shape[0]):
+        size = terms.constant[j] + abs(terms.slope[j]) * tau
         if mixed:
-            size += watch.rate_size[j] * tau
+            size += terms.rate_size[j] * tau
         for h in range(flow.omega.size):
-            size += abs(watch.steady[j, h])
+            size += abs(terms.steady[j, h])
         for k in range(flow.p.size):
             amplitude = min(abs(flow.z0[k]) + abs(flow.v0[k]) * tau, cap[k])
             if mixed:
@@ -457,38 +457,38 @@ def _noise(
                 jerk = 2.0 * flow.delta[k] * push + flow.p[k] * energy
                 amplitude = min(amplitude, 0.5 * push * tau * tau)
                 speed = min(energy, 0.5 * jerk * tau * tau)
-                size += watch.u_size[j, k] * (speed + at.v_size[k])
-            size += watch.w_size[j, k] * (amplitude + at.z_size[k])
+                size += terms.u_size[j, k] * (speed + at.v_size[k])
+            size += terms.w_size[j, k] * (amplitude + at.z_size[k])
         noise[j] = _ROUNDING * size + 1e-300
 
 
 @jit
-def _rate_size(j: int, watch: Watch, flow: BlockFlow, at: _Point) -> float:
+def _rate_size(j: int, terms: EventTerms, flow: BlockFlow, at: _Point) -> float:
     """Return a bound on the terms that the rate of a function is summed of."""
-    size = abs(watch.slope[j])
+    size = abs(terms.slope[j])
     for h in range(flow.omega.size):
-        size += flow.omega[h] * abs(watch.steady[j, h])
+        size += flow.omega[h] * abs(terms.steady[j, h])
     for k in range(flow.p.size):
-        size += watch.w_size[j, k] * abs(at.zdot[k])
-        if watch.mixed:
-            size += watch.u_size[j, k] * abs(at.vdot[k])
+        size += terms.w_size[j, k] * abs(at.zdot[k])
+        if terms.mixed:
+            size += terms.u_size[j, k] * abs(at.vdot[k])
     return size
 
 
 @jit
-def _rate_is_rounding(j: int, watch: Watch, flow: BlockFlow, at: _Point) -> bool:
+def _rate_is_rounding(j: int, terms: EventTerms, flow: BlockFlow, at: _Point) -> bool:
     """Return whether the rate of a function is the rounding of its terms."""
-    return abs(at.rate[j]) <= _ROUNDING * _rate_size(j, watch, flow, at)
+    return abs(at.rate[j]) <= _ROUNDING * _rate_size(j, terms, flow, at)
 
 
 @jit
-def _complex_rate_is_rounding(j: int, watch: Watch, flow: BlockFlow, at: _Point) -> bool:
+def _complex_rate_is_rounding(j: int, terms: EventTerms, flow: BlockFlow, at: _Point) -> bool:
     """Return whether the rate of a function of complex modes is below the rounding of its terms."""
-    size = abs(watch.slope[j])
+    size = abs(terms.slope[j])
     for h in range(flow.omega.size):
-        size += flow.omega[h] * abs(watch.steady[j, h])
+        size += flow.omega[h] * abs(terms.steady[j, h])
     for k in range(flow.p.size):
-        size += abs(watch.w[j, k] * at.zdot[k]) + abs(watch.u[j, k] * at.vdot[k])
+        size += abs(terms.w[j, k] * at.zdot[k]) + abs(terms.u[j, k] * at.vdot[k])
     return abs(at.rate[j]) <= _COMPLEX_ROUNDING * size
 
 
@@ -506,7 +506,7 @@ def _safe_time(distance: float, rate: float, curvature: float) -> float:
 @jit
 def _safe_time_far(
     j: int,
-    watch: Watch,
+    terms: EventTerms,
     flow: BlockFlow,
     at: _Point,
     tau: float,
@@ -528,13 +528,13 @@ def _safe_time_far(
     n = flow.p.size
     value, size = np.zeros(_ORDER + 1), np.zeros(_ORDER + 1)
     for h in range(flow.omega.size):
-        wave = watch.steady[j, h] * np.exp(1j * flow.omega[h] * tau)
+        wave = terms.steady[j, h] * np.exp(1j * flow.omega[h] * tau)
         for i in range(1, _ORDER + 1):
             wave *= 1j * flow.omega[h]
             value[i] += wave.real
             size[i] += abs(wave)
-    value[1] += watch.slope[j] + watch.offset[j]
-    size[1] += abs(watch.slope[j])
+    value[1] += terms.slope[j] + terms.offset[j]
+    size[1] += abs(terms.slope[j])
     z, v, z_size, v_size = at.z.copy(), at.v.copy(), amplitude.copy(), speed.copy()
     now, norm = _cluster_states(flow.clusters, tau, amplitude)
     for i in range(1, _ORDER + 1):
@@ -557,11 +557,11 @@ def _safe_time_far(
             z_size[k], v_size[k] = v_size[k] + in_z_size[k], in_v_size[k] + 2.0 * delta * v_size[k] + p * z_size[k]
         _differentiate_clusters(flow.clusters, i, now, norm, (z, v, z_size, v_size))
         for k in range(n):
-            value[i] += watch.w[j, k] * z[k]
-            size[i] += watch.w_size[j, k] * z_size[k]
-            if watch.mixed:
-                value[i] += watch.u[j, k] * v[k]
-                size[i] += watch.u_size[j, k] * v_size[k]
+            value[i] += terms.w[j, k] * z[k]
+            size[i] += terms.w_size[j, k] * z_size[k]
+            if terms.mixed:
+                value[i] += terms.u[j, k] * v[k]
+                size[i] += terms.u_size[j, k] * v_size[k]
     safe_time = step
     for _ in range(200):
         rise, term = 0.0, 1.0
@@ -577,12 +577,12 @@ def _safe_time_far(
 
 @jit
 def march(
-    watch: Watch, flow: BlockFlow, levels: NDArray[np.int64], duration: float
+    terms: EventTerms, flow: BlockFlow, levels: NDArray[np.int64], duration: float
 ) -> tuple[float, NDArray[np.bool_], int]:
     """Return what `next_event` returns; motions are not tiny, and `levels` are those of the spectrum."""
-    n, m = flow.p.size, watch.w.shape[0]
+    n, m = flow.p.size, terms.w.shape[0]
     delta, p, frequency = flow.delta, flow.p, flow.frequency
-    mixed = watch.mixed
+    mixed = terms.mixed
     work = np.empty((16, n))
     at = _Point(
         work[0], work[1], work[2], work[3], work[4], work[5], work[6], work[7], np.empty(m), np.empty(m), work[8],
@@ -617,15 +617,15 @@ def march(
     steady_curvature = np.zeros(m)
     for j in range(m):
         for h in range(flow.omega.size):
-            steady_curvature[j] += abs(watch.steady[j, h]) * flow.omega[h] ** 2
+            steady_curvature[j] += abs(terms.steady[j, h]) * flow.omega[h] ** 2
 
     if mixed:
-        _evaluate(0.0, watch, flow, at)
+        _evaluate(0.0, terms, flow, at)
         for j in range(m):
-            if np.isnan(watch.rate[j]):
-                watch.rate[j] = at.rate[j]
-                watch.rate_size[j] = _rate_size(j, watch, flow, at)
-            watch.offset[j] = watch.rate[j] - at.rate[j]
+            if np.isnan(terms.rate[j]):
+                terms.rate[j] = at.rate[j]
+                terms.rate_size[j] = _rate_size(j, terms, flow, at)
+            terms.offset[j] = terms.rate[j] - at.rate[j]
     speed, amplitude, push, jerk = work[14], work[15], np.empty(n), np.empty(n)
     tau, before = 0.0, 0.0
     # The last time at which each function was at or below zero. If a function is above zero within rounding, its root
@@ -641,8 +641,8 @@ def march(
         quickest = max(quickest, flow.omega[h])
     patience = 0.1 / quickest if quickest > 0.0 else np.inf
     while True:
-        _evaluate(tau, watch, flow, at)
-        _noise(watch, flow, tau, at, free, cap, noise)
+        _evaluate(tau, terms, flow, at)
+        _noise(terms, flow, tau, at, free, cap, noise)
         evaluations += 1
         if tau > 0.0:
             found = False
@@ -671,43 +671,43 @@ def march(
             # Blocks below a level enter by value, rate and bound of the curvature, those above by amplitude.
             fast, value, rate, curvature = 0.0, at.phi[j], at.rate[j], steady_curvature[j]
             for k in range(n):
-                fast += abs(watch.w[j, k]) * amplitude[k]
-                value -= watch.w[j, k] * at.z[k]
-                rate -= watch.w[j, k] * at.zdot[k]
+                fast += abs(terms.w[j, k]) * amplitude[k]
+                value -= terms.w[j, k] * at.z[k]
+                rate -= terms.w[j, k] * at.zdot[k]
                 if mixed:
-                    fast += abs(watch.u[j, k]) * speed[k]
-                    value -= watch.u[j, k] * at.v[k]
-                    rate -= watch.u[j, k] * at.vdot[k]
+                    fast += abs(terms.u[j, k]) * speed[k]
+                    value -= terms.u[j, k] * at.v[k]
+                    rate -= terms.u[j, k] * at.vdot[k]
             safe = 0.0
             k = 0
             for level in range(levels.size - 1):
                 while k < levels[level]:
-                    fast -= abs(watch.w[j, k]) * amplitude[k]
-                    value += watch.w[j, k] * at.z[k]
-                    rate += watch.w[j, k] * at.zdot[k]
-                    curvature += abs(watch.w[j, k]) * (push[k] + g1_rate[k])
+                    fast -= abs(terms.w[j, k]) * amplitude[k]
+                    value += terms.w[j, k] * at.z[k]
+                    rate += terms.w[j, k] * at.zdot[k]
+                    curvature += abs(terms.w[j, k]) * (push[k] + g1_rate[k])
                     if mixed:
-                        fast -= abs(watch.u[j, k]) * speed[k]
-                        value += watch.u[j, k] * at.v[k]
-                        rate += watch.u[j, k] * at.vdot[k]
-                        curvature += abs(watch.u[j, k]) * jerk[k]
+                        fast -= abs(terms.u[j, k]) * speed[k]
+                        value += terms.u[j, k] * at.v[k]
+                        rate += terms.u[j, k] * at.vdot[k]
+                        curvature += abs(terms.u[j, k]) * jerk[k]
                     k += 1
                 if -value > fast:
                     safe = max(safe, _safe_time(2.0 * noise[j] - value - fast, rate, curvature))
             while k < n:
-                curvature += abs(watch.w[j, k]) * (push[k] + g1_rate[k])
+                curvature += abs(terms.w[j, k]) * (push[k] + g1_rate[k])
                 if mixed:
-                    curvature += abs(watch.u[j, k]) * jerk[k]
+                    curvature += abs(terms.u[j, k]) * jerk[k]
                 k += 1
             distance = max(-at.phi[j], 0.0) + 2.0 * noise[j]
             span = max(safe, _safe_time(distance, at.rate[j], curvature))
-            if abs(at.phi[j]) <= noise[j] and _rate_is_rounding(j, watch, flow, at):
+            if abs(at.phi[j]) <= noise[j] and _rate_is_rounding(j, terms, flow, at):
                 idle[j] = min(2.0 * max(idle[j], span), patience)
                 span = max(span, idle[j])
             else:
                 idle[j] = 0.0
             if span < _SHORT * patience and span < step:
-                span = max(span, _safe_time_far(j, watch, flow, at, tau, duration, distance, allowed, amplitude, speed))
+                span = max(span, _safe_time_far(j, terms, flow, at, tau, duration, distance, allowed, amplitude, speed))
             step = min(step, span)
         before = tau
         tau = duration if step >= duration - tau else tau + step
@@ -722,7 +722,7 @@ def march(
             continue
         low, high, x = below[j], tau, tau
         for _ in range(100):
-            _evaluate(x, watch, flow, at)
+            _evaluate(x, terms, flow, at)
             evaluations += 1
             if at.phi[j] > 0.0:
                 high = x
@@ -737,14 +737,14 @@ def march(
                 break
         if x <= first:
             first, winner = x, j
-    _evaluate(first, watch, flow, at)
-    _noise(watch, flow, first, at, free, cap, noise)
+    _evaluate(first, terms, flow, at)
+    _noise(terms, flow, first, at, free, cap, noise)
     evaluations += 1
     for j in range(m):
         # A function that only rounding moves away from zero, as for bodies at rest that touch, is left out of the
         # event of another. In complex modes the bounds on rounding are too wide to distinguish this from slow motion,
         # so the terms themselves are compared.
-        at_rest = _complex_rate_is_rounding(j, watch, flow, at) if mixed else _rate_is_rounding(j, watch, flow, at)
+        at_rest = _complex_rate_is_rounding(j, terms, flow, at) if mixed else _rate_is_rounding(j, terms, flow, at)
         hits[j] = abs(at.phi[j]) <= noise[j] and at.rate[j] > 0.0 and not at_rest
     hits[winner] = True
     return first, hits, evaluations

@@ -358,9 +358,9 @@ class EventSolution:
         return gaps
 
     def event_functions(self, motion: Motion) -> tuple[EventFunctions, NDArray[np.int64], Status]:
-        """Return the functions to watch in the last segment, the contact of each and the status it leads to.
+        """Return the event functions of the last segment, the contact of each and the status it leads to.
 
-        Open contacts are watched for ``s > 0``, closed ones for ``s < 0``,
+        Open contacts are searched for ``s > 0``, closed ones for ``s < 0``,
         pinned ones for a reaction that leaves [0, K0 gap].
         """
         laws, index = self.system.contacts, self.record.segments - 1

@@ -83,7 +83,7 @@ def run_truncated(
     rows = input_rows(system)
     small, begin, vectors = reduction.to(count)
     solution = follow(small, begin)
-    before = _watched(solution, vectors, rows, probe)
+    before = _compared(solution, vectors, rows, probe)
     eigensolves = solution.counters.eigensolves
     errors: list[float] = []
     while True:
@@ -92,7 +92,7 @@ def run_truncated(
         small, begin, vectors = reduction.to(count)
         solution = follow(small, begin)
         eigensolves += solution.counters.eigensolves
-        after = _watched(solution, vectors, rows, probe)
+        after = _compared(solution, vectors, rows, probe)
         history = _difference(before, after)
         errors.append(float(history.max()))
         error = _extrapolated(errors)
@@ -115,7 +115,7 @@ def _extrapolated(errors: list[float]) -> float:
     return errors[-1] * rate / (1.0 - rate)
 
 
-def _watched(solution: EventSolution, vectors: Array, rows: list[Array], times: Array) -> tuple[Array, Array]:
+def _compared(solution: EventSolution, vectors: Array, rows: list[Array], times: Array) -> tuple[Array, Array]:
     """Return displacements along the rows, (k, n_times), and coordinates in the vectors, (count, n_times)."""
     z, _ = solution.modal(times)
     coordinates = solution.space.shapes @ z

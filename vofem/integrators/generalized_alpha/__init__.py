@@ -54,7 +54,7 @@ def run(
     t_end: float,
     times: Array | None,
     dt: float | None = None,
-    watch: Observer | None = None,
+    observer: Observer | None = None,
     resume: Snapshot | None = None,
     probes: ProbeRows | None = None,
     tol: float | None = None,
@@ -83,5 +83,5 @@ def run(
         return kernel
 
     made = Doubled(equal, lambda counters: AdaptiveSteps(system, start, counters, t_end, chosen))
-    asked = Asked(system, start, t_end, times, dt, tol, watch, resume, probes, nearby)
+    asked = Asked(system, start, t_end, times, dt, tol, observer, resume, probes, nearby)
     return implicit_run(GENERALIZED_ALPHA, made, asked, _BLOW_UP)

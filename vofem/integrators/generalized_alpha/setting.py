@@ -95,9 +95,9 @@ class Alpha(Setting):
         state = self.state
         check_contacts(out.contact_checks, self.rows, dt, state.q, state.v)
         store(out, 0.0, dt, True, self.last_step, Motion(state.q, state.v, state.a), state.a)
-        record_hysteresis(self.laws, self.laws.kinds.hysteretic, self.last_step.memory, self.rows, out)
+        record_hysteresis(self.laws, self.laws.kinds.hysteretic, self.last_step.internal, self.rows, out)
         if self.past is not None:
-            self.past.record(out.times, out.memory, int(out.cursor[0]))
+            self.past.record(out.times, out.histories, int(out.cursor[0]))
         if np.any(self.kick):
             gain = np.zeros(self.kick.size)
             subtract_product(self.matrices.mass, self.kick, gain)

@@ -44,7 +44,7 @@ class State(NamedTuple):
     reaction: Array
     damper: Array
     status: IntArray
-    memory: Array
+    internal: Array
 
 
 class Scratch(NamedTuple):
@@ -128,7 +128,7 @@ def advance(
             space.output[i] = a1[i] + (af - am) * (a1[i] - a[i])
         copy(a1, a)
         store(out, t, dt, False, before, Motion(q, v, space.output), space.output)
-        commit_and_record(laws, laws.kinds.hysteretic, space.u0, before.memory, rows, out)
+        commit_and_record(laws, laws.kinds.hysteretic, space.u0, before.internal, rows, out)
         _record_springpots(springpots, t, dt, out)
         check_contacts(out.contact_checks, rows, dt, q, v)
         leave(before, q, v, space.output)
@@ -268,4 +268,4 @@ def _accept_springpots(
 @jit
 def _record_springpots(springpots: Springpots | None, t: float, dt: float, out: Record) -> None:
     if springpots is not None:
-        record_springpots(springpots, out.times, out.memory, out.cursor[1], out.cursor[0], t, dt)
+        record_springpots(springpots, out.times, out.histories, out.cursor[1], out.cursor[0], t, dt)

@@ -37,9 +37,9 @@ def _record(laws: Laws, rows: Rows, out: Record, first: int, cursor: int) -> Non
         for j in range(laws.table.size):
             if laws.table[j]["end"] > laws.table[j]["start"]:
                 u, i = dot(rows, j, out.q[:, c]), laws.table[j]["history"]
-                out.memory[0, i, c] = force_at(laws, j, u)
-                out.memory[1, i, c] = stored(laws, j, u)
-                out.memory[2, i, c] = dissipated(laws, j, u)
+                out.histories[0, i, c] = force_at(laws, j, u)
+                out.histories[1, i, c] = stored(laws, j, u)
+                out.histories[2, i, c] = dissipated(laws, j, u)
     last = cursor - 1
     while last >= first and not out.wanted[last]:
         last -= 1
@@ -62,7 +62,7 @@ def commit_and_record(laws: Laws, hysteretic: bool | None, u: Array, before: Arr
 
 
 @jit
-def memory_energy(laws: Laws, state: Array, rows: Rows, q: Array) -> tuple[float, float]:
+def hysteretic_energy(laws: Laws, state: Array, rows: Rows, q: Array) -> tuple[float, float]:
     """Return the energies in J that all laws with internal variables store at q, and that they have dissipated."""
     before = Laws(laws.table, laws.parameters, state, laws.kinds)
     energy, loss = 0.0, 0.0

@@ -64,7 +64,7 @@ class Asked:
     times: Array | None
     dt: float | None = None
     tol: float | None = None
-    watch: Observer | None = None
+    observer: Observer | None = None
     resume: Snapshot | None = None
     probes: ProbeRows | None = None
     nearby: bool | None = None
@@ -111,8 +111,8 @@ def implicit_run(method: Method, made: Doubled, asked: Asked, blow_up: float, ad
     out = kernel.record(stored, asked.probes, t_end)
     solution = march(
         kernel, method, start, kernel.state.status.copy(), t_end, t_end if step is None else step, out, notes,
-        first_energy=stored_energy(system, start.q, start.v), blow_up=blow_up, watch=asked.watch, resume=asked.resume,
-        probes=asked.probes,
+        first_energy=stored_energy(system, start.q, start.v), blow_up=blow_up, observer=asked.observer,
+        resume=asked.resume, probes=asked.probes,
     )  # fmt: skip
     if isinstance(kernel, StepDoubling):
         solution.dt = kernel.coarsest

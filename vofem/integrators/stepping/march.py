@@ -16,7 +16,7 @@ from vofem.integrators.rounding import static_loss
 from vofem.integrators.stepped import SteppedSolution
 from vofem.integrators.stepping.checks import check_times
 from vofem.integrators.stepping.energies import contact_energy, kinetic_energy, strain_energy
-from vofem.integrators.stepping.hysteresis import memory_energy
+from vofem.integrators.stepping.hysteresis import hysteretic_energy
 from vofem.integrators.stepping.probes import MOST_STEPS, Recorded
 from vofem.integrators.stepping.quality import Checked, quality_notes
 from vofem.integrators.stepping.record import LastStep, Record, shortened, stored, take_events
@@ -46,7 +46,10 @@ _PLAIN_WORK = 10_000
 MOST_FACTORED = 48
 
 #: Names in checkpoints of earlier versions, and what they are called today.
-_FORMER_NAMES = {"now": "ticks", "rung": "level", "uneasy": "last_hard"}
+_FORMER_NAMES = {
+    "now": "ticks", "rung": "level", "uneasy": "last_hard", "trail": "last_step", "watch": "contact_checks",
+    "memory": "histories",
+}  # fmt: skip
 
 #: Number of laws from which on the order of the unknowns takes account of their rows.
 _MANY = 16
@@ -161,7 +164,7 @@ def march(
     *,
     first_energy: float,
     blow_up: float,
-    watch: Observer | None,
+    observer: Observer | None,
     resume: Snapshot | None,
     probes: ProbeRows | None,
 ) -> SteppedSolution:
@@ -182,7 +185,7 @@ def march(
         At t = 0, in the method's own form and without hysteretic springs, J.
     blow_up : float
         Energy that no load has supplied, over the largest energy, that ends a run.
-    watch : callable, optional
+    observer : callable, optional
     resume : dict, optional
         A snapshot of the same run, from which to go on.
     probes : ProbeRows, optional
@@ -205,7 +208,7 @@ def march(
         missing = tuple(resume.get("missing", missing))
 
     def snapshot() -> Snapshot:
-        checked = {"missing": list(missing), "watch": out.contact_checks}
+        checked = {"missing": list(missing), "contact_checks": out.contact_checks}
         return _snapshot(kernel, out, log, recorded, notes) | checked
 
     with deferred_interrupts() as interrupted:
@@ -218,8 +221,8 @@ def march(
             if method.conserves and abs(excess) > abs(missing[0]):
                 missing = excess, kernel.reached()
             stop = interrupted() and not kernel.finished
-            if watch is not None:
-                watch(kernel.reached(), snapshot, stop)
+            if observer is not None:
+                observer(kernel.reached(), snapshot, stop)
             if stop:
                 done = shortened(out)
                 if not np.any(done.wanted):
@@ -256,7 +259,7 @@ def _outcome(kernel: Kernel, out: Record, columns: IntArray) -> tuple[Array, Sam
     samples = Samples(out.q[place], out.v[place], out.a[place])
     strain, dissipated, springs = strain_energy(system, samples.q), out.dissipated[columns], None
     if system.recorded:
-        force, energy, loss = out.memory[:, :, columns]
+        force, energy, loss = out.histories[:, :, columns]
         springs = SpringSamples(force, energy, loss, out.past[:, 0])
         strain = strain + springs.stored.sum(axis=0)
         dissipated = dissipated + springs.dissipated.sum(axis=0)
@@ -273,7 +276,7 @@ def _spring_energies(kernel: Kernel) -> tuple[float, float]:
     last_step, absorbed = kernel.last_step, 0.0 if kernel.past is None else kernel.past.absorbed()
     if not kernel.laws.state.size:
         return 0.0, absorbed
-    energy, loss = memory_energy(kernel.laws, last_step.memory, kernel.rows, last_step.q)
+    energy, loss = hysteretic_energy(kernel.laws, last_step.internal, kernel.rows, last_step.q)
     return float(energy), float(loss) + absorbed
 
 
@@ -281,7 +284,7 @@ def _snapshot(kernel: Kernel, out: Record, log: list[Array], recorded: Recorded,
     """Return the state of a run as plain data, from which the run can be resumed."""
     return {
         "state": kernel.state,
-        "trail": kernel.last_step,
+        "last_step": kernel.last_step,
         "place": {name: getattr(kernel, name) for name in kernel.place},
         "output": stored(out),
         "recorded": recorded.whole(),
@@ -291,13 +294,19 @@ def _snapshot(kernel: Kernel, out: Record, log: list[Array], recorded: Recorded,
     }
 
 
+def _present(saved: dict[str, Any]) -> dict[str, Any]:
+    """Return entries of a checkpoint by the names that they have today."""
+    return {_FORMER_NAMES.get(name, name): value for name, value in saved.items()}
+
+
 def _restore(kernel: Kernel, out: Record, saved: Snapshot, notes: list[str]) -> tuple[list[Array], Recorded]:
     """Set a kernel and its record to a snapshot; return the events so far, and the points recorded at every step."""
+    saved = _present(saved)
     _fill(kernel.state, saved["state"])
-    _fill(kernel.last_step, saved["trail"])
-    for name, value in saved["place"].items():
-        setattr(kernel, _FORMER_NAMES.get(name, name), value)
-    output = saved["output"]
+    _fill(kernel.last_step, saved["last_step"])
+    for name, value in _present(saved["place"]).items():
+        setattr(kernel, name, value)
+    output = _present(saved["output"])
     cursor = int(output["times"].size)
     # Earlier versions have stored wanted times only.
     older = "wanted" not in output
@@ -312,7 +321,7 @@ def _restore(kernel: Kernel, out: Record, saved: Snapshot, notes: list[str]) -> 
     for name, value in vars(saved["counters"]).items():
         setattr(kernel.bands.counters, name, value)
     notes[:] = saved["notes"]
-    out.contact_checks[:] = saved.get("watch", out.contact_checks)
+    out.contact_checks[:] = saved.get("contact_checks", out.contact_checks)
     out.cursor[:] = cursor
     return [saved["log"]] if saved["log"].size else [], Recorded(saved["recorded"])
 

@@ -97,7 +97,7 @@ def note_growth(
     back, at = kernel.bands.back, columns[columns.size // 2]
     moved = float(np.max(np.abs(weight * out.q[:, at])))
     factor = _DISTURBANCE * size / max(moved, _GROWTH * _DISTURBANCE * size)
-    beside = State(start.q + factor * out.q[back, at], start.v + factor * out.v[back, at], start.memory)
+    beside = State(start.q + factor * out.q[back, at], start.v + factor * out.v[back, at], start.internal)
     found = _second(again(beside), out.times[columns])
     if found is None:
         return []

@@ -36,13 +36,13 @@ class LastStep(NamedTuple):
     a: Array
     work: Array
     dissipated: Array
-    memory: Array
+    internal: Array
     size: Array
 
 
-def no_step(n: int, memory: Array) -> LastStep:
+def no_step(n: int, internal: Array) -> LastStep:
     """Return an empty record of the last step of n unknowns, with the internal variables of hysteretic laws."""
-    return LastStep(np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(2), np.zeros(2), memory.copy(), np.zeros(1))
+    return LastStep(np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(2), np.zeros(2), internal.copy(), np.zeros(1))
 
 
 class Motion(NamedTuple):
@@ -62,7 +62,7 @@ class Record(NamedTuple):
         Times at which states are stored, s.
     q, v, a : ndarray, shape (n, n_times)
     work, dissipated : ndarray, shape (n_times,)
-    memory : ndarray, shape (3, n_laws, n_times)
+    histories : ndarray, shape (3, n_laws, n_times)
         Force, stored energy and loss of the hysteretic laws and, last, of the springpots.
     past : ndarray, shape (size, 1)
         Internal variables of the hysteretic laws at the last `wanted` time.
@@ -86,7 +86,7 @@ class Record(NamedTuple):
     a: Array
     work: Array
     dissipated: Array
-    memory: Array
+    histories: Array
     past: Array
     wanted: NDArray[np.bool_]
     cursor: IntArray
@@ -97,7 +97,7 @@ class Record(NamedTuple):
 
 
 #: Fields of a record that hold one entry for every time, and what is known at the last one.
-_STORED = ("times", "q", "v", "a", "work", "dissipated", "memory", "past", "wanted")
+_STORED = ("times", "q", "v", "a", "work", "dissipated", "histories", "past", "wanted")
 
 
 def record_of(

@@ -81,7 +81,7 @@ class Setting:
         self.every_row = all_rows(system.laws)
         self.rows = compressed(self.every_row, order)
         self.u = np.zeros(0) if self.every_row is None else np.asarray(self.every_row @ start.q)
-        self.laws = loaded(build_laws(system.laws, self.callbacks), self.u, start.memory)
+        self.laws = loaded(build_laws(system.laws, self.callbacks), self.u, start.internal)
         self.status = np.empty(0, dtype=np.int64)
         if system.contacts is not None:
             self.status = initial_status(system.contacts, start.q, start.v)

@@ -158,8 +158,12 @@ def animate(
     else:
         views, count, length = _of_runs(subject, view, point, window, (speed, frames, rate), shown, magnification)
     pictures = _together(views, across=view == "phase")
-    with replacing(goal) as temporary, _bar(progress, count) as bar:
-        write(_reported(pictures, bar, progress, count), temporary, suffix, rate)
+    label = "animate", "the number of frames done and that of all"
+    with (
+        replacing(goal) as temporary,
+        TerminalBar(label, progress, count, "frame {task.completed:.0f} of {task.total:.0f}") as bar,
+    ):
+        write(_reported(pictures, bar, count), temporary, suffix, rate)
     return MovieOutcome(goal, count, rate, length * rate / count)
 
 
@@ -227,15 +231,8 @@ def _together(views: list[View], across: bool) -> Iterator[Frame]:
         yield parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1 if across else 0)
 
 
-def _bar(progress: Progress, count: int) -> TerminalBar:
-    label = "animate", "the number of frames done and that of all"
-    return TerminalBar(label, progress, count, "frame {task.completed:.0f} of {task.total:.0f}")
-
-
-def _reported(pictures: Iterator[Frame], bar: TerminalBar, progress: Progress, count: int) -> Iterator[Frame]:
+def _reported(pictures: Iterator[Frame], bar: TerminalBar, count: int) -> Iterator[Frame]:
     """Yield pictures, and say how many there were."""
     for k, picture in enumerate(pictures, start=1):
         yield picture
-        if callable(progress):
-            progress(k, count)
-        bar.update(k)
+        bar.update(k, report=(k, count))

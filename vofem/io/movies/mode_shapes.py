@@ -44,8 +44,8 @@ def mode_snapshots(modes: Modes, number: int, scene: Scene | None, count: int) -
         states = []
         for body in bodies:
             eta = scale * shapes[body]
-            reach, nothing, depth = float(np.max(np.abs(eta), initial=0.0)), np.zeros(eta.size), np.ones(eta.size)
+            extent, nothing, depth = float(np.max(np.abs(eta), initial=0.0)), np.zeros(eta.size), np.ones(eta.size)
             now = eta * np.cos(2.0 * np.pi * turn)
-            states.append(BodyState(body, places[body], now, nothing, depth, -reach, reach, 0.0, 0.0))
+            states.append(BodyState(body, places[body], now, nothing, depth, -extent, extent, 0.0, 0.0))
         found.append(replace(still, bodies=tuple(states)))
     return found

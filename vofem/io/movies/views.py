@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.bodies.base import Point
 from vofem.io.pictures.backend_pillow import pixels
+from vofem.io.pictures.histories import closed_intervals
 from vofem.io.pictures.layout import arrange
 from vofem.io.pictures.sketch import sketch
 from vofem.io.pictures.snapshot import Snapshot, snapshots
@@ -74,9 +75,11 @@ def side_view(
 
 
 class _AxesView:
-    """A view with axes: the whole motion is drawn once, and what moves over it for every frame."""
+    """A view with axes: the whole motion of a point is drawn once, and for every frame its past and the present."""
 
-    def __init__(self, size: tuple[int, int]) -> None:
+    def __init__(
+        self, result: Result, point: Point, times: Array, window: tuple[float, float], size: tuple[int, int], title: str
+    ) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
@@ -85,96 +88,68 @@ class _AxesView:
         self.axes = figure.add_subplot()
         self.axes.grid(color="#e3e5e9", linewidth=0.7)
         self.axes.set_axisbelow(True)
-        self._moving: list[Any] = []
+        self._times, self._dense = times, _whole(result, window)
+        motion = result.displacement(point, self._dense)
+        factor, unit = length(float(np.max(np.abs(motion), initial=0.0)))
+        #: Abscissa and ordinate of the curve, at the times at which it is drawn, and at those of the frames.
+        self._path, self._now = (
+            self.curve(result, point, at, u, factor)
+            for at, u in ((self._dense, motion), (times, result.displacement(point, times)))
+        )
+        self.label(result, window, unit)
+        self.axes.plot(*self._path, color=_SHADE, linewidth=1.1)
+        self._line = self.axes.plot([], [], color=_LINE, linewidth=1.5, animated=True)[0]
+        self._dot = self.axes.plot([], [], "o", color=_DOT, markersize=8, animated=True)[0]
+        self.axes.set_title(title or point.describe(), fontsize=11)
 
-    def moving(self, artist: Any) -> Any:
-        """Keep an artist for every frame."""
-        artist.set_animated(True)
-        self._moving.append(artist)
-        return artist
+    def curve(self, result: Result, point: Point, times: Array, u: Array, factor: float) -> Array:
+        """Return the curve at some times, shape (2, n_times), from displacements in m and the factor of their unit."""
+        raise NotImplementedError
+
+    def label(self, result: Result, window: tuple[float, float], unit: str) -> None:
+        """Label the axes, and draw what lies behind the curve."""
+        raise NotImplementedError
 
     def frames(self) -> Iterator[Frame]:
         """Yield the pictures in order."""
         self._canvas.draw()
         background = self._canvas.copy_from_bbox(self.axes.figure.bbox)
-        for k in range(self.count()):
-            self.move(k)
+        for t, now in zip(self._times, self._now.T, strict=True):
+            past = self._dense < t
+            self._line.set_data(*(np.append(part[past], end) for part, end in zip(self._path, now, strict=True)))
+            self._dot.set_data(now[:1], now[1:])
             self._canvas.restore_region(background)
-            for artist in self._moving:
-                self.axes.draw_artist(artist)
+            self.axes.draw_artist(self._line)
+            self.axes.draw_artist(self._dot)
             yield np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
-
-    def count(self) -> int:
-        """Return the number of frames."""
-        raise NotImplementedError
-
-    def move(self, k: int) -> None:
-        """Put what moves to its place in a frame."""
-        raise NotImplementedError
 
 
 class HistoryView(_AxesView):
     """The displacement of a point over time, drawn as it happens; shaded while a contact of the scene is closed."""
 
-    def __init__(
-        self, result: Result, point: Point, times: Array, window: tuple[float, float], size: tuple[int, int], title: str
-    ) -> None:
-        super().__init__(size)
-        dense = _whole(result, window)
-        motion = result.displacement(point, dense)
-        factor, unit = length(float(np.max(np.abs(motion), initial=0.0)))
-        self._times, self._dense, self._motion = times, dense, motion / factor
-        self._now = result.displacement(point, times) / factor
-        self.axes.plot(dense, motion / factor, color=_SHADE, linewidth=1.2)
-        for history in result.contacts.values():
-            ends = np.append(history.openings, window[1])
-            for start, end in zip(history.closings, ends, strict=False):
+    def curve(self, result: Result, point: Point, times: Array, u: Array, factor: float) -> Array:
+        """Return times and displacements."""
+        return np.stack([times, u / factor])
+
+    def label(self, result: Result, window: tuple[float, float], unit: str) -> None:
+        """Label the axes, and shade closed contacts."""
+        for name in result.contacts:
+            for start, end in closed_intervals(result, name):
                 if end >= window[0] and start <= window[1]:
                     self.axes.axvspan(start, end, color=_DOT, alpha=0.12, linewidth=0)
-        self._line = self.moving(self.axes.plot([], [], color=_LINE, linewidth=1.6)[0])
-        self._dot = self.moving(self.axes.plot([], [], "o", color=_DOT, markersize=8)[0])
         self.axes.set(xlabel="time [s]", ylabel=f"displacement [{unit}]", xlim=window)
-        self.axes.set_title(title or point.describe(), fontsize=11)
-
-    def count(self) -> int:
-        """Return the number of frames."""
-        return int(self._times.size)
-
-    def move(self, k: int) -> None:
-        """Draw the past up to a frame."""
-        t = self._times[k]
-        past = self._dense < t
-        self._line.set_data(np.append(self._dense[past], t), np.append(self._motion[past], self._now[k]))
-        self._dot.set_data([t], [self._now[k]])
 
 
 class PhaseView(_AxesView):
     """Velocity over displacement of a point, drawn as it happens."""
 
-    def __init__(
-        self, result: Result, point: Point, times: Array, window: tuple[float, float], size: tuple[int, int], title: str
-    ) -> None:
-        super().__init__(size)
-        dense = _whole(result, window)
-        u, v = result.displacement(point, dense), result.velocity(point, dense)
-        factor, unit = length(float(np.max(np.abs(u), initial=0.0)))
-        self._times, self._dense, self._path = times, dense, np.stack([u, v]) / factor
-        self._now = np.stack([result.displacement(point, times), result.velocity(point, times)]) / factor
-        self.axes.plot(*self._path, color=_SHADE, linewidth=1.0)
-        self._line = self.moving(self.axes.plot([], [], color=_LINE, linewidth=1.4)[0])
-        self._dot = self.moving(self.axes.plot([], [], "o", color=_DOT, markersize=8)[0])
+    def curve(self, result: Result, point: Point, times: Array, u: Array, factor: float) -> Array:
+        """Return displacements and velocities."""
+        return np.stack([u, result.velocity(point, times)]) / factor
+
+    def label(self, result: Result, window: tuple[float, float], unit: str) -> None:
+        """Label the axes."""
         self.axes.set(xlabel=f"displacement [{unit}]", ylabel=f"velocity [{unit}/s]")
-        self.axes.set_title(title or point.describe(), fontsize=11)
-
-    def count(self) -> int:
-        """Return the number of frames."""
-        return int(self._times.size)
-
-    def move(self, k: int) -> None:
-        """Draw the past up to a frame."""
-        past = self._dense < self._times[k]
-        self._line.set_data(*(np.append(part[past], now[k]) for part, now in zip(self._path, self._now, strict=True)))
-        self._dot.set_data(self._now[:1, k], self._now[1:, k])
 
 
 def _whole(result: Result, window: tuple[float, float]) -> Array:

@@ -71,7 +71,7 @@ def bifurcation(
     canvas = Canvas("bifurcation", goal, ax, (9.0, 5.2))
     axes = canvas.grid[0, 0]
     size = float(np.clip(_AREA / diagram.values.size, 0.8, 3.5))
-    for color, start in zip((COLORS[1], COLORS[0], COLORS[2]), diagram.looks, strict=False):
+    for color, start in zip((COLORS[1], COLORS[0], COLORS[2]), diagram.samples, strict=False):
         samples = diagram.displacement(point, start)
         values = np.broadcast_to(diagram.values[:, None], samples.shape)
         axes.plot(

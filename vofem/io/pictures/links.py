@@ -101,12 +101,12 @@ def _slots(view: Snapshot, layout: Layout) -> tuple[dict[int, float], float]:
         places = [x for _, x in members]
         for x in sorted(set(np.round(places, 0))):
             same = [(index, at) for index, at in members if np.round(at, 0) == x]
-            reach = 0.5 * (len(same) - 1) * pitch
+            extent = 0.5 * (len(same) - 1) * pitch
             left, right = ends[key[0]]
             # At the end of a beam they stand beside each other under it, not beyond it.
-            middle = float(np.clip(x, left + reach, right - reach)) if right - left > 2.0 * reach else x
+            middle = float(np.clip(x, left + extent, right - extent)) if right - left > 2.0 * extent else x
             for k, (index, _) in enumerate(same):
-                slots[index] = middle - reach + k * pitch
+                slots[index] = middle - extent + k * pitch
         used = np.sort([slots[index] for index, _ in members])
         spacing = min(spacing, float(np.min(np.diff(used), initial=np.inf)))
     return slots, spacing

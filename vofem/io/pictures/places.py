@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from vofem.bodies import Beam
 from vofem.bodies.base import Body
@@ -10,6 +10,8 @@ from vofem.effects import Contact, Foundation
 from vofem.errors import ArgumentError
 from vofem.io.pictures.layout import is_line, place_of
 from vofem.scene import Scene
+
+AnyBody = TypeVar("AnyBody", bound=Body)
 
 
 class Place(NamedTuple):
@@ -79,17 +81,16 @@ def between_masses(scene: Scene) -> list[Place]:
 
 def one_line(scene: Scene, body: Body | str | None) -> Body:
     """Return the line of a scene with this name, or the only one. A line is a beam or a similar body."""
-    lines = [b for b in scene.bodies if is_line(b)]
-    wanted = [b for b in lines if body is None or b.name == getattr(body, "name", body)]
-    if len(wanted) != 1:
-        raise ArgumentError(f"the scene has the beams {[b.name for b in lines]}; say which one with body=")
-    return wanted[0]
+    return _only([b for b in scene.bodies if is_line(b)], body)
 
 
 def one_beam(scene: Scene, body: Beam | str | None) -> Beam:
     """Return the beam of a scene with this name, or the only one."""
-    beams = [b for b in scene.bodies if isinstance(b, Beam)]
-    wanted = [b for b in beams if body is None or b.name == getattr(body, "name", body)]
+    return _only([b for b in scene.bodies if isinstance(b, Beam)], body)
+
+
+def _only(bodies: list[AnyBody], body: Body | str | None) -> AnyBody:
+    wanted = [b for b in bodies if body is None or b.name == getattr(body, "name", body)]
     if len(wanted) != 1:
-        raise ArgumentError(f"the scene has the beams {[b.name for b in beams]}; say which one with body=")
+        raise ArgumentError(f"the scene has the beams {[b.name for b in bodies]}; say which one with body=")
     return wanted[0]

@@ -34,8 +34,8 @@ def clamp(drawing: Drawing, x: float, y: float, half: float, unit: float, facing
     """Add a clamped support: a block left of x (facing 1), right of it (-1), or on both faces of the beam (0)."""
     if facing:
         outer = x - facing * 38.0 * unit
-        reach = half + 52.0 * unit
-        drawing.rectangle((x, outer), (y - reach, y + reach), BLOCK)
+        height = half + 52.0 * unit
+        drawing.rectangle((x, outer), (y - height, y + height), BLOCK)
         return
     for side in (-1.0, 1.0):
         face = y + side * half
@@ -50,14 +50,12 @@ def pin(drawing: Drawing, x: float, y: float, half: float, unit: float) -> None:
     drawing.rectangle((x - 34.0 * unit, x + 34.0 * unit), (foot - 7.0 * unit, foot), GROUND)
 
 
-def guide(
-    drawing: Drawing, x: float, y: float, half: float, reach: tuple[float, float], unit: float, side: int
-) -> None:
+def guide(drawing: Drawing, x: float, y: float, half: float, span: tuple[float, float], unit: float, side: int) -> None:
     """Add a guided support: rollers between the beam, at height y, and a wall over the range of its motion.
 
     Parameters
     ----------
-    reach : tuple of float
+    span : tuple of float
         Lowest and highest height of the axis.
     side : int
         -1: the wall is left of x; 1: right; 0: on both sides of an inner node.
@@ -66,7 +64,7 @@ def guide(
     for direction in (side,) if side else (-1, 1):
         near = x + direction * 2.0 * radius
         more = half + 14.0 * unit
-        drawing.rectangle((near, near + direction * 16.0 * unit), (reach[0] - more, reach[1] + more), BLOCK)
+        drawing.rectangle((near, near + direction * 16.0 * unit), (span[0] - more, span[1] + more), BLOCK)
         for level in (-0.55, 0.55):
             disc(drawing, x + direction * radius, y + level * half, radius, GROUND)
 
@@ -80,8 +78,8 @@ def disc(drawing: Drawing, x: float, y: float, radius: float, color: str) -> Non
 def spiral(drawing: Drawing, x: float, y: float, radius: float, color: str, width: float) -> None:
     """Add a spring in rotation: a spiral of two turns and a half."""
     turn = np.linspace(0.0, 5.0 * np.pi, 121)
-    reach = radius * turn / turn[-1]
-    drawing.line(x + reach * np.cos(turn), y + reach * np.sin(turn), color, width)
+    away = radius * turn / turn[-1]
+    drawing.line(x + away * np.cos(turn), y + away * np.sin(turn), color, width)
 
 
 def damper(

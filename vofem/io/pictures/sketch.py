@@ -101,8 +101,8 @@ def _title(drawing: Drawing, view: Snapshot, layout: Layout, before: str) -> Non
     parts = [before] if before else []
     parts.append(view.title or ("equilibrium" if view.time is None else f"t = {_spelled(view.time)}"))
     # The size of a mode shape is arbitrary.
-    told = [] if view.title else sorted(view.bodies, key=lambda s: -float(np.max(np.abs(s.eta))))[:3]
-    for state in told:
+    labelled = [] if view.title else sorted(view.bodies, key=lambda s: -float(np.max(np.abs(s.eta))))[:3]
+    for state in labelled:
         place, value = _labelled_place(state.body, state.x, state.eta)
         name = state.body.name if len(view.bodies) > 1 else ""
         factor, unit = length(value)
@@ -205,7 +205,7 @@ def _beam(drawing: Drawing, layout: Layout, lane: Lane, beam: Beam, factor: floa
     if (nodes[-1] - nodes[0]) / beam.element_lengths.size >= 9.0 * unit:
         drawing.dot(nodes, np.interp(nodes, x, y), INK, 7.0 * unit)
     last = len(beam.nodes) - 1
-    reach = (lane.axis + state.low * layout.motion, lane.axis + state.high * layout.motion)
+    span = (lane.axis + state.low * layout.motion, lane.axis + state.high * layout.motion)
     for node, kind in beam.supports.items():
         place, depth = float(nodes[node]), float(np.interp(nodes[node], x, half))
         facing = 1 if node == 0 else -1 if node == last else 0
@@ -214,7 +214,7 @@ def _beam(drawing: Drawing, layout: Layout, lane: Lane, beam: Beam, factor: floa
         elif kind == "pinned":
             shapes.pin(drawing, place, lane.axis, depth, unit)
         else:
-            shapes.guide(drawing, place, float(np.interp(place, x, y)), depth, reach, unit, -facing)
+            shapes.guide(drawing, place, float(np.interp(place, x, y)), depth, span, unit, -facing)
     if len(layout.lanes) > 1:
         _name(drawing, beam.name, float(x[0]) - 52.0 * unit, lane.axis, 20.0 * layout.text)
 

@@ -161,12 +161,12 @@ def multipliers(orbit: PeriodicOrbit | Sequence[PeriodicOrbit] | Branch, path: W
     else:
         dots = axes.scatter(values.real, values.imag, c=order, s=12, cmap="viridis_r", zorder=3)
         canvas.figure.colorbar(dots, ax=axes, label="number of the orbit [-]", shrink=0.8)
-    reach = 1.15 * max(1.0, float(np.abs(values).max(initial=0.0)))
+    limit = 1.15 * max(1.0, float(np.abs(values).max(initial=0.0)))
     # With very large multipliers the circle would shrink to a dot.
-    reach = min(reach, 3.0)
-    axes.set(xlim=(-reach, reach), ylim=(-reach, reach), xlabel="real part [-]", ylabel="imaginary part [-]")
+    limit = min(limit, 3.0)
+    axes.set(xlim=(-limit, limit), ylim=(-limit, limit), xlabel="real part [-]", ylabel="imaginary part [-]")
     axes.set_box_aspect(1.0)
-    beyond = int(np.sum(np.abs(values) > reach))
+    beyond = int(np.sum(np.abs(values) > limit))
     if beyond:
         largest = values[np.argmax(np.abs(values))]
         text = f"{beyond} beyond this frame, the largest {largest.real:.4g}"

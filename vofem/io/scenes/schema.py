@@ -17,6 +17,7 @@ from vofem.io.scenes.kinds import (
     POSITIVE,
     POSITIVE_BASIS,
     Choice,
+    Kind,
     MeshPath,
     NumberOrNumbers,
     Numbers,
@@ -81,6 +82,13 @@ _POINT = PointByName()
 _OF = Choice(tuple(UNITS))
 _BEAM = BodyByName(beam=True)
 _SWITCH = Switch(Entry("resolved", effects.Resolved, {"s0": POSITIVE}))
+_SIDE = Choice(("below", "above"))
+
+#: The ends of an effect on two points, or on a point and ground, with and without a name.
+_ENDS: dict[str, Kind] = {"a": _POINT, "b": _POINT}
+_NAMED: dict[str, Kind] = {"name": NAME, **_ENDS}
+#: A backbone that softens, see `vofem.HystereticSpring`.
+_BACKBONE: dict[str, Kind] = {"stiffness": POSITIVE, "linear_limit": POSITIVE, "softening": _SOFTENING}
 
 # -- bodies -----------------------------------------------------------------------------------------
 
@@ -117,75 +125,34 @@ EFFECTS = _table(
         "contact",
         effects.Contact,
         {
-            "name": NAME,
-            "a": _POINT,
-            "b": _POINT,
+            **_NAMED,
             "gap": NUMBER,
             "stiffness": POSITIVE,
             "damping": NOT_NEGATIVE,
-            "side": Choice(("below", "above")),
+            "side": _SIDE,
             "acts_on": Choice(("displacement", "penetration")),
             "switch": _SWITCH,
             "of": _OF,
         },
         needed=("acts_on",),
     ),
-    Entry("spring", effects.Spring, {"a": _POINT, "b": _POINT, "stiffness": NOT_NEGATIVE, "of": _OF}),
+    Entry("spring", effects.Spring, {**_ENDS, "stiffness": NOT_NEGATIVE, "of": _OF}),
     Entry(
         "hysteretic_spring",
         effects.HystereticSpring,
-        {
-            "name": NAME,
-            "a": _POINT,
-            "b": _POINT,
-            "stiffness": POSITIVE,
-            "linear_limit": POSITIVE,
-            "softening": _SOFTENING,
-            "memory": Choice(("printed", "cyclic")),
-            "of": _OF,
-        },
+        {**_NAMED, **_BACKBONE, "memory": Choice(("printed", "cyclic")), "of": _OF},
         needed=("memory",),
     ),
-    Entry(
-        "crushing_stop",
-        effects.CrushingStop,
-        {
-            "name": NAME,
-            "a": _POINT,
-            "b": _POINT,
-            "gap": NUMBER,
-            "side": Choice(("below", "above")),
-            "stiffness": POSITIVE,
-            "linear_limit": POSITIVE,
-            "softening": _SOFTENING,
-            "of": _OF,
-        },
-    ),
+    Entry("crushing_stop", effects.CrushingStop, {**_NAMED, "gap": NUMBER, "side": _SIDE, **_BACKBONE, "of": _OF}),
     Entry(
         "bilinear_spring",
         effects.BilinearSpring,
-        {
-            "name": NAME,
-            "a": _POINT,
-            "b": _POINT,
-            "stiffness": POSITIVE,
-            "linear_limit": POSITIVE,
-            "hardening": NOT_NEGATIVE,
-            "of": _OF,
-        },
+        {**_NAMED, "stiffness": POSITIVE, "linear_limit": POSITIVE, "hardening": NOT_NEGATIVE, "of": _OF},
     ),
-    Entry(
-        "iwan_spring",
-        effects.IwanSpring,
-        {"name": NAME, "a": _POINT, "b": _POINT, "elongation": Numbers(), "force": Numbers(), "of": _OF},
-    ),
-    Entry(
-        "springpot",
-        effects.Springpot,
-        {"name": NAME, "a": _POINT, "b": _POINT, "coefficient": NOT_NEGATIVE, "order": _ORDER, "of": _OF},
-    ),
-    Entry("joint", effects.Joint, {"name": NAME, "a": _POINT, "b": _POINT, "kind": Choice(("rigid", "hinge"))}),
-    Entry("dashpot", effects.Dashpot, {"a": _POINT, "b": _POINT, "damping": NOT_NEGATIVE, "of": _OF}),
+    Entry("iwan_spring", effects.IwanSpring, {**_NAMED, "elongation": Numbers(), "force": Numbers(), "of": _OF}),
+    Entry("springpot", effects.Springpot, {**_NAMED, "coefficient": NOT_NEGATIVE, "order": _ORDER, "of": _OF}),
+    Entry("joint", effects.Joint, {**_NAMED, "kind": Choice(("rigid", "hinge"))}),
+    Entry("dashpot", effects.Dashpot, {**_ENDS, "damping": NOT_NEGATIVE, "of": _OF}),
     Entry("rotational_spring", effects.RotationalSpring, {"point": _POINT, "other": _POINT, "stiffness": NOT_NEGATIVE}),
     Entry("point_mass", effects.PointMass, {"point": _POINT, "mass": NOT_NEGATIVE, "inertia": NOT_NEGATIVE}),
     Entry("point_load", effects.PointLoad, {"point": _POINT, "f": TIME_FUNCTION}),

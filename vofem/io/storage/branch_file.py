@@ -13,9 +13,8 @@ from typing import Any
 import h5py
 import numpy as np
 
-from vofem._version import __version__
-from vofem.errors import MissingCallableError, SceneFileError, StorageError
-from vofem.files.hdf5 import writing
+from vofem.errors import MissingCallableError, SceneFileError
+from vofem.files.hdf5 import check_format, mark_format, writing
 from vofem.files.whole import target
 from vofem.io.scenes.place import Book
 from vofem.io.scenes.reader import read_tables
@@ -55,8 +54,7 @@ def save(branch: Branch, path: str | os.PathLike[str], *, overwrite: bool = Fals
     }
     with writing(goal, overwrite=overwrite) as blocks:
         own = blocks.file.create_group(GROUP, track_order=True)
-        own.attrs["format"] = FORMAT
-        own.attrs["written_by"] = __version__
+        mark_format(own, FORMAT)
         write_tree(own, record)
     return goal
 
@@ -94,11 +92,7 @@ def _orbits(orbits: Sequence[PeriodicOrbit], folder: Path) -> dict[str, Any]:
 def read(file: h5py.File) -> Branch:
     """Return the branch that `Branch.save` has written to a file that is open; see `vofem.load`."""
     own = file[GROUP]
-    if int(own.attrs["format"]) > FORMAT:
-        raise StorageError(
-            f"{file.filename} was written by vofem {own.attrs['written_by']} in format {own.attrs['format']}; this is "
-            f"vofem {__version__}, which reads formats up to {FORMAT}. Update vofem"
-        )
+    check_format(own, FORMAT)
     record = read_tree(own)
     folder = Path(file.filename).parent
     count = len(record["values"])

@@ -9,14 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vofem._version import __version__
 from vofem.assembly import Model
 from vofem.errors import ArgumentError, OutputError, StorageError
-from vofem.files.hdf5 import reading, writing
+from vofem.files.hdf5 import check_format, mark_format, reading, writing
 from vofem.files.whole import impossible, target, try_to_write
-from vofem.integrators.base import Samples
 from vofem.io.storage.records import Encoder, decode
 from vofem.io.storage.tree import read_tree, write_tree
 from vofem.progress import Progress
@@ -29,16 +26,6 @@ _SUFFIXES = (".checkpoint", ".h5", ".hdf")
 
 #: Version of the format. It is increased when this version could not read the new files.
 FORMAT = 1
-
-
-@dataclass
-class _Begun:
-    """A run that has just begun, as an `Encoder` sees it: it has its start state and nothing else."""
-
-    times: NDArray[np.float64]
-    model: Model
-    samples: Samples
-    t_start: float
 
 
 def checkpoint_writer(path: str | os.PathLike[str], scene: Scene) -> Callable[[Plan], Callable[[dict[str, Any]], None]]:
@@ -87,8 +74,7 @@ class _Writers:
         """Return the function for a plan."""
         scene = self.scene
         start = scene.initial_state() if plan.start is None else plan.start
-        columns = Samples(start.q[:, None], start.v[:, None], np.zeros((start.q.size, 1)))
-        encode = Encoder(_Begun(np.zeros(1), scene.model, columns, plan.t_start))
+        encode = Encoder(scene.model.system.laws, start.q[:, None], np.array([plan.t_start]))
 
         def write(snapshot: dict[str, Any]) -> None:
             if _identity(self.goal) not in (self.last, None):
@@ -98,8 +84,7 @@ class _Writers:
                 )
             with writing(self.goal, overwrite=True) as blocks:
                 own = blocks.file.create_group("vofem_checkpoint")
-                own.attrs["format"] = FORMAT
-                own.attrs["written_by"] = __version__
+                mark_format(own, FORMAT)
                 record = {"scene": scene, "model": scene.model, "plan": plan, "snapshot": snapshot}
                 write_tree(own.create_group("run"), record, encode)
             self.last = _identity(self.goal)
@@ -121,11 +106,7 @@ def resume(
             kind = "a saved run: read it with vofem.load" if "vofem" in file else "an HDF5 file of another program"
             raise StorageError(f"{file.filename} is {kind}; expected a checkpoint of vofem.simulate")
         own = file["vofem_checkpoint"]
-        if int(own.attrs["format"]) > FORMAT:
-            raise StorageError(
-                f"{file.filename} was written by vofem {own.attrs['written_by']} in format {own.attrs['format']}; this "
-                f"is vofem {__version__}, which reads formats up to {FORMAT}. Update vofem"
-            )
+        check_format(own, FORMAT)
         record = read_tree(own["run"], decode)
     if scene is None:
         scene = record["scene"].compiled_as(record["model"])

@@ -9,20 +9,18 @@ how values of Python functions are stored.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.assembly import Model
 from vofem.bodies import Beam, BeamPoint, Mass
 from vofem.bodies.base import Body
 from vofem.effects import Resolved
 from vofem.errors import ArgumentError, MissingCallableError
-from vofem.integrators.base import Samples
 from vofem.io.scenes.schema import EFFECTS
 from vofem.io.storage.stand_ins import (
     StoredBody,
@@ -36,26 +34,12 @@ from vofem.io.storage.stand_ins import (
 )
 from vofem.io.storage.stored_field import StoredField
 from vofem.io.storage.tree import is_data
-from vofem.laws import ScalarLaw, past_of
+from vofem.laws import LawGroup, ScalarLaw, past_of
 from vofem.polynomial import Polynomial
-from vofem.result import Result
 from vofem.scene import Scene
 from vofem.time_functions import Arbitrary, TimeFunction
 
-
-class Taken(Protocol):
-    """A run, or its beginning: it says which values of Python functions were used."""
-
-    times: NDArray[np.float64]
-    t_start: float
-
-    @property
-    def model(self) -> Model:
-        """The compiled model."""
-
-    @property
-    def samples(self) -> Samples:
-        """The degrees of freedom at `times`."""
+Array = NDArray[np.float64]
 
 
 class Encoder:
@@ -63,14 +47,15 @@ class Encoder:
 
     Parameters
     ----------
-    result : Result
-        The run, which says which values of Python functions were used.
+    laws : sequence of LawGroup
+    q : ndarray, shape (n, n_times)
+        Displacements at which the run has used laws written in Python.
+    times : ndarray, shape (n_times,)
+        Times of the loads in s at which it has used Python functions.
     """
 
-    def __init__(self, result: Result | Taken) -> None:
-        self._result = result
-        #: Names of attributes with the times at which loads are known.
-        self._times = result.t_start + result.times
+    def __init__(self, laws: Sequence[LawGroup], q: Array, times: Array) -> None:
+        self._laws, self._q, self._times = laws, q, times
 
     def __call__(self, value: Any) -> tuple[str, Any] | None:
         """Return tag and plain data, or None for what is plain."""
@@ -114,9 +99,9 @@ class Encoder:
         return value if plain else StoredField.of(value, beam, what)
 
     def _law(self, law: ScalarLaw) -> StoredLaw:
-        places = ((group, group.place_of(law)) for group in self._result.model.system.laws)
+        places = ((group, group.place_of(law)) for group in self._laws)
         group, index = next((group, index) for group, index in places if index is not None)
-        u = np.unique((group.rows @ self._result.samples.q)[index])
+        u = np.unique((group.rows @ self._q)[index])
         reactions, energies = (np.array([of(x) for x in u.tolist()]) for of in (law.reaction, law.energy))
         return StoredLaw(law.name, _callables(law), u, reactions, energies, law.label)
 
@@ -158,10 +143,10 @@ class Encoder:
                 return {body: tuple(state) for body, state in initial.items()}
         state, model = scene.initial_state(), scene.model
         states = {body.name: (model.of_body(body, state.q), model.of_body(body, state.v)) for body in scene.bodies}
-        if state.memory is None:
+        if state.internal is None:
             return StoredState(states, {})
         names = [name for group in model.system.laws for name in group.names]
-        pasts = {name: past for name in names if (past := past_of(model.system.laws, state.memory, name)) is not None}
+        pasts = {name: past for name in names if (past := past_of(model.system.laws, state.internal, name)) is not None}
         return StoredState(states, pasts)
 
 

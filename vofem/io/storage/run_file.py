@@ -20,9 +20,8 @@ import h5py
 import numpy as np
 
 from vofem._validate import array, number
-from vofem._version import __version__
 from vofem.errors import ArgumentError, SceneFileError, StorageError
-from vofem.files.hdf5 import reading, writing
+from vofem.files.hdf5 import check_format, mark_format, reading, writing
 from vofem.files.whole import refuse_existing, target, try_to_write
 from vofem.io.scenes.writer import scene_to_toml
 from vofem.io.storage.history import read_history, write_history
@@ -58,8 +57,7 @@ def save(
         file = blocks.file
         # netCDF requires that groups keep the order in which their members were made.
         own = file.create_group("vofem", track_order=True)
-        own.attrs["format"] = FORMAT
-        own.attrs["written_by"] = __version__
+        mark_format(own, FORMAT)
         own.attrs["method"] = result.method
         own.attrs["compiled"] = result.compiled
         _write_toml(own, result, goal)
@@ -69,7 +67,8 @@ def save(
             solution["system"] = model.system
         record = {"scene": result.scene, "model": model, "solution": solution}
         record |= {"t_start": result.t_start, "start": result.start}
-        write_tree(own.create_group("run"), record, Encoder(result))
+        encode = Encoder(model.system.laws, result.samples.q, result.t_start + result.times)
+        write_tree(own.create_group("run"), record, encode)
         if has_segments(result):
             write_segments(blocks, own.create_group("segments"), result.solution)
         write_history(blocks, file.create_group("history", track_order=True), result)
@@ -156,9 +155,5 @@ def _checked(file: h5py.File) -> h5py.Group:
     if "vofem" not in file or "format" not in file["vofem"].attrs:
         raise StorageError(f"{name} is an HDF5 file of another program, expected one that Result.save has written")
     own = file["vofem"]
-    if int(own.attrs["format"]) > FORMAT:
-        raise StorageError(
-            f"{name} was written by vofem {own.attrs['written_by']} in format {own.attrs['format']}; this is vofem "
-            f"{__version__}, which reads formats up to {FORMAT}. Update vofem, or save the run again with this version"
-        )
+    check_format(own, FORMAT, ", or save the run again with this version")
     return own

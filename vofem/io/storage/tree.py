@@ -216,6 +216,10 @@ _MOVED = {
 }
 
 
+#: Former and present names of fields of states.
+_RENAMED = {"memory": "internal", "told": "totals"}
+
+
 #: Former module, or package of modules, of the functions of time.
 _FUNCTIONS = "vofem.effects.time_functions"
 
@@ -256,6 +260,7 @@ def _rebuilt(name: str, fields: dict[str, Any]) -> Any:
     if hasattr(kind, "from_earlier"):
         fields = kind.from_earlier(fields)
     wanted = _field_names(kind)
+    fields = {field if field in wanted else _RENAMED.get(field, field): value for field, value in fields.items()}
     fields = {field: value for field, value in _defaults(kind).items() if field not in fields} | fields
     if set(wanted) != set(fields):
         raise StorageError(

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from vofem._validate import number
 from vofem.errors import ArgumentError
+from vofem.progress import SweepProgress
 from vofem.scene import Scene, as_scene
 from vofem.studies.diagrams.stroboscope import Stroboscope, order_of, stroboscope
 from vofem.studies.sweep import Sweep
-from vofem.studies.sweep.bar import Progress
 from vofem.studies.sweep.sweeping import sweep
 
 Array = NDArray[np.float64]
@@ -82,7 +82,7 @@ def basins(
     executor: Any = None,
     workers: int | None = None,
     store: Any = None,
-    progress: Progress = None,
+    progress: SweepProgress = None,
 ) -> Basins:
     """Return the steady motion to which each initial state of a grid leads.
 
@@ -137,9 +137,9 @@ def basins(
     )  # fmt: skip
     if not len(table):
         raise ArgumentError(f"basins: every run failed, the first with: {table.failed[0].error}")
-    looks = table["looks"].reshape(-1, *table["looks"].shape[-3:])
-    index, found = _distinct(looks, tolerance)
-    return Basins(_named(found, index, looks), _by_share(index, len(found)).reshape(table.points.shape), table)
+    samples = table["looks"].reshape(-1, *table["looks"].shape[-3:])
+    index, found = _distinct(samples, tolerance)
+    return Basins(_named(found, index, samples), _by_share(index, len(found)).reshape(table.points.shape), table)
 
 
 def _start_of(displacement: float, velocity: float, body: Any) -> dict[Any, Any]:
@@ -151,16 +151,16 @@ def _looks(scene: Scene, start: Callable[..., Mapping[Any, Any]], how: Strobosco
     return {"looks": samples}
 
 
-def _distinct(looks: Array, tolerance: float) -> tuple[NDArray[np.int64], list[tuple[int, Array]]]:
+def _distinct(samples: Array, tolerance: float) -> tuple[NDArray[np.int64], list[tuple[int, Array]]]:
     """Return the number of the attractor of every run, and order and points of each attractor."""
     found: list[tuple[int, Array]] = []
-    index = np.full(looks.shape[0], -1, dtype=np.int64)
-    size = np.nanmax(np.abs(looks), axis=(0, 3), keepdims=True)[0]
-    for k, samples in enumerate(looks):
-        if not np.all(np.isfinite(samples)):
+    index = np.full(samples.shape[0], -1, dtype=np.int64)
+    size = np.nanmax(np.abs(samples), axis=(0, 3), keepdims=True)[0]
+    for k, own in enumerate(samples):
+        if not np.all(np.isfinite(own)):
             continue
-        order = order_of(samples, tolerance * size)
-        own = samples[..., : order or None]
+        order = order_of(own, tolerance * size)
+        own = own[..., : order or None]
         for j, (other, points) in enumerate(found):
             if other == order and (order == 0 or _same(own, points, tolerance * size)):
                 index[k] = j
@@ -191,7 +191,7 @@ def _by_share(index: NDArray[np.int64], count: int) -> NDArray[np.int64]:
     return place[index]
 
 
-def _named(found: list[tuple[int, Array]], index: NDArray[np.int64], looks: Array) -> tuple[Attractor, ...]:
+def _named(found: list[tuple[int, Array]], index: NDArray[np.int64], samples: Array) -> tuple[Attractor, ...]:
     orders = [order for order, _ in found]
     letters: dict[int, int] = {}
     result = []

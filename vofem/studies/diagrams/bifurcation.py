@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import choice, name_of
 from vofem.errors import ArgumentError, VofemError
+from vofem.progress import SweepProgress
 from vofem.scene import Scene
 from vofem.studies.diagrams.stroboscope import Stroboscope, order_of, plain_state, state_from, stroboscope
 from vofem.studies.sweep import Sweep
-from vofem.studies.sweep.bar import Progress
 from vofem.studies.sweep.sweeping import sweep
 
 Array = NDArray[np.float64]
@@ -38,7 +38,7 @@ class BifurcationDiagram:
         Values of the parameter.
     points : tuple of str
         Names of the points that were sampled.
-    looks : dict of str to ndarray, shape (2, n_points, n_values, periods)
+    samples : dict of str to ndarray, shape (2, n_points, n_values, periods)
         Displacements in m and velocities in m/s, by the start of the runs. The
         runs of "rest" start from the initial state of their scene. Those of "up"
         and "down" start from the end of the run before, along rising and falling
@@ -49,21 +49,26 @@ class BifurcationDiagram:
 
     values: Array
     points: tuple[str, ...]
-    looks: dict[str, Array]
+    samples: dict[str, Array]
     failed: tuple[str, ...]
 
     def __repr__(self) -> str:
-        periods = self.looks["rest"].shape[-1]
-        runs = f"{self.values.size} values x {periods} periods; starts {', '.join(self.looks)}"
+        periods = self.samples["rest"].shape[-1]
+        runs = f"{self.values.size} values x {periods} periods; starts {', '.join(self.samples)}"
         return f"<BifurcationDiagram: {runs}; points {', '.join(self.points)}; {len(self.failed)} failed>"
 
+    @property
+    def looks(self) -> dict[str, Array]:
+        """The former name of `samples`."""
+        return self.samples
+
     def _of(self, kind: int, point: Any, start: str) -> Array:
-        choice("BifurcationDiagram: start", start, tuple(self.looks))
+        choice("BifurcationDiagram: start", start, tuple(self.samples))
         name = self.points[0] if point is None else name_of(point)
         if name not in self.points:
             raise ArgumentError(f"BifurcationDiagram: no point is named {name!r}; there are {list(self.points)}")
-        samples: Array = self.looks[start][kind, self.points.index(name)]
-        return samples
+        found: Array = self.samples[start][kind, self.points.index(name)]
+        return found
 
     def displacement(self, point: Any = None, start: str = "rest") -> Array:
         """Return the displacements of a point in m, by default of the first one, shape (n_values, periods)."""
@@ -82,10 +87,10 @@ class BifurcationDiagram:
         tolerance : float
             Difference up to which samples count as equal, relative to the largest sample of the point.
         """
-        choice("BifurcationDiagram: start", start, tuple(self.looks))
-        looks = self.looks[start]
-        allowed = tolerance * np.nanmax(np.abs(looks), axis=(2, 3))[:, :, None]
-        return np.array([order_of(looks[:, :, k], allowed) for k in range(self.values.size)], dtype=np.int64)
+        choice("BifurcationDiagram: start", start, tuple(self.samples))
+        samples = self.samples[start]
+        allowed = tolerance * np.nanmax(np.abs(samples), axis=(2, 3))[:, :, None]
+        return np.array([order_of(samples[:, :, k], allowed) for k in range(self.values.size)], dtype=np.int64)
 
 
 def bifurcation_diagram(
@@ -101,7 +106,7 @@ def bifurcation_diagram(
     executor: Any = None,
     workers: int | None = None,
     store: Any = None,
-    progress: Progress = None,
+    progress: SweepProgress = None,
 ) -> BifurcationDiagram:
     """Return a stroboscopic diagram: displacement and velocity once a period of the loads, over a parameter.
 
@@ -150,14 +155,14 @@ def bifurcation_diagram(
     if not len(rest):
         raise ArgumentError(f"bifurcation_diagram: every run failed, the first with: {rest.failed[0].error}")
     failed = [str(one) for one in rest.failed]
-    looks = {"rest": np.moveaxis(rest["looks"], 0, 2)}
+    samples = {"rest": np.moveaxis(rest["looks"], 0, 2)}
     if follow:
         chains = {"up": np.argsort(given, kind="stable"), "down": np.argsort(-given, kind="stable")}
         found, errors = _followed(build, given, how, chains, _beside(store, "follow"), options)
-        looks |= found
+        samples |= found
         failed += errors
     names = tuple(json.loads(next(name for name in rest["names"] if name)))
-    return BifurcationDiagram(given, names, looks, tuple(failed))
+    return BifurcationDiagram(given, names, samples, tuple(failed))
 
 
 def _beside(store: Any, part: str) -> Path | None:
@@ -185,7 +190,7 @@ def _followed(
     """Return the samples along rising and falling values, and the messages of runs that failed."""
     function = functools.partial(_chain, build=build, how=how)
     states: dict[str, Any] = dict.fromkeys(chains)
-    looks: dict[str, list[Array]] = {name: [] for name in chains}
+    samples: dict[str, list[Array]] = {name: [] for name in chains}
     errors: list[str] = []
     for first in range(0, values.size, _LINK):
         links = {name: _padded(values[order[first : first + _LINK]]) for name, order in chains.items()}
@@ -194,14 +199,14 @@ def _followed(
         if table.failed:
             raise ArgumentError(f"bifurcation_diagram: {table.failed[0].error}")
         for k, name in enumerate(chains):
-            looks[name].append(table["looks"][k])
+            samples[name].append(table["looks"][k])
             states[name] = json.loads(str(table["end"][k]))
             errors += [f"{name}: {message}" for message in json.loads(str(table["errors"][k]))]
     result = {}
     for name, order in chains.items():
-        samples = np.concatenate(looks[name], axis=2)[:, :, : order.size]
-        result[name] = np.empty_like(samples)
-        result[name][:, :, order] = samples
+        along = np.concatenate(samples[name], axis=2)[:, :, : order.size]
+        result[name] = np.empty_like(along)
+        result[name][:, :, order] = along
     return result, errors
 
 
@@ -215,11 +220,11 @@ def _chain(
 ) -> dict[str, Any]:
     """Run scenes one after the other, each from the end of the one before."""
     current = state_from(state)
-    looks: list[Array] = []
+    found: list[Array] = []
     errors: list[str] = []
     for value in values:
         if value is None:
-            looks.append(np.full_like(looks[0], np.nan))
+            found.append(np.full_like(found[0], np.nan))
             continue
         scene = build(value)
         try:
@@ -227,10 +232,10 @@ def _chain(
         except VofemError as error:
             samples = np.full((2, len(how.names(scene)), how.periods), np.nan)
             errors.append(f"value {value!r}: {type(error).__name__}: {error}")
-        looks.append(samples)
+        found.append(samples)
     end = None if current is None else plain_state(current)
     return {
-        "looks": np.moveaxis(np.array(looks), 0, 2),
+        "looks": np.moveaxis(np.array(found), 0, 2),
         "end": json.dumps(end, default=lambda value: value.tolist()),
         "errors": json.dumps(errors),
     }

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem.errors import ArgumentError
+from vofem.progress import SweepProgress
 from vofem.scene import Scene
 from vofem.studies.diagrams.stroboscope import first_point
 from vofem.studies.steady.steady_state import periodic
 from vofem.studies.sweep import FailedPoint, Sweep
-from vofem.studies.sweep.bar import Progress
 from vofem.studies.sweep.sweeping import sweep
 
 Array = NDArray[np.float64]
@@ -68,7 +68,7 @@ def stability_map(
     executor: Any = None,
     workers: int | None = None,
     store: Any = None,
-    progress: Progress = None,
+    progress: SweepProgress = None,
 ) -> StabilityMap:
     """Return the steady states to which motions from rest lead, over two parameters.
 

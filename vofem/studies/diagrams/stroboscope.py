@@ -54,8 +54,8 @@ class Stroboscope:
         period = load_period("stroboscope", scene.model.system, self.period).period
         times = period * np.arange(self.skip + 1, self.skip + self.periods + 1)
         result = simulate(scene, float(times[-1]), times=times, initial=initial, method=self.method, progress=False)
-        looks = [(result.displacement(point), result.velocity(point)) for point in self._of(scene)]
-        return np.array(looks).transpose(1, 0, 2), result.as_start()
+        samples = [(result.displacement(point), result.velocity(point)) for point in self._of(scene)]
+        return np.array(samples).transpose(1, 0, 2), result.as_start()
 
     def names(self, scene: Scene) -> tuple[str, ...]:
         """Return the names of the points that are sampled."""

@@ -22,9 +22,7 @@ def branch_progress(interval: Interval, progress: Progress) -> Iterator[Callable
             nonlocal farthest
             # A branch goes back and forth: the bar shows the farthest value.
             farthest = max(farthest, min(abs(value - interval.start), interval.size))
-            if callable(progress):
-                progress(value, interval.stop)
-            bar.update(farthest)
+            bar.update(farthest, report=(value, interval.stop))
             return interrupted()
 
         yield report

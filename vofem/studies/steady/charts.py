@@ -10,12 +10,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.integrators.event_driven.flow import Flow, Start, Unwatched
+from vofem.integrators.event_driven.flow import Flow, IgnoredEvents, Start
 from vofem.integrators.event_driven.tangent import acceleration
 from vofem.linalg.eigen import eigenvalues
 from vofem.studies.steady.orbit import DECIDED, PeriodicOrbit
@@ -27,42 +27,22 @@ Complex = NDArray[np.complex128]
 Status = NDArray[np.int64]
 
 
-class Chart(Protocol):
-    """Coordinates of orbits."""
-
-    @property
-    def also(self) -> tuple[tuple[int, float], ...]:
-        """Other contacts that graze in the same orbit, with their phases; empty where there are none."""
-
-    def evaluate(self, problem: Any, y: Array, *, derivative: bool = True) -> Evaluation:
-        """Return the equations at coordinates y, shape (n,)."""
-
-    def scales(self, problem: Any, evaluation: Any) -> Array:
-        """Return sizes of the coordinates, shape (n,), by which their changes are divided."""
-
-    def unknowns(self, problem: Any, y: Array, evaluation: Any) -> Array:
-        """Return the unknowns of the problem, shape (n,)."""
-
-    def orbit(self, problem: Any, y: Array, evaluation: Any) -> PeriodicOrbit:
-        """Return the orbit of a solution."""
-
-
 @dataclass(frozen=True)
 class OriginChart:
     """The unknowns of the problem as coordinates. For shooting they are the state at t = 0 of the loads.
 
     Attributes
     ----------
-    unwatched : tuple of (contact, from, to)
+    ignored : tuple of (contact, from, to)
         Phases ``omega t`` of the loads between which the events of a contact are ignored, for shooting only.
     """
 
-    unwatched: tuple[tuple[int, float, float], ...] = ()
+    ignored: tuple[tuple[int, float, float], ...] = ()
     also: ClassVar[tuple[tuple[int, float], ...]] = ()
 
     def evaluate(self, problem: Any, y: Array, *, derivative: bool = True) -> Evaluation:
         """Return the equations."""
-        more = {"unwatched": self.unwatched} if self.unwatched else {}
+        more = {"ignored": self.ignored} if self.ignored else {}
         evaluation: Evaluation = problem.evaluate(y, derivative=derivative, **more)
         return evaluation
 
@@ -208,11 +188,11 @@ class EventChart:
         """Return the flow over one orbit from the event."""
         time, state = self.point(problem, y)
         stop = time + problem.duration
-        windows = [Unwatched(j, stop - self.margin * problem.duration, stop) for j in self.switching]
+        windows = [IgnoredEvents(j, stop - self.margin * problem.duration, stop) for j in self.switching]
         status = self.after
         if self.grazes:
             status = self.before
-            windows.append(Unwatched(self.contact, time, time + self.margin * problem.duration))
+            windows.append(IgnoredEvents(self.contact, time, time + self.margin * problem.duration))
             for entry in around(self.also, self.margin, problem.periods):
                 windows += problem.windows(*entry, time)
         z, v = problem.to_modes(state)
@@ -222,7 +202,7 @@ class EventChart:
         begin = None
         if derivative:
             begin = self._switched(problem) if regular else self._along(problem, moved, time, z, v)
-        one = problem.run(start, stop, derivative=begin, unwatched=windows)
+        one = problem.run(start, stop, derivative=begin, ignored=windows)
         residual = problem.to_unknowns(one.displacement, one.velocity) - state
         if begin is None:
             nothing = np.empty((0, 0))

@@ -225,6 +225,3 @@ def condensed_result(scene: Scene, few: Condensed, state: State, duration: float
     lifted = TruncatedSolution(solution, few.vectors, times, kept, GOOD, bool(np.any(few.full.rotational)))
     lifted.notes[0] = f"truncation: {left_out.what}"
     return Result(scene, "event_driven", lifted, start=state)
-
-
-__all__ = ["Condensed", "condensable", "condensed", "condensed_result", "first_count", "slowest_decay"]

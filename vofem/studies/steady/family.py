@@ -18,7 +18,7 @@ _KEPT = 4
 
 @dataclass
 class Family:
-    """The equations of orbits along a parameter; an `OrbitFamily`.
+    """The equations of orbits along a parameter; unknowns mean the same at all values.
 
     Attributes
     ----------

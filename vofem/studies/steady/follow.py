@@ -646,6 +646,3 @@ def _jumps(problem: Any, contacts: list[int]) -> bool:
     """Return whether the force of one of some contacts jumps."""
     laws = problem.system.contacts
     return bool(np.any(laws.jump[contacts] & (laws.gap[contacts] > 0.0)))
-
-
-__all__ = ["Follower", "Mark", "Step", "Track", "margin_around"]

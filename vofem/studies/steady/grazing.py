@@ -123,7 +123,7 @@ def _status_at(problem: Shooting, flow, time: float) -> Status:  # type: ignore[
 
 
 def margin_around(problem: Shooting, others: list[float], time: float) -> float:
-    """Return the share of the orbit on each side of a time in which a contact with some events need not be watched."""
+    """Return the share of the orbit on each side of a time in which other events of a contact may be ignored."""
     duration = problem.duration
     away = [min((time - t) % duration, (t - time) % duration) for t in others]
     return min(_MARGIN * min(away, default=duration) / duration, _MOST_MARGIN)

@@ -294,6 +294,3 @@ def harmonic_result(scene: Scene, motion: HarmonicMotion, notes: tuple[str, ...]
     """Return the run over one period of a motion, at `TIMES` equal times."""
     times = np.linspace(0.0, motion.period, TIMES)
     return Result(scene, "harmonic_balance", HarmonicSolution(motion, times, list(notes)))
-
-
-__all__ = ["HarmonicMotion", "HarmonicSolution", "harmonic_result"]

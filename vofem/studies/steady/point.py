@@ -36,7 +36,7 @@ class Point:
 
     Attributes
     ----------
-    chart : Chart
+    chart : OriginChart or EventChart
     y : ndarray, shape (n + 1,)
     problem : OrbitProblem
     evaluation : Evaluation
@@ -118,7 +118,7 @@ def corrected(
     Parameters
     ----------
     family : Family
-    chart : Chart
+    chart : OriginChart or EventChart
     guess : ndarray, shape (n + 1,)
     scales : ndarray, shape (n + 1,)
     normal : ndarray, shape (n + 1,)

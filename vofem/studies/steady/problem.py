@@ -2,7 +2,7 @@
 
 A method (shooting, harmonic balance) describes the orbits of one scene as the
 roots of as many equations as unknowns: `OrbitProblem`. A branch needs the same
-problem at other values of a parameter: `OrbitFamily`. Derivatives with respect
+problem at other values of a parameter: `family.Family`. Derivatives with respect
 to the parameter are taken by differences of residuals, so that a scene may
 depend on it in any way.
 """
@@ -87,10 +87,3 @@ class OrbitProblem(Protocol):
 
     def shortest_period(self, unknowns: Array, evaluation: Any) -> int:
         """Return after how many periods of the loads a solution first repeats: `periods` or a divisor of it."""
-
-
-class OrbitFamily(Protocol):
-    """The same problem along a parameter; unknowns mean the same at all values."""
-
-    def at(self, value: float) -> OrbitProblem:
-        """Return the problem at a value of the parameter."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from vofem.errors import ConvergenceError, EventStormError, MethodError
 from vofem.initial import Initial, StoredState
-from vofem.integrators.event_driven.flow import Flow, Start, Unwatched, flow, modal_state, modes_of, share_modes
+from vofem.integrators.event_driven.flow import Flow, IgnoredEvents, Start, flow, modal_state, modes_of, share_modes
 from vofem.integrators.event_driven.run import refusal
 from vofem.integrators.methods import EVENT_DRIVEN
 from vofem.linalg.eigen import eigenvalues
@@ -242,10 +242,10 @@ class Shooting:
         """Return the unknowns of the periodic motion with all contacts open."""
         n = self.space.size
         contacts = self.space.contacts.shape[0]
-        never = [Unwatched(j, -np.inf, np.inf) for j in range(contacts)]
+        never = [IgnoredEvents(j, -np.inf, np.inf) for j in range(contacts)]
         start = Start(0.0, np.zeros(n), np.zeros(n), np.full(contacts, OPEN, dtype=np.int64))
         one = flow(
-            self.system, start, self.loads.period, derivative=np.eye(2 * n), unwatched=never, counters=self.work.runs
+            self.system, start, self.loads.period, derivative=np.eye(2 * n), ignored=never, counters=self.work.runs
         )
         self.work.flows += 1
         assert one.monodromy is not None
@@ -278,7 +278,7 @@ class Shooting:
             raise ConvergenceError(str(error)) from error
 
     def evaluate(
-        self, unknowns: Array, *, derivative: bool = True, unwatched: Sequence[tuple[int, float, float]] = ()
+        self, unknowns: Array, *, derivative: bool = True, ignored: Sequence[tuple[int, float, float]] = ()
     ) -> ShootingEvaluation:
         """Return the flow over one orbit; events are ignored between some phases ``omega t`` of the loads."""
         z, v = self.to_modes(unknowns)
@@ -286,17 +286,20 @@ class Shooting:
             Start(0.0, z, v),
             self.duration,
             derivative=np.eye(self.size) if derivative else None,
-            unwatched=[window for entry in unwatched for window in self.windows(*entry)],
+            ignored=[window for entry in ignored for window in self.windows(*entry)],
         )
         ends = self.to_unknowns(one.displacement, one.velocity)
         return ShootingEvaluation(one, ends - unknowns, self.frame)
 
-    def windows(self, contact: int, first: float, last: float, begin: float = 0.0) -> list[Unwatched]:
-        """Return when a contact is not watched within one orbit from a time in s on, for phases of the loads."""
+    def windows(self, contact: int, first: float, last: float, begin: float = 0.0) -> list[IgnoredEvents]:
+        """Return when events of a contact are ignored within one orbit from a time in s on, for phases of the loads."""
         start, stop = first / self.loads.omega, last / self.loads.omega
         shift = np.floor((start - begin) / self.duration) * self.duration
         start, stop = start - shift, stop - shift
-        return [Unwatched(contact, start, stop), Unwatched(contact, start - self.duration, stop - self.duration)]
+        return [
+            IgnoredEvents(contact, start, stop),
+            IgnoredEvents(contact, start - self.duration, stop - self.duration),
+        ]
 
     def orbit(self, unknowns: Array, evaluation: ShootingEvaluation) -> PeriodicOrbit:
         """Return the orbit of a solution."""
@@ -377,6 +380,3 @@ def _at_phase(result: Result, period: float) -> StoredState:
     q, v = result.solution.sample(np.array([min(time, end)])).last()
     of = result.model.of_body
     return StoredState({body.name: (of(body, q), of(body, v)) for body in result.scene.bodies}, {}, source="Result")
-
-
-__all__ = ["Shooting", "ShootingEvaluation", "orbit_result", "relative", "shooting_refusal"]

@@ -10,7 +10,7 @@ import signal
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
-from typing import Any, Protocol
+from typing import Any
 
 from vofem.errors import ArgumentError
 from vofem.studies.processors import processors
@@ -20,47 +20,34 @@ from vofem.studies.sweep.worker import Row, Task, compute
 Points = Sequence[dict[str, Any]]
 
 
-class Engine(Protocol):
-    """Takes batches of points and returns futures of their rows."""
+class Engine:
+    """Takes batches of points and returns futures of their rows.
+
+    This one computes in the present process, one batch after the other. The others derive from it.
+    """
 
     #: How many batches are computed at the same time.
-    workers: int
+    workers: int = 1
     #: How many batches may be handed over at the same time.
-    capacity: int
+    capacity: int = 1
     #: Whether `restart` replaces workers that have ended abruptly.
-    restarts: bool
+    restarts: bool = False
 
     def submit(self, task: Task, points: Points) -> Future[list[Row]]:
         """Hand over a batch."""
-
-    def restart(self) -> None:
-        """End all workers at once; new ones start with the next batch."""
-
-    def close(self, at_once: bool) -> None:
-        """End what the engine has started itself; with `at_once` do not wait for batches."""
-
-
-class Serial:
-    """Computes in this process, one batch after the other."""
-
-    workers = 1
-    capacity = 1
-    restarts = False
-
-    def submit(self, task: Task, points: Points) -> Future[list[Row]]:
-        """Compute a batch and return its finished future."""
         future: Future[list[Row]] = Future()
         future.set_result(compute(task, points))
         return future
 
     def restart(self) -> None:
-        """Do nothing: there are no workers."""
+        """End all workers at once; new ones start with the next batch."""
+        self.close(at_once=True)
 
     def close(self, at_once: bool) -> None:
-        """Do nothing: there are no workers."""
+        """End what the engine has started itself; with `at_once` do not wait for batches."""
 
 
-class Processes:
+class Processes(Engine):
     """Processes that the sweep starts and ends itself (method "spawn").
 
     Parameters
@@ -83,10 +70,6 @@ class Processes:
             self._pool = ProcessPoolExecutor(self.workers, mp_context=context, initializer=_begin_worker)
         return self._pool.submit(compute, task, points)
 
-    def restart(self) -> None:
-        """Kill all processes."""
-        self.close(at_once=True)
-
     def close(self, at_once: bool) -> None:
         """End the processes."""
         pool, self._pool = self._pool, None
@@ -99,7 +82,7 @@ class Processes:
                 process.kill()
 
 
-class Given:
+class Given(Engine):
     """An executor that the user has made, and ends.
 
     Parameters
@@ -107,8 +90,6 @@ class Given:
     executor : concurrent.futures.Executor
     workers : int
     """
-
-    restarts = False
 
     def __init__(self, executor: Executor, workers: int) -> None:
         self.workers = workers
@@ -118,12 +99,6 @@ class Given:
     def submit(self, task: Task, points: Points) -> Future[list[Row]]:
         """Hand over a batch."""
         return self._executor.submit(compute, task, points)
-
-    def restart(self) -> None:
-        """Do nothing: the workers are the user's."""
-
-    def close(self, at_once: bool) -> None:
-        """Do nothing: the workers are the user's."""
 
 
 def engine_for(executor: Any, function: Callable[..., Any], workers: int | None) -> Engine:
@@ -141,7 +116,7 @@ def engine_for(executor: Any, function: Callable[..., Any], workers: int | None)
         _check_sendable(function)
         return Processes(workers or processors())
     if executor == "serial":
-        return Serial()
+        return Engine()
     if hasattr(executor, "get_executor") and hasattr(executor, "nthreads"):
         # A client of dask.distributed: each thread of its workers computes.
         threads = sum(executor.nthreads().values())

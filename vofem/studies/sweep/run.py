@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import Any, Protocol
 
 from vofem.blas import blas_threads
+from vofem.progress import SweepProgress, TerminalBar
 from vofem.sharing import sharing_between_scenes
-from vofem.studies.sweep.bar import Progress, SweepBar
 from vofem.studies.sweep.engines import Engine
 from vofem.studies.sweep.points import Points
 from vofem.studies.sweep.schedule import Schedule
@@ -27,7 +27,7 @@ class RowStore(Protocol):
         """Store keys, points and rows, so that they are still there if the process ends at once."""
 
 
-def run_sweep(task: Task, points: Points, engine: Engine, store: RowStore | None, progress: Progress) -> Sweep:
+def run_sweep(task: Task, points: Points, engine: Engine, store: RowStore | None, progress: SweepProgress) -> Sweep:
     """Return the outcome of a sweep.
 
     Raises
@@ -62,8 +62,18 @@ def run_sweep(task: Task, points: Points, engine: Engine, store: RowStore | None
         counters |= {"batches": schedule.batches, "restarts": schedule.restarts}
         return _with_notes(sweep_of(points, rows, counters), schedule)
 
-    with SweepBar(len(points.rows), stored, progress) as bar:
-        schedule = Schedule(engine, task, [points.rows[k] for k in positions], keep, lambda: bar(done, failures))
+    label = "sweep", "the points done, all points and the points that failed"
+    counting = "{task.completed:.0f} of {task.total:.0f} points"
+    reported: tuple[int, ...] = ()
+    with TerminalBar(label, progress, len(points.rows), counting, stored) as bar:
+
+        def show() -> None:
+            nonlocal reported
+            now = done, len(points.rows), failures
+            bar.update(done, f"{failures} failed" if failures else "", report=() if now == reported else now)
+            reported = now
+
+        schedule = Schedule(engine, task, [points.rows[k] for k in positions], keep, show)
         finished = False
         try:
             # Threads of an executor compute in this process: they all find the limit set.
@@ -74,7 +84,7 @@ def run_sweep(task: Task, points: Points, engine: Engine, store: RowStore | None
             raise SweepInterrupted(outcome(schedule)) from None
         finally:
             engine.close(at_once=not finished)
-            bar(done, failures)
+            show()
     return outcome(schedule)
 
 

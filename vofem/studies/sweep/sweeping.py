@@ -8,8 +8,8 @@ from typing import Any
 
 from vofem._validate import number
 from vofem.errors import ArgumentError
+from vofem.progress import SweepProgress
 from vofem.studies.sweep import Sweep
-from vofem.studies.sweep.bar import Progress
 from vofem.studies.sweep.engines import engine_for
 from vofem.studies.sweep.identity import identity
 from vofem.studies.sweep.points import as_points
@@ -23,7 +23,7 @@ def sweep(
     *,
     executor: Any = None,
     store: str | os.PathLike[str] | None = None,
-    progress: Progress = None,
+    progress: SweepProgress = None,
     workers: int | None = None,
     time_limit: float | None = None,
     retry_failed: bool = False,
