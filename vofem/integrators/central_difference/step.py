@@ -96,10 +96,13 @@ def advance(
             return k
         step = first + k
         t = step * dt
+        fill(load, 0.0)
         for e in range(loads.shape[0]):
             f = values[e, k]
-            for i in range(n):
-                load[i] = loads[e, i] * f if e == 0 else load[i] + loads[e, i] * f
+            # Slow loads have no second moments.
+            if f != 0.0:
+                for i in range(n):
+                    load[i] += loads[e, i] * f
         copy(load, a)
         _other_laws(laws, laws.kinds.called, laws.kinds.hysteretic, rows, contacts, q, a)
         subtract_product(matrices.stiffness, q, a)
