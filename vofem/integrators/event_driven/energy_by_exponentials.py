@@ -378,10 +378,9 @@ def quadrature(function: Callable[[Array], Array], tau: Array, rate: float) -> A
     targets, inverse = np.unique(np.append(tau, 0.0), return_inverse=True)
     widths = np.diff(targets)
     panels = np.maximum(1, np.ceil(widths * max(rate, 1e-300))).astype(int)
-    edges = np.concatenate(
-        [targets[i] + widths[i] * np.arange(panels[i]) / panels[i] for i in range(widths.size)] or [[]]
-    )
     size = np.repeat(widths / panels, panels)
+    number = np.arange(size.size) - np.repeat(np.cumsum(panels) - panels, panels)
+    edges = np.repeat(targets[:-1], panels) + size * number
     values = np.zeros(edges.size)
     chunk = 4096
     for k in range(0, edges.size, chunk):

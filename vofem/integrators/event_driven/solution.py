@@ -69,10 +69,6 @@ _ENERGY = 0.01
 #: Numbers of the last samples that are kept in modes.
 _MOST_KEPT = 20_000_000
 
-#: With more modes than these, and more times a segment, the samples of a segment are computed at once by products of
-#: matrices.
-_BY_MATRICES, _MANY_TIMES = 100, 8
-
 #: Number of times at which contacts that never close are checked.
 _LOOKS = 257
 
@@ -665,7 +661,9 @@ class EventSolution:
         if self._sampled is not None and self._sampled[0] == asked:
             return self._sampled[1]
         found = self._sampled_at(times, gaps)
-        self._sampled = (asked, found) if 2 * self.space.size * times.size <= _MOST_KEPT else None
+        # A few times, as those of an energy at the start, do not take the place of many.
+        if times.size > 1 or self._sampled is None:
+            self._sampled = (asked, found) if 2 * self.space.size * times.size <= _MOST_KEPT else None
         return found
 
     def _sampled_at(self, times: Array, gaps: bool) -> tuple[Array, Array, Array]:
@@ -693,8 +691,6 @@ class EventSolution:
             return none
         order = np.argsort(times, kind="stable")
         segments = np.searchsorted(record.starts, times[order], side="right") - 1
-        if self.space.size > _BY_MATRICES and times.size > _MANY_TIMES * np.unique(segments).size:
-            return none
         if gaps.size:
             self.gap_functions(record.segments - 1)
         sample_segments(
@@ -720,14 +716,17 @@ class EventSolution:
     @_evaluation
     def _acceleration(self, times: Array, z: Array, v: Array, s: Array) -> Array:
         space = self.space
-        a = -space.stiffness[:, None] * z - space.damping[:, None] * v
+        # A time is a row in memory, as in the samples.
+        rows = -space.stiffness * z.T
+        if np.any(space.damping):
+            rows -= v.T * space.damping
         if space.coupling is not None:
-            a -= space.coupling @ v
-        for vector, function in zip(self.load_vectors, self.load_functions, strict=True):
-            a += np.outer(vector, function(times))
+            rows -= v.T @ space.coupling.T
+        if self.load_functions:
+            rows += np.column_stack([function(times) for function in self.load_functions]) @ self.load_vectors
         if self.system.contacts is not None:
-            a -= space.contacts.T @ self._contact_force(times, v, s)
-        return a
+            rows -= self._contact_force(times, v, s).T @ space.contacts
+        return rows.T
 
     def _reactions(self, index: int) -> Reactions:
         """Return the reactions of the pinned contacts of a segment."""
@@ -879,8 +878,7 @@ class EventSolution:
                 space, system.contacts, self.load_vectors, self.record, lambda index: self._forms(index, damped),
                 self._segment, self._load_table, self.visit(times), damped, pinning, work, dissipated,
             )  # fmt: skip
-        kinetic = 0.5 * np.einsum("kt,kt->t", v, v)
-        strain = 0.5 * np.einsum("kt,kt->t", z, space.stiffness[:, None] * z)
+        kinetic, strain = 0.5 * np.einsum("kt,kt->t", v, v), 0.5 * (space.stiffness @ z**2)
         return Energies(kinetic, strain, contact, dissipated, work)
 
     def _lost_in_pinning(self) -> Array | None:
