@@ -73,13 +73,14 @@ class StatusForms:
     space : ModalSpace
     laws : ContactLaws, optional
     status : ndarray of int, shape (n_contacts,)
-        Status of the contacts, none of which is pinned.
+        Status of the contacts.
     spectrum : Spectrum
         Spectrum without clusters.
     vectors : ndarray, shape (n_functions, n)
         Modal load vectors.
     push : ndarray, shape (n,)
-        Modal force of closed contacts at zero displacement.
+        Modal force of closed contacts at zero displacement, and the force that pinned contacts need at their gaps
+        beside their reactions.
     horizon : float
         Longest time in s for which a motion is computed.
     damped : bool
@@ -97,7 +98,7 @@ class StatusForms:
         local = np.asarray(spectrum.real.down(vectors.T)).T
         if spectrum.blocks is None:
             self.rows = np.hstack([np.zeros_like(local), local])
-            rates = space.damping[:n]
+            rates = 2.0 * spectrum.delta
             # For real modes P is that of the energy.
             self.power = np.concatenate([np.zeros(n), rates])
             self.lost = np.where(np.tile(rates > 0.0, 2), np.concatenate([0.5 * spectrum.p, np.full(n, 0.5)]), 0.0)
@@ -138,6 +139,9 @@ class StatusForms:
         tau : ndarray, shape (n_times,)
             Times from the starts, s.
         """
+        if not self.spectrum.p.size:
+            # All contacts of a few masses are pinned: nothing moves.
+            return np.zeros(tau.size), np.zeros(tau.size)
         if self.damped and not (self.certain and (self.spectrum.classical or not np.any(self.slow))):
             return None
         answer = self._answer(loads)
@@ -159,7 +163,8 @@ class StatusForms:
         n, count, waves = spectrum.p.size, loads.constant.shape[1], loads.omega.size
         steady = np.zeros((1 + waves, 2 * n, count), dtype=complex)
         entries: list[tuple[int, int, Complex, Complex, bool]] = []
-        nothing, none = np.zeros(n), Forcing(np.zeros(0), np.zeros((n, 0), dtype=complex), np.zeros(n), np.zeros(n))
+        nothing = np.zeros(self.sources.shape[1])
+        none = Forcing(np.zeros(0), np.zeros((nothing.size, 0), dtype=complex), nothing, nothing)
 
         def add(forcing: Forcing, amounts: Complex) -> None:
             """Add the answer to a unit forcing times amounts, shape (n_h or 1, k)."""

@@ -809,9 +809,11 @@ class EventSolution:
         kept, key = spectrum.energy_forms, (self.t_end, self.load_vectors.tobytes())
         forms = kept.get(key)
         if forms is None:
+            push = self.offset_force(status)
+            if spectrum.real.shift_force is not None:
+                push = push + spectrum.real.shift_force
             forms = StatusForms(
-                self.space, self.system.contacts, status, spectrum, self.load_vectors, self.offset_force(status),
-                self.t_end, damped,
+                self.space, self.system.contacts, status, spectrum, self.load_vectors, push, self.t_end, damped
             )  # fmt: skip
             if self.space.size <= _FEW_MODES:
                 kept.clear()
