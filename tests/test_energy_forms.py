@@ -10,6 +10,7 @@ from vofem.integrators.event_driven import energy, energy_forms
 from vofem.integrators.event_driven.energy_by_exponentials import Velocities
 from vofem.integrators.event_driven.energy_forms import _lost
 from vofem.integrators.event_driven.solution import EventSolution
+from vofem.system import CLOSED
 
 
 def rattling_beam(*, dampers=(), law="penetration", damping=0.0, load=None):
@@ -39,6 +40,22 @@ def pair(damping, stiffness=4.0):
     return vf.Scene(masses, [contact, *loads], initial={masses[0]: (0.0, 0.1)})
 
 
+def material_damping(beam):
+    return vf.RayleighDamping(1.0, 1e-3)
+
+
+def pinned_beam(*dampers, damping=0.0):
+    """A beam pressed on three stops with forces that jump: contacts come to rest at their gaps."""
+    beam = vf.Beam(1.0, 1.0, 1.0, 6, {"left": "clamped"})
+    stops = [
+        vf.Contact(beam.at(x), gap=gap, stiffness=stiffness, side="below", acts_on="displacement", name=f"at {x}",
+                   damping=damping)
+        for x, gap, stiffness in ((0.5, 0.01, 20.0), (1.0, 0.03, 4.0))
+    ]  # fmt: skip
+    load = vf.PointLoad(beam.at(1.0), vf.Sine(-0.3, 0.5) + vf.Sine(0.02, 11.0))
+    return vf.Scene([beam], [*stops, load, *(make(beam) for make in dampers)])
+
+
 RAYLEIGH = [lambda beam: vf.RayleighDamping(0.2, 1e-3)]
 DASHPOT = [lambda beam: vf.Dashpot(beam.at(0.5), damping=0.4)]
 RECORD = vf.Tabulated(np.linspace(0.0, 6.0, 61), 0.3 * np.sin(3.0 * np.linspace(0.0, 6.0, 61)))
@@ -60,6 +77,10 @@ SCENES = {
     "pair": lambda: pair(0.0),
     "pair, damped contact": lambda: pair(0.7),
     "free pair": lambda: pair(0.7, stiffness=0.0),
+    "pinned": lambda: pinned_beam(material_damping),
+    "pinned, dashpot": lambda: pinned_beam(material_damping, lambda beam: vf.Dashpot(beam.at(0.75), damping=0.5)),
+    "pinned, damped contacts": lambda: pinned_beam(material_damping, damping=0.05),
+    "pinned, uniform damping": lambda: pinned_beam(lambda beam: vf.RayleighDamping(50.0, 0.0)),
 }
 
 #: Where damping couples modes, blocks that are slower than the run are done one by one.
@@ -78,6 +99,7 @@ def test_forms_agree_with_sums_over_exponentials(kind, monkeypatch):
     times = np.linspace(0.0, 6.0, 301)
     result = vf.simulate(SCENES[kind](), 6.0, times=times, method="event_driven")
     assert result.counters.events >= 2
+    assert any(contact.pinned.size for contact in result.contacts.values()) is kind.startswith("pinned")
     one_by_one = []
     monkeypatch.setattr(energy, "Velocities", lambda *given: one_by_one.append(given) or Velocities(*given))
     forms = result.solution.energies(times)
@@ -88,6 +110,32 @@ def test_forms_agree_with_sums_over_exponentials(kind, monkeypatch):
     assert np.max(np.abs(forms.dissipated - sums.dissipated)) < 1e-13 * size
     # The sums balance no better where damping couples modes.
     assert result.energy.balance_error < 3e-13
+
+
+@pytest.mark.parametrize("kind", ["rayleigh, damped contact", "pinned", "pinned, damped contacts"])
+def test_forms_agree_with_quadrature_of_the_power(kind):
+    """By Gauss's rule on panels that resolve the fastest mode, and with what is lost where contacts are pinned."""
+    result = vf.simulate(SCENES[kind](), 6.0, times=[6.0], method="event_driven")
+    solution, laws = result.solution, result.model.system.contacts
+    edges = np.append(solution.segments.starts, 6.0)
+    panels = np.ceil(np.diff(edges) / 1e-3).astype(int)
+    left = np.concatenate(
+        [a + (b - a) * np.arange(m) / m for a, b, m in zip(edges[:-1], edges[1:], panels, strict=True)]
+    )
+    width = np.repeat(np.diff(edges) / panels, panels)
+    nodes, weights = np.polynomial.legendre.leggauss(8)
+    times = (left[:, None] + 0.5 * width[:, None] * (1.0 + nodes)).ravel()
+    share = (0.5 * width[:, None] * weights).ravel()
+    _, v = solution.modal(times)
+    loads = [np.asarray(load.function(times)) for load in result.model.system.loads]
+    work = share @ np.sum([f * (row @ v) for f, row in zip(loads, solution.space.loads, strict=True)], axis=0)
+    closed = np.repeat(solution.segments.status == CLOSED, panels * nodes.size, axis=0).T
+    taken = np.sum(v * solution.space.damping_force(v), axis=0)
+    taken += np.sum(closed * laws.damping[:, None] * (solution.space.contacts @ v) ** 2, axis=0)
+    lost = solution._lost_in_pinning()
+    found = solution.energies(np.array([6.0]))
+    assert found.work[0] == pytest.approx(work, rel=1e-11)
+    assert found.dissipated[0] == pytest.approx(share @ taken + (0.0 if lost is None else lost.sum()), rel=1e-10)
 
 
 def test_the_form_of_the_energy_lost_solves_its_equation():
@@ -109,13 +157,13 @@ def test_a_stored_time_costs_one_evaluation_of_the_blocks(kind, monkeypatch):
     """However many modes and exponentials there are; without quadrature, and no segment is done alone."""
     result = vf.simulate(rattling_beam(dampers=kind, load=vf.Sine(0.3, 6.0)), 6.0, times=[6.0], method="event_driven")
     count, evaluated, calls = 5000, [], []
-    plain = energy_forms.free_changes
+    plain = energy_forms.free_rows
 
-    def counting(delta, p, z, v, tau, order):
+    def counting(of, starts, segment, tau, change):
         evaluated.append(tau.size)
-        return plain(delta, p, z, v, tau, order)
+        return plain(of, starts, segment, tau, change)
 
-    monkeypatch.setattr(energy_forms, "free_changes", counting)
+    monkeypatch.setattr(energy_forms, "free_rows", counting)
     monkeypatch.setattr(energy_forms, "quadrature", lambda *_: calls.append("quadrature") or np.zeros(1))
     monkeypatch.setattr(energy, "Velocities", lambda *_: calls.append("alone"))
     found = result.solution.energies(np.linspace(0.0, 6.0, count))

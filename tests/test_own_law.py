@@ -20,6 +20,7 @@ from vofem.io.scenes.parts import PointByName
 from vofem.io.scenes.schema import EFFECTS
 from vofem.laws import LawGroup, SmoothLaws
 from vofem.laws.group import ListedLaws
+from vofem.laws.kinds import AFFINE
 
 STIFFNESS, LENGTH = 40.0, 0.1
 
@@ -193,6 +194,104 @@ def test_a_group_of_its_own_acts_in_harmonic_motions():
         assert energy.strain == pytest.approx(0.5 * k * orbit.result.displacement(mass) ** 2, rel=1e-9, abs=1e-12)
         assert energy.dissipated[-1] == pytest.approx(np.pi * k * loss * abs(4.0 * expected) ** 2, rel=1e-9)
         assert energy.balance_error < 1e-9
+
+
+@dataclass(frozen=True)
+class Tightened:
+    """R = preload + K (u - place): a spring under tension."""
+
+    name: str
+    stiffness: float
+    preload: float
+    place: float
+
+    @property
+    def label(self):
+        return f"Tightened {self.name!r}"
+
+    @property
+    def group(self):
+        return TightenedSprings
+
+
+class TightenedSprings(ListedLaws):
+    """A group whose laws are records of the kind AFFINE."""
+
+    kind: ClassVar[str] = "tightened springs"
+
+    def nonlinearity(self, method):
+        return None
+
+    def steepest(self, u):
+        return np.array([law.stiffness for law in self.laws])
+
+    def potential(self, u):
+        x = u - np.array([[law.place] for law in self.laws])
+        parts = [law.preload * y + 0.5 * law.stiffness * y**2 for law, y in zip(self.laws, x, strict=True)]
+        return np.sum(parts, axis=0)
+
+    def fill(self, table):
+        table["kind"] = AFFINE
+        for record, law in zip(table, self.laws, strict=True):
+            record["offset"], record["stiffness"], record["gap"] = law.preload, law.stiffness, law.place
+
+
+class TightenedSpring(SinhSpring):
+    def __init__(self, point, stiffness, preload, place, name="tight"):
+        super().__init__(point, stiffness=stiffness, length=1.0, name=name)
+        self.law = Tightened(name, stiffness, preload, place)
+
+    def compile(self, builder):
+        builder.add_law(builder.row(self.point), self.law)
+
+
+STEPPING = ["energy_conserving", "generalized_alpha", "central_difference"]
+
+
+@pytest.mark.parametrize("method", STEPPING)
+def test_an_affine_law_of_a_group_of_its_own_acts_in_every_stepping_method(method):
+    """The mass swings about ``place - preload/K``."""
+    mass, times = vf.Mass(1.0, name="m"), np.linspace(0.0, 1.0, 21)
+    scene = vf.Scene([mass], [TightenedSpring(mass, 40.0, 3.0, 0.02)], initial={mass: (0.25, -0.4)})
+    middle, omega = 0.02 - 3.0 / 40.0, math.sqrt(40.0)
+    exact = middle + (0.25 - middle) * np.cos(omega * times) - 0.4 / omega * np.sin(omega * times)
+    errors = []
+    for dt in (4e-3, 2e-3):
+        result = vf.simulate(scene, 1.0, method=method, dt=dt, times=times)
+        errors.append(np.max(np.abs(result.displacement(mass) - exact)))
+    assert errors[1] < 1e-4
+    assert 1.8 < np.log2(errors[0] / errors[1]) < 2.2
+    x = exact - 0.02
+    assert result.energy.strain == pytest.approx(3.0 * x + 20.0 * x**2, abs=2e-3)
+    assert result.energy.balance_error < (1e-12 if method != "generalized_alpha" else 1e-3)
+
+
+@pytest.mark.parametrize("options", [*({"method": name, "dt": 5e-3} for name in STEPPING), {"tol": 1e-4}])
+def test_an_affine_law_beside_others_is_a_spring_and_a_constant_load(options):
+    mass, times = vf.Mass(1.0, name="m"), np.linspace(0.0, 4.0, 41)
+    others = [
+        vf.Contact(mass, gap=0.1, stiffness=300.0, side="above", acts_on="penetration", name="stop"),
+        vf.Springpot(mass, coefficient=0.5, order=0.5, name="pot"),
+        vf.PointLoad(mass, vf.Sine(6.0, 5.0)),
+    ]
+    start = {"initial": {mass: (0.0, 0.3)}}
+    law = vf.Scene([mass], [TightenedSpring(mass, 40.0, 3.0, 0.02), *others], **start)
+    loads = [vf.Spring(mass, stiffness=40.0), vf.PointLoad(mass, 40.0 * 0.02 - 3.0)]
+    plain = vf.Scene([mass], [*loads, *others], **start)
+    ours, expected = (vf.simulate(scene, 4.0, times=times, **options) for scene in (law, plain))
+    assert expected.contacts["stop"].closings.size > 1
+    tolerance = 1e-9 if "dt" in options else 10.0 * options["tol"]
+    size = np.max(np.abs(expected.displacement(mass)))
+    assert ours.displacement(mass) == pytest.approx(expected.displacement(mass), rel=0.0, abs=tolerance * size)
+
+
+def test_an_affine_law_of_a_group_of_its_own_is_not_left_out_by_event_driven():
+    mass = vf.Mass(1.0, name="m")
+    scene = vf.Scene([mass], [TightenedSpring(mass, 40.0, 3.0, 0.02)])
+    with pytest.raises(vf.MethodError, match="Tightened 'tight' is no contact, and event_driven takes no other laws"):
+        vf.simulate(scene, 1.0, method="event_driven")
+    assert vf.simulate(scene, 1.0).method != "event_driven"
+    assert vf.equilibrium(scene).displacement(mass) == pytest.approx(0.02 - 3.0 / 40.0, rel=1e-12)
 
 
 @pytest.mark.parametrize("load", [0.5, 40.0, -30.0])

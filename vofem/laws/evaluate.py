@@ -101,7 +101,8 @@ def _mean_force(
     if called is not None and law["kind"] == CALLED:
         return call(law["address"], MEAN, u0, u1)
     if affine is not None and law["kind"] == AFFINE:
-        return law["offset"] + law["stiffness"] * (u1 - law["gap"])
+        # Both ends are measured from the gap: the gap of a springpot is u0, so its mean force loses no digits.
+        return law["offset"] + 0.5 * law["stiffness"] * ((u0 - law["gap"]) + (u1 - law["gap"]))
     return contact_mean(law, resolved, u0, u1)
 
 
@@ -123,9 +124,9 @@ def _mean_slope(
 ) -> float:  # fmt: skip
     """Return the derivative of the mean force of a law that is no contact with an ideal switch."""
     if resolved is None and called is None and hysteretic is None:
-        return laws.table[j]["stiffness"]
+        return 0.5 * laws.table[j]["stiffness"]
     if affine is not None and laws.table[j]["kind"] == AFFINE:
-        return laws.table[j]["stiffness"]
+        return 0.5 * laws.table[j]["stiffness"]
     force, tangent = force_and_tangent(laws, j, u1)
     if abs(u1 - u0) <= 1e-6 * max(abs(u0), abs(u1)):
         return 0.5 * tangent
@@ -137,12 +138,6 @@ def tangent_jumps(laws: Laws, j: int) -> bool:
     """Return whether the tangent of a law may jump within a step: contacts, and laws with internal variables."""
     kind = laws.table[j]["kind"]
     return kind <= RESOLVED or kind >= HYPERBOLIC
-
-
-@jit
-def spans_a_step(laws: Laws, j: int) -> bool:
-    """Return whether the force of a law belongs to a whole step, as that of a springpot; see `group.StepPast`."""
-    return laws.table[j]["kind"] == AFFINE
 
 
 @jit

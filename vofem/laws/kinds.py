@@ -5,7 +5,7 @@ PENETRATION, JUMP, RESOLVED = 0, 1, 2
 #: Number of laws from which on a step may be solved on the unknowns in place of the laws.
 FEWEST_IN_BAND = 16
 
-#: A law whose force over a step is affine in the coordinate at its end: a springpot.
+#: A law whose force is affine in its coordinate. Over a step a springpot is such a law, with numbers of the step.
 AFFINE = 3
 
 #: A law written in Python, called through its address.

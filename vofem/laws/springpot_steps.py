@@ -87,6 +87,18 @@ def affine(pots: Springpots, i: int, s: int) -> tuple[float, float]:
 
 
 @jit
+def set_means(pots: Springpots, s: int, laws: Laws, u: Array) -> None:
+    """Let the mean forces of the laws over step s, which starts at u, be those of the springpots."""
+    for i in range(pots.weight.shape[0]):
+        j = pots.row + i
+        slope, rest = affine(pots, i, s)
+        # The mean elongation over the step is half of that at its end.
+        laws.table[j]["stiffness"] = 2.0 * slope / pots.update.dt
+        laws.table[j]["gap"] = u[j]
+        laws.table[j]["offset"] = rest
+
+
+@jit
 def set_laws(pots: Springpots, s: int, laws: Laws, u: Array, ahead: float, share: float) -> None:
     """Make forces over step s those of the laws, affine in the elongation at its end, for a step that starts at u.
 

@@ -107,6 +107,11 @@ def solve(factored: Array, x: Array) -> None:
         # Chains of masses.
         _solve_two_diagonals(factored, x)
         return
+    if width == 0:
+        # Masses at points.
+        for i in range(n):
+            x[i] /= factored[0, i]
+        return
     for i in range(n):
         value = x[i]
         for a in range(1, min(width, n - 1 - i) + 1):

@@ -40,13 +40,15 @@ def gather(left: Array, right: Array, corners: Array, smooth: Callable[[Array, A
     -------
     moments : ndarray, shape (3, n)
     """
+    if not corners.size:
+        return smooth(left, right)
     first, last = np.searchsorted(corners, left, side="right"), np.searchsorted(corners, right, side="left")
     count = np.maximum(last - first, 0)
-    moments = np.empty((3, left.size))
     whole = count == 0
-    moments[:, whole] = smooth(left[whole], right[whole])
     if np.all(whole):
-        return moments
+        return smooth(left, right)
+    moments = np.empty((3, left.size))
+    moments[:, whole] = smooth(left[whole], right[whole])
     cut = np.flatnonzero(~whole)
     parts = count[cut] + 1
     owner = np.repeat(np.arange(cut.size), parts)

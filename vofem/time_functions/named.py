@@ -83,7 +83,10 @@ class Sine(TimeFunction):
         """Return the moments in closed form."""
         angle = self.omega * (0.5 * (left + right)) + self.phase
         m0, m1, m2 = wave(0.5 * self.omega * (right - left))
-        return self.amplitude * np.stack([m0 * np.sin(angle), m1 * np.cos(angle), m2 * np.sin(angle)])
+        sine, moments = np.sin(angle), np.empty((3, angle.size))
+        moments[0], moments[1], moments[2] = m0 * sine, m1 * np.cos(angle), m2 * sine
+        moments *= self.amplitude
+        return moments
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,8 @@ from vofem.integrators.methods import CENTRAL_DIFFERENCE
 from vofem.integrators.observer import Observer, Snapshot
 from vofem.integrators.registry import advice
 from vofem.integrators.stepped import SteppedSolution, step_count, storage_times
-from vofem.integrators.stepping.march import march, note_chatter, stored_energy
+from vofem.integrators.stepping.energies import stored_energy
+from vofem.integrators.stepping.march import march, note_chatter
 from vofem.integrators.stepping.nearby import check_nearby, note_growth
 from vofem.integrators.stepping.step_loads import followed, note_loads
 from vofem.system import Counters, State, System

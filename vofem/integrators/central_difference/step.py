@@ -11,7 +11,7 @@ from vofem.integrators.stepping.checks import check_contacts
 from vofem.integrators.stepping.hysteresis import record_hysteresis
 from vofem.integrators.stepping.record import LastStep, Motion, Record, leave, log_event, rounding, store, switched
 from vofem.integrators.stepping.setting import Equations
-from vofem.laws.evaluate import commit, force_at, spans_a_step
+from vofem.laws.evaluate import commit, force_at
 from vofem.laws.resolved import equivalent_stiffness
 from vofem.laws.rows import Rows, dot, subtract_row
 from vofem.laws.springpot_steps import FORCE, MEAN, WORK, Springpots, affine, carry_on, record_springpots
@@ -96,12 +96,16 @@ def advance(
             return k
         step = first + k
         t = step * dt
+        fill(load, 0.0)
         for e in range(loads.shape[0]):
             f = values[e, k]
-            for i in range(n):
-                load[i] = loads[e, i] * f if e == 0 else load[i] + loads[e, i] * f
+            # Slow loads have no second moments.
+            if f != 0.0:
+                for i in range(n):
+                    load[i] += loads[e, i] * f
         copy(load, a)
-        _other_laws(laws, laws.kinds.called, laws.kinds.hysteretic, rows, contacts, q, a)
+        kinds = laws.kinds
+        _other_laws(laws, kinds.affine, kinds.called, kinds.hysteretic, springpots, rows, contacts, q, a)
         subtract_product(matrices.stiffness, q, a)
         _begin_springpots(springpots, space, space.implicit, rows, half, k, step)
         _subtract_springpots(springpots, space, rows, a)
@@ -163,16 +167,27 @@ def _add_work(before: LastStep, dt: float, half: Array, load: Array, loss: Array
 
 @jit
 def _other_laws(
-    laws: Laws, called: bool | None, hysteretic: bool | None, rows: Rows, contacts: int, q: Array, a: Array
-) -> None:
-    """Commit laws with internal variables, and subtract the reactions of all laws but contacts and springpots."""
-    if called is None and hysteretic is None:
+    laws: Laws, linear: bool | None, called: bool | None, hysteretic: bool | None, springpots: Springpots | None,
+    rows: Rows, contacts: int, q: Array, a: Array,
+) -> None:  # fmt: skip
+    """Commit laws with internal variables, and subtract the reactions of all laws but contacts and springpots.
+
+    The kinds are arguments so that numba leaves out what those that are None would need.
+    """
+    if linear is None and called is None and hysteretic is None:
         return
     for j in range(contacts, laws.table.size):
-        if not spans_a_step(laws, j):
+        if not _is_springpot(springpots, j):
             u = dot(rows, j, q)
             _commit(laws, hysteretic, j, u)
             subtract_row(rows, j, force_at(laws, j, u), a)
+
+
+@jit
+def _is_springpot(springpots: Springpots | None, j: int) -> bool:
+    if springpots is None:
+        return False
+    return springpots.row <= j < springpots.row + springpots.y.shape[0]
 
 
 @jit

@@ -32,7 +32,7 @@ from vofem.integrators.stepping.setting import Equations
 from vofem.integrators.stepping.step_loads import of_halves
 from vofem.laws.evaluate import commit_all
 from vofem.laws.rows import Rows, dot
-from vofem.laws.springpot_steps import Springpots, carry_on, set_laws
+from vofem.laws.springpot_steps import Springpots, carry_on, set_means
 from vofem.laws.table import Laws
 from vofem.linalg.banded import solve, subtract_product
 from vofem.linalg.jit import jit
@@ -234,14 +234,14 @@ def _try(
 def _set_whole(springpots: PotSizes | None, laws: Laws, u: Array, s: int) -> None:
     """Enter the forces of springpots over the whole step."""
     if springpots is not None:
-        set_laws(springpots.whole, s, laws, u, 0.0, 1.0)
+        set_means(springpots.whole, s, laws, u)
 
 
 @jit
 def _set_half(springpots: PotSizes | None, laws: Laws, u: Array, s: int) -> None:
     """Enter the forces of springpots over the first half."""
     if springpots is not None:
-        set_laws(springpots.half, s, laws, u, 0.0, 1.0)
+        set_means(springpots.half, s, laws, u)
 
 
 @jit
@@ -253,7 +253,7 @@ def _set_ahead(springpots: PotSizes | None, laws: Laws, u: Array, rows: Rows, fi
             for k in range(ahead.y.shape[1]):
                 ahead.y[i, k] = springpots.half.y[i, k]
             carry_on(ahead, i, index + 1, dot(rows, ahead.row + i, first), 0.0)
-        set_laws(ahead, index + 2, laws, u, 0.0, 1.0)
+        set_means(ahead, index + 2, laws, u)
 
 
 @jit

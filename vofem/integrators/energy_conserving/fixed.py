@@ -22,7 +22,7 @@ from vofem.integrators.energy_conserving.step import (
 from vofem.integrators.methods import ENERGY_CONSERVING
 from vofem.integrators.stepping.record import LastStep, Record
 from vofem.integrators.stepping.setting import EqualSteps, Equations
-from vofem.laws.springpot_steps import Springpots, set_laws
+from vofem.laws.springpot_steps import Springpots, set_means
 from vofem.laws.table import Laws
 from vofem.linalg.jit import jit
 from vofem.linalg.vectors import copy
@@ -92,4 +92,4 @@ def _advance(
 @jit
 def _set_springpots(springpots: Springpots | None, s: int, laws: Laws, u: Array) -> None:
     if springpots is not None:
-        set_laws(springpots, s, laws, u, 0.0, 1.0)
+        set_means(springpots, s, laws, u)

@@ -1,8 +1,8 @@
 """Energies of an event-driven run: work and dissipation as closed-form integrals, segment by segment.
 
-Segments of one status are treated together (`energy_forms`). Segments with pinned contacts, with clusters of modes, or
-with ramps on blocks that are slower than the run, are treated one by one (`energy_by_exponentials`). The kinetic energy
-that is removed when a contact is pinned counts as dissipated.
+Segments of one status are treated together (`energy_forms`). Segments with clusters of modes, or with dampers and ramps
+on blocks that are slower than the run, are treated one by one (`energy_by_exponentials`). The kinetic energy that is
+removed when a contact is pinned counts as dissipated.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from vofem.integrators.event_driven.load_table import LoadTable
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.integrators.event_driven.record import Record
 from vofem.integrators.event_driven.segment import Segment
-from vofem.system import PINNED, ContactLaws
+from vofem.system import ContactLaws
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -114,8 +114,6 @@ def _groups(record: Record, loads: LoadTable, count: int) -> Iterator[tuple[Inte
     order = np.argsort(group.ravel(), kind="stable")
     edges = np.flatnonzero(np.diff(group.ravel()[order])) + 1
     for members in np.split(order, edges):
-        if np.any(record.status(members[0]) == PINNED):
-            continue
         own = interval[members]
         late = starts[members] - loads.edges[own]
         omega = loads.omega[own[0], : loads.counts[own[0]]]

@@ -39,7 +39,10 @@ _FASTER = 8.0
 #: treated together; and number of times up to which all are treated together.
 _DECAYED, _BATCH, _FEW = 45.0, 2.0, 16
 
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
+#: Rules of Gauss for panels, and length of a panel, over the shortest time scale, up to which the first one is exact to
+#: rounding.
+_FEW_NODES, _NODES = np.polynomial.legendre.leggauss(4), np.polynomial.legendre.leggauss(12)
+_SHORT = 0.1
 
 
 class Velocities:
@@ -378,15 +381,16 @@ def quadrature(function: Callable[[Array], Array], tau: Array, rate: float) -> A
     targets, inverse = np.unique(np.append(tau, 0.0), return_inverse=True)
     widths = np.diff(targets)
     panels = np.maximum(1, np.ceil(widths * max(rate, 1e-300))).astype(int)
-    edges = np.concatenate(
-        [targets[i] + widths[i] * np.arange(panels[i]) / panels[i] for i in range(widths.size)] or [[]]
-    )
     size = np.repeat(widths / panels, panels)
-    values = np.zeros(edges.size)
+    number = np.arange(size.size) - np.repeat(np.cumsum(panels) - panels, panels)
+    edges = np.repeat(targets[:-1], panels) + size * number
+    values, short = np.zeros(edges.size), size * rate <= _SHORT
     chunk = 4096
-    for k in range(0, edges.size, chunk):
-        part = slice(k, k + chunk)
-        at = edges[part, None] + 0.5 * size[part, None] * (1.0 + _NODES)
-        values[part] = 0.5 * size[part] * (function(at.ravel()).reshape(at.shape) @ _WEIGHTS)
+    for which, (nodes, weights) in ((short, _FEW_NODES), (~short, _NODES)):
+        own = np.flatnonzero(which)
+        for k in range(0, own.size, chunk):
+            part = own[k : k + chunk]
+            at = edges[part, None] + 0.5 * size[part, None] * (1.0 + nodes)
+            values[part] = 0.5 * size[part] * (function(at.ravel()).reshape(at.shape) @ weights)
     ends = np.concatenate([[0.0], np.cumsum(values)[np.cumsum(panels) - 1]]) if edges.size else np.zeros(1)
     return ends[inverse.ravel()[:-1]]

@@ -21,8 +21,17 @@ from numpy.typing import NDArray
 
 from vofem.integrators.event_driven.energy_by_exponentials import integral, quadrature, ramp_integral
 from vofem.integrators.event_driven.modal_space import ModalSpace
-from vofem.integrators.event_driven.motion import RESONANT, Forcing, Special, add_special, free_changes, start_motion
+from vofem.integrators.event_driven.motion import (
+    RESONANT,
+    Forcing,
+    Special,
+    add_special,
+    free_changes,
+    free_rows,
+    start_motion,
+)
 from vofem.integrators.event_driven.spectrum import Spectrum
+from vofem.linalg.oscillators import oscillators
 from vofem.system import CLOSED, ContactLaws
 
 Array = NDArray[np.float64]
@@ -64,13 +73,14 @@ class StatusForms:
     space : ModalSpace
     laws : ContactLaws, optional
     status : ndarray of int, shape (n_contacts,)
-        Status of the contacts, none of which is pinned.
+        Status of the contacts.
     spectrum : Spectrum
         Spectrum without clusters.
     vectors : ndarray, shape (n_functions, n)
         Modal load vectors.
     push : ndarray, shape (n,)
-        Modal force of closed contacts at zero displacement.
+        Modal force of closed contacts at zero displacement, and the force that pinned contacts need at their gaps
+        beside their reactions.
     horizon : float
         Longest time in s for which a motion is computed.
     damped : bool
@@ -88,7 +98,7 @@ class StatusForms:
         local = np.asarray(spectrum.real.down(vectors.T)).T
         if spectrum.blocks is None:
             self.rows = np.hstack([np.zeros_like(local), local])
-            rates = space.damping[:n]
+            rates = 2.0 * spectrum.delta
             # For real modes P is that of the energy.
             self.power = np.concatenate([np.zeros(n), rates])
             self.lost = np.where(np.tile(rates > 0.0, 2), np.concatenate([0.5 * spectrum.p, np.full(n, 0.5)]), 0.0)
@@ -129,6 +139,9 @@ class StatusForms:
         tau : ndarray, shape (n_times,)
             Times from the starts, s.
         """
+        if not self.spectrum.p.size:
+            # All contacts of a few masses are pinned: nothing moves.
+            return np.zeros(tau.size), np.zeros(tau.size)
         if self.damped and not (self.certain and (self.spectrum.classical or not np.any(self.slow))):
             return None
         answer = self._answer(loads)
@@ -150,7 +163,8 @@ class StatusForms:
         n, count, waves = spectrum.p.size, loads.constant.shape[1], loads.omega.size
         steady = np.zeros((1 + waves, 2 * n, count), dtype=complex)
         entries: list[tuple[int, int, Complex, Complex, bool]] = []
-        nothing, none = np.zeros(n), Forcing(np.zeros(0), np.zeros((n, 0), dtype=complex), np.zeros(n), np.zeros(n))
+        nothing = np.zeros(self.sources.shape[1])
+        none = Forcing(np.zeros(0), np.zeros((nothing.size, 0), dtype=complex), nothing, nothing)
 
         def add(forcing: Forcing, amounts: Complex) -> None:
             """Add the answer to a unit forcing times amounts, shape (n_h or 1, k)."""
@@ -227,16 +241,16 @@ class StatusForms:
         turn = np.asarray(1j * nu, dtype=complex)
         sums = (turn[:, None] + turn).ravel(), (turn[:, None] - turn).ravel()
         found = [np.zeros(tau.size) for _ in forms]
+        of, starts = oscillators(spectrum.delta, spectrum.p), np.ascontiguousarray(start.T)
         for first in range(0, tau.size, _TOGETHER):
             part = slice(first, first + _TOGETHER)
             t, own = tau[part], segment[part]
-            change, along = np.empty((2 * n, t.size)), np.empty((stacked.shape[1], t.size))
+            change, along = np.empty((t.size, 2 * n)), np.empty((stacked.shape[1], t.size))
+            free_rows(of, starts, own, t, change)
             for s, mine in _runs(own):
-                z, v = free_changes(spectrum.delta, spectrum.p, start[:n, s], start[n:, s], t[mine], 0)
                 if answer.block.size:
-                    add_special(spectrum.delta, spectrum.p, *answer.special(s, nu), t[mine], z, v)
-                change[:n, mine], change[n:, mine] = z, v
-                along[:, mine] = stacked[s] @ change[:, mine]
+                    self._add_special(answer.special(s, nu), t[mine], change[mine])
+                along[:, mine] = stacked[s] @ change[mine].T
             wave, at = np.expm1(turn[:, None] * t), 0
             plus, minus = integral(sums[0], t).T, integral(sums[1], t).T
             for form, total, (begin, added, less, rising) in zip(forms, found, parts, strict=True):
@@ -251,7 +265,7 @@ class StatusForms:
                     value += np.sum(rising[:, own] * ramp_integral(turn, t).T, axis=0).real
                     at += 2
                 if form.lost is not None:
-                    value -= np.sum(change * _times(self.lost, change), axis=0) + along[at]
+                    value -= _squares(self.lost, change) + along[at]
                     at += 1
                 total[part] = value
         if np.any(answer.apart):
@@ -259,6 +273,16 @@ class StatusForms:
                 for form, total in zip(forms, found, strict=True):
                     total[mine] += self._apart(form, answer, start[:, s], nu, s, tau[mine])
         return found
+
+    def _add_special(self, special: Special, tau: Array, change: Array) -> None:
+        """Add the responses from rest to changes of the block states, shape (n_times, 2n)."""
+        block, n = special.block, self.spectrum.p.size
+        z, v = np.zeros((2, block.size, tau.size))
+        alone = special._replace(block=np.arange(block.size))
+        add_special(self.spectrum.delta[block], self.spectrum.p[block], *alone, tau, z, v)
+        for k, more_z, more_v in zip(block, z, v, strict=True):
+            change[:, k] += more_z
+            change[:, n + k] += more_v
 
     def _row(self, r: Complex, nu: Array, apart: NDArray[np.bool_]) -> Complex:
         """Return y with ``(A' + i nu) y = r`` over the blocks that are not apart, and zero over the others."""
@@ -371,6 +395,13 @@ def _times(matrix: Array, columns: Any) -> Any:
         return matrix[:, None] * columns
     # Real and imaginary parts apart: the product of a real with a complex matrix takes a hundred times as long.
     return matrix @ columns.real + 1j * (matrix @ columns.imag) if np.iscomplexobj(columns) else matrix @ columns
+
+
+def _squares(matrix: Array, rows: Array) -> Array:
+    """Return ``x' matrix x`` of all rows x, shape (n_times,), of a matrix of which a vector is the diagonal."""
+    if matrix.ndim == 1:
+        return rows**2 @ matrix
+    return np.asarray(np.einsum("tk,tk->t", rows @ matrix, rows))
 
 
 def _runs(segment: Integers) -> list[tuple[int, slice]]:

@@ -52,6 +52,8 @@ def refusal(system: System) -> str | None:
     """Return why this method cannot treat the system and what can, or None."""
     for group in system.laws:
         reason = group.nonlinearity(EVENT_DRIVEN.name)
+        if reason is None and group is not system.contacts:
+            reason = f"{group.labels[0]} is no contact, and {EVENT_DRIVEN.name} takes no other laws"
         if reason is not None:
             way = {"special": True} if group.driven is not None else {"steps": True}
             return f"{reason}. Use {advice(system, **way)}"

@@ -66,12 +66,11 @@ _EACH = 20
 #: written.
 _ENERGY = 0.01
 
+#: Times whose energies are computed together.
+_ROWS = 1024
+
 #: Numbers of the last samples that are kept in modes.
 _MOST_KEPT = 20_000_000
-
-#: With more modes than these, and more times a segment, the samples of a segment are computed at once by products of
-#: matrices.
-_BY_MATRICES, _MANY_TIMES = 100, 8
 
 #: Number of times at which contacts that never close are checked.
 _LOOKS = 257
@@ -96,6 +95,15 @@ def _gathered(system: System, space: ModalSpace) -> tuple[list[Any], Array]:
     for place, vector in zip(owner, space.loads, strict=True):
         vectors[place] += vector
     return functions, vectors
+
+
+def _sums_of_squares(states: Array, weight: Array) -> Array:
+    """Return the sums of weighted squares of states (n, n_times) whose times are rows in memory, shape (n_times,)."""
+    sums = np.empty(states.shape[1])
+    # A part at a time stays in fast memory.
+    for k in range(0, sums.size, _ROWS):
+        sums[k : k + _ROWS] = states.T[k : k + _ROWS] ** 2 @ weight
+    return sums
 
 
 def _evaluation(method: F) -> F:
@@ -665,7 +673,9 @@ class EventSolution:
         if self._sampled is not None and self._sampled[0] == asked:
             return self._sampled[1]
         found = self._sampled_at(times, gaps)
-        self._sampled = (asked, found) if 2 * self.space.size * times.size <= _MOST_KEPT else None
+        # A few times, as those of an energy at the start, do not take the place of many.
+        if times.size > 1 or self._sampled is None:
+            self._sampled = (asked, found) if 2 * self.space.size * times.size <= _MOST_KEPT else None
         return found
 
     def _sampled_at(self, times: Array, gaps: bool) -> tuple[Array, Array, Array]:
@@ -693,8 +703,6 @@ class EventSolution:
             return none
         order = np.argsort(times, kind="stable")
         segments = np.searchsorted(record.starts, times[order], side="right") - 1
-        if self.space.size > _BY_MATRICES and times.size > _MANY_TIMES * np.unique(segments).size:
-            return none
         if gaps.size:
             self.gap_functions(record.segments - 1)
         sample_segments(
@@ -720,14 +728,17 @@ class EventSolution:
     @_evaluation
     def _acceleration(self, times: Array, z: Array, v: Array, s: Array) -> Array:
         space = self.space
-        a = -space.stiffness[:, None] * z - space.damping[:, None] * v
+        # A time is a row in memory, as in the samples.
+        rows = -space.stiffness * z.T
+        if np.any(space.damping):
+            rows -= v.T * space.damping
         if space.coupling is not None:
-            a -= space.coupling @ v
-        for vector, function in zip(self.load_vectors, self.load_functions, strict=True):
-            a += np.outer(vector, function(times))
+            rows -= v.T @ space.coupling.T
+        if self.load_functions:
+            rows += np.column_stack([function(times) for function in self.load_functions]) @ self.load_vectors
         if self.system.contacts is not None:
-            a -= space.contacts.T @ self._contact_force(times, v, s)
-        return a
+            rows -= self._contact_force(times, v, s).T @ space.contacts
+        return rows.T
 
     def _reactions(self, index: int) -> Reactions:
         """Return the reactions of the pinned contacts of a segment."""
@@ -810,9 +821,11 @@ class EventSolution:
         kept, key = spectrum.energy_forms, (self.t_end, self.load_vectors.tobytes())
         forms = kept.get(key)
         if forms is None:
+            push = self.offset_force(status)
+            if spectrum.real.shift_force is not None:
+                push = push + spectrum.real.shift_force
             forms = StatusForms(
-                self.space, self.system.contacts, status, spectrum, self.load_vectors, self.offset_force(status),
-                self.t_end, damped,
+                self.space, self.system.contacts, status, spectrum, self.load_vectors, push, self.t_end, damped
             )  # fmt: skip
             if self.space.size <= _FEW_MODES:
                 kept.clear()
@@ -879,8 +892,7 @@ class EventSolution:
                 space, system.contacts, self.load_vectors, self.record, lambda index: self._forms(index, damped),
                 self._segment, self._load_table, self.visit(times), damped, pinning, work, dissipated,
             )  # fmt: skip
-        kinetic = 0.5 * np.einsum("kt,kt->t", v, v)
-        strain = 0.5 * np.einsum("kt,kt->t", z, space.stiffness[:, None] * z)
+        kinetic, strain = 0.5 * _sums_of_squares(v, np.ones(space.size)), 0.5 * _sums_of_squares(z, space.stiffness)
         return Energies(kinetic, strain, contact, dissipated, work)
 
     def _lost_in_pinning(self) -> Array | None:

@@ -157,9 +157,10 @@ class Spectrum:
         return self.blocks is None
 
     def to_blocks(self, displacement: Array, velocity: Array, *, shifted: bool = True) -> tuple[Array, Array]:
-        """Return block states (z, v), shape (m,), of a modal state, shape (n,), or of a difference of states."""
+        """Return block states (z, v), (m,) or (m, k), of modal states, (n,) or (n, k), or of differences of states."""
         if self.real.shift is not None and shifted:
-            displacement = displacement - self.real.shift
+            shift = self.real.shift if displacement.ndim == 1 else self.real.shift[:, None]
+            displacement = displacement - shift
         x, rate = self.real.down(displacement), self.real.down(velocity)
         if self.blocks is None:
             # Copied where the modes are the identity, because callers may change the result in place.

@@ -115,10 +115,12 @@ def advance(
         if damped:
             taken += 0.5 * dt * (_dissipation(matrices.damping, v, space) + _dissipation(matrices.damping, v1, space))
         for e in range(loads):
-            gain = 0.0
-            for i in range(n):
-                gain += size.loads[e, i] * (q1[i] - q[i])
-            before.work[0] += 0.5 * (values[e, k + 1] + values[e, k]) * gain
+            mean, gain = 0.5 * (values[e, k + 1] + values[e, k]), 0.0
+            # Slow loads have no second moments.
+            if mean != 0.0:
+                for i in range(n):
+                    gain += size.loads[e, i] * (q1[i] - q[i])
+                before.work[0] += mean * gain
         taken += _accept_laws(size, equations, t, state, before, out, space)
         _accept_springpots(springpots, k, ahead - 1.0, 1.0 - af, state.reaction, laws, space.u0)
         before.dissipated[0] += taken
@@ -142,10 +144,12 @@ def _fill_right(size: Size, equations: Equations, values: Array, k: int, state: 
     am, af = size.parameters.alpha_m, size.parameters.alpha_f
     right, load, work, q1, v1 = space.right, space.load, space.output, space.end.q, space.end.v
     n = right.size
+    fill(load, 0.0)
     for e in range(size.loads.shape[0]):
         f = (1.0 - af) * values[e, k + 1] + af * values[e, k]
-        for i in range(n):
-            load[i] = size.loads[e, i] * f if e == 0 else load[i] + size.loads[e, i] * f
+        if f != 0.0:
+            for i in range(n):
+                load[i] += size.loads[e, i] * f
     for i in range(n):
         right[i] = load[i]
         work[i] = am * state.a[i]

@@ -11,22 +11,39 @@ Array = NDArray[np.float64]
 
 
 def kinetic_energy(system: System, v: Array) -> Array:
-    """Return the kinetic energy in J for velocities of shape (n, n_times)."""
+    """Return the kinetic energy in J for velocities of shape (n, n_times), or of shape (n,)."""
     return np.asarray(0.5 * np.sum(v * (system.mass @ v), axis=0))
 
 
 def strain_energy(system: System, q: Array) -> Array:
     """Return the energy in J of bodies and springs, nonlinear ones included, for q of shape (n, n_times)."""
-    if system.strain is not None:
-        strain = 0.5 * np.sum(np.asarray(system.strain @ q) ** 2, axis=0)
-    else:
-        strain = 0.5 * np.sum(q * (system.stiffness @ q), axis=0)
-    for group in system.laws:
-        if group.place > 0:
-            strain += group.potential(np.asarray(group.rows @ q))
-    return np.asarray(strain)
+    return _linear_energy(system, q) + _law_energy(system, q)
 
 
 def contact_energy(laws: ContactLaws | None, q: Array) -> Array:
     """Return the energy in J stored in closed contacts for q of shape (n, n_times)."""
     return np.zeros(q.shape[1]) if laws is None else laws.potential(np.asarray(laws.rows @ q))
+
+
+def stored_energy(system: System, q: Array, v: Array) -> float:
+    """Return the kinetic, strain and contact energy of one state q, v in J, unknowns in the system's order."""
+    # Products with vectors take a third of the time of products with matrices of one column.
+    column = q[:, None]
+    laws = _law_energy(system, column) + contact_energy(system.contacts, column)
+    return float(kinetic_energy(system, v) + _linear_energy(system, q) + laws[0])
+
+
+def _linear_energy(system: System, q: Array) -> Array:
+    """Return the energy in J of all that is linear, for q of shape (n, n_times) or (n,)."""
+    if system.strain is not None:
+        return np.asarray(0.5 * np.sum(np.asarray(system.strain @ q) ** 2, axis=0))
+    return np.asarray(0.5 * np.sum(q * (system.stiffness @ q), axis=0))
+
+
+def _law_energy(system: System, q: Array) -> Array:
+    """Return the energy in J of all laws but contacts for q of shape (n, n_times)."""
+    total = np.zeros(q.shape[1])
+    for group in system.laws:
+        if group.place > 0:
+            total += group.potential(np.asarray(group.rows @ q))
+    return total

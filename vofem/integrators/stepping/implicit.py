@@ -16,7 +16,8 @@ from vofem.integrators.registry import advice
 from vofem.integrators.stepped import SteppedSolution, step_count, storage_times
 from vofem.integrators.stepping.checks import check_times
 from vofem.integrators.stepping.doubling import StepDoubling
-from vofem.integrators.stepping.march import Kernel, march, note_chatter, stored_energy
+from vofem.integrators.stepping.energies import stored_energy
+from vofem.integrators.stepping.march import Kernel, march, note_chatter
 from vofem.integrators.stepping.nearby import check_nearby, note_growth
 from vofem.integrators.stepping.record import Record, take_events
 from vofem.integrators.stepping.step_loads import followed, note_loads

@@ -15,7 +15,7 @@ from vofem.integrators.registry import advice
 from vofem.integrators.rounding import static_loss
 from vofem.integrators.stepped import SteppedSolution
 from vofem.integrators.stepping.checks import check_times
-from vofem.integrators.stepping.energies import contact_energy, kinetic_energy, strain_energy
+from vofem.integrators.stepping.energies import contact_energy, stored_energy, strain_energy
 from vofem.integrators.stepping.hysteresis import hysteretic_energy
 from vofem.integrators.stepping.probes import MOST_STEPS, Recorded
 from vofem.integrators.stepping.quality import Checked, quality_notes
@@ -342,13 +342,6 @@ def note_chatter(system: System, notes: list[str]) -> None:
             "chatter: under acts_on='displacement' a contact that should rest at its gap chatters with the amplitude "
             f"of a step; {advice(exact=True)} pins it"
         )
-
-
-def stored_energy(system: System, q: Array, v: Array) -> float:
-    """Return kinetic, strain and contact energy of one state, unknowns in the system's order, J."""
-    column, rate = q[:, None], v[:, None]
-    parts = kinetic_energy(system, rate), strain_energy(system, column), contact_energy(system.contacts, column)
-    return float(sum(part[0] for part in parts))
 
 
 def _check(kernel: Kernel, method: Method, first: float, dt: float, blow_up: float) -> float:
