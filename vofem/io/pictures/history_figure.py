@@ -78,6 +78,25 @@ class RunView:
         return self.parts > 0
 
 
+def prepare() -> None:
+    """Import what `draw` needs from matplotlib, and let it build its parser of formulas and find its font.
+
+    Only for processes that do nothing but draw, because it leaves out docstrings of matplotlib.
+    """
+    import matplotlib.artist
+
+    # Writing the lists of properties into the docstrings of all artists takes a third of the time of the import.
+    matplotlib.artist.kwdoc = lambda artist: ""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from matplotlib.font_manager import FontProperties, findfont
+    from matplotlib.mathtext import MathTextParser
+
+    FigureCanvasAgg(Figure())
+    findfont(FontProperties())
+    MathTextParser("agg").parse("$K$")
+
+
 def draw(views: Sequence[RunView], goal: Path | None = None, ax: Any = None) -> Any:
     """Draw histories of runs side by side; return the path of the file that was written, or the axes.
 
