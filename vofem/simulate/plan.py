@@ -93,14 +93,18 @@ def run_plan(
         try:
             with (
                 RunProgress(plan.t_end, progress, save, every, first) as run_progress,
-                kernels(compiled=choice.compiled, patience=choice.patience),
+                kernels(compiled=choice.compiled, patience=choice.patience, first=choice.first),
                 blas_threads(system.size),
             ):
                 result = _run(scene, planned, None if run_progress.idle else run_progress, snapshot)
         except Outgrown:
             choice = choice.instead()
             continue
-        choice.done(time.perf_counter() - begun)
+        if result.interrupted and choice.first:
+            # A user who has pressed Ctrl-C does not wait until the kernels for evaluations are compiled.
+            result.compiled = False
+        else:
+            choice.done(time.perf_counter() - begun)
         return result
 
 
