@@ -24,7 +24,7 @@ class Outgrown(Exception):  # noqa: N818
 
 
 class _Mode(NamedTuple):
-    """How kernels run, when (by `time.monotonic`) work in plain Python gives up, and whether code is not on disk."""
+    """How kernels run, when (by `time.thread_time`) work in plain Python gives up, and whether code is not on disk."""
 
     compiled: bool
     deadline: float
@@ -63,7 +63,7 @@ def check_patience() -> None:
     Outgrown
     """
     mode = _MODE.get()
-    if mode is not None and time.monotonic() > mode.deadline:
+    if mode is not None and time.thread_time() > mode.deadline:
         raise Outgrown
 
 
@@ -75,11 +75,12 @@ def kernels(*, compiled: bool, patience: float = float("inf"), first: bool = Fal
     ----------
     compiled : bool
     patience : float
-        Seconds after which work in plain Python ends in `Outgrown`, at the next call of a kernel.
+        Seconds of processor time after which work in plain Python ends in `Outgrown`, at the next call of a kernel. On
+        a busy machine compiling would take longer too, so wall time does not count.
     first : bool
         Whether compiled code for this work is not on disk.
     """
-    before = _MODE.set(_Mode(compiled, time.monotonic() + patience, first))
+    before = _MODE.set(_Mode(compiled, time.thread_time() + patience, first))
     try:
         yield
     finally:
