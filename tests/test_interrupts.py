@@ -73,13 +73,20 @@ def test_nothing_is_compiled_after_ctrl_c():
     assert not jit.compiling()
 
 
-def test_a_compiler_that_does_not_come_back_ends_with_the_process():
-    """Minutes of work in C, between which Python calls no handler, stand for the compiler."""
+@pytest.mark.parametrize(
+    ("begin", "where"),
+    [
+        ("jit._under_way.append('a kernel')", "while compiling"),
+        ("jit.waiting_interrupts.append(bool)", "before the first result"),
+    ],
+)
+def test_work_that_does_not_come_back_ends_with_the_process(begin, where):
+    """Minutes of work in C, between which Python calls no handler, stand for the compiler or an eigenproblem."""
     program = (
         "import hashlib, signal\nfrom vofem.cli.prompt_end import prompt_end\nfrom vofem.linalg import jit\n"
         # Programs that are started in the background, as these tests may be, ignore Ctrl-C.
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "jit._under_way.append('a kernel')\n"
+        f"{begin}\n"
         "with prompt_end():\n    print('at work', flush=True)\n    hashlib.pbkdf2_hmac('sha256', b'', b'', 10**9)"
     )
     process = subprocess.Popen(
@@ -90,7 +97,7 @@ def test_a_compiler_that_does_not_come_back_ends_with_the_process():
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=30.0)
     assert process.returncode == 130
-    assert said == "vofem: interrupted while compiling\n"
+    assert said == f"vofem: interrupted {where}\n"
 
 
 @pytest.mark.parametrize("first", [True, False])
