@@ -388,7 +388,7 @@ def test_an_interrupt_after_the_run_leaves_its_histories(scene, monkeypatch, cap
     monkeypatch.setattr(tables, "energy_table", pressed)
     assert cli.main(["run", str(scene)]) == 130
     out = capsys.readouterr().out
-    assert "interrupted: energies and pictures are left out" in out
+    assert "interrupted: what is not printed yet and pictures are left out" in out
     folder = scene.parent / "output" / "ball"
     assert [path.name for path in folder.iterdir()] == ["histories.csv"]
     assert columns(folder / "histories.csv")["t [s]"][-1] == pytest.approx(6.0)
@@ -431,7 +431,8 @@ velocity = 1.0
     process.send_signal(signal.SIGINT)
     said, errors = process.communicate(timeout=60.0)
     assert process.returncode == 130, errors
-    assert "energies and pictures are left out" in said
+    assert "interrupted: speeds and forces of impacts, energies and pictures are left out" in said
+    assert "      closes [s]        opens [s]     lasts [s]\n" in said
     assert "note: interrupted at t = " in said
     assert "Contact 'stop'" in said
     written = (tmp_path / "output" / "long" / "histories.csv").read_text().splitlines()

@@ -1,5 +1,6 @@
 """Ctrl-C at moments other than a run's: while commands are imported, and while kernels are compiled."""
 
+import io
 import os
 import signal
 import subprocess
@@ -10,7 +11,9 @@ from pathlib import Path
 
 import pytest
 
+import vofem as vf
 from vofem import cli
+from vofem.cli import working
 from vofem.integrators.observer import deferred_interrupts
 from vofem.kernel_mode import kernels
 from vofem.linalg import jit
@@ -70,13 +73,20 @@ def test_nothing_is_compiled_after_ctrl_c():
     assert not jit.compiling()
 
 
-def test_a_compiler_that_does_not_come_back_ends_with_the_process():
-    """Minutes of work in C, between which Python calls no handler, stand for the compiler."""
+@pytest.mark.parametrize(
+    ("begin", "where"),
+    [
+        ("jit._under_way.append('a kernel')", "while compiling"),
+        ("jit.waiting_interrupts.append(bool)", "before the first result"),
+    ],
+)
+def test_work_that_does_not_come_back_ends_with_the_process(begin, where):
+    """Minutes of work in C, between which Python calls no handler, stand for the compiler or an eigenproblem."""
     program = (
         "import hashlib, signal\nfrom vofem.cli.prompt_end import prompt_end\nfrom vofem.linalg import jit\n"
         # Programs that are started in the background, as these tests may be, ignore Ctrl-C.
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "jit._under_way.append('a kernel')\n"
+        f"{begin}\n"
         "with prompt_end():\n    print('at work', flush=True)\n    hashlib.pbkdf2_hmac('sha256', b'', b'', 10**9)"
     )
     process = subprocess.Popen(
@@ -87,4 +97,32 @@ def test_a_compiler_that_does_not_come_back_ends_with_the_process():
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=30.0)
     assert process.returncode == 130
-    assert said == "vofem: interrupted while compiling\n"
+    assert said == f"vofem: interrupted {where}\n"
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_kernels_for_evaluations_are_not_compiled_after_ctrl_c(first):
+    mass = vf.Mass(1.0, stiffness=1.0)
+    result = vf.simulate(vf.Scene([mass], initial={mass: (1.0, 0.0)}), 2.0, method="event_driven", compiled=False)
+    result.solution.compiled = True
+    with kernels(compiled=True, first=first):
+        result.solution.cut(1.0)
+    assert result.solution.compiled is not first
+
+
+def test_a_line_says_what_still_runs(monkeypatch):
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    terminal = Terminal()
+    monkeypatch.setattr(working, "_PATIENCE", 0.0)
+    monkeypatch.setattr(sys, "stderr", terminal)
+    with working.working("writing"):
+        while "writing: 0." not in terminal.getvalue():
+            time.sleep(0.01)
+    assert terminal.getvalue().endswith("\r\x1b[K")
+    monkeypatch.setattr(sys, "stderr", io.StringIO())
+    with working.working("writing"):
+        pass
+    assert sys.stderr.getvalue() == ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import time
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from random_scenes import scene as random_scene
 from scenes import paper_beam
 
 import vofem as vf
+from vofem.integrators.methods import CENTRAL_DIFFERENCE, EVENT_DRIVEN
 from vofem.kernel_mode import Outgrown, decided, kernels
 from vofem.linalg import compile_choice
 from vofem.linalg.jit import jit
@@ -197,6 +199,12 @@ def test_code_on_disk_is_used_sooner(choice, monkeypatch):
     assert not compile_choice.choose("events", 5.0).compiled
 
 
+def test_work_is_compiled_where_it_takes_longer_than_compiling(choice):
+    assert not compile_choice.choose("events", 20.0, compiling=25.0).compiled
+    assert compile_choice.choose("events", 20.0, compiling=15.0).compiled
+    assert EVENT_DRIVEN.compiling > CENTRAL_DIFFERENCE.compiling
+
+
 def test_work_that_is_repeated_is_compiled_in_the_end(choice):
     count = 0
     while not (way := compile_choice.choose("steps", 1.0)).compiled:
@@ -227,6 +235,10 @@ def test_patience_ends_plain_work():
     double = jit(lambda x: 2.0 * x)
     with kernels(compiled=False, patience=-1.0), pytest.raises(Outgrown):
         double(1.0)
+    # Waiting is no work: on a busy machine compiling would take longer too.
+    with kernels(compiled=False, patience=0.1):
+        time.sleep(0.2)
+        assert double(1.0) == 2.0
     with kernels(compiled=False):
         assert double(1.0) == 2.0
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import vofem as vf
+from vofem.integrators.event_driven.search import EVALUATION_WORK, SEARCH_WORK
 
 
 def bouncing(drop=0.05):
@@ -89,3 +90,18 @@ def test_a_field_on_one_element_between_two_supports():
     shape = vf.Polynomial([0.0, 0.7 * 4.0 / length, -0.7 * 4.0 / length**2])
     result = vf.simulate(vf.Scene([beam], initial={beam: (0.0, shape)}), 0.1)
     assert result.velocity(beam.at(0.5 * length))[0] == pytest.approx(0.7, rel=1e-12)
+
+
+def test_a_segment_ends_after_bounded_work():
+    """A mass that swings beside a stop for long: the search returns from time to time, so that Ctrl-C is heard."""
+    mass = vf.Mass(1.0, stiffness=4e4)
+    stop = vf.Contact(mass, gap=0.5, stiffness=1.0, side="above", acts_on="penetration")
+    scene = vf.Scene([mass], [stop], initial={mass: (0.0, 90.0)})
+    result = vf.simulate(scene, 60.0, times=np.linspace(0.0, 60.0, 7), compiled=False)
+    each = SEARCH_WORK // (1 + EVALUATION_WORK)
+    assert result.counters.events == 0
+    # Within rounding of the gap a search may take twice as many.
+    assert each < result.counters.gap_evaluations <= 2 * each * result.counters.steps
+    assert 2 <= result.counters.steps <= 2 + result.counters.gap_evaluations // each
+    assert result.displacement(mass) == pytest.approx(0.45 * np.sin(200.0 * result.times), abs=1e-11)
+    assert result.energy.balance_error < 1e-13

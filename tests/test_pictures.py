@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import matplotlib.image
 import numpy as np
@@ -12,7 +13,7 @@ import vofem as vf
 from vofem.files.whole import replacing
 from vofem.io import render as render_module
 from vofem.io.pictures import axes as picture_axes
-from vofem.io.pictures import backend_matplotlib, studio
+from vofem.io.pictures import backend_matplotlib, child, histories, studio
 from vofem.io.pictures.drawing import COLORMAP, Drawing, moment_colors
 from vofem.io.pictures.layout import arrange
 from vofem.io.pictures.places import along_beam, between_masses
@@ -21,7 +22,7 @@ from vofem.io.pictures.snapshot import snapshot
 from vofem.io.pictures.units import nice_above, nice_below, spell
 from vofem.io.plot import draw_scene, shapes, space_time, time_history
 from vofem.io.probe import Probe, probe, verdict
-from vofem.io.render import render
+from vofem.io.render import collect_history, render
 
 ORANGE = np.array([0xE0, 0x7B, 0x21]) / 255.0
 
@@ -145,11 +146,11 @@ def test_colours_of_moments_are_those_of_the_map():
     assert np.max(np.abs(moment_colors(256) - colormaps[COLORMAP](np.linspace(0.0, 1.0, 256))[:, :3])) < 1e-12
 
 
-def test_a_studio_starts_one_process_and_trusts_what_is_remembered(monkeypatch, tmp_path):
-    """A machine that is known draws no trial picture; one on which VTK does not work starts no process at all."""
+def test_a_studio_starts_one_process_for_vtk_and_trusts_what_is_remembered(monkeypatch, tmp_path):
+    """A machine that is known draws no trial picture; one on which VTK does not work starts no process for it."""
     started = []
 
-    class Child:
+    class Process:
         """A process that has ended."""
 
         stdin = stdout = None
@@ -161,27 +162,42 @@ def test_a_studio_starts_one_process_and_trusts_what_is_remembered(monkeypatch, 
 
     def start(command, **_):
         started.append(command[-1])
-        return Child()
+        return Process()
 
     forgotten = []
-    monkeypatch.setattr(studio.subprocess, "Popen", start)
+    monkeypatch.setattr(child.subprocess, "Popen", start)
     monkeypatch.setattr(studio, "forget", lambda: forgotten.append(True))
     monkeypatch.setattr(studio, "remembered", lambda: Probe(False, "no driver"))
     with studio.Studio() as one:
         one.ask(Drawing((10, 10)))
         assert not one.wait()
-    assert started == []
+    assert ["plot()" in program for program in started] == [True]
     assert one.found == Probe(False, "no driver")
+    started.clear()
     monkeypatch.setattr(studio, "remembered", lambda: Probe(True, "vtkWindow"))
     with studio.Studio() as one:
         # It said that it works, and crashed in the picture: the next process tries again.
         one.found = Probe(True, "vtkWindow")
         one.ask(Drawing((10, 10)))
         assert not one.wait()
-    assert len(started) == 1
-    assert "serve('vtkWindow')" in started[0]
+        assert not one.wait_for_history()
+    assert ["serve('vtkWindow')" in program for program in started] == [True, False]
     assert forgotten == [True]
     assert "crashed" in one.found.detail
+
+
+def test_histories_of_another_process_are_those_of_this_one(tmp_path):
+    """Where that process fails, this one draws them."""
+    scene = two_masses()
+    result = vf.simulate(scene, 5.0)
+    views = histories.history_views(result, scene.bodies[0])
+    here = time_history(result, scene.bodies[0], tmp_path / "here.png").read_bytes()
+    with studio.Studio() as one:
+        there = collect_history(one, one.ask_history(views), views, tmp_path / "there.png")
+        assert there.read_bytes() == here
+        one._histories._process.kill()
+        failed = collect_history(one, Path("none"), views, tmp_path / "failed.png")
+        assert failed.read_bytes() == here
 
 
 def test_verdict_of_a_trial():

@@ -24,10 +24,11 @@ class Outgrown(Exception):  # noqa: N818
 
 
 class _Mode(NamedTuple):
-    """How kernels run, and when (by `time.monotonic`) work in plain Python gives up."""
+    """How kernels run, when (by `time.thread_time`) work in plain Python gives up, and whether code is not on disk."""
 
     compiled: bool
     deadline: float
+    first: bool = False
 
 
 #: Decision of the environment variable VOFEM_COMPILED.
@@ -48,6 +49,12 @@ def compiled() -> bool:
     return mode is None or mode.compiled
 
 
+def first_time() -> bool:
+    """Return whether kernels are compiled here that are not on disk, so that each new one takes seconds."""
+    mode = _MODE.get()
+    return mode is not None and mode.first
+
+
 def check_patience() -> None:
     """Raise where work in plain Python has taken longer than it may.
 
@@ -56,21 +63,24 @@ def check_patience() -> None:
     Outgrown
     """
     mode = _MODE.get()
-    if mode is not None and time.monotonic() > mode.deadline:
+    if mode is not None and time.thread_time() > mode.deadline:
         raise Outgrown
 
 
 @contextlib.contextmanager
-def kernels(*, compiled: bool, patience: float = float("inf")) -> Iterator[None]:
+def kernels(*, compiled: bool, patience: float = float("inf"), first: bool = False) -> Iterator[None]:
     """Run all kernels that are called within as compiled code, or as plain Python.
 
     Parameters
     ----------
     compiled : bool
     patience : float
-        Seconds after which work in plain Python ends in `Outgrown`, at the next call of a kernel.
+        Seconds of processor time after which work in plain Python ends in `Outgrown`, at the next call of a kernel. On
+        a busy machine compiling would take longer too, so wall time does not count.
+    first : bool
+        Whether compiled code for this work is not on disk.
     """
-    before = _MODE.set(_Mode(compiled, time.monotonic() + patience))
+    before = _MODE.set(_Mode(compiled, time.thread_time() + patience, first))
     try:
         yield
     finally:

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from vofem.cli.common import FINE, Commands
-from vofem.cli.output import begin_pictures, draw, made
+from vofem.cli.output import Pictures, made
 from vofem.errors import ArgumentError
 
 
@@ -38,7 +38,7 @@ def _render(arguments: argparse.Namespace) -> int:
                 raise ArgumentError(f"--times holds {t:g}, expected times from 0 to {result.solution.t_end:g} s")
         output = OutputSettings(pictures=tuple(arguments.times))
         folder = made(arguments.output or Path("output") / arguments.run.stem)
-        written = draw(result, output, folder, studio, begin_pictures(result, output, folder, studio))
+        written = Pictures(result, output, folder, studio).collected()
     print("wrote " + "\n      ".join(str(path) for path in written))
     return FINE
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from vofem.cli.common import FINE, INTERRUPTED, Commands, limits, print_method
 from vofem.cli.output import made, write
+from vofem.cli.working import working
 from vofem.integrators.registry import method_names
 
 if TYPE_CHECKING:
@@ -68,25 +69,31 @@ def _simulated(arguments: argparse.Namespace, file: SceneFile, folder: Path, stu
 
     result = file.simulate(**_changes(arguments, file))
     interrupted = result.interrupted
-    # Energies and pictures may take as long as the run, and a user who has pressed Ctrl-C does not want to wait.
-    left_out = "interrupted: energies and pictures are left out"
+    # Forces of impacts, energies and pictures may take as long as the run, and a user who has pressed Ctrl-C does not
+    # want to wait.
+    left_out = "interrupted: speeds and forces of impacts, energies and pictures are left out"
     if interrupted:
         print(left_out, flush=True)
     try:
         print(tables.counter_line(result), end="\n\n")
-        print(tables.contact_tables(result), end="\n\n", flush=True)
+        print(tables.contact_tables(result, forces=not interrupted), end="\n\n", flush=True)
         if not interrupted:
             print(tables.energy_table(result))
     except KeyboardInterrupt:
         # The run is complete, so its histories are written.
         interrupted = True
-        print(left_out, flush=True)
+        print("interrupted: what is not printed yet and pictures are left out", flush=True)
     if interrupted:
         studio = None
     for note in result.notes:
         print(f"note: {note}")
-    saved = [] if arguments.save is None else [result.save(arguments.save, overwrite=arguments.overwrite)]
-    written = saved + write(result, file.output, folder, studio)
+    with (
+        working("interrupted; writing what was computed (Ctrl-C ends at once)")
+        if interrupted
+        else contextlib.nullcontext()
+    ):
+        saved = [] if arguments.save is None else [result.save(arguments.save, overwrite=arguments.overwrite)]
+        written = saved + write(result, file.output, folder, studio)
     print("\nwrote " + "\n      ".join(str(path) for path in written))
     return INTERRUPTED if interrupted else FINE
 

@@ -28,6 +28,7 @@ EVENT_DRIVEN = Method(
     exact=True,
     rank=30,
     effort=by_events,
+    compiling=20.0,
     reason=_is_exact,
 )
 

@@ -87,7 +87,10 @@ def compiled_code() -> str:
     lines.append(f"Compiled code is kept in {folder} ({size_on_disk() / 1e6:.3g} MB)")
     ready, missing = ([kind for kind in KINDS if (kind in there) is wanted] for wanted in (True, False))
     if ready:
-        lines.append(f"It is there for: {'; '.join(ready)}")
+        lines += [f"It is there for {len(ready)} of {len(KINDS)} kinds of work:", *(f"  {kind}" for kind in ready)]
     if missing:
-        lines.append(f"It is compiled where it pays, some 10 s each, or by `vofem compile`, for: {'; '.join(missing)}")
+        lines += [
+            "For these kinds of work it is compiled by `vofem compile`, or in the first run that is long enough:",
+            *(f"  {kind}" for kind in missing),
+        ]
     return "\n".join(lines)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,6 +16,7 @@ from vofem.statics import Equilibrium
 
 if TYPE_CHECKING:
     from vofem.io.pictures.drawing import Drawing
+    from vofem.io.pictures.history_figure import RunView
     from vofem.io.pictures.studio import Studio
 
 __all__ = ["Probe", "RenderOutcome", "probe", "render"]
@@ -119,11 +121,11 @@ def sketched(
     return target(path, (".png",)), sketch(snapshot(result, t, scene), size, magnification)
 
 
-def collect(studio: Studio, picture: Path, drawing: Drawing, goal: Path) -> RenderOutcome:
-    """Wait for a picture that a studio was asked for, and put it in its place; draw it here where the studio failed."""
+def collect(studio: Studio, picture: Path | None, drawing: Drawing, goal: Path) -> RenderOutcome:
+    """Wait for a side view that a studio was asked for, and put it in its place; draw it here where it failed."""
     drawn = studio.wait()
     with replacing(goal) as temporary:
-        if drawn:
+        if drawn and picture is not None:
             temporary.write_bytes(picture.read_bytes())
         else:
             from vofem.io.pictures import backend_matplotlib
@@ -131,3 +133,15 @@ def collect(studio: Studio, picture: Path, drawing: Drawing, goal: Path) -> Rend
             backend_matplotlib.draw(drawing, temporary)
     assert studio.found is not None
     return _outcome(goal, studio.found)
+
+
+def collect_history(studio: Studio, picture: Path, views: Sequence[RunView], goal: Path) -> Path:
+    """Wait for histories that a studio was asked for, and put them in their place; draw them here where it failed."""
+    from vofem.io.pictures import history_figure
+
+    if not studio.wait_for_history():
+        history_figure.draw(views, goal)
+        return goal
+    with replacing(goal) as temporary:
+        temporary.write_bytes(picture.read_bytes())
+    return goal

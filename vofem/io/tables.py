@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vofem.result import Result
 
@@ -10,10 +11,10 @@ from vofem.result import Result
 _TOLERANCE = 1e-7
 
 
-def contact_tables(result: Result, most: int = 8) -> str:
+def contact_tables(result: Result, most: int = 8, *, forces: bool = True) -> str:
     """Return the tables of the first contacts that close; the rest, those of a foundation say, are counted."""
     touched = [name for name, history in result.contacts.items() if history.closings.size]
-    parts = [contact_table(result, name) for name in touched[:most]]
+    parts = [contact_table(result, name, forces=forces) for name in touched[:most]]
     if len(touched) > most:
         parts.append(f"and {len(touched) - most} more contacts that close")
     idle = len(result.contacts) - len(touched)
@@ -22,7 +23,7 @@ def contact_tables(result: Result, most: int = 8) -> str:
     return "\n\n".join(parts) or "There are no contacts"
 
 
-def contact_table(result: Result, name: str, most: int = 20) -> str:
+def contact_table(result: Result, name: str, most: int = 20, *, forces: bool = True) -> str:
     """Return a line per impact of a contact: when it closes and opens, approach speed, peak force and impulse.
 
     Parameters
@@ -32,31 +33,43 @@ def contact_table(result: Result, name: str, most: int = 20) -> str:
         Name of the contact.
     most : int
         How many impacts are shown; the rest is counted.
+    forces : bool
+        Whether speed, force and impulse are shown. Where the structure is large or damped, they may take as long as
+        the run; the times are known at once.
     """
     history = result.contacts[name]
-    impacts = history.first_impacts(most, _TOLERANCE)
-    if not len(impacts):
-        return f"Contact {name!r} does not close"
     units = history.units
-    lines = [
-        f"Contact {name!r}",
-        f"{'':>7}   {'closes [s]':>14}   {'opens [s]':>14}   {'lasts [s]':>11}   {f'at [{units.coordinate}/s]':>11}"
-        f"   {f'peak force [{units.force}]':>14}   {f'impulse [{units.impulse}]':>14}",
-    ]
-    columns = (impacts.approach_speed, impacts.peak_force, impacts.impulse)
-    for k, (closing, opening) in enumerate(zip(impacts.closing, impacts.opening, strict=True)):
-        speed, peak, impulse = (float(column[k]) for column in columns)
+    head = f"{'':>7}   {'closes [s]':>14}   {'opens [s]':>14}   {'lasts [s]':>11}"
+    why = ""
+    columns: tuple[NDArray[np.float64], ...] = ()
+    if forces:
+        impacts = history.first_impacts(most, _TOLERANCE)
+        closings, openings, ended, why = impacts.closing, impacts.opening, impacts.ended, impacts.why
+        columns = (impacts.approach_speed, impacts.peak_force, impacts.impulse)
+        head += (
+            f"   {f'at [{units.coordinate}/s]':>11}   {f'peak force [{units.force}]':>14}"
+            f"   {f'impulse [{units.impulse}]':>14}"
+        )
+    else:
+        closings, openings = history.closings[:most], history.openings[:most]
+        ended = np.arange(closings.size) < openings.size
+        openings = np.append(openings, result.solution.t_end)[: closings.size]
+    if not closings.size:
+        return f"Contact {name!r} does not close"
+    lines = [f"Contact {name!r}", head]
+    for k, (closing, opening) in enumerate(zip(closings, openings, strict=True)):
+        numbers = "".join(f"   {_number(float(column[k]), 14 if i else 11)}" for i, column in enumerate(columns))
         lines.append(
-            f"{k + 1:7d}   {closing:14.9f}   {opening:14.9f}{' ' if impacts.ended[k] else '+'}  "
-            f"{opening - closing:11.6f}   {_number(speed, 11)}   {_number(peak)}   {_number(impulse)}"
+            f"{k + 1:7d}   {closing:14.9f}   {opening:14.9f}{' ' if ended[k] else '+'}  "
+            f"{opening - closing:11.6f}{numbers}"
         )
     count = history.closings.size
     if count > most:
         lines.append(f"{'...':>7}   and {count - most} more")
-    if not np.all(impacts.ended):
+    if not np.all(ended):
         lines.append(f"{'+':>7}   still closed at the end")
-    if impacts.why:
-        lines.append(f"{'-':>7}   not known: {impacts.why}")
+    if why:
+        lines.append(f"{'-':>7}   not known: {why}")
     return "\n".join(lines)
 
 

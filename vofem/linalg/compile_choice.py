@@ -22,8 +22,8 @@ F = TypeVar("F", bound=Callable[..., Any])
 #: Seconds that numba takes to be imported, and compiled code to be read from disk.
 _IMPORTING, _READING = 0.6, 0.3
 
-#: Seconds that compiling takes.
-_COMPILING = 12.0
+#: Seconds that compiling takes where nothing else is known.
+COMPILING = 12.0
 
 _ready: set[str] = set()
 _spent: dict[str, float] = {}
@@ -41,7 +41,7 @@ class Choice:
     first : bool
         Whether kernels that are not on disk are compiled now.
     patience : float
-        Seconds after which it is faster to start the work again with compiled kernels.
+        Seconds of processor time after which it is faster to start the work again with compiled kernels.
     """
 
     kind: str
@@ -54,7 +54,7 @@ class Choice:
         return choose(self.kind, float("inf"), True)
 
     def done(self, seconds: float) -> None:
-        """Store that work of this kind was done, and the seconds that it took."""
+        """Store that work of this kind was done, and the seconds of processor time that it took."""
         if self.compiled:
             if self.kind not in _ready:
                 _ready.add(self.kind)
@@ -79,7 +79,7 @@ def by_need(kind: str, effort: Callable[..., float]) -> Callable[[F], F]:
             if decided() is not None:
                 return function(*arguments, **named)
             choice = choose(kind, effort(*arguments, **named))
-            begun = time.perf_counter()
+            begun = time.thread_time()
             try:
                 with kernels(compiled=choice.compiled, patience=choice.patience):
                     result = function(*arguments, **named)
@@ -87,7 +87,7 @@ def by_need(kind: str, effort: Callable[..., float]) -> Callable[[F], F]:
                 choice = choice.instead()
                 with kernels(compiled=True):
                     result = function(*arguments, **named)
-            choice.done(time.perf_counter() - begun)
+            choice.done(time.thread_time() - begun)
             return result
 
         return call  # type: ignore[return-value]
@@ -95,7 +95,7 @@ def by_need(kind: str, effort: Callable[..., float]) -> Callable[[F], F]:
     return decorate
 
 
-def choose(kind: str, seconds: float, wanted: bool | None = None) -> Choice:
+def choose(kind: str, seconds: float, wanted: bool | None = None, compiling: float = COMPILING) -> Choice:
     """Return the choice for a piece of work.
 
     Parameters
@@ -105,13 +105,15 @@ def choose(kind: str, seconds: float, wanted: bool | None = None) -> Choice:
         Least time of the work in plain Python, s.
     wanted : bool, optional
         Whether kernels are to be compiled, if the user has decided.
+    compiling : float
+        Seconds that compiling the kernels takes.
     """
     if wanted is False:
         return Choice(kind, False, False, float("inf"))
     if kind in _ready:
         return Choice(kind, True, False, float("inf"))
     on_disk = kind in kinds_on_disk()
-    cost = _READING if on_disk else _COMPILING
+    cost = _READING if on_disk else compiling
     if "numba" not in sys.modules:
         cost += _IMPORTING
     if wanted is None and seconds + _spent.get(kind, 0.0) <= cost:

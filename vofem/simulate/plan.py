@@ -89,18 +89,22 @@ def run_plan(
         planned = replace(plan, compiled=choice.compiled)
         save = None if writer is None else writer(planned)
         first = _COMPILING.format(plan.method) if choice.first else ""
-        begun = time.perf_counter()
+        begun = time.thread_time()
         try:
             with (
                 RunProgress(plan.t_end, progress, save, every, first) as run_progress,
-                kernels(compiled=choice.compiled, patience=choice.patience),
+                kernels(compiled=choice.compiled, patience=choice.patience, first=choice.first),
                 blas_threads(system.size),
             ):
                 result = _run(scene, planned, None if run_progress.idle else run_progress, snapshot)
         except Outgrown:
             choice = choice.instead()
             continue
-        choice.done(time.perf_counter() - begun)
+        if result.interrupted and choice.first:
+            # A user who has pressed Ctrl-C does not wait until the kernels for evaluations are compiled.
+            result.compiled = False
+        else:
+            choice.done(time.thread_time() - begun)
         return result
 
 
@@ -115,7 +119,7 @@ def _choice(method: Method, system: System, plan: Plan) -> Choice:
         return choose(method.name, float("inf"), wanted)
     tol = plan.options.get("tol")
     kind = kind_of_run(method, system, tol, plan.probes is not None)
-    return choose(kind, method.effort(system, plan.t_end, plan.dt, tol), wanted)
+    return choose(kind, method.effort(system, plan.t_end, plan.dt, tol), wanted, method.compiling)
 
 
 def _run(scene: Scene, plan: Plan, observer: RunProgress | None, snapshot: dict[str, Any] | None) -> Result:

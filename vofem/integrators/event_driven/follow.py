@@ -28,7 +28,7 @@ from vofem.integrators.event_driven.loop import (
     Reached,
     run_segments,
 )
-from vofem.integrators.event_driven.search import EventFunctions, next_event
+from vofem.integrators.event_driven.search import EventFunctions, exact_cut, next_event
 from vofem.integrators.event_driven.solution import EventSolution
 from vofem.integrators.event_driven.status_table import MOST_MODES
 from vofem.kernel_mode import compiled
@@ -127,6 +127,8 @@ class Follower:
                 solution.counters.gap_evaluations += evaluations * len(solution.system.contacts)
                 if hits.any():
                     entered = dict(zip(owner[hits].tolist(), entering[hits].tolist(), strict=True))
+                elif tau < duration:
+                    tau = exact_cut(t, tau)
         self.displacement, self.velocity = solution.end_segment(tau)
         self.time = stop if tau >= duration else t + tau
         if entered is not None:

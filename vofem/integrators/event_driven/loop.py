@@ -15,7 +15,15 @@ from numpy.typing import NDArray
 from vofem.integrators.event_driven.block_motion import Blocks, begin, move, work_space
 from vofem.integrators.event_driven.load_table import LoadTable
 from vofem.integrators.event_driven.record import Buffers
-from vofem.integrators.event_driven.search import TINY, BlockFlow, EventTerms, largest_term, march
+from vofem.integrators.event_driven.search import (
+    EVALUATION_WORK,
+    TINY,
+    BlockFlow,
+    EventTerms,
+    exact_cut,
+    largest_term,
+    march,
+)
 from vofem.integrators.event_driven.status_table import Table, to_blocks
 from vofem.linalg.jit import jit
 from vofem.linalg.vectors import copy, inner
@@ -32,6 +40,9 @@ DONE, PAUSED, NEW_STATUS, FULL, SPECIAL, STORM = range(6)
 #: What `Reached.place` holds: slot of the status, interval of the loads, the contact that has just switched or -1,
 #: numbers of segments and of events in the record, and how often event functions were evaluated.
 SLOT, INTERVAL, SWITCHED, SEGMENTS, EVENTS, EVALUATIONS = range(6)
+
+#: Work of the searches of a call, in the unit of `SEARCH_WORK`, after which the loop returns.
+_CALL_WORK = 500_000
 
 #: Size of the terms of a contact's coordinate, divided by its own size, above which it counts as a difference of large
 #: numbers.
@@ -191,7 +202,7 @@ def run_segments(
     until : float
         A time in s at which the loop stops before the end of the run.
     segments : int
-        Number of segments after which the loop returns `PAUSED`.
+        Number of segments after which the loop returns `PAUSED`. It also returns after `_CALL_WORK`.
     events : int
         Largest number of events in the whole run.
     """
@@ -199,7 +210,10 @@ def run_segments(
     place, intervals, most = reached.place, loads.constant.shape[0], loads.omega.shape[1]
     blocks = work_space(n, most)
     start, change, both = np.empty(n), np.empty((2, n)), np.empty((3, 2 * n))
+    most_evaluations = place[EVALUATIONS] + _CALL_WORK // (n + EVALUATION_WORK)
     for _ in range(segments):
+        if place[EVALUATIONS] > most_evaluations:
+            return PAUSED
         t = reached.time[0]
         if t >= loads.edges[intervals] or t >= until:
             return DONE
@@ -236,6 +250,8 @@ def run_segments(
             hit = _only(hits)
             if hit == -2:
                 return SPECIAL
+            if hit < 0 and tau < duration:
+                tau = exact_cut(t, tau)
         move(table, s, omega, blocks, special, tau, reached.velocity, change, both)
         if hit >= 0:
             speed = 0.0

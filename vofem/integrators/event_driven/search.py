@@ -33,6 +33,10 @@ from vofem.linalg.vectors import copy
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
+#: A search ends without an event after this much work, so that the run returns to Python. The work of an evaluation is
+#: the number of modes plus `EVALUATION_WORK`.
+SEARCH_WORK, EVALUATION_WORK = 50_000, 10
+
 #: Event functions are known to this many units of rounding of their largest terms.
 _ROUNDING = 64.0 * float(np.finfo(float).eps)
 
@@ -165,7 +169,7 @@ def next_event(functions: EventFunctions, motion: Motion, duration: float) -> tu
     Returns
     -------
     tau : float
-        Time of the event in s; `duration` if there is no event.
+        Time of the event in s. If there is no event, it is `duration`, or an earlier time after `SEARCH_WORK`.
     hits : ndarray of bool, shape (m,)
         The functions that reach zero at tau; simultaneous events count as one.
     evaluations : int
@@ -576,6 +580,18 @@ def _safe_time_far(
 
 
 @jit
+def exact_cut(t: float, tau: float) -> float:
+    """Return the longest duration up to `tau` after which the time ``t + tau`` is exact.
+
+    A segment without an event may end there, and the time loses no digits.
+    """
+    end = t + tau
+    if end - t > tau:
+        end = np.nextafter(end, t)
+    return end - t if end > t else tau
+
+
+@jit
 def march(
     terms: EventTerms, flow: BlockFlow, levels: NDArray[np.int64], duration: float
 ) -> tuple[float, NDArray[np.bool_], int]:
@@ -599,7 +615,7 @@ def march(
         slowness[k] = 1.0 / frequency[k] if frequency[k] > 0.0 else np.inf
     noise = np.empty(m)
     hits = np.zeros(m, dtype=np.bool_)
-    evaluations = 0
+    evaluations, most = 0, SEARCH_WORK // (n + EVALUATION_WORK)
 
     # Bounds on the inputs of the special blocks and on their rates, and the longest step that they allow.
     g1, g2, g1_rate, g2_rate = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
@@ -656,6 +672,8 @@ def march(
         for j in range(m):
             if at.phi[j] <= 0.0:
                 below[j] = tau
+        if evaluations >= most and (evaluations >= 2 * most or np.all(below == tau)):
+            return tau, hits, evaluations
         step = min(duration - tau, longest)
         # Free energy never grows; inputs make sqrt(2 E) grow at most in proportion to time.
         for k in range(n):

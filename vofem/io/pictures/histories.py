@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,11 +12,10 @@ from vofem.bodies.base import Point
 from vofem.effects import Contact
 from vofem.errors import ArgumentError
 from vofem.histories.impacts import window_of
-from vofem.io.pictures.axes import COLORS, Canvas, Where, goal_of, ink, legend, plain, stroke, text_size
-from vofem.io.pictures.envelope import envelope_of
+from vofem.io.pictures.axes import COLORS, Where, goal_of
+from vofem.io.pictures.history_figure import ContactView, RunView, draw, stiffness_below
 from vofem.io.pictures.layout import place_of
 from vofem.io.pictures.places import all_contacts
-from vofem.io.pictures.units import length, prefixed
 from vofem.result import Result
 
 Array = NDArray[np.float64]
@@ -81,60 +79,40 @@ def time_history(
     OutputError
         If the file cannot be written.
     """
-    goal = goal_of(path)
+    return draw(
+        history_views(result, point, contact=contact, window=window, envelope=envelope, ax=ax), goal_of(path), ax
+    )
+
+
+def history_views(
+    result: Result | Mapping[str, Result],
+    point: Any,
+    *,
+    contact: Contact | str | Iterable[Contact | str] | None = None,
+    window: tuple[float, float] | None = None,
+    envelope: bool | None = None,
+    ax: Any = None,
+) -> list[RunView]:
+    """Return what `time_history` draws of these runs; parameters and errors are those of `time_history`."""
     points = _points(point)
     runs = result if isinstance(result, Mapping) else {points[0].describe() if len(points) == 1 else "": result}
-    views = [_view(run, points, contact, window, envelope) for run in runs.values()]
-    below = any(view.contacts for view in views) and (ax is None or np.size(np.asarray(ax, dtype=object)) > len(runs))
-    scale = length(max(float(np.max(np.abs(view.motion))) for view in views))
-    size = (10.0 if len(runs) == 1 else 2.0 + 4.4 * len(runs), 6.4 if below else 4.2)
-    heights = (2.2, 1.0) if below else (1.0,)
-    canvas = Canvas("time_history", goal, ax, size, len(heights), len(runs), sharex="col", height_ratios=heights)
-    grid = canvas.grid
-    if ax is None:
-        _share(grid[0])
-    stiffest = [_stiffest(view) for view in views]
-    # Beside a stop more than ten times as stiff another one would be a line along the axis.
-    alike = max(stiffest) <= 10.0 * min(filter(None, stiffest), default=0.0)
-    if below and alike:
-        if ax is None:
-            _share(grid[1])
-        stiffest = [max(stiffest)] * len(runs)
-    for title, view, column, most in zip(runs, views, grid.T, stiffest, strict=True):
-        _draw_motion(view, points, scale, column)
-        if below:
-            (_draw_shares if view.enveloped else _draw_stiffness)(view, len(points), most, column[1])
-            if not alike or column[1] is grid[1, 0]:
-                label = "closed share [-]" if view.enveloped else rf"$K_\mathrm{{eq}}$ [{_unit(view, most)}]"
-                column[1].set_ylabel(label)
-        column[0].set_title(plain(title), fontsize=text_size(11))
-        column[-1].set_xlabel("time [s]")
-        column[-1].set_xlim(*view.window)
-    grid[0, 0].set_ylabel(f"displacement [{scale[1]}]")
-    for row in grid:
-        legend(row[-1], row)
-    return canvas.done()
+    contacts = [_contacts(run, points, contact) for run in runs.values()]
+    below = stiffness_below(any(contacts), len(runs), ax)
+    return [
+        _view(title, run, points, own, window, envelope, below)
+        for (title, run), own in zip(runs.items(), contacts, strict=True)
+    ]
 
 
-@dataclass(frozen=True)
-class _View:
-    """The part of a run that is drawn: contacts, a window, times, and displacements, shape (n_points, n_times)."""
-
-    run: Result
-    contacts: list[Contact]
-    window: tuple[float, float]
-    times: Array
-    motion: Array
-    parts: int
-
-    @property
-    def enveloped(self) -> bool:
-        """Whether the envelope is drawn, in so many `parts`."""
-        return self.parts > 0
-
-
-def _view(run: Result, points: list[Point], contact: Any, window: Any, envelope: bool | None) -> _View:
-    contacts = _contacts(run, points, contact)
+def _view(
+    title: str,
+    run: Result,
+    points: list[Point],
+    contacts: list[Contact],
+    window: Any,
+    envelope: bool | None,
+    below: bool,
+) -> RunView:
     begin, end = window_of("time_history", window, _end(run))
     times = _times(run, contacts, begin, end)
     motion = np.array([run.displacement(point, times) for point in points])
@@ -142,85 +120,24 @@ def _view(run: Result, points: list[Point], contact: Any, window: Any, envelope:
     enveloped = crossings > _CROSSINGS if envelope is None else bool(envelope)
     # Each part holds a few periods: in shorter ones the envelope would go up and down with the motion.
     parts = int(np.clip(crossings // _CROSSINGS_EACH, _FEWEST, _PARTS)) if enveloped else 0
-    return _View(run, contacts, (begin, end), times, motion, parts)
-
-
-def _unit(view: _View, most: float) -> str:
-    """Return the unit of K_eq with its prefix; both where some contacts act on rotations."""
-    units = dict.fromkeys(contact.units.stiffness for contact in view.contacts) or {"N/m": None}
-    return ", ".join(prefixed(most, unit)[1] for unit in units)
-
-
-def _draw_motion(view: _View, points: list[Point], scale: tuple[float, str], column: Array) -> None:
-    """Draw displacements into the first axes, and shade all of them where a contact is closed."""
-    upper, factor, run = column[0], scale[0], view.run
-    for k, point in enumerate(points):
-        label = {} if len(points) == 1 else {"label": point.describe()}
-        color = ink() if k == 0 else COLORS[k % len(COLORS)]
-        if view.enveloped:
-            middle, low, high = envelope_of(view.times, view.motion[k] / factor, view.window, view.parts)
-            upper.fill_between(middle, low, high, color=color, alpha=0.4, linewidth=stroke(0.8), **label)
-        else:
-            upper.plot(view.times, view.motion[k] / factor, color=color, linewidth=stroke(1.3), **label)
-    # Intervals of several contacts lie on each other.
-    shade = 0.14 / max(1, len(view.contacts)) ** 0.7
-    for index, item in enumerate(view.contacts):
-        color = _color(index, len(points))
-        touched = next((point for point in points if _at(item, point)), None)
-        if touched is not None and item.of == "displacement" and (item.b is None or not view.enveloped):
-            surface = np.broadcast_to(_surface(run, item, touched, view.times), view.times.shape)
-            name = f"{item.name} closes"
-            upper.plot(view.times, surface / factor, color=color, linewidth=stroke(1.0), linestyle="--", label=name)
-        if not view.enveloped:
-            for start, end in closed_intervals(run, item.name):
-                if end >= view.window[0] and start <= view.window[1]:
-                    for axes in column:
-                        axes.axvspan(start, end, color=color, alpha=shade, linewidth=0)
-
-
-def _draw_shares(view: _View, points: int, most: float, axes: Any) -> None:
-    """Draw the share of time in which contacts are closed, part by part of the window."""
-    edges = np.linspace(*view.window, view.parts + 1)
-    for index, contact in enumerate(view.contacts):
-        start, end = np.array(closed_intervals(view.run, contact.name)).reshape(-1, 2).T
-        # Closed time before each edge: whole intervals, and what has passed of the present one.
-        total = np.array([np.sum(np.clip(np.minimum(end, edge) - start, 0.0, None)) for edge in edges])
-        share = np.diff(total) / np.diff(edges)
-        axes.stairs(share, edges, color=_color(index, points), linewidth=stroke(1.2), label=contact.name)
-    axes.set_ylim(0.0, 1.05)
-
-
-def _share(row: Array) -> None:
-    """Give all axes of a row the same scale, labelled at the first one."""
-    for axes in row[1:]:
-        axes.sharey(row[0])
-        axes.tick_params(labelleft=False)
-
-
-def _stiffest(view: _View) -> float:
-    laws = view.run.model.system.contacts
-    if laws is None or not view.contacts:
-        return 0.0
-    return float(np.max(laws.stiffness[[laws.names.index(contact.name) for contact in view.contacts]]))
-
-
-def _draw_stiffness(view: _View, points: int, most: float, axes: Any) -> None:
-    """Draw K_eq of contacts, in the unit of the stiffest."""
-    laws = view.run.model.system.contacts
-    if laws is None or not view.contacts:
-        return
-    samples = view.run.solution.contacts(view.times).stiffness
-    factor, _ = prefixed(most, "N/m")
-    for index, contact in enumerate(view.contacts):
-        values, color = samples[laws.names.index(contact.name)] / factor, _color(index, points)
-        line = {"drawstyle": "steps-post", "linewidth": stroke(1.4)}
-        axes.plot(view.times, values, color=color, label=contact.name, **line)
-    axes.set_ylim(0.0, 1.1 * most / factor)
-
-
-def _color(index: int, points: int) -> str:
-    """Return the colour of a contact: it differs from the colours of points."""
-    return COLORS[0] if index == 0 else COLORS[(index + points - 1) % len(COLORS)]
+    laws = run.model.system.contacts
+    samples = run.solution.contacts(times).stiffness if laws is not None and below and not enveloped else None
+    shown = []
+    for item in contacts:
+        assert laws is not None
+        law = laws.names.index(item.name)
+        shown.append(
+            ContactView(
+                name=item.name,
+                stiffness=float(laws.stiffness[law]),
+                unit=item.units.stiffness,
+                closed=np.array(closed_intervals(run, item.name)).reshape(-1, 2),
+                surface=_surface(run, item, points, times, enveloped),
+                k_eq=None if samples is None else samples[law],
+            )
+        )
+    labels = tuple(point.describe() for point in points)
+    return RunView(title, labels, tuple(shown), (begin, end), times, motion, parts)
 
 
 def _contacts(result: Result, points: list[Point], wanted: Any) -> list[Contact]:
@@ -280,10 +197,13 @@ def _times(result: Result, contacts: list[Contact], begin: float, end: float) ->
     return times[(times >= begin) & (times <= end)]
 
 
-def _surface(result: Result, contact: Contact, point: Point, times: Array) -> float | Array:
+def _surface(result: Result, contact: Contact, points: list[Point], times: Array, enveloped: bool) -> Array | None:
     """Return the displacement of the point, where it lies on the contact, at which the contact closes."""
+    point = next((point for point in points if _at(contact, point)), None)
+    if point is None or contact.of != "displacement" or (contact.b is not None and enveloped):
+        return None
     if contact.b is None:
-        return -contact.gap if contact.side == "below" else contact.gap
+        return np.full(times.shape, -contact.gap if contact.side == "below" else contact.gap)
     if contact.a.body.name == point.body.name:
         return result.displacement(contact.b, times) + contact.gap
     return result.displacement(contact.a, times) - contact.gap

@@ -1,11 +1,13 @@
-"""Draws with VTK in a process of its own, which may crash; see `vofem.io.probe` and `vofem.io.pictures.studio`."""
+"""Draws in a process of its own, which may crash; see `vofem.io.probe` and `vofem.io.pictures.studio`."""
 
 from __future__ import annotations
 
 import pickle
 import signal
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 
 def _print(*words: str) -> None:
@@ -25,7 +27,7 @@ def draw(path: str) -> None:
 
 
 def serve(known: str = "") -> None:
-    """Draw a picture for every line of the standard input: the files of a drawing and of its picture.
+    """Draw a side view with VTK for every line of the standard input, see `_answer`.
 
     Where the name of VTK's window is not `known` on this machine, a trial picture is drawn first.
     """
@@ -35,9 +37,22 @@ def serve(known: str = "") -> None:
 
     found = known or backend_vtk.try_window()
     _print("vofem-probe", found)
-    if found == "blank":
-        return
+    if found != "blank":
+        _answer(lambda drawing, goal: goal.write_bytes(backend_vtk.draw(drawing)))
+
+
+def plot() -> None:
+    """Draw histories with matplotlib for every line of the standard input, see `_answer`."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    from vofem.io.pictures import history_figure
+
+    history_figure.prepare()
+    _answer(history_figure.draw)
+
+
+def _answer(draw: Callable[[Any, Path], object]) -> None:
+    """Draw a picture for every line of the standard input, which names the files of an object and of its picture."""
     for line in sys.stdin:
         source, goal = (Path(part) for part in line.rstrip("\n").split("\t"))
-        goal.write_bytes(backend_vtk.draw(pickle.loads(source.read_bytes())))
+        draw(pickle.loads(source.read_bytes()), goal)
         _print("vofem-drawn")
