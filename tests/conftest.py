@@ -19,8 +19,36 @@ def pytest_addoption(parser):
     parser.addoption("--plain-kernels", action="store_true", help="run kernels as plain Python")
 
 
+def pytest_configure(config):
+    config.addinivalue_line(
+        "markers", "kernels(way): run kernels as 'plain' Python, where that is quicker than compiling, or 'compiled'"
+    )
+
+
 @pytest.fixture(scope="session", autouse=True)
 def _kernels(pytestconfig):
     """All tests run kernels in one way, whatever ran before; tests of the choice begin processes of their own."""
     with kernels(compiled=not pytestconfig.getoption("--plain-kernels")):
+        yield
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _kernels_of_module(request, _kernels):
+    """The mark of a module holds for its fixtures too."""
+    yield from _as_marked(request)
+
+
+@pytest.fixture(autouse=True)
+def _kernels_of_test(request, _kernels_of_module):
+    """The mark of a test has precedence over that of its module."""
+    yield from _as_marked(request)
+
+
+def _as_marked(request):
+    mark = request.node.get_closest_marker("kernels")
+    if mark is None or request.config.getoption("--plain-kernels"):
+        yield
+        return
+    (way,) = mark.args
+    with kernels(compiled={"plain": False, "compiled": True}[way]):
         yield
