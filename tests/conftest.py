@@ -15,6 +15,21 @@ settings.register_profile("default", deadline=None, derandomize=True, suppress_h
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "default"))
 
 
+#: Modules that come first, because they take longest. The first two compile different kernels: those of event_driven,
+#: and those of methods that step in time. Two workers that begin with them compile few kernels twice.
+FIRST = (
+    "random_scenes", "energy_conserving", "pinned", "hysteresis_in_time", "continuation", "springpot", "verification",
+    "checkpoints", "harmonic_balance", "large_systems", "kernel_modes", "generalized_alpha", "many_contacts", "sweep",
+    "condensed_orbits", "docs", "springpot_runs", "event_loop", "damping_and_energy", "compiled_cache", "examples",
+    "probes", "statuses", "cli", "crash_safety", "pictures", "backbone", "notes_and_times",
+)  # fmt: skip
+
+
+def pytest_collection_modifyitems(items):
+    rank = {f"test_{name}": k for k, name in enumerate(FIRST)}
+    items.sort(key=lambda item: rank.get(item.path.stem, len(FIRST)))
+
+
 def pytest_addoption(parser):
     parser.addoption("--plain-kernels", action="store_true", help="run kernels as plain Python")
 
