@@ -13,7 +13,9 @@ demo: setup
 	$(BIN)/vofem run examples/cantilever.toml --output output/cantilever
 	$(BIN)/vofem run examples/cantilever_from_mesh.toml --output output/cantilever_from_mesh
 
-test: lint types unit
+# The type checker, which uses one core only, runs beside the tests.
+test: lint
+	$(MAKE) --no-print-directory --jobs=2 types unit
 
 # The site, into site/index.html: the pages of docs/, a gallery of examples/ and the reference. Warnings are errors.
 docs: $(SITE_STAMP)
@@ -34,8 +36,9 @@ lint: setup
 types: setup
 	$(BIN)/mypy
 
+# Whole modules go to the workers, in the order of tests/conftest.py.
 unit: setup
-	$(BIN)/python -m pytest -n $(JOBS)
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder
 
 # Run the whole catalogue, a minute or two, and write the tables of the docs.
 verification: setup

@@ -10,6 +10,8 @@ from scenes import reference
 
 import vofem as vf
 
+pytestmark = pytest.mark.kernels("plain")
+
 
 def two_masses(gap):
     """P6 of the reference data: conservative, a stop on the second mass."""
@@ -146,6 +148,7 @@ def test_exponents_on_a_stable_orbit_are_those_of_its_multipliers():
     assert found.exponents.sum() == pytest.approx(-(0.03 + 0.03 + 0.03), abs=1e-10)
 
 
+@pytest.mark.kernels("compiled")
 def test_a_chaotic_oscillator_has_a_positive_exponent():
     """A hard stop between windows of periodic motion: two stretches of one motion agree, and nearby runs part."""
     mass = vf.Mass(1.0, stiffness=1.0, damping=0.1)

@@ -10,6 +10,8 @@ from scenes import paper_beam
 
 import vofem as vf
 
+pytestmark = pytest.mark.kernels("plain")
+
 NAN, INF = float("nan"), float("inf")
 
 
@@ -209,6 +211,7 @@ def bad_at_three(t):
     return NAN if t >= 3.0 else 0.1
 
 
+@pytest.mark.kernels("compiled")
 def test_load_function_that_returns_nan():
     vf.simulate(paper_beam("penetration", load=lambda t: 0.1)[1], 1e-3)  # compiles
     _, s = paper_beam("penetration", load=bad_at_three)
@@ -257,7 +260,7 @@ def test_resolved_switch_and_event_driven():
 
 
 def test_names_in_results():
-    b, s = paper_beam("displacement")
+    b, s = paper_beam("displacement", elements=5)
     result = vf.simulate(s, 1.0)
     with pytest.raises(vf.ArgumentError, match="did you mean 'stop'"):
         result.contacts["stopp"]

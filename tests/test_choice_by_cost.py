@@ -10,6 +10,8 @@ import pytest
 import vofem as vf
 from vofem.simulate.methods import cheaper, choose
 
+pytestmark = pytest.mark.kernels("plain")
+
 T_END = 4.0
 
 

@@ -14,6 +14,8 @@ from vofem.integrators.event_driven.clusters import cluster_change
 from vofem.integrators.event_driven.complex_modes import damped_blocks
 from vofem.linalg.exponential import matrix_change, oscillator_change, oscillator_remainder
 
+pytestmark = pytest.mark.kernels("plain")
+
 
 def exact(scene, t):
     """Return displacements at t from the state's matrix exponential, loads aside."""

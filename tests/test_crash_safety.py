@@ -18,6 +18,8 @@ from vofem.files.hdf5 import GuardedFile
 from vofem.io.csv_file import write_csv
 from vofem.io.vtk import write_series
 
+pytestmark = pytest.mark.kernels("plain")
+
 
 def small(end=1.0):
     ball = vf.Mass(1.0, stiffness=1.0, name="ball")

@@ -8,6 +8,8 @@ import pytest
 import vofem as vf
 from vofem.errors import ArgumentError, StepSizeError
 
+pytestmark = pytest.mark.kernels("plain")
+
 STABLE = ["event_driven", "energy_conserving", "generalized_alpha"]
 
 
