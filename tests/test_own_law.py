@@ -19,8 +19,11 @@ from vofem.io.scenes.kinds import POSITIVE
 from vofem.io.scenes.parts import PointByName
 from vofem.io.scenes.schema import EFFECTS
 from vofem.laws import LawGroup, SmoothLaws
+from vofem.laws.callbacks import FORCE, LOSS, MEAN, STORED, TANGENT
+from vofem.laws.called import CalledLaw
 from vofem.laws.group import ListedLaws
 from vofem.laws.kinds import AFFINE
+from vofem.linalg.jit import jit
 
 STIFFNESS, LENGTH = 40.0, 0.1
 
@@ -341,6 +344,86 @@ def test_a_reaction_counts_it():
     assert result.displacement(tip)[-1] == pytest.approx(rest.displacement(tip), rel=1e-9)
     held = SinhLaw("", STIFFNESS, LENGTH).reaction(rest.displacement(tip)) - 2.0
     assert result.reaction(beam, "left").force[-1] == pytest.approx(held, rel=1e-6)
+
+
+@jit
+def _slider(what, parameters, past, u0, u1):
+    """A spring beside a slider on a spring, as `vf.BilinearSpring`; its internal variable is the slider's place."""
+    beside, spring, slip = parameters[0], parameters[1], parameters[2]
+    limit, stretch = slip / spring, u1 - past[0]
+    if what == FORCE or (what == MEAN and u0 == u1):
+        return beside * u1 + min(max(spring * stretch, -slip), slip)
+    if what == TANGENT:
+        return beside + spring if abs(stretch) < limit else beside
+    if what == STORED:
+        return 0.5 * beside * u1 * u1 + 0.5 * spring * min(abs(stretch), limit) ** 2
+    if what == LOSS:
+        return slip * max(abs(stretch) - limit, 0.0)
+    if what == MEAN:
+        first, last = abs(u0 - past[0]), abs(stretch)
+        begin = 0.5 * spring * first**2 if first < limit else slip * (first - 0.5 * limit)
+        end = 0.5 * spring * last**2 if last < limit else slip * (last - 0.5 * limit)
+        return 0.5 * beside * (u0 + u1) + (end - begin) / (u1 - u0)
+    past[0] = min(max(past[0], u1 - limit), u1 + limit)
+    return 0.0
+
+
+class SliderSpring(SinhSpring):
+    """An effect whose law has an internal variable."""
+
+    def compile(self, builder):
+        law = CalledLaw("SliderSpring 's'", "s", _slider, 1.0, np.array([0.2, 0.8, 0.08]), np.zeros(1))
+        builder.add_law(builder.row(self.point), law)
+
+
+def both_sliders():
+    """Return a mass and its scene, with the law from outside the package and with that of the package."""
+    for make in (
+        lambda mass: SliderSpring(mass, stiffness=1.0, length=1.0, name="s"),
+        lambda mass: vf.BilinearSpring(mass, stiffness=1.0, linear_limit=0.1, hardening=0.2, name="s"),
+    ):
+        mass = vf.Mass(1.0, name="m")
+        yield mass, vf.Scene([mass], [make(mass), vf.PointLoad(mass, vf.Sine(0.3, 1.3))])
+
+
+@pytest.mark.parametrize(
+    "how",
+    [
+        {"method": "energy_conserving", "dt": 0.01},
+        {"method": "generalized_alpha", "dt": 0.01},
+        {"method": "central_difference", "dt": 0.01},
+        {"tol": 1e-3},
+    ],
+    ids=lambda how: how.get("method", "tol"),
+)
+def test_a_compiled_law_with_internal_variables_is_written_outside_the_package(how):
+    """It moves a mass as the same law of the package does, whose formulas are part of the compiled loops."""
+    (own_mass, own), (mass, scene) = both_sliders()
+    times, near = np.linspace(0.0, 20.0, 101), 1e-4 if "tol" in how else 1e-8
+    mine, theirs = vf.simulate(own, 20.0, times=times, **how), vf.simulate(scene, 20.0, times=times, **how)
+    assert theirs.energy.dissipated[-1] > 0.1
+    # The mean force of a short path has a rounding error, by which a tolerance chooses other steps.
+    assert mine.displacement(own_mass) == pytest.approx(theirs.displacement(mass), abs=near)
+    for part in ("strain", "dissipated"):
+        assert getattr(mine.energy, part) == pytest.approx(getattr(theirs.energy, part), abs=near)
+    assert mine.notes == theirs.notes
+
+
+def test_statics_takes_it_harmonic_balance_does_not_and_runs_with_it_are_saved(tmp_path):
+    (own_mass, own), (mass, scene) = both_sliders()
+    factors = [0.3, -0.4, 0.2]
+    pushed = [
+        vf.quasi_static(vf.Scene([body], [spring.effects[0], vf.PointLoad(body, 1.0)]), factors).displacement(body)
+        for body, spring in ((own_mass, own), (mass, scene))
+    ]
+    assert pushed[0] == pytest.approx(pushed[1], rel=1e-12)
+    with pytest.raises(vf.MethodError, match="SliderSpring 's' does not say how its force depends on its internal"):
+        vf.periodic(own)
+    result = vf.simulate(own, 5.0, method="energy_conserving", dt=0.01)
+    result.save(tmp_path / "run.h5")
+    again = vf.load(tmp_path / "run.h5")
+    assert np.array_equal(again.displacement(again.scene.bodies[0]), result.displacement(own_mass))
+    assert np.array_equal(again.energy.dissipated, result.energy.dissipated)
 
 
 def test_an_entry_makes_it_part_of_scene_files(tmp_path, monkeypatch):

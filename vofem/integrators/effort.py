@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from vofem.integrators.method import Method
+from vofem.kernel_mode import kernels
 from vofem.laws.kinds import FEWEST_IN_BAND
 from vofem.laws.table import build_laws
 from vofem.system import System
@@ -99,7 +100,8 @@ def kind_of_run(method: Method, system: System, tol: float | None, probes: bool 
         return f"{method.name}, damped" if system.damped else method.name
     if not method.steps or method.special:
         return method.name
-    laws = build_laws(system.laws)
+    with kernels(compiled=False):  # no law is called
+        laws = build_laws(system.laws)
     count = laws.table.size
     parts = [method.name] if tol is None else [method.name, "tol"]
     if count:

@@ -14,8 +14,8 @@ from vofem.laws.group import LawGroup
 from vofem.laws.smooth import ScalarLaw, SmoothLaws, mean_reaction
 from vofem.linalg.jit import Intrinsic
 
-#: What is asked of a law.
-FORCE, TANGENT, MEAN, STORED = 0, 1, 2, 3
+#: What is asked of a law; the last two of laws with internal variables only.
+FORCE, TANGENT, MEAN, STORED, LOSS, COMMIT = range(6)
 
 _PROTOTYPE = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_int64, ctypes.c_double, ctypes.c_double)
 

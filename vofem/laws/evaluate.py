@@ -16,7 +16,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.laws.callbacks import FORCE, MEAN, STORED, TANGENT, call
+from vofem.laws.callbacks import COMMIT, FORCE, LOSS, MEAN, STORED, TANGENT, call
+from vofem.laws.called import call_law
 from vofem.laws.contact import contact_force, contact_kinks, contact_mean, contact_share, damper_path, ideal_mean_slope
 from vofem.laws.group import CLOSED, LawGroup
 from vofem.laws.hysteretic import (
@@ -30,7 +31,7 @@ from vofem.laws.hysteretic import (
     hysteretic_mean,
     hysteretic_stored,
 )
-from vofem.laws.kinds import AFFINE, CALLED, HYPERBOLIC, JUMP, RESOLVED
+from vofem.laws.kinds import AFFINE, CALLED, CALLED_WITH_PAST, HYPERBOLIC, JUMP, RESOLVED
 from vofem.laws.table import Laws
 from vofem.linalg.jit import jit
 
@@ -51,6 +52,8 @@ def _force_and_tangent(
 ) -> tuple[float, float]:  # fmt: skip
     """Return force and tangent at u. The kinds are arguments so that numba leaves out those that are None."""
     law = laws.table[j]
+    if called is not None and law["kind"] == CALLED_WITH_PAST:
+        return call_law(laws, j, FORCE, u, u), call_law(laws, j, TANGENT, u, u)
     if hysteretic is not None and law["kind"] >= HYPERBOLIC:
         return hysteretic_force(laws, j, u)
     if called is not None and law["kind"] == CALLED:
@@ -96,6 +99,8 @@ def _mean_force(
     u0: float, u1: float,
 ) -> float:  # fmt: skip
     law = laws.table[j]
+    if called is not None and law["kind"] == CALLED_WITH_PAST:
+        return call_law(laws, j, MEAN, u0, u1)
     if hysteretic is not None and law["kind"] >= HYPERBOLIC:
         return hysteretic_mean(laws, j, u0, u1)
     if called is not None and law["kind"] == CALLED:
@@ -156,19 +161,38 @@ def stored(laws: Laws, j: int, u: float) -> float:
 def _stored(laws: Laws, called: bool | None, j: int, u: float) -> float:
     if called is not None and laws.table[j]["kind"] == CALLED:
         return call(laws.table[j]["address"], STORED, u, u)
+    if called is not None and laws.table[j]["kind"] == CALLED_WITH_PAST:
+        return call_law(laws, j, STORED, u, u)
     return hysteretic_stored(laws, j, u)
 
 
 @jit
 def dissipated(laws: Laws, j: int, u: float) -> float:
     """Return the energy in J that a law with internal variables has dissipated when its path has reached u."""
-    return laws.state[laws.table[j]["start"] + DISSIPATED] + hysteretic_loss(laws, j, u)
+    return laws.state[laws.table[j]["start"] + DISSIPATED] + _loss(laws, laws.kinds.called, j, u)
+
+
+@jit
+def _loss(laws: Laws, called: bool | None, j: int, u: float) -> float:
+    """Return the energy in J that is dissipated on the path to u."""
+    if called is not None and laws.table[j]["kind"] == CALLED_WITH_PAST:
+        return call_law(laws, j, LOSS, u, u)
+    return hysteretic_loss(laws, j, u)
 
 
 @jit
 def commit(laws: Laws, j: int, u: float) -> None:
     """Update the internal variables of law j to the end u of its path."""
-    hysteretic_commit(laws, j, u)
+    _commit(laws, laws.kinds.called, j, u)
+
+
+@jit
+def _commit(laws: Laws, called: bool | None, j: int, u: float) -> None:
+    if called is not None and laws.table[j]["kind"] == CALLED_WITH_PAST:
+        laws.state[laws.table[j]["start"] + DISSIPATED] += call_law(laws, j, LOSS, u, u)
+        call_law(laws, j, COMMIT, u, u)
+    else:
+        hysteretic_commit(laws, j, u)
 
 
 @jit

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from vofem.laws.backbone import backbone, backbone_mean
 from vofem.laws.group import LawGroup, ListedLaws
-from vofem.laws.kinds import HYPERBOLIC, JENKINS
+from vofem.laws.kinds import CALLED_WITH_PAST, HYPERBOLIC, JENKINS
 from vofem.laws.paper import no_modes, path_needed
 from vofem.laws.table import Laws
 from vofem.linalg.jit import jit
@@ -114,7 +114,7 @@ class HystereticLaws(ListedLaws):
     Attributes
     ----------
     rows : csr_matrix, shape (n_laws, n)
-    laws : tuple of HystereticLaw
+    laws : tuple of HystereticLaw and of `called.CalledLaw`
     """
 
     place: ClassVar[int] = 2
@@ -138,6 +138,12 @@ class HystereticLaws(ListedLaws):
         """Return why there are no modes."""
         return no_modes(self.labels[0])
 
+    def harmonic_refusal(self) -> str | None:
+        """Return why there is no derivative by the internal variables: only of laws that are called."""
+        label = next((law.label for law in self.laws if law.kind == CALLED_WITH_PAST), None)
+        reason = "does not say how its force depends on its internal variables; let a damped simulation settle instead"
+        return None if label is None else f"{label} {reason}"
+
     def limits(self) -> Array:
         """Return the limit loads in N."""
         return np.array([law.limit for law in self.laws])
@@ -154,6 +160,7 @@ class HystereticLaws(ListedLaws):
         """Enter kind and numbers."""
         for name in ("kind", "one_sided", "stiffness", "limit", "gap"):
             table[name] = [getattr(law, name) for law in self.laws]
+        table["address"] = [getattr(law, "address", 0) for law in self.laws]
 
     def numbers(self) -> Array:
         """Return stiffnesses, onsets, gaps and parameters."""

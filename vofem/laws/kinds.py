@@ -13,3 +13,6 @@ CALLED = 4
 
 #: Laws with internal variables: two backbones of cyclic laws, and Jenkins elements.
 HYPERBOLIC, TABULATED, JENKINS = 5, 6, 7
+
+#: A law with internal variables that is one function, called through its address.
+CALLED_WITH_PAST = 8

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vofem.laws.callbacks import Callbacks
 from vofem.laws.group import LawGroup
-from vofem.laws.kinds import AFFINE, CALLED, HYPERBOLIC, RESOLVED
+from vofem.laws.kinds import AFFINE, CALLED, CALLED_WITH_PAST, HYPERBOLIC, RESOLVED
 
 Array = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ class Kinds(NamedTuple):
     affine : True or None
         Laws that are affine within a step, such as springpots.
     called : True or None
-        Laws written in Python.
+        Laws that are called through their addresses.
     hysteretic : True or None
         Laws with internal variables.
     """
@@ -97,5 +97,6 @@ def build_laws(groups: Sequence[LawGroup], callbacks: Callbacks | None = None) -
 def kinds_of(table: NDArray[np.void]) -> Kinds:
     """Return which laws there are among some records."""
     kind = table["kind"]
-    found = (kind == RESOLVED, table["damping"] > 0.0, kind == AFFINE, kind == CALLED, kind >= HYPERBOLIC)
+    called = (kind == CALLED) | (kind == CALLED_WITH_PAST)
+    found = (kind == RESOLVED, table["damping"] > 0.0, kind == AFFINE, called, kind >= HYPERBOLIC)
     return Kinds(*(True if np.any(part) else None for part in found))
