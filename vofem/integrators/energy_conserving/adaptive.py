@@ -68,6 +68,9 @@ class Trial(NamedTuple):
         Displacements and velocities between the halves, and velocities at the end.
     internal : ndarray
         Internal variables of hysteretic laws at the start.
+    u : ndarray, shape (n_laws,)
+        Coordinates of the laws between the halves.
+    path : Path
     """
 
     first: Found
@@ -77,6 +80,8 @@ class Trial(NamedTuple):
     v: Array
     end: Array
     internal: Array
+    u: Array
+    path: Path
 
 
 class AdaptiveSteps(StepDoubling, Midpoint):
@@ -90,7 +95,9 @@ class AdaptiveSteps(StepDoubling, Midpoint):
         self.sizes: dict[int, Factored] = {}
         n, m = self.state.q.size, self.state.u.size
         first, second, whole = (Found(np.zeros(n), np.zeros(m)) for _ in range(3))
-        self.trial = Trial(first, second, whole, np.zeros(n), np.zeros(n), np.zeros(n), self.state.internal.copy())
+        path = Path(np.zeros((3, m)), np.zeros((3, m)), np.zeros((2, m)))
+        q, v, end = np.zeros((3, n))
+        self.trial = Trial(first, second, whole, q, v, end, self.state.internal.copy(), np.zeros(m), path)
         #: Internal variables of springpots with which the second half begins.
         self.ahead = None if self.past is None else type(self.past.state)(*(part.copy() for part in self.past.state))
 
@@ -165,7 +172,7 @@ def _try(
     matrices, rows, laws = equations
     whole, half = sizes.whole, sizes.half
     full, first, second = trial.whole.p, trial.first.p, trial.second.p
-    q, v, end, weight = trial.q, trial.v, trial.end, scales.weight
+    q, v, end, u, weight = trial.q, trial.v, trial.end, trial.u, scales.weight
     n, m = state.q.size, state.u.size
     # Indices, but not as literals, for which kernels would be compiled once more.
     index = n - n
@@ -186,7 +193,6 @@ def _try(
         q[i] = state.q[i] + half.dt * first[i]
         v[i] = 2.0 * (first[i] + forcing.shift[i]) - state.v[i]
         second[i] = full[i] + (full[i] - first[i])
-    u = np.empty(m)
     for j in range(m):
         u[j] = dot(rows, j, q)
     combine(half, values, index + 2, forcing)
@@ -204,12 +210,12 @@ def _try(
     if m > 0:
         for i in range(n):
             end[i] = second[i] + (second[i] - v[i])
-        path, rates, forces = np.empty((3, m)), np.empty((3, m)), np.empty((2, m))
+        path, rates, forces = trial.path
         for j in range(m):
             path[0, j], path[1, j], path[2, j] = state.u[j], u[j], u[j] + half.dt * dot(rows, j, second)
             rates[0, j], rates[1, j], rates[2, j] = dot(rows, j, state.v), dot(rows, j, v), dot(rows, j, end)
             forces[0, j], forces[1, j] = trial.first.reaction[j], trial.second.reaction[j]
-        acts, unresolved = impact(laws, state.status.size, half.dt, Path(path, rates, forces), scales.fineness)
+        acts, unresolved = impact(laws, state.status.size, half.dt, trial.path, scales.fineness)
     if acts:
         # Against a stiff stop, steps of any size end at the stop: displacements agree there, velocities do not.
         for i in range(n):
