@@ -21,6 +21,8 @@ from vofem.io.scenes.schema import EFFECTS
 from vofem.laws import LawGroup, SmoothLaws
 from vofem.laws.group import ListedLaws
 
+pytestmark = pytest.mark.kernels("plain")
+
 STIFFNESS, LENGTH = 40.0, 0.1
 
 
