@@ -22,6 +22,8 @@ def beam_on_stop():
     return vf.Scene([beam], [stop, vf.PointLoad(tip, vf.Sine(-0.5, 6.0))]), beam
 
 
+# No other test compiles the record of points in all methods.
+@pytest.mark.kernels("compiled")
 @pytest.mark.parametrize("method", STEPPING)
 def test_every_step_is_recorded_beside_few_states(method):
     scene, beam = beam_on_stop()
