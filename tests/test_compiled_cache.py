@@ -123,10 +123,11 @@ def double(x):
         total = total + x
     return 0.5 * total
 
-argument = {"int": 3, "float": 2.5, "complex": 1j}[sys.argv[1]]
 # All processes begin at once.
-time.sleep(max(float(sys.argv[2]) - time.time(), 0.0))
-assert double(argument) == 2.0 * argument, double(argument)
+time.sleep(max(float(sys.argv[1]) - time.time(), 0.0))
+for kind in sys.argv[2:]:
+    argument = {"int": 3, "float": 2.5, "complex": 1j}[kind]
+    assert double(argument) == 2.0 * argument, double(argument)
 print(sum(double.dispatcher.stats.cache_hits.values()))
 """
 
@@ -137,23 +138,23 @@ def test_processes_that_compile_at_once_do_no_harm(tmp_path):
     script.write_text(KERNEL)
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(ROOT)}
 
-    def begin(kind, at):
+    def begin(at, *kinds):
         return subprocess.Popen(
-            [sys.executable, str(script), kind, str(at)], env=environment, stdout=subprocess.PIPE, text=True
+            [sys.executable, str(script), str(at), *kinds], env=environment, stdout=subprocess.PIPE, text=True
         )
 
+    kinds = ("int", "float", "complex")
     for at in (time.time() + 2.0, 0.0):
-        children = [begin(kind, at) for kind in ("int", "float", "complex")]
+        children = [begin(at, kind) for kind in kinds]
         assert [child.wait() for child in children] == [0, 0, 0]
-        hits = [int(child.stdout.read()) for child in children]
-    # One at a time, what was lost in the race is compiled once more, and then it is there.
+        for child in children:
+            child.stdout.close()
+    # Without a race, what was lost in it is compiled once more, and then it is there.
     for _ in range(2):
-        hits = []
-        for kind in ("int", "float", "complex"):
-            child = begin(kind, 0.0)
-            assert child.wait() == 0
-            hits.append(int(child.stdout.read()))
-    assert hits == [1, 1, 1]
+        child = begin(0.0, *kinds)
+        hits, _ = child.communicate()
+        assert child.returncode == 0
+    assert int(hits) == 3
 
 
 def test_the_bar_says_that_it_compiles(monkeypatch):

@@ -18,6 +18,8 @@ import vofem as vf
 from vofem.files.hdf5 import reading, writing
 from vofem.io.storage.tree import class_named, read_tree, write_text
 
+pytestmark = pytest.mark.kernels("plain")
+
 SAVED = Path(__file__).parent / "data" / "saved"
 
 T_END = 2.0

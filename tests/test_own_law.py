@@ -25,6 +25,8 @@ from vofem.laws.group import ListedLaws
 from vofem.laws.kinds import AFFINE
 from vofem.linalg.jit import jit
 
+pytestmark = pytest.mark.kernels("plain")
+
 STIFFNESS, LENGTH = 40.0, 0.1
 
 

@@ -120,6 +120,7 @@ def test_one_step_under_a_load_that_begins_is_no_blow_up():
     assert not told(result, "energy:")
 
 
+@pytest.mark.kernels("plain")
 @pytest.mark.parametrize("load", [1e3, vf.Sine(1e3, 20.0)])
 def test_a_blow_up_under_a_load_is_still_found(load):
     mass = vf.Mass(1.0)

@@ -57,6 +57,7 @@ def test_statics_and_modes_leave_them_out():
         vf.equilibrium(vf.Scene([mass], [vf.Springpot(mass, coefficient=1.0, order=0.5), vf.PointLoad(mass, 1.0)]))
 
 
+@pytest.mark.kernels("plain")
 @pytest.mark.parametrize("method", METHODS)
 def test_beside_springs_with_memory(method):
     """Each is told by its name; a springpot of coefficient 0 changes nothing beside them."""

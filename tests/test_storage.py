@@ -243,6 +243,7 @@ def with_callables():
     return vf.simulate(scene, 0.3, method="central_difference", times=np.linspace(0.0, 0.3, 31))
 
 
+@pytest.mark.kernels("plain")
 def test_a_run_with_callables_is_read_whole(tmp_path):
     result = with_callables()
     beam = result.scene.bodies[0]
@@ -263,6 +264,7 @@ def test_a_run_with_callables_is_read_whole(tmp_path):
             assert np.max(np.abs(getattr(run, what)(x) - expected)) <= 1e-13 * np.max(np.abs(expected)) + 1e-14
 
 
+@pytest.mark.kernels("plain")
 def test_what_needs_a_callable_names_it(tmp_path):
     loaded = saved_and_loaded(with_callables(), tmp_path / "run.vtkhdf")
     for method in ("auto", "central_difference", "generalized_alpha"):

@@ -101,6 +101,7 @@ def test_masses_that_hit_each_other_and_stops(law, stiffness):
             assert np.max(np.abs(result.displacement(body) - exact.displacement(body))) < 10.0 * tol * size
 
 
+@pytest.mark.kernels("plain")
 def test_a_damped_stop():
     mass = vf.Mass(1.0, name="mass")
     stop = vf.Contact(
