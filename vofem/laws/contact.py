@@ -272,17 +272,18 @@ def contact_mean(law: Any, resolved: bool | None, u0: float, u1: float) -> float
         return k * (0.5 * (s0 + s1) + lever)
     if s0 == s1:
         return contact_force(law, None, u0)[0]
-    return k * (_height(s1, ramp, lever) - _height(s0, ramp, lever)) / (s1 - s0)
+    path = s1 - s0
+    return k * (_height_over(path, s1, ramp, lever) - _height_over(path, s0, ramp, lever))
 
 
 @jit
-def _height(s: float, ramp: float, lever: float) -> float:
-    """Return the potential of an ideal switch over its stiffness, m^2."""
+def _height_over(path: float, s: float, ramp: float, lever: float) -> float:
+    """Return the potential of an ideal switch over its stiffness and a length, m; squares of tiny s would vanish."""
     if s <= 0.0:
         return 0.0
     if s < ramp:
-        return 0.5 * s * s * (lever + ramp) / ramp
-    return s * (0.5 * s + lever) - 0.5 * lever * ramp
+        return (s / path) * (0.5 * s * ((lever + ramp) / ramp))
+    return (s / path) * (0.5 * s + lever) - 0.5 * lever * (ramp / path)
 
 
 @jit

@@ -38,6 +38,11 @@ from vofem.linalg.vectors import copy, fill
 Array = NDArray[np.float64]
 
 _MOST = 200
+
+#: Effects of single laws over their sum from which on the sum is too inexact, and largest number of corrections then.
+_CANCELLED = 1e4
+_CORRECTIONS = 4
+
 _EPS = float(np.finfo(float).eps)
 
 
@@ -181,8 +186,57 @@ def _find(
             if guess.reaction[j] != known.held[j]:
                 _answer(structure, rows, known, guess)
                 break
+        if found > 0 and _cancel(many, guess):
+            _correct(acting, many, structure, rows, known, guess)
         return found
     return 0
+
+
+@jit
+def _cancel(compliance: Array, guess: Guess) -> bool:
+    """Return whether laws work against each other with forces whose single effects are far larger than their sum."""
+    for i in range(guess.u.size):
+        size = 0.0
+        for j in range(guess.u.size):
+            size += abs(compliance[i, j] * guess.reaction[j])
+        if size > _CANCELLED * abs(guess.u[i]):
+            return True
+    return False
+
+
+@jit
+def _correct(acting: Acting, compliance: Array, structure: Structure, rows: Rows, known: Known, guess: Guess) -> None:
+    """Improve x, u and the reactions of laws that work against each other.
+
+    The sum of large effects that cancel is rounded by as much as one of them is. Therefore small corrections of the
+    reactions are found from coordinates that follow from x, and are kept apart from the reactions until the end.
+    """
+    reaction, u, x, m = guess.reaction, guess.u, guess.x, guess.u.size
+    low, right, move = np.zeros(m), np.empty(m), np.empty(x.size)
+    least = np.inf
+    for _ in range(_CORRECTIONS):
+        matrix, off = np.eye(m), 0.0
+        for i in range(m):
+            u[i] = known.base[i] + structure.per_x * dot(rows, i, x)
+            force, slope = law(acting, i, u[i])
+            right[i] = (force - reaction[i]) - low[i]
+            off = max(off, abs(right[i]))
+            for j in range(m):
+                matrix[i, j] += slope * compliance[i, j]
+        if not off < 0.5 * least:
+            break
+        least = off
+        change = np.linalg.solve(matrix, right)
+        fill(move, 0.0)
+        for j in range(m):
+            low[j] += change[j]
+            subtract_row(rows, j, structure.per_reaction * change[j], move)
+        solve(structure.factored, move)
+        for i in range(x.size):
+            x[i] += move[i]
+    for j in range(m):
+        reaction[j] += low[j]
+        u[j] = known.base[j] + structure.per_x * dot(rows, j, x)
 
 
 @jit
