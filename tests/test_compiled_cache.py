@@ -329,3 +329,45 @@ def test_only_kernels_that_borrow_their_arrays_count_no_references(tmp_path):
         assert run.returncode == 0, run.stderr
         # The second time all is read from disk.
         assert run.stdout.strip() == compiled
+
+
+WORK = """
+def work(n):
+    x, y = np.empty(n), np.zeros((n, 2))
+    for i in range(n):
+        x[i] = (7 * i) % n
+        y[i, 0], y[-1 - i, 1] = x[i] ** 2.5, max(x[i], 3.0)
+    order = np.argsort(x)
+    return x[order][2] + y[:, 0].sum() + y[0, 1] + abs((1.0 + 2.0j * n) ** 3) + np.flatnonzero(x > 2.0).size
+"""
+
+HEADS = {
+    "kernel": "import numpy as np\nfrom vofem.linalg.jit import jit\n@jit",
+    "users": "import numba, numpy as np\n@numba.njit(cache=True)",
+}
+
+BOTH = """
+import sys, numba, numpy as np
+from kernel import work as kernel
+from users import work as users
+for function in (users, kernel) if sys.argv[1] == "users" else (kernel, users):
+    assert abs(function(11) / users.py_func(11) - 1.0) < 1e-14
+# Functions of numpy that were compiled as parts of a kernel can be called from Python as well.
+assert numba.njit(lambda n: np.zeros(n))(3).sum() == 0.0
+print(sum(users.stats.cache_hits.values()))
+"""
+
+
+@pytest.mark.parametrize("first", ["kernel", "users"])
+def test_code_of_users_may_be_compiled_before_and_after_kernels(tmp_path, first):
+    """numba's own functions are compiled otherwise for kernels, and are shared with code that is no kernel."""
+    for name, head in HEADS.items():
+        (tmp_path / f"{name}.py").write_text(head + WORK)
+    environment = {
+        **os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
+        "PYTHONPATH": os.pathsep.join([str(ROOT), str(tmp_path)]),
+    }  # fmt: skip
+    for hits in ("0", "1"):
+        run = subprocess.run([sys.executable, "-c", BOTH, first], env=environment, capture_output=True, text=True)
+        assert run.returncode == 0, run.stderr
+        assert run.stdout.strip() == hits
