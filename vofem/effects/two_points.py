@@ -75,7 +75,9 @@ class TwoPoints:
 
     def _stop(self, side: str | None, gap: float) -> str:
         """Return place and gap of a contact for `describe`."""
-        where = f"of {self.a.describe()} below {self.b.describe()}" if self.b else f"{side} {self.a.describe()}"
+        where = f"{side} {self.a.describe()}"
+        if self.b is not None:
+            where = f"of {self.a.describe()} below {self.b.describe()}"
         rotation = " in rotation" if self.of == "rotation" else ""
         return f"{where}{rotation}: gap {gap:g} {self.units.coordinate}"
 

@@ -173,8 +173,8 @@ class Sensitivity:
     def horizon(self, tolerance: float = 1e-3, perturbation: float = 1e-15) -> float:
         """Return the time in s until which a relative perturbation stays below a tolerance, at most the end of the run.
 
-        The default tolerance is rounding. Beyond the time that is returned pointwise values have no meaning, but means,
-        rms values and impulses may still be meaningful.
+        The default perturbation is rounding. Beyond the time that is returned pointwise values have no meaning, but
+        means, rms values and impulses may still be meaningful.
         """
         lost = self.growth + np.log10(perturbation) > np.log10(tolerance)
         return float(self.times[int(np.argmax(lost))] if np.any(lost) else self.times[-1])

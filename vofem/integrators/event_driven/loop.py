@@ -33,8 +33,7 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 #: Why the loop returns: the run is at its end, the requested number of segments is done, a status has no slot, the
-#: record is
-#: full, a segment is not of the common kind, or there were too many events.
+#: record is full, a segment is not of the common kind, or there were too many events.
 DONE, PAUSED, NEW_STATUS, FULL, SPECIAL, STORM = range(6)
 
 #: What `Reached.place` holds: slot of the status, interval of the loads, the contact that has just switched or -1,

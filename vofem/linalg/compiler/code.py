@@ -30,25 +30,15 @@ class Code(JITCodeLibrary):
 
     @property
     def codegen(self) -> Any:
-        """The code generator, which takes no environment: code without Python objects needs none."""
-        return _WithoutEnvironment(self._codegen)
-
-
-class _WithoutEnvironment:
-    """A code generator of numba with another method for environments."""
-
-    def __init__(self, generator: Any) -> None:
-        self._generator = generator
-
-    def set_env(self, name: str, environment: Any) -> None:
-        """Do nothing: the symbol is not known before the code is linked."""
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._generator, name)
+        """The code generator of kernels."""
+        return _CodeGenerator(self._codegen)
 
 
 class _CodeGenerator:
-    """A code generator of numba that fills a `Code`."""
+    """A code generator of numba that fills a `Code`.
+
+    It takes no environment, because code without Python objects needs none.
+    """
 
     def __init__(self, generator: Any) -> None:
         self._generator = generator
@@ -56,6 +46,9 @@ class _CodeGenerator:
     def create_library(self, name: str, **options: Any) -> Code:
         """Return an empty library of a name."""
         return Code(self._generator, name, **options)
+
+    def set_env(self, name: str, environment: Any) -> None:
+        """Do nothing: the symbol is not known before the code is linked."""
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._generator, name)
