@@ -15,7 +15,7 @@ import numpy as np
 from cases import many_contacts, paper_beam
 
 import vofem as vf
-from vofem.kernel_mode import kernels as running
+from vofem.kernels.mode import kernels as running
 from vofem.system import Counters
 
 ELEMENTS, T_END, TIMES = 25, 20.0, 201

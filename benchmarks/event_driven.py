@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 import vofem as vf
-from vofem.kernel_mode import kernels as running
+from vofem.kernels.mode import kernels as running
 
 LAWS = ("displacement", "penetration")
 

@@ -19,8 +19,8 @@ from event_driven import paper_beam
 from numpy.typing import NDArray
 
 import vofem as vf
-from vofem.kernel_mode import kernels as running
-from vofem.linalg.jit import jit
+from vofem.kernels.jit import jit
+from vofem.kernels.mode import kernels as running
 
 Array = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from unittest import mock
 import numpy as np
 from cases import chain, many_contacts
 
-from vofem.kernel_mode import kernels as running
+from vofem.kernels.mode import kernels as running
 from vofem.linalg.banded import band_order, to_band
 from vofem.system import State, System
 

@@ -20,9 +20,9 @@ import numpy as np
 from cases import chain, many_contacts
 from numpy.typing import NDArray
 
-from vofem.kernel_mode import kernels as running
+from vofem.kernels.jit import jit
+from vofem.kernels.mode import kernels as running
 from vofem.linalg.banded import band_order, factor, solve, subtract_product, to_band, widen
-from vofem.linalg.jit import jit
 from vofem.system import State, System
 
 Array = NDArray[np.float64]

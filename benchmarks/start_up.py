@@ -38,7 +38,7 @@ second = time.perf_counter()
 count = 0
 if "numba" in sys.modules:
     import gc
-    from vofem.linalg.jit import CompiledFunction
+    from vofem.kernels.jit import CompiledFunction
     count = sum(f.compilations for f in gc.get_objects() if isinstance(f, CompiledFunction))
 print(first - begin, second - first, time.process_time(), count)
 """

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
-from vofem.kernel_mode import kernels
+from vofem.kernels.mode import kernels
 
 sys.path.insert(0, str(Path(__file__).parent))
 

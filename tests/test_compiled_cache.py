@@ -19,8 +19,8 @@ from vofem.folders import read_entries, user_caches, write_entry
 from vofem.integrators.effort import kind_of_run
 from vofem.integrators.methods import BUILT_IN, ENERGY_CONSERVING
 from vofem.io import doctor
-from vofem.kernel_mode import kernels
-from vofem.linalg import jit_cache
+from vofem.kernels import cache as jit_cache
+from vofem.kernels.mode import kernels
 from vofem.progress import RunProgress
 from vofem.simulate import ahead
 
@@ -114,7 +114,7 @@ def test_doctor_tells_what_is_there(folder):
 
 KERNEL = """
 import sys, time
-from vofem.linalg.jit import jit
+from vofem.kernels.jit import jit
 
 @jit
 def double(x):
@@ -205,7 +205,7 @@ def test_all_kinds_of_runs_are_compiled_ahead():
 ONE_CONTACT = """
 import gc, json, sys
 import vofem as vf
-from vofem.linalg.jit import CompiledFunction
+from vofem.kernels.jit import CompiledFunction
 mass = vf.Mass(1.0, 1.0)
 stop = vf.Contact(mass, gap=0.1, stiffness=5.0, side="above", acts_on="penetration")
 vf.simulate(vf.Scene([mass], [stop], {mass: (0.0, 1.0)}), 1.0, method=sys.argv[1], dt=0.1, compiled=True)
@@ -241,8 +241,8 @@ BORROWING = """
 from typing import NamedTuple
 import numpy as np
 from numba.core.runtime import rtsys
-from vofem.linalg.jit import jit
-import vofem.linalg.compiler.pipelines as compilers
+from vofem.kernels.jit import jit
+import vofem.kernels.compiler.pipelines as compilers
 
 counted = {}
 decide = compilers.only_borrows
@@ -342,7 +342,7 @@ def work(n):
 """
 
 HEADS = {
-    "kernel": "import numpy as np\nfrom vofem.linalg.jit import jit\n@jit",
+    "kernel": "import numpy as np\nfrom vofem.kernels.jit import jit\n@jit",
     "users": "import numba, numpy as np\n@numba.njit(cache=True)",
 }
 

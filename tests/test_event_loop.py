@@ -9,7 +9,7 @@ import vofem as vf
 from vofem.integrators.event_driven import follow, solution, status_table, tangent
 from vofem.integrators.event_driven.flow import IgnoredEvents, Start, flow, modes_of
 from vofem.integrators.event_driven.load_table import load_table
-from vofem.kernel_mode import kernels
+from vofem.kernels.mode import kernels
 from vofem.linalg.exponential import half_turns
 from vofem.system import Counters
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import vofem as vf
 from vofem.integrators.event_driven.flow import Start, flow, modes_of, share_modes
-from vofem.kernel_mode import compiled
+from vofem.kernels.mode import compiled
 from vofem.system import PINNED, Counters
 
 

@@ -15,7 +15,7 @@ import vofem as vf
 from vofem import cli
 from vofem.cli import working
 from vofem.integrators.observer import deferred_interrupts
-from vofem.kernel_mode import kernels
+from vofem.kernels.mode import kernels
 from vofem.linalg import jit
 
 ROOT = Path(__file__).parent.parent

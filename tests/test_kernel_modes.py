@@ -14,9 +14,9 @@ from scenes import paper_beam
 
 import vofem as vf
 from vofem.integrators.methods import CENTRAL_DIFFERENCE, EVENT_DRIVEN
-from vofem.kernel_mode import Outgrown, decided, kernels
-from vofem.linalg import compile_choice
-from vofem.linalg.jit import jit
+from vofem.kernels import choice as compile_choice
+from vofem.kernels.jit import jit
+from vofem.kernels.mode import Outgrown, decided, kernels
 from vofem.simulate import plan
 
 

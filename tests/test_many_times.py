@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import vofem as vf
-from vofem.kernel_mode import kernels
+from vofem.kernels.mode import kernels
 from vofem.linalg.exponential import oscillator_change, oscillator_remainder
 from vofem.linalg.oscillators import decays, oscillators, oscillators_at, remainders_at
 

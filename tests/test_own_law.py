@@ -18,12 +18,12 @@ from vofem.io.scenes.entry import Entry
 from vofem.io.scenes.kinds import POSITIVE
 from vofem.io.scenes.parts import PointByName
 from vofem.io.scenes.schema import EFFECTS
+from vofem.kernels.jit import jit
 from vofem.laws import LawGroup, SmoothLaws
 from vofem.laws.callbacks import FORCE, LOSS, MEAN, STORED, TANGENT
 from vofem.laws.called import CalledLaw
 from vofem.laws.group import ListedLaws
 from vofem.laws.kinds import AFFINE
-from vofem.linalg.jit import jit
 
 pytestmark = pytest.mark.kernels("plain")
 

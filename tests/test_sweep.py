@@ -571,7 +571,7 @@ def test_names_that_are_not_there_are_answered_with_the_nearest():
 
 
 def test_all_workers_run_kernels_in_the_one_way_that_was_asked_for(tmp_path):
-    from vofem.kernel_mode import compiled
+    from vofem.kernels.mode import compiled
 
     def function(x):
         return {"compiled": compiled()}

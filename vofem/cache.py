@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable, Hashable, Iterable
 from typing import TypeVar
 
-from vofem.kernel_mode import compiled
+from vofem.kernels.mode import compiled
 
 T = TypeVar("T")
 

@@ -54,7 +54,7 @@ def _listen(hears: int) -> None:
 
 def _busy() -> str:
     """Return what the process does that may be given up, for a message; "" if there is something to be lost."""
-    kernels = sys.modules.get("vofem.linalg.jit")
+    kernels = sys.modules.get("vofem.kernels.jit")
     if kernels is None:
         return ""
     if kernels.compiling():

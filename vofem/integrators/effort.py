@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from vofem.integrators.method import Method
-from vofem.kernel_mode import kernels
+from vofem.kernels.mode import kernels
 from vofem.laws.kinds import FEWEST_IN_BAND
 from vofem.laws.table import build_laws
 from vofem.system import System

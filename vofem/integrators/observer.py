@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol
 
-from vofem.linalg.jit import compiling, runs_with_results, waiting_interrupts
+from vofem.kernels.jit import compiling, runs_with_results, waiting_interrupts
 
 #: Plain data from which a run goes on as if it had never stopped.
 Snapshot = dict[str, Any]

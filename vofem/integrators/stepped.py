@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from vofem.errors import ArgumentError
 from vofem.integrators.base import ContactSamples, Energies, ProbeSamples, Samples, SpringSamples
-from vofem.kernel_mode import as_it_ran, compiled
-from vofem.linalg.jit import jit
+from vofem.kernels.jit import jit
+from vofem.kernels.mode import as_it_ran, compiled
 from vofem.system import CLOSED, OPEN, Counters, Events, System
 
 Array = NDArray[np.float64]

@@ -71,7 +71,7 @@ def diagnose() -> Diagnosis:
 
 def compiled_code() -> str:
     """Return where compiled code is kept, and which methods it covers."""
-    from vofem.linalg.jit_cache import cache_folder, kinds_on_disk, refused_folder, size_on_disk
+    from vofem.kernels.cache import cache_folder, kinds_on_disk, refused_folder, size_on_disk
     from vofem.simulate.ahead import KINDS
 
     folder, refused = cache_folder(), refused_folder()

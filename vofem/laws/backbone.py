@@ -7,9 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.kernels.jit import jit
 from vofem.laws.kinds import HYPERBOLIC
 from vofem.laws.table import Laws
-from vofem.linalg.jit import jit
 
 Array = NDArray[np.float64]
 

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import InstabilityError
+from vofem.kernels.jit import Intrinsic
 from vofem.laws.group import LawGroup
 from vofem.laws.smooth import ScalarLaw, SmoothLaws, mean_reaction
-from vofem.linalg.jit import Intrinsic
 
 #: What is asked of a law; the last two of laws with internal variables only.
 FORCE, TANGENT, MEAN, STORED, LOSS, COMMIT = range(6)

@@ -14,12 +14,12 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.kernel_mode import compiled
+from vofem.kernels.jit import CompiledFunction, Intrinsic, jit
+from vofem.kernels.mode import compiled
 from vofem.laws.group import LawGroup
 from vofem.laws.hysteretic import HystereticLaws
 from vofem.laws.kinds import CALLED_WITH_PAST
 from vofem.laws.table import Laws
-from vofem.linalg.jit import CompiledFunction, Intrinsic, jit
 
 Array = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 class CalledLaw:
     """A rate-independent law with internal variables on a row, given by one function; see `HystereticLaw`.
 
-    The function is ``function(what, parameters, past, u0, u1)``, decorated with `vofem.linalg.jit.jit`. `past` holds
+    The function is ``function(what, parameters, past, u0, u1)``, decorated with `vofem.kernels.jit.jit`. `past` holds
     the internal variables at u0. What it returns belongs to the monotone path from u0 to u1:
 
     ========== =======================================================

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.kernels.jit import jit
 from vofem.laws.group import CLOSED, OPEN, PINNED, LawGroup
 from vofem.laws.kinds import JUMP, PENETRATION, RESOLVED
 from vofem.laws.resolved import resolved_force, resolved_integrals, steepest, switch
-from vofem.linalg.jit import jit
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix

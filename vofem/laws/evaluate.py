@@ -16,6 +16,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.kernels.jit import jit
 from vofem.laws.callbacks import COMMIT, FORCE, LOSS, MEAN, STORED, TANGENT, call
 from vofem.laws.called import call_law
 from vofem.laws.contact import contact_force, contact_kinks, contact_mean, contact_share, damper_path, ideal_mean_slope
@@ -33,7 +34,6 @@ from vofem.laws.hysteretic import (
 )
 from vofem.laws.kinds import AFFINE, CALLED, CALLED_WITH_PAST, HYPERBOLIC, JUMP, RESOLVED
 from vofem.laws.table import Laws
-from vofem.linalg.jit import jit
 
 Array = NDArray[np.float64]
 

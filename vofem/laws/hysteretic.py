@@ -24,12 +24,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.kernels.jit import jit
 from vofem.laws.backbone import backbone, backbone_mean
 from vofem.laws.group import LawGroup, ListedLaws
 from vofem.laws.kinds import CALLED_WITH_PAST, HYPERBOLIC, JENKINS
 from vofem.laws.paper import no_modes, path_needed
 from vofem.laws.table import Laws
-from vofem.linalg.jit import jit
 
 if TYPE_CHECKING:
     pass

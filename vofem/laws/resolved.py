@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.linalg.jit import jit
+from vofem.kernels.jit import jit
 
 Array = NDArray[np.float64]
 

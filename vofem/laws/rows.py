@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.kernels.jit import jit
 from vofem.laws.group import LawGroup
-from vofem.linalg.jit import jit
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix

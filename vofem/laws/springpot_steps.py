@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.kernels.jit import jit
 from vofem.laws.rows import Rows, dot
 from vofem.laws.table import Laws
-from vofem.linalg.jit import jit
 
 Array = NDArray[np.float64]
 

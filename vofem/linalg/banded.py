@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import SingularSystemError
-from vofem.linalg.jit import jit, plain_form
+from vofem.kernels.jit import jit, plain_form
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]

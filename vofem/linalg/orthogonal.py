@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import SingularSystemError
+from vofem.kernels.jit import jit
 from vofem.linalg.banded import band_order
-from vofem.linalg.jit import jit
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.kernels.jit import jit, plain_form
 from vofem.linalg.exponential import half_turns, oscillator_remainder
-from vofem.linalg.jit import jit, plain_form
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

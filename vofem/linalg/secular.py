@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.linalg.jit import jit
+from vofem.kernels.jit import jit
 from vofem.linalg.vectors import copy
 
 Array = NDArray[np.float64]

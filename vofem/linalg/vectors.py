@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.linalg.jit import jit, plain_form
+from vofem.kernels.jit import jit, plain_form
 
 Array = NDArray[np.float64]
 

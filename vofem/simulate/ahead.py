@@ -25,8 +25,8 @@ from vofem.effects import (
     Springpot,
 )
 from vofem.integrators.methods import CENTRAL_DIFFERENCE, ENERGY_CONSERVING, EVENT_DRIVEN, GENERALIZED_ALPHA
-from vofem.kernel_mode import kernels
-from vofem.linalg.jit_cache import cache_folder, keep_kind, kinds_on_disk
+from vofem.kernels.cache import cache_folder, keep_kind, kinds_on_disk
+from vofem.kernels.mode import kernels
 from vofem.scene import Scene
 from vofem.simulate.simulation import simulate
 from vofem.statics import equilibrium, quasi_static
@@ -174,7 +174,7 @@ KINDS = tuple(kind for kind, _ in _WORK)
 def compile_ahead() -> Iterator[tuple[str, float]]:
     """Compile the kernels of all methods, or find them on disk; yield the kind and the seconds of each.
 
-    The machine code goes where `vofem.linalg.jit_cache.cache_folder` says.
+    The machine code goes where `vofem.kernels.cache.cache_folder` says.
     """
     for kind, work in _WORK:
         begun = time.perf_counter()

@@ -16,8 +16,8 @@ from vofem.integrators.base import ProbeRows, ProbeSamples, Solution
 from vofem.integrators.effort import kind_of_run
 from vofem.integrators.method import Method
 from vofem.integrators.registry import method_named
-from vofem.kernel_mode import Outgrown, decided, kernels
-from vofem.linalg.compile_choice import Choice, choose
+from vofem.kernels.choice import Choice, choose
+from vofem.kernels.mode import Outgrown, decided, kernels
 from vofem.progress import Progress, RunProgress
 from vofem.result import Result
 from vofem.scene import Scene

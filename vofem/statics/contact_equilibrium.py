@@ -6,7 +6,7 @@ import numpy as np
 
 from vofem._validate import number
 from vofem.errors import ArgumentError, ConvergenceError
-from vofem.linalg.compile_choice import by_need
+from vofem.kernels.choice import by_need
 from vofem.scene import Scene, as_scene
 from vofem.statics.held import check_held
 from vofem.statics.outcome import Equilibrium, StaticContact

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from vofem._validate import array
 from vofem.assembly import Model
 from vofem.errors import ArgumentError, ConvergenceError, LimitLoadError
-from vofem.linalg.compile_choice import by_need
+from vofem.kernels.choice import by_need
 from vofem.scene import Scene, as_scene
 from vofem.statics.held import check_held
 from vofem.statics.path_outcome import ContactPath, QuasiStatic, SpringPath

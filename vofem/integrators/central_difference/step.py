@@ -11,13 +11,13 @@ from vofem.integrators.stepping.checks import check_contacts
 from vofem.integrators.stepping.hysteresis import record_hysteresis
 from vofem.integrators.stepping.record import LastStep, Motion, Record, leave, log_event, rounding, store, switched
 from vofem.integrators.stepping.setting import Equations
+from vofem.kernels.jit import jit
 from vofem.laws.evaluate import commit, force_at
 from vofem.laws.resolved import equivalent_stiffness
 from vofem.laws.rows import Rows, dot, subtract_row
 from vofem.laws.springpot_steps import FORCE, MEAN, WORK, Springpots, affine, carry_on, record_springpots
 from vofem.laws.table import Laws
 from vofem.linalg.banded import solve, subtract_product
-from vofem.linalg.jit import jit
 from vofem.linalg.vectors import copy, fill, inner
 from vofem.system import CLOSED
 

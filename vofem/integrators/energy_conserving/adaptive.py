@@ -30,12 +30,12 @@ from vofem.integrators.stepping.doubling import Attempt, Impact, Path, StepDoubl
 from vofem.integrators.stepping.record import LastStep, Record
 from vofem.integrators.stepping.setting import Equations
 from vofem.integrators.stepping.step_loads import of_halves
+from vofem.kernels.jit import jit
 from vofem.laws.evaluate import commit_all
 from vofem.laws.rows import Rows, dot
 from vofem.laws.springpot_steps import Springpots, carry_on, set_means
 from vofem.laws.table import Laws
 from vofem.linalg.banded import solve, subtract_product
-from vofem.linalg.jit import jit
 from vofem.linalg.vectors import copy, fill
 
 Array = NDArray[np.float64]

@@ -22,9 +22,9 @@ from vofem.integrators.energy_conserving.step import (
 from vofem.integrators.methods import ENERGY_CONSERVING
 from vofem.integrators.stepping.record import LastStep, Record
 from vofem.integrators.stepping.setting import EqualSteps, Equations
+from vofem.kernels.jit import jit
 from vofem.laws.springpot_steps import Springpots, set_means
 from vofem.laws.table import Laws
-from vofem.linalg.jit import jit
 from vofem.linalg.vectors import copy
 
 Array = NDArray[np.float64]

@@ -13,12 +13,12 @@ from vofem.integrators.stepping.contact_solve import Acting, Dampers
 from vofem.integrators.stepping.hysteresis import record_hysteresis
 from vofem.integrators.stepping.record import LastStep, Motion, Record, leave, log_event, rounding, store, switched
 from vofem.integrators.stepping.setting import Equations, Matrices
+from vofem.kernels.jit import jit
 from vofem.laws.evaluate import closed_share, commit_all
 from vofem.laws.rows import Rows, dot, subtract_row
 from vofem.laws.springpot_steps import Springpots, carry_all, mean_of_both, record_springpots
 from vofem.laws.table import Laws
 from vofem.linalg.banded import solve, subtract_product
-from vofem.linalg.jit import jit
 from vofem.linalg.vectors import copy, fill, inner
 from vofem.system import CLOSED
 

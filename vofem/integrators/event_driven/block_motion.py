@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from vofem.integrators.event_driven.load_table import LoadTable
 from vofem.integrators.event_driven.motion import LONG, RESONANT, special_response
 from vofem.integrators.event_driven.status_table import Table, add_columns, to_modes, to_real
+from vofem.kernels.jit import jit
 from vofem.linalg.exponential import oscillator_change, oscillator_remainder
-from vofem.linalg.jit import jit
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

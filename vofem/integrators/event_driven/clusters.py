@@ -19,8 +19,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.kernels.jit import jit
 from vofem.linalg.exponential import matrix_change
-from vofem.linalg.jit import jit
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]

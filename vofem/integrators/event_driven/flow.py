@@ -24,7 +24,7 @@ from vofem.integrators.event_driven.pinned import PIN_FRACTION
 from vofem.integrators.event_driven.solution import EventSolution
 from vofem.integrators.event_driven.status_table import MOST_MODES
 from vofem.integrators.event_driven.tangent import Event, Tangent, acceleration
-from vofem.kernel_mode import compiled
+from vofem.kernels.mode import compiled
 from vofem.system import Counters, State, System
 
 if TYPE_CHECKING:

@@ -31,7 +31,7 @@ from vofem.integrators.event_driven.loop import (
 from vofem.integrators.event_driven.search import EventFunctions, exact_cut, next_event
 from vofem.integrators.event_driven.solution import EventSolution
 from vofem.integrators.event_driven.status_table import MOST_MODES
-from vofem.kernel_mode import compiled
+from vofem.kernels.mode import compiled
 from vofem.system import CLOSED, OPEN
 
 Array = NDArray[np.float64]

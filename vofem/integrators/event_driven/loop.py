@@ -25,7 +25,7 @@ from vofem.integrators.event_driven.search import (
     march,
 )
 from vofem.integrators.event_driven.status_table import Table, to_blocks
-from vofem.linalg.jit import jit
+from vofem.kernels.jit import jit
 from vofem.linalg.vectors import copy, inner
 from vofem.system import CLOSED, OPEN
 

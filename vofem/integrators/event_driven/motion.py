@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from vofem.integrators.event_driven.clusters import NO_CLUSTERS, ClusterFlow, add_clusters, cluster_flow, cluster_rates
 from vofem.integrators.event_driven.spectrum import Spectrum
+from vofem.kernels.jit import jit, plain_form
 from vofem.linalg.exponential import (
     exponential_response,
     oscillator,
@@ -26,7 +27,6 @@ from vofem.linalg.exponential import (
     oscillator_remainders,
     ramp_response,
 )
-from vofem.linalg.jit import jit, plain_form
 from vofem.linalg.oscillators import Oscillators, oscillators_at
 
 Array = NDArray[np.float64]

@@ -10,7 +10,7 @@ from vofem.integrators.event_driven.load_table import LoadTable
 from vofem.integrators.event_driven.motion import LONG, special_response
 from vofem.integrators.event_driven.record import Buffers
 from vofem.integrators.event_driven.status_table import Table, to_blocks
-from vofem.linalg.jit import jit
+from vofem.kernels.jit import jit
 from vofem.linalg.oscillators import Oscillators, oscillators, oscillators_at, remainders_at
 
 Array = NDArray[np.float64]

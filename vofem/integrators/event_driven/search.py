@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 
 from vofem.integrators.event_driven.clusters import ClusterFlow, cluster_change
 from vofem.integrators.event_driven.motion import Motion, special_response
+from vofem.kernels.jit import jit
 from vofem.linalg.exponential import half_turns, oscillator_change, oscillator_remainder
-from vofem.linalg.jit import jit
 from vofem.linalg.vectors import copy
 
 Array = NDArray[np.float64]

@@ -23,8 +23,8 @@ from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.integrators.event_driven.record import Record
 from vofem.integrators.event_driven.spectrum import Spectrum
 from vofem.integrators.event_driven.status_table import Table, from_blocks, to_blocks
+from vofem.kernels.jit import jit
 from vofem.linalg.exponential import oscillator
-from vofem.linalg.jit import jit
 from vofem.linalg.vectors import inner
 from vofem.system import CLOSED, OPEN, PINNED, ContactLaws
 

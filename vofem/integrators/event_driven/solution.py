@@ -31,7 +31,7 @@ from vofem.integrators.event_driven.spectrum import Spectra, Spectrum
 from vofem.integrators.event_driven.status_table import MOST_MODES, StatusTable
 from vofem.integrators.registry import advice
 from vofem.integrators.unclosed import never_closed, open_throughout
-from vofem.kernel_mode import as_it_ran, compiled, first_time, kernels
+from vofem.kernels.mode import as_it_ran, compiled, first_time, kernels
 from vofem.laws import initial_status
 from vofem.system import CLOSED, OPEN, PINNED, Counters, Events, State, System
 from vofem.time_functions import Piece, TimeFunction

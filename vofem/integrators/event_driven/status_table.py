@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vofem.integrators.event_driven.motion import Forcing, static_answer
 from vofem.integrators.event_driven.search import EventFunctions
 from vofem.integrators.event_driven.spectrum import Spectrum
-from vofem.linalg.jit import jit
+from vofem.kernels.jit import jit
 from vofem.linalg.vectors import copy
 from vofem.system import CLOSED
 

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.integrators.event_driven.spectrum import Spectrum
+from vofem.kernels.jit import jit
 from vofem.linalg.exponential import matrix_change, oscillator
-from vofem.linalg.jit import jit
 from vofem.system import CLOSED, OPEN, PINNED, ContactLaws
 
 Array = NDArray[np.float64]

@@ -14,12 +14,12 @@ from vofem.integrators.stepping.contact_solve import Acting, Dampers
 from vofem.integrators.stepping.hysteresis import commit_and_record
 from vofem.integrators.stepping.record import LastStep, Motion, Record, leave, log_event, rounding, store, switched
 from vofem.integrators.stepping.setting import Equations
+from vofem.kernels.jit import jit
 from vofem.laws.evaluate import closed_share
 from vofem.laws.rows import dot, subtract_row
 from vofem.laws.springpot_steps import FORCE, MEAN, WORK, Springpots, carry_on, record_springpots, set_laws
 from vofem.laws.table import Laws
 from vofem.linalg.banded import solve, subtract_product
-from vofem.linalg.jit import jit
 from vofem.linalg.vectors import copy, fill, inner
 
 Array = NDArray[np.float64]

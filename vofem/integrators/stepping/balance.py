@@ -27,12 +27,12 @@ from vofem.integrators.stepping.contact_solve import (
     solve_many,
     solve_one,
 )
+from vofem.kernels.jit import jit
 from vofem.laws.evaluate import rising
 from vofem.laws.kinds import FEWEST_IN_BAND
 from vofem.laws.rows import Rows, dot, subtract_row
 from vofem.laws.table import Laws
 from vofem.linalg.banded import factor, factor_in_place, solve, subtract_product, widen
-from vofem.linalg.jit import jit
 from vofem.linalg.vectors import copy, fill
 
 Array = NDArray[np.float64]

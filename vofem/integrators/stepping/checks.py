@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.kernels.jit import jit
 from vofem.laws.rows import Rows, dot
-from vofem.linalg.jit import jit
 from vofem.system import ContactLaws
 
 Array = NDArray[np.float64]

@@ -14,11 +14,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.kernels.jit import jit
 from vofem.laws.evaluate import closed_share, force_and_tangent, force_at, mean_and_slope, mean_force
 from vofem.laws.rows import Rows, dot, subtract_row
 from vofem.laws.table import Laws
 from vofem.linalg.banded import solve
-from vofem.linalg.jit import jit
 from vofem.linalg.vectors import copy, fill
 
 Array = NDArray[np.float64]

@@ -20,9 +20,9 @@ from vofem.integrators.method import Method
 from vofem.integrators.stepping.record import Record
 from vofem.integrators.stepping.setting import Setting
 from vofem.integrators.stepping.step_size import HALVINGS, StepSizeControl
+from vofem.kernels.jit import jit
 from vofem.laws.evaluate import force_and_tangent, tangent_jumps
 from vofem.laws.table import Laws
-from vofem.linalg.jit import jit
 
 Array = NDArray[np.float64]
 

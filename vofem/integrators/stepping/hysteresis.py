@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.integrators.stepping.record import Record
+from vofem.kernels.jit import jit
 from vofem.laws.evaluate import commit, commit_all, dissipated, force_at, stored
 from vofem.laws.rows import Rows, dot
 from vofem.laws.table import Laws
-from vofem.linalg.jit import jit
 from vofem.linalg.vectors import copy
 
 Array = NDArray[np.float64]

@@ -21,7 +21,7 @@ from vofem.integrators.stepping.probes import MOST_STEPS, Recorded
 from vofem.integrators.stepping.quality import Checked, quality_notes
 from vofem.integrators.stepping.record import LastStep, Record, shortened, stored, take_events
 from vofem.integrators.stepping.step_loads import StepLoads
-from vofem.kernel_mode import compiled
+from vofem.kernels.mode import compiled
 from vofem.laws.callbacks import Callbacks
 from vofem.laws.group import StepPast
 from vofem.laws.rows import Rows, all_rows

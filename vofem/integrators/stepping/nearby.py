@@ -25,7 +25,7 @@ from vofem.integrators.observer import deferred_interrupts
 from vofem.integrators.registry import advice
 from vofem.integrators.stepping.march import Kernel
 from vofem.integrators.stepping.record import Record, take_events
-from vofem.kernel_mode import compiled
+from vofem.kernels.mode import compiled
 from vofem.laws.evaluate import may_jump
 from vofem.laws.table import kinds_of
 from vofem.system import State, System

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.integrators.base import ProbeRows, ProbeSamples
+from vofem.kernels.jit import jit
 from vofem.laws.rows import Rows, compressed, dot
-from vofem.linalg.jit import jit
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]

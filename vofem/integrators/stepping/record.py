@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from vofem.integrators.stepped import quintic
 from vofem.integrators.stepping.probes import Tap, record
+from vofem.kernels.jit import jit, plain_form
 from vofem.laws.rows import Rows
-from vofem.linalg.jit import jit, plain_form
 from vofem.linalg.vectors import copy
 from vofem.system import CLOSED, OPEN
 

@@ -29,7 +29,7 @@ from vofem.io.storage.records import Encoder, decode
 from vofem.io.storage.solutions import has_segments, restored_solution, solution_record, write_segments
 from vofem.io.storage.tree import read_tree, write_text, write_tree
 from vofem.io.storage.vtkhdf import frame_times, write_fields
-from vofem.kernel_mode import kernels
+from vofem.kernels.mode import kernels
 from vofem.result import Result
 from vofem.simulate.start_time import model_at
 

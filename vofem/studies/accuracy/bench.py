@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from vofem.errors import ArgumentError, VofemError
 from vofem.integrators.methods import EVENT_DRIVEN
 from vofem.integrators.registry import without_second_run
-from vofem.kernel_mode import compiled
+from vofem.kernels.mode import compiled
 from vofem.result import Result
 from vofem.scene import Scene, as_scene
 from vofem.simulate import simulate

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.integrators.methods import ENERGY_CONSERVING, EVENT_DRIVEN
-from vofem.kernel_mode import compiled
+from vofem.kernels.mode import compiled
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.simulate import simulate

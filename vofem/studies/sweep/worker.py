@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.blas import blas_threads
-from vofem.kernel_mode import kernels
+from vofem.kernels.mode import kernels
 from vofem.sharing import sharing_between_scenes
 from vofem.studies.sweep.limits import TimeUp, time_limit
 

@@ -27,7 +27,7 @@ def callee(function: Any) -> Any:
     """
     import numba
 
-    from vofem.linalg.compiler.pipelines import Callee
+    from vofem.kernels.compiler.pipelines import Callee
 
     return numba.njit(pipeline_class=Callee, no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
 
@@ -40,6 +40,6 @@ def entry_compiler() -> Any:
     ImportError, AttributeError
         If the compiler of this version of numba is built differently.
     """
-    from vofem.linalg.compiler.pipelines import Entry
+    from vofem.kernels.compiler.pipelines import Entry
 
     return Entry

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from functools import wraps
 from typing import Any, TypeVar
 
-from vofem.kernel_mode import Outgrown, decided, kernels
-from vofem.linalg.jit_cache import keep_kind, kinds_on_disk
+from vofem.kernels.cache import keep_kind, kinds_on_disk
+from vofem.kernels.mode import Outgrown, decided, kernels
 
 F = TypeVar("F", bound=Callable[..., Any])
 

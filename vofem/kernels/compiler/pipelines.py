@@ -11,9 +11,9 @@ from numba.core.compiler_machinery import AnalysisPass, register_pass
 from numba.core.errors import NumbaError
 from numba.core.typed_passes import NativeLowering
 
-from vofem.linalg.compiler.code import Code
-from vofem.linalg.compiler.lowering import Borrowing, Lending
-from vofem.linalg.compiler.overloads import own_overloads
+from vofem.kernels.compiler.code import Code
+from vofem.kernels.compiler.lowering import Borrowing, Lending
+from vofem.kernels.compiler.overloads import own_overloads
 
 types: Any = numba_types
 

@@ -10,8 +10,8 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from vofem.kernel_mode import check_patience, compiled
-from vofem.linalg.jit_cache import own_name, source_stamp
+from vofem.kernels.cache import own_name, source_stamp
+from vofem.kernels.mode import check_patience, compiled
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -41,7 +41,7 @@ class CompiledFunction:
 
     A module that holds such functions is imported without numba. Other
     compiled functions call this one as if it had been decorated by numba itself.
-    Which form runs is decided by `vofem.kernel_mode`.
+    Which form runs is decided by `vofem.kernels.mode`.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class CompiledFunction:
     @cached_property
     def callee(self) -> Any:
         """The function as other compiled functions call it."""
-        from vofem.linalg.compiler import callee
+        from vofem.kernels.compiler import callee
 
         try:
             return callee(self.py_func)
@@ -170,7 +170,7 @@ def _watch_compilations() -> None:
 
 
 def _compiled(function: Callable[..., Any]) -> Any:
-    from vofem.linalg.compiler import entry_compiler
+    from vofem.kernels.compiler import entry_compiler
 
     numba = _numba()
     options: dict[str, Any] = {}

@@ -11,8 +11,8 @@ from numba.core import types as numba_types
 from numba.core.analysis import must_use_alloca
 from numba.core.lowering import Lower
 
-from vofem.linalg.compiler.builder import Builder, drop_unused
-from vofem.linalg.compiler.code import context_of_kernels
+from vofem.kernels.compiler.builder import Builder, drop_unused
+from vofem.kernels.compiler.code import context_of_kernels
 
 types: Any = numba_types
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from vofem.folders import read_entries, user_caches, write_entry
 
 #: Subpackages that contain kernels.
-_ROOMS = ("linalg", "laws", "integrators")
+_ROOMS = ("kernels", "linalg", "laws", "integrators")
 
 _ROOT = Path(__file__).parent.parent
 
