@@ -173,7 +173,7 @@ def _compiled(function: Callable[..., Any]) -> Any:
     from vofem.kernels.compiler import entry_compiler
 
     numba = _numba()
-    options: dict[str, Any] = {}
+    options: dict[str, Any] = {"no_cfunc_wrapper": True}
     with contextlib.suppress(ImportError, AttributeError):  # a numba that is built differently
         options["pipeline_class"] = entry_compiler()
     try:

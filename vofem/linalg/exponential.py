@@ -216,74 +216,67 @@ def matrix_change(generator: Array, t: float) -> Array:
 
 
 @jit
-def _taylor(points: Complex, count: int) -> complex:
-    """Return the divided difference of exp over `count` points that lie close together."""
-    mean = 0.0 + 0.0j
-    for i in range(count):
-        mean += points[i] / count
-    # Complete homogeneous symmetric polynomials, one degree at a time.
-    h = np.zeros(count, dtype=np.complex128)
-    h[:] = 1.0
-    factor = 1.0
-    for i in range(1, count):
-        factor /= i
+def _taylor(a: complex, b: complex, c: complex, d: complex, count: int) -> complex:
+    """Return the divided difference of exp over the first `count` of some points that lie close together."""
+    mean = a / count + b / count
+    if count > 2:
+        mean += c / count
+    if count > 3:
+        mean += d / count
+    a, b, c, d = a - mean, b - mean, c - mean, d - mean
+    # Complete homogeneous symmetric polynomials of the first, the first two and more points, one degree at a time.
+    one, two, three, four = 1.0 + 0.0j, 1.0 + 0.0j, 1.0 + 0.0j, 1.0 + 0.0j
+    factor = 1.0 if count == 2 else (0.5 if count == 3 else 1.0 / 6.0)
     total = 0.0j
     for m in range(40):
-        total += factor * h[count - 1]
-        h[0] = h[0] * (points[0] - mean)
-        for i in range(1, count):
-            h[i] = h[i - 1] + (points[i] - mean) * h[i]
+        total += factor * (two if count == 2 else (three if count == 3 else four))
+        one = one * a
+        two = one + b * two
+        three = two + c * three
+        four = three + d * four
         factor /= m + count
     return np.exp(mean) * total
 
 
 @jit
-def _spread(points: Complex, count: int) -> tuple[int, int, float]:
-    """Return the two points farthest apart and their distance."""
-    far_i, far_j, far = 0, 0, 0.0
-    for i in range(count):
-        for j in range(i + 1, count):
-            distance = abs(points[i] - points[j])
-            if distance > far:
-                far_i, far_j, far = i, j, distance
-    return far_i, far_j, far
+def _apart(a: complex, b: complex) -> float:
+    """Return the squared distance of two points."""
+    return (a.real - b.real) ** 2 + (a.imag - b.imag) ** 2
 
 
 @jit
-def _without(points: Complex, count: int, skip: int) -> Complex:
-    rest = np.empty(count - 1, dtype=np.complex128)
-    k = 0
-    for i in range(count):
-        if i != skip:
-            rest[k] = points[i]
-            k += 1
-    return rest
+def _difference2(a: complex, b: complex) -> complex:
+    """Return the divided difference of exp over two points."""
+    if _apart(a, b) < 1.0:
+        return _taylor(a, b, 0j, 0j, 2)
+    return (np.exp(b) - np.exp(a)) / (b - a)
 
 
 @jit
-def _difference2(points: Complex) -> complex:
-    i, j, far = _spread(points, 2)
-    if far < 1.0:
-        return _taylor(points, 2)
-    return (np.exp(points[j]) - np.exp(points[i])) / (points[j] - points[i])
+def _difference3(a: complex, b: complex, c: complex) -> complex:
+    """Return the divided difference of exp over three points."""
+    # The first two are to be those farthest apart.
+    ab, ac, bc = _apart(a, b), _apart(a, c), _apart(b, c)
+    if ac > ab and ac >= bc:
+        b, c = c, b
+    elif bc > ab:
+        a, c = c, a
+    if max(ab, ac, bc) < 1.0:
+        return _taylor(a, b, c, 0j, 3)
+    return (_difference2(b, c) - _difference2(a, c)) / (b - a)
 
 
 @jit
-def _difference3(points: Complex) -> complex:
-    i, j, far = _spread(points, 3)
-    if far < 1.0:
-        return _taylor(points, 3)
-    upper, lower = _difference2(_without(points, 3, i)), _difference2(_without(points, 3, j))
-    return (upper - lower) / (points[j] - points[i])
-
-
-@jit
-def _difference4(points: Complex) -> complex:
-    i, j, far = _spread(points, 4)
-    if far < 1.0:
-        return _taylor(points, 4)
-    upper, lower = _difference3(_without(points, 4, i)), _difference3(_without(points, 4, j))
-    return (upper - lower) / (points[j] - points[i])
+def _ramp_difference(a: complex, b: complex) -> complex:
+    """Return the divided difference of exp over two points and twice over 0."""
+    ab, a0, b0 = _apart(a, b), _apart(a, 0j), _apart(b, 0j)
+    if max(ab, a0, b0) < 1.0:
+        return _taylor(a, b, 0j, 0j, 4)
+    if ab >= max(a0, b0):
+        return (_difference3(b, 0j, 0j) - _difference3(a, 0j, 0j)) / (b - a)
+    # The point that is farthest from 0 is left out in the first difference, one of the zeros in the second one.
+    far, near = (a, b) if a0 >= b0 else (b, a)
+    return (_difference3(far, near, 0j) - _difference3(near, 0j, 0j)) / far
 
 
 @jit
@@ -301,15 +294,11 @@ def roots(delta: float, p: float) -> tuple[complex, complex]:
 def exponential_response(delta: float, p: float, b: complex, t: float) -> complex:
     """Return the response from rest of ``z'' + 2 delta z' + p z = exp(b t)``."""
     first, second = roots(delta, p)
-    points = np.empty(3, dtype=np.complex128)
-    points[0], points[1], points[2] = first * t, second * t, b * t
-    return t * t * _difference3(points)
+    return t * t * _difference3(first * t, second * t, b * t)
 
 
 @jit
 def ramp_response(delta: float, p: float, t: float) -> float:
     """Return the response from rest of ``z'' + 2 delta z' + p z = t``."""
     first, second = roots(delta, p)
-    points = np.empty(4, dtype=np.complex128)
-    points[0], points[1], points[2], points[3] = first * t, second * t, 0.0, 0.0
-    return t * t * t * _difference4(points).real
+    return t * t * t * _ramp_difference(first * t, second * t).real

@@ -29,7 +29,16 @@ def callee(function: Any) -> Any:
 
     from vofem.kernels.compiler.pipelines import Callee
 
-    return numba.njit(pipeline_class=Callee, no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
+    made = numba.njit(pipeline_class=Callee, no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
+    resolve = made.get_call_template
+
+    def resolve_once(arguments: Any, named: Any) -> Any:
+        # numba would compile the function again for every constant that it is called with.
+        plain = numba.types.unliteral
+        return resolve([plain(one) for one in arguments], {name: plain(one) for name, one in named.items()})
+
+    made.get_call_template = resolve_once
+    return made
 
 
 def entry_compiler() -> Any:

@@ -2,27 +2,54 @@
 
 from __future__ import annotations
 
+from collections import ChainMap
 from typing import Any
 
+from llvmlite.binding import Linkage
 from numba.core.codegen import JITCodeLibrary
 
 # The parts of numba that are replaced here; without them numba compiles as usual.
-for _name in ("_optimize_functions", "_optimize_final_module", "_finalize_final_module", "get_pointer_to_function"):
+for _name in ("_optimize_functions", "_optimize_final_module", "_get_module_for_linking", "get_pointer_to_function"):
     getattr(JITCodeLibrary, _name)
 
 
 class Code(JITCodeLibrary):
-    """Code as it was generated. It is optimised and translated as a part of the code that calls it."""
+    """Code as it was generated. It is optimised and translated as a part of the code that calls it.
+
+    It is not linked with what it calls either, because that would copy every function into each of its callers.
+    """
+
+    def finalize(self) -> None:
+        """End the code, without linking it."""
+        self._raise_if_finalized()
+        self._finalize_dynamic_globals()
+        for function in self._final_module.functions:
+            if not function.is_declaration and function.linkage == Linkage.external:
+                function.linkage = "linkonce_odr"
+        self._finalized = True
+
+    def parts(self) -> dict[Any, None]:
+        """Return this code and all other that it calls, directly or not, in the order of a search."""
+        found, waiting = {self: None}, [self]
+        while waiting:
+            for one in waiting.pop()._linking_libraries:
+                if one not in found:
+                    found[one] = None
+                    if isinstance(one, Code):
+                        waiting.append(one)
+        return found
+
+    def _get_module_for_linking(self) -> Any:
+        """Return all that functions need which numba itself compiles, such as those of users."""
+        if self._shared_module is None:
+            self._ensure_finalized()
+            self._shared_module = self._final_module.clone()
+            for one in list(self.parts())[1:]:
+                self._shared_module.link_in(bare_module(one), preserve=True)
+        return self._shared_module
 
     def _optimize_functions(self, module: Any) -> None:
         module.data_layout = self._codegen._data_layout
-
-    def _optimize_final_module(self) -> None:
-        pass
-
-    def _finalize_final_module(self) -> None:
-        self._finalize_dynamic_globals()
-        self._finalized = True
 
     def get_pointer_to_function(self, name: str) -> int:
         """Return no address, because there is no machine code."""
@@ -32,6 +59,38 @@ class Code(JITCodeLibrary):
     def codegen(self) -> Any:
         """The code generator of kernels."""
         return _CodeGenerator(self._codegen)
+
+
+class Whole(JITCodeLibrary):
+    """The code of a function that is called from Python, into which all that it calls is linked once."""
+
+    def finalize(self) -> None:
+        """Link the code, optimise it and translate it."""
+        parts: dict[Any, None] = {}
+        for library in self._linking_libraries:
+            parts.update(library.parts() if isinstance(library, Code) else {library: None})
+        for one in parts:
+            self._reload_init.update(one._reload_init)
+            self._final_module.link_in(bare_module(one), preserve=True)
+        self._linking_libraries = []
+        super().finalize()
+
+    def _optimize_functions(self, module: Any) -> None:
+        module.data_layout = self._codegen._data_layout
+
+    def _optimize_final_module(self) -> None:
+        """Optimise all functions together, once where no references are counted."""
+        if any(function.name in ("NRT_incref", "NRT_decref") for function in self._final_module.functions):
+            super()._optimize_final_module()
+            return
+        manager, builder = self._codegen._module_pass_manager()
+        manager.run(self._final_module, builder)
+
+
+def bare_module(library: Any) -> Any:
+    """Return the module of a library, without what it calls in the case of a `Code`."""
+    library._ensure_finalized()
+    return library._final_module if isinstance(library, Code) else library._get_module_for_linking()
 
 
 class _CodeGenerator:
@@ -56,8 +115,10 @@ class _CodeGenerator:
 
 _GENERATORS: dict[Any, _CodeGenerator] = {}
 
-#: Parts of functions that were compiled, for functions that count references and for those that do not.
-_PARTS: dict[bool, dict[Any, Any]] = {True: {}, False: {}}
+#: Parts of functions that were compiled, for functions that do not count references and for those that do. The latter
+#: use the former too.
+_WITHOUT: dict[Any, Any] = {}
+_PARTS: dict[bool, Any] = {False: _WITHOUT, True: ChainMap({}, _WITHOUT)}
 
 
 def context_of_kernels(context: Any, counts: bool) -> Any:

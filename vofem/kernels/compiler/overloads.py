@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -52,9 +53,13 @@ def own_overloads(compiler: Any) -> Iterator[None]:
 
     _register(processor, decorator)
     _BASE.get_call_type = remembered
+    collects = gc.isenabled()
+    gc.disable()
     try:
         yield
     finally:
+        if collects:
+            gc.enable()
         _BASE.get_call_type = resolve
         _register(processor, before)
 

@@ -6,12 +6,13 @@ from typing import Any
 
 from numba.core import ir
 from numba.core import types as numba_types
+from numba.core.codegen import CPUCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import AnalysisPass, register_pass
 from numba.core.errors import NumbaError
 from numba.core.typed_passes import NativeLowering
 
-from vofem.kernels.compiler.code import Code
+from vofem.kernels.compiler.code import Code, Whole
 from vofem.kernels.compiler.lowering import Borrowing, Lending
 from vofem.kernels.compiler.overloads import own_overloads
 
@@ -24,19 +25,36 @@ _PARTS = frozenset(
 
 
 @register_pass(mutates_CFG=False, analysis_only=True)
-class UseCode(AnalysisPass):
-    """Lets the next pass, which generates code, fill a `Code`."""
+class UseWhole(AnalysisPass):
+    """Lets the next pass, which generates code, fill a `Whole`."""
 
-    _name = "vofem_use_code"
+    _name = "vofem_use_whole"
+
+    library: type[CPUCodeLibrary] = Whole
 
     def __init__(self) -> None:
         super().__init__()
 
     def run_pass(self, state: Any) -> bool:
-        """Make an empty `Code`."""
-        state.library = Code(state.targetctx.codegen(), state.func_id.func_qualname)
-        state.library.enable_object_caching()
+        """Make an empty library."""
+        state.library = _empty(self.library, state)
         return True
+
+
+@register_pass(mutates_CFG=False, analysis_only=True)
+class UseCode(UseWhole):
+    """Lets the next pass, which generates code, fill a `Code`."""
+
+    _name = "vofem_use_code"
+
+    library = Code
+
+
+def _empty(library: type[CPUCodeLibrary], state: Any) -> CPUCodeLibrary:
+    """Return an empty library for the function that is being compiled."""
+    empty = library(state.targetctx.codegen(), state.func_id.func_qualname)
+    empty.enable_object_caching()
+    return empty
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)
@@ -67,17 +85,15 @@ class Lowering(NativeLowering):
                     raise
             finally:
                 self._lower = Lending
-            state.library = None
-            if isinstance(given, Code):
-                UseCode().run_pass(state)
+            state.library = _empty(type(given), state)
         return bool(super().run_pass(state))
 
 
 class Entry(CompilerBase):
     """numba's compiler, which generates code as `Lowering` does."""
 
-    #: A pass that comes before the code is generated.
-    prepare: Any = None
+    #: The pass that comes before the code is generated.
+    prepare: Any = UseWhole
 
     def compile_extra(self, func: Any) -> Any:
         """Compile a function, and what it calls."""
@@ -87,9 +103,8 @@ class Entry(CompilerBase):
     def define_pipelines(self) -> list[Any]:
         """Return the passes of the compiler."""
         passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
-        if self.prepare is not None:
-            order = [one for one, _ in passes.passes]
-            passes.add_pass_after(self.prepare, order[order.index(NativeLowering) - 1])
+        order = [one for one, _ in passes.passes]
+        passes.add_pass_after(self.prepare, order[order.index(NativeLowering) - 1])
         passes.passes = [(Lowering if one is NativeLowering else one, text) for one, text in passes.passes]
         passes.finalize()
         return [passes]
