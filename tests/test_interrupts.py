@@ -15,8 +15,8 @@ import vofem as vf
 from vofem import cli
 from vofem.cli import working
 from vofem.integrators.observer import deferred_interrupts
-from vofem.kernels.mode import kernels
 from vofem.kernels import jit
+from vofem.kernels.mode import kernels
 
 ROOT = Path(__file__).parent.parent
 

@@ -12,6 +12,7 @@ from vofem.integrators.event_driven.motion import LONG, RESONANT, special_respon
 from vofem.integrators.event_driven.status_table import Table, add_columns, to_modes, to_real
 from vofem.kernels.jit import jit
 from vofem.linalg.exponential import oscillator_change, oscillator_remainder
+from vofem.linalg.vectors import fill
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -37,10 +38,14 @@ class Blocks(NamedTuple):
     ramp: NDArray[np.bool_]
 
 
-@jit
+def most_special(n: int, harmonics: int) -> int:
+    """Return how many responses from rest n blocks may have under loads with so many frequencies."""
+    return n * (harmonics + 2)
+
+
 def work_space(n: int, harmonics: int) -> Blocks:
     """Return work space for n blocks under loads with so many frequencies at most."""
-    most = n * (harmonics + 2)
+    most = most_special(n, harmonics)
     work = np.empty((8, n))
     waves = np.empty((2, n, harmonics), dtype=np.complex128)
     answers = np.empty((3, most), dtype=np.complex128)
@@ -185,7 +190,7 @@ def move(
         to_modes(table, s, both[0, :n], change[0])
         to_modes(table, s, both[0, n:], change[1])
         return
-    both[1] = 0.0
+    fill(both[1], 0.0)
     add_columns(both[0], table.out[s], n, 2 * n, both[1])
     to_modes(table, s, both[1, n:], change[1])
     quickest = table.frequency[s, n - 1]

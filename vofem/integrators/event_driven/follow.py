@@ -25,7 +25,9 @@ from vofem.integrators.event_driven.loop import (
     SPECIAL,
     SWITCHED,
     Laws,
+    LoopSpace,
     Reached,
+    loop_space,
     run_segments,
 )
 from vofem.integrators.event_driven.search import EventFunctions, exact_cut, next_event
@@ -176,6 +178,12 @@ class Follower:
         searched = np.ones(contacts, dtype=bool)
         return Reached(np.zeros(1), np.zeros(6, dtype=np.int64), np.zeros(n), np.zeros(n), np.zeros(contacts), searched)
 
+    @cached_property
+    def _space(self) -> LoopSpace:
+        assert self._loads is not None
+        contacts, n = self.solution.space.contacts.shape
+        return loop_space(n, contacts, self._loads.omega.shape[1])
+
     def _slot(self) -> int:
         """Return the slot of the status for the compiled loop; -1 where the next segment is for Python."""
         status, record = self.status, self.solution.record
@@ -206,8 +214,8 @@ class Follower:
         record.make_room(1, 1)
         while True:
             reason = run_segments(
-                solution.table.arrays, self._laws, self._loads, reached, record.buffers, solution.t_end, until,
-                self._segments, self._most_events,
+                solution.table.arrays, self._laws, self._loads, reached, record.buffers, self._space, solution.t_end,
+                until, self._segments, self._most_events,
             )  # fmt: skip
             self.calls += 1
             record.segments, record.events = int(reached.place[SEGMENTS]), int(reached.place[EVENTS])

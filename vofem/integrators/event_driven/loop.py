@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.integrators.event_driven.block_motion import Blocks, begin, move, work_space
+from vofem.integrators.event_driven.block_motion import Blocks, begin, most_special, move
 from vofem.integrators.event_driven.load_table import LoadTable
 from vofem.integrators.event_driven.record import Buffers
 from vofem.integrators.event_driven.search import (
@@ -20,13 +20,15 @@ from vofem.integrators.event_driven.search import (
     TINY,
     BlockFlow,
     EventTerms,
+    SearchSpace,
     exact_cut,
     largest_term,
     march,
+    search_space,
 )
 from vofem.integrators.event_driven.status_table import Table, to_blocks
 from vofem.kernels.jit import jit
-from vofem.linalg.vectors import copy, inner
+from vofem.linalg.vectors import copy, fill, inner
 from vofem.system import CLOSED, OPEN
 
 Array = NDArray[np.float64]
@@ -96,6 +98,47 @@ class Reached(NamedTuple):
     searched: NDArray[np.bool_]
 
 
+class LoopSpace(NamedTuple):
+    """Work space of the loop, in few arrays.
+
+    Attributes
+    ----------
+    search : SearchSpace
+    block : ndarray of int, shape (k,)
+    ramp : ndarray of bool, shape (k,)
+    answers : ndarray of complex, shape (3, k)
+    waves : ndarray of complex, shape (2, n, n_harmonics)
+        These four are parts of `Blocks`.
+    modes : ndarray, shape (11, n)
+    both : ndarray, shape (3, 2n)
+    terms : ndarray, shape (6, n_contacts)
+    steady : ndarray of complex, shape (n_contacts, n_harmonics)
+    rows : ndarray, shape (4, n_contacts, n)
+    """
+
+    search: SearchSpace
+    block: Integers
+    ramp: NDArray[np.bool_]
+    answers: NDArray[np.complex128]
+    waves: NDArray[np.complex128]
+    modes: Array
+    both: Array
+    terms: Array
+    steady: NDArray[np.complex128]
+    rows: Array
+
+
+def loop_space(n: int, contacts: int, harmonics: int) -> LoopSpace:
+    """Return work space for runs with n modes, so many contacts and loads of so many frequencies at most."""
+    most = most_special(n, harmonics)
+    return LoopSpace(
+        search_space(n, contacts), np.empty(most, dtype=np.int64), np.empty(most, dtype=np.bool_),
+        np.empty((3, most), dtype=np.complex128), np.empty((2, n, harmonics), dtype=np.complex128), np.empty((11, n)),
+        np.empty((3, 2 * n)), np.empty((6, contacts)), np.empty((contacts, harmonics), dtype=np.complex128),
+        np.empty((4, contacts, n)),
+    )  # fmt: skip
+
+
 @jit
 def _at_gap(laws: Laws, j: int, displacement: Array) -> None:
     """Put a contact that has just switched at its gap, as `EventSolution` does."""
@@ -110,21 +153,16 @@ def _at_gap(laws: Laws, j: int, displacement: Array) -> None:
 
 
 @jit
-def _event_terms(
-    table: Table, s: int, laws: Laws, blocks: Blocks, count: int, gaps: Array, displacement: Array, velocity: Array
-) -> EventTerms:
-    """Return the event functions of a segment, as `EventSolution.event_functions` and `search.next_event` do."""
-    m, n = table.w.shape[1], velocity.size
-    mixed = table.mixed[s]
-    w = table.w[s]
-    u = table.u[s] if mixed else table.w[s]
-    u_size = table.u_size[s] if mixed else table.w_size[s]
-    start, rate, rate_size, constant, slope = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m)
-    steady = np.zeros((m, count), dtype=np.complex128)
-    for j in range(m):
+def _fill_terms(
+    table: Table, s: int, laws: Laws, blocks: Blocks, count: int, reached: Reached, displacement: Array,
+    terms: EventTerms,
+) -> None:  # fmt: skip
+    """Fill in the event functions of a segment, as `EventSolution.event_functions` and `search.next_event` do."""
+    n, mixed, w, u = reached.velocity.size, terms.mixed, terms.w, terms.u
+    for j in range(w.shape[0]):
         sign = table.sign[s, j]
-        start[j] = sign * gaps[j]
-        level, poly, moving = table.level[s, j], 0.0, 0.0
+        terms.start[j] = sign * reached.gaps[j]
+        level, poly, moving, rate_size = table.level[s, j], 0.0, 0.0, 0.0
         for k in range(n):
             poly += w[j, k] * blocks.poly_z[k]
             moving += w[j, k] * blocks.rate_z[k]
@@ -134,41 +172,53 @@ def _event_terms(
                 poly += u[j, k] * blocks.poly_v[k]
                 moving += u[j, k] * blocks.rate_v[k]
                 level += laws.row_sizes[j, k] * abs(displacement[k])
-                rate_size[j] += laws.row_sizes[j, k] * abs(velocity[k])
-            rate[j] = sign * inner(laws.rows[j], velocity)
-        constant[j] = max(abs(level), abs(poly))
-        slope[j] = moving
+                rate_size += laws.row_sizes[j, k] * abs(reached.velocity[k])
+            terms.rate[j] = sign * inner(laws.rows[j], reached.velocity)
+            terms.rate_size[j] = rate_size
+        terms.constant[j] = max(abs(level), abs(poly))
+        terms.slope[j] = moving
+        terms.offset[j] = 0.0
         for h in range(count):
+            steady = 0.0j
             for k in range(n):
-                steady[j, h] += w[j, k] * blocks.steady_z[k, h]
+                steady += w[j, k] * blocks.steady_z[k, h]
             if mixed:
                 for k in range(n):
-                    steady[j, h] += u[j, k] * blocks.steady_v[k, h]
-    return EventTerms(
-        mixed, w, u, table.w_size[s], u_size, start, rate, rate_size, np.zeros(m), slope, steady, constant
-    )  # fmt: skip
+                    steady += u[j, k] * blocks.steady_v[k, h]
+            terms.steady[j, h] = steady
 
 
 @jit
-def _without(terms: EventTerms, searched: NDArray[np.bool_]) -> EventTerms:
-    """Return event functions of which those of contacts with ignored events stay where they are, below zero."""
-    w, u, w_size, u_size = terms.w.copy(), terms.u.copy(), terms.w_size.copy(), terms.u_size.copy()
+def _copy_searched(values: Array, searched: NDArray[np.bool_], into: Array) -> None:
+    """Copy the rows of contacts whose events are searched, and set the others to zero."""
+    for j in range(searched.size):
+        if searched[j]:
+            copy(values[j], into[j])
+        else:
+            fill(into[j], 0.0)
+
+
+@jit
+def _keep_below(terms: EventTerms, searched: NDArray[np.bool_], count: int) -> None:
+    """Let event functions of contacts with ignored events stay where they are, below zero; their rows are zero."""
     size = 0.0
     for j in range(searched.size):
         size = max(size, abs(terms.start[j]))
     for j in range(searched.size):
-        if searched[j]:
-            continue
-        for part in (w, u, w_size, u_size):
-            part[j] = 0.0
-        for values in (terms.rate, terms.rate_size, terms.slope, terms.constant):
-            values[j] = 0.0
-        terms.steady[j] = 0.0j
-        terms.start[j] = -size
-    return EventTerms(
-        terms.mixed, w, u, w_size, u_size, terms.start, terms.rate, terms.rate_size, terms.offset, terms.slope,
-        terms.steady, terms.constant,
-    )  # fmt: skip
+        if not searched[j]:
+            terms.start[j] = -size
+            terms.rate[j] = terms.rate_size[j] = terms.slope[j] = terms.constant[j] = 0.0
+            for h in range(count):
+                terms.steady[j, h] = 0.0j
+
+
+@jit
+def _all(flags: NDArray[np.bool_]) -> bool:
+    """Return whether all are true."""
+    count = 0
+    for j in range(flags.size):
+        count += flags[j]
+    return count == flags.size
 
 
 @jit
@@ -185,8 +235,8 @@ def _only(hits: NDArray[np.bool_]) -> int:
 
 @jit
 def run_segments(
-    table: Table, laws: Laws, loads: LoadTable, reached: Reached, out: Buffers, horizon: float, until: float,
-    segments: int, events: int,
+    table: Table, laws: Laws, loads: LoadTable, reached: Reached, out: Buffers, space: LoopSpace, horizon: float,
+    until: float, segments: int, events: int,
 ) -> int:  # fmt: skip
     """Follow a run from segment to segment; return why it stops, see `DONE` and what follows it.
 
@@ -196,6 +246,8 @@ def run_segments(
         Time and state of the run, changed in place.
     out : Buffers
         Arrays of the record, to which segments and events are added.
+    space : LoopSpace
+        Work space.
     horizon : float
         Longest time in s for which a motion is computed.
     until : float
@@ -206,9 +258,13 @@ def run_segments(
         Largest number of events in the whole run.
     """
     n, m = reached.displacement.size, laws.gap.size
-    place, intervals, most = reached.place, loads.constant.shape[0], loads.omega.shape[1]
-    blocks = work_space(n, most)
-    start, change, both = np.empty(n), np.empty((2, n)), np.empty((3, 2 * n))
+    place, intervals, every = reached.place, loads.constant.shape[0], _all(reached.searched)
+    modes, waves, answers = space.modes, space.waves, space.answers
+    blocks = Blocks(
+        modes[0], modes[1], modes[2], modes[3], modes[4], modes[5], modes[6], modes[7], waves[0], waves[1],
+        space.block, answers[0], answers[1], answers[2], space.ramp,
+    )  # fmt: skip
+    start, change, both, own, less = modes[8], modes[9:], space.both, space.terms, space.rows
     most_evaluations = place[EVALUATIONS] + _CALL_WORK // (n + EVALUATION_WORK)
     for _ in range(segments):
         if place[EVALUATIONS] > most_evaluations:
@@ -232,9 +288,21 @@ def run_segments(
         duration = loads.edges[interval + 1] - t
         tau, hit, evaluations = duration, -1, 0
         if m:
-            terms = _event_terms(table, s, laws, blocks, omega.size, reached.gaps, start, reached.velocity)
-            if not np.all(reached.searched):
-                terms = _without(terms, reached.searched)
+            mixed = table.mixed[s]
+            w, w_size = table.w[s], table.w_size[s]
+            u, u_size = table.u[s] if mixed else w, table.u_size[s] if mixed else w_size
+            if not every:
+                _copy_searched(w, reached.searched, less[0])
+                _copy_searched(u, reached.searched, less[1])
+                _copy_searched(w_size, reached.searched, less[2])
+                _copy_searched(u_size, reached.searched, less[3])
+                w, u, w_size, u_size = less[0], less[1], less[2], less[3]
+            terms = EventTerms(
+                mixed, w, u, w_size, u_size, own[0], own[1], own[2], own[3], own[4], space.steady, own[5]
+            )
+            _fill_terms(table, s, laws, blocks, omega.size, reached, start, terms)
+            if not every:
+                _keep_below(terms, reached.searched, omega.size)
             flow = BlockFlow(
                 table.delta[s], table.p[s], table.frequency[s], blocks.z_start, blocks.v_start, blocks.z, blocks.v,
                 omega, blocks.block[:special], blocks.exponent[:special], blocks.g1[:special], blocks.g2[:special],
@@ -245,8 +313,9 @@ def run_segments(
                 largest = max(largest, abs(blocks.z[k]))
             if largest < TINY and 0.0 < largest_term(terms, flow) < TINY:
                 return SPECIAL
-            tau, hits, evaluations = march(terms, flow, table.levels[s, : table.level_count[s]], duration)
-            hit = _only(hits)
+            levels = table.levels[s, : table.level_count[s]]
+            tau, evaluations = march(terms, flow, levels, duration, space.search)
+            hit = _only(space.search.hits)
             if hit == -2:
                 return SPECIAL
             if hit < 0 and tau < duration:

@@ -28,7 +28,7 @@ from vofem.integrators.event_driven.clusters import ClusterFlow, cluster_change
 from vofem.integrators.event_driven.motion import Motion, special_response
 from vofem.kernels.jit import jit
 from vofem.linalg.exponential import half_turns, oscillator_change, oscillator_remainder
-from vofem.linalg.vectors import copy
+from vofem.linalg.vectors import copy, fill
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -155,6 +155,37 @@ class _Point(NamedTuple):
     sine: Array
 
 
+class SearchSpace(NamedTuple):
+    """Work space of a search, in few arrays: kernels that are given arrays compile faster than those which make them.
+
+    Attributes
+    ----------
+    hits : ndarray of bool, shape (k,)
+        The functions that reach zero at the event; filled by `march`.
+    blocks : ndarray, shape (30, m)
+    functions : ndarray, shape (6, k)
+    series : ndarray, shape (2, 10)
+    cluster_state, cluster_norm : ndarray
+        As large as `ClusterFlow.state` and `ClusterFlow.rate`; empty without clusters.
+    """
+
+    hits: NDArray[np.bool_]
+    blocks: Array
+    functions: Array
+    series: Array
+    cluster_state: Array
+    cluster_norm: Array
+
+
+def search_space(blocks: int, functions: int, clusters: ClusterFlow | None = None) -> SearchSpace:
+    """Return work space for the search of events of so many functions of so many blocks."""
+    states, norms = (0, 0) if clusters is None else (clusters.state.size, clusters.rate.size)
+    return SearchSpace(
+        np.zeros(functions, dtype=np.bool_), np.empty((30, blocks)), np.empty((6, functions)),
+        np.empty((2, _ORDER + 1)), np.empty(states), np.empty(norms),
+    )  # fmt: skip
+
+
 def next_event(functions: EventFunctions, motion: Motion, duration: float) -> tuple[float, NDArray[np.bool_], int]:
     """Return the first time at which a function becomes positive.
 
@@ -195,7 +226,9 @@ def next_event(functions: EventFunctions, motion: Motion, duration: float) -> tu
     factor = _raise(terms, flow)
     if factor != 1.0:
         terms, flow = _raised(terms, flow, factor)
-    return march(terms, flow, spectrum.levels, duration)
+    space = search_space(spectrum.p.size, w.shape[0], flow.clusters)
+    tau, evaluations = march(terms, flow, spectrum.levels, duration, space)
+    return tau, space.hits, evaluations
 
 
 def _raise(terms: EventTerms, flow: BlockFlow) -> float:
@@ -216,7 +249,7 @@ def largest_term(terms: EventTerms, flow: BlockFlow) -> float:
         size = max(size, abs(flow.g1[e]), abs(flow.g2[e]))
     for j in range(terms.constant.size):
         size = max(size, terms.constant[j], abs(terms.start[j]), abs(terms.slope[j]))
-        for h in range(terms.steady.shape[1]):
+        for h in range(flow.omega.size):
             size = max(size, abs(terms.steady[j, h]))
     return size
 
@@ -392,17 +425,16 @@ def _bound_clusters(
 
 
 @jit
-def _cluster_states(clusters: ClusterFlow | None, tau: float, amplitude: Array) -> tuple[Array, Array]:
-    """Return the states of all clusters at a time, one after the other, and bounds on their norms."""
+def _cluster_states(clusters: ClusterFlow | None, tau: float, amplitude: Array, now: Array, norm: Array) -> None:
+    """Fill in the states of all clusters at a time, one after the other, and bounds on their norms."""
     if clusters is None:
-        return np.zeros(0), np.zeros(0)
-    now, norm = clusters.state.copy(), np.zeros(clusters.rate.size)
+        return
+    copy(clusters.state, now)
     for c in range(clusters.rate.size):
         changed = cluster_change(clusters, c, tau)
         for k in range(changed.size):
             now[clusters.states[c] + k] += changed[k]
         norm[c] = amplitude[clusters.member[clusters.members[c]]]
-    return now, norm
 
 
 @jit
@@ -509,17 +541,9 @@ def _safe_time(distance: float, rate: float, curvature: float) -> float:
 
 @jit
 def _safe_time_far(
-    j: int,
-    terms: EventTerms,
-    flow: BlockFlow,
-    at: _Point,
-    tau: float,
-    duration: float,
-    distance: float,
-    step: float,
-    amplitude: Array,
-    speed: Array,
-) -> float:
+    j: int, terms: EventTerms, flow: BlockFlow, at: _Point, space: SearchSpace, tau: float, duration: float,
+    distance: float, step: float, amplitude: Array, speed: Array,
+) -> float:  # fmt: skip
     """Return a time within which function j provably rises by less than `distance`, from high derivatives.
 
     Parameters
@@ -530,7 +554,9 @@ def _safe_time_far(
         Bounds on block states (z, v).
     """
     n = flow.p.size
-    value, size = np.zeros(_ORDER + 1), np.zeros(_ORDER + 1)
+    value, size = space.series[0], space.series[1]
+    fill(value, 0.0)
+    fill(size, 0.0)
     for h in range(flow.omega.size):
         wave = terms.steady[j, h] * np.exp(1j * flow.omega[h] * tau)
         for i in range(1, _ORDER + 1):
@@ -539,18 +565,25 @@ def _safe_time_far(
             size[i] += abs(wave)
     value[1] += terms.slope[j] + terms.offset[j]
     size[1] += abs(terms.slope[j])
-    z, v, z_size, v_size = at.z.copy(), at.v.copy(), amplitude.copy(), speed.copy()
-    now, norm = _cluster_states(flow.clusters, tau, amplitude)
+    work = space.blocks
+    z, v, z_size, v_size = work[22], work[23], work[24], work[25]
+    in_z, in_v, in_z_size, in_v_size = work[26], work[27], work[28], work[29]
+    for k in range(n):
+        z[k], v[k], z_size[k], v_size[k] = at.z[k], at.v[k], amplitude[k], speed[k]
+    _cluster_states(flow.clusters, tau, amplitude, space.cluster_state, space.cluster_norm)
     for i in range(1, _ORDER + 1):
-        in_z, in_v, in_z_size, in_v_size = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
+        for k in range(n):
+            in_z[k] = in_v[k] = in_z_size[k] = in_v_size[k] = 0.0
         for e in range(flow.block.size):
             k = flow.block[e]
             if flow.ramp[e]:
                 factor = complex(tau if i == 1 else (1.0 if i == 2 else 0.0), 0.0)
                 largest = duration if i == 1 else abs(factor)
             else:
-                factor = np.exp(flow.exponent[e] * tau) * flow.exponent[e] ** (i - 1)
-                largest = abs(flow.exponent[e]) ** (i - 1)
+                factor, largest, quickness = np.exp(flow.exponent[e] * tau), 1.0, abs(flow.exponent[e])
+                for _ in range(i - 1):
+                    factor *= flow.exponent[e]
+                    largest *= quickness
             in_z[k] += (flow.g1[e] * factor).real
             in_v[k] += (flow.g2[e] * factor).real
             in_z_size[k] += abs(flow.g1[e]) * largest
@@ -559,7 +592,7 @@ def _safe_time_far(
             delta, p = flow.delta[k], flow.p[k]
             z[k], v[k] = v[k] + in_z[k], in_v[k] - 2.0 * delta * v[k] - p * z[k]
             z_size[k], v_size[k] = v_size[k] + in_z_size[k], in_v_size[k] + 2.0 * delta * v_size[k] + p * z_size[k]
-        _differentiate_clusters(flow.clusters, i, now, norm, (z, v, z_size, v_size))
+        _differentiate_clusters(flow.clusters, i, space.cluster_state, space.cluster_norm, (z, v, z_size, v_size))
         for k in range(n):
             value[i] += terms.w[j, k] * z[k]
             size[i] += terms.w_size[j, k] * z_size[k]
@@ -580,6 +613,15 @@ def _safe_time_far(
 
 
 @jit
+def _all_equal(values: Array, value: float) -> bool:
+    """Return whether all entries of a vector have a value."""
+    count = 0
+    for j in range(values.size):
+        count += values[j] == value
+    return count == values.size
+
+
+@jit
 def exact_cut(t: float, tau: float) -> float:
     """Return the longest duration up to `tau` after which the time ``t + tau`` is exact.
 
@@ -593,16 +635,19 @@ def exact_cut(t: float, tau: float) -> float:
 
 @jit
 def march(
-    terms: EventTerms, flow: BlockFlow, levels: NDArray[np.int64], duration: float
-) -> tuple[float, NDArray[np.bool_], int]:
-    """Return what `next_event` returns; motions are not tiny, and `levels` are those of the spectrum."""
+    terms: EventTerms, flow: BlockFlow, levels: NDArray[np.int64], duration: float, space: SearchSpace
+) -> tuple[float, int]:
+    """Return time and evaluations of `next_event`, and fill in `space.hits`.
+
+    Motions are not tiny, and `levels` are those of the spectrum.
+    """
     n, m = flow.p.size, terms.w.shape[0]
     delta, p, frequency = flow.delta, flow.p, flow.frequency
     mixed = terms.mixed
-    work = np.empty((16, n))
+    hits, work, of_functions = space.hits, space.blocks, space.functions
     at = _Point(
-        work[0], work[1], work[2], work[3], work[4], work[5], work[6], work[7], np.empty(m), np.empty(m), work[8],
-        work[9], work[10],
+        work[0], work[1], work[2], work[3], work[4], work[5], work[6], work[7], of_functions[0], of_functions[1],
+        work[8], work[9], work[10],
     )  # fmt: skip
     for k in range(n):
         square = p[k] - delta[k] * delta[k]
@@ -613,12 +658,13 @@ def march(
         free[k] = np.sqrt(flow.v0[k] ** 2 + p[k] * flow.z0[k] ** 2)
         cap[k] = free[k] / frequency[k] if frequency[k] > 0.0 else np.inf
         slowness[k] = 1.0 / frequency[k] if frequency[k] > 0.0 else np.inf
-    noise = np.empty(m)
-    hits = np.zeros(m, dtype=np.bool_)
+    noise = of_functions[2]
     evaluations, most = 0, SEARCH_WORK // (n + EVALUATION_WORK)
 
     # Bounds on the inputs of the special blocks and on their rates, and the longest step that they allow.
-    g1, g2, g1_rate, g2_rate = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
+    g1, g2, g1_rate, g2_rate = work[14], work[15], work[16], work[17]
+    for k in range(n):
+        g1[k] = g2[k] = g1_rate[k] = g2_rate[k] = 0.0
     longest = duration
     for e in range(flow.block.size):
         k = flow.block[e]
@@ -630,8 +676,15 @@ def march(
         if frequency[k] > 0.0:
             longest = min(longest, 4.0 / frequency[k])
     longest = min(longest, _longest_step(flow.clusters))
-    steady_curvature = np.zeros(m)
+    # The last time at which each function was at or below zero. If a function is above zero within rounding, its root
+    # lies before `before`.
+    below = of_functions[3]
+    # A gap that is zero up to rounding, such as that of masses which fall together, allows only tiny certified steps.
+    # Its steps double while value and rate are rounding, up to a fraction of the shortest time scale.
+    idle, steady_curvature = of_functions[4], of_functions[5]
     for j in range(m):
+        hits[j] = False
+        below[j] = idle[j] = steady_curvature[j] = 0.0
         for h in range(flow.omega.size):
             steady_curvature[j] += abs(terms.steady[j, h]) * flow.omega[h] ** 2
 
@@ -642,14 +695,8 @@ def march(
                 terms.rate[j] = at.rate[j]
                 terms.rate_size[j] = _rate_size(j, terms, flow, at)
             terms.offset[j] = terms.rate[j] - at.rate[j]
-    speed, amplitude, push, jerk = work[14], work[15], np.empty(n), np.empty(n)
+    speed, amplitude, push, jerk = work[18], work[19], work[20], work[21]
     tau, before = 0.0, 0.0
-    # The last time at which each function was at or below zero. If a function is above zero within rounding, its root
-    # lies before `before`.
-    below = np.zeros(m)
-    # A gap that is zero up to rounding, such as that of masses which fall together, allows only tiny certified steps.
-    # Its steps double while value and rate are rounding, up to a fraction of the shortest time scale.
-    idle = np.zeros(m)
     quickest = 0.0
     for k in range(n):
         quickest = max(quickest, frequency[k], 2.0 * delta[k])
@@ -668,12 +715,12 @@ def march(
             if found:
                 break
         if tau >= duration:
-            return duration, hits, evaluations
+            return duration, evaluations
         for j in range(m):
             if at.phi[j] <= 0.0:
                 below[j] = tau
-        if evaluations >= most and (evaluations >= 2 * most or np.all(below == tau)):
-            return tau, hits, evaluations
+        if evaluations >= most and (evaluations >= 2 * most or _all_equal(below, tau)):
+            return tau, evaluations
         step = min(duration - tau, longest)
         # Free energy never grows; inputs make sqrt(2 E) grow at most in proportion to time.
         for k in range(n):
@@ -725,7 +772,8 @@ def march(
             else:
                 idle[j] = 0.0
             if span < _SHORT * patience and span < step:
-                span = max(span, _safe_time_far(j, terms, flow, at, tau, duration, distance, allowed, amplitude, speed))
+                far = _safe_time_far(j, terms, flow, at, space, tau, duration, distance, allowed, amplitude, speed)
+                span = max(span, far)
             step = min(step, span)
         before = tau
         tau = duration if step >= duration - tau else tau + step
@@ -765,4 +813,4 @@ def march(
         at_rest = _complex_rate_is_rounding(j, terms, flow, at) if mixed else _rate_is_rounding(j, terms, flow, at)
         hits[j] = abs(at.phi[j]) <= noise[j] and at.rate[j] > 0.0 and not at_rest
     hits[winner] = True
-    return first, hits, evaluations
+    return first, evaluations

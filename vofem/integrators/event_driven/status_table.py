@@ -13,7 +13,7 @@ from vofem.integrators.event_driven.motion import Forcing, static_answer
 from vofem.integrators.event_driven.search import EventFunctions
 from vofem.integrators.event_driven.spectrum import Spectrum
 from vofem.kernels.jit import jit
-from vofem.linalg.vectors import copy
+from vofem.linalg.vectors import copy, fill
 from vofem.system import CLOSED
 
 Array = NDArray[np.float64]
@@ -313,7 +313,7 @@ def to_real(table: Table, s: int, vector: Array, out: Array) -> None:
     if table.plain[s]:
         copy(vector, out)
     else:
-        out[:] = 0.0
+        fill(out, 0.0)
         add_products(vector, table.down[s], out)
 
 
@@ -323,7 +323,7 @@ def to_modes(table: Table, s: int, vector: Array, out: Array) -> None:
     if table.plain[s]:
         copy(vector, out)
     else:
-        out[:] = 0.0
+        fill(out, 0.0)
         add_products(vector, table.up[s], out)
 
 
@@ -337,7 +337,7 @@ def to_blocks(table: Table, s: int, displacement: Array, velocity: Array, z: Arr
         return
     to_real(table, s, displacement, both[0, :n])
     to_real(table, s, velocity, both[0, n:])
-    both[1] = 0.0
+    fill(both[1], 0.0)
     add_products(both[0], table.into[s], both[1])
     copy(both[1, :n], z)
     copy(both[1, n:], v)
@@ -353,7 +353,7 @@ def from_blocks(table: Table, s: int, z: Array, v: Array, displacement: Array, v
         return
     copy(z, both[0, :n])
     copy(v, both[0, n:])
-    both[1] = 0.0
+    fill(both[1], 0.0)
     add_products(both[0], table.out[s], both[1])
     to_modes(table, s, both[1, :n], displacement)
     to_modes(table, s, both[1, n:], velocity)

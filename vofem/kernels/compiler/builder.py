@@ -5,7 +5,21 @@ from __future__ import annotations
 from typing import Any
 
 from llvmlite.ir import IRBuilder
-from llvmlite.ir.instructions import ExtractValue, InsertValue, Instruction, LoadInstr, PhiInstr
+from llvmlite.ir.instructions import (
+    CastInstr,
+    CompareInstr,
+    ExtractValue,
+    GEPInstr,
+    InsertValue,
+    Instruction,
+    LoadInstr,
+    PhiInstr,
+    SelectInstr,
+)
+
+#: Instructions that only compute a value, besides arithmetic.
+_VALUES = (CastInstr, CompareInstr, ExtractValue, GEPInstr, InsertValue, LoadInstr, SelectInstr)
+_ARITHMETIC = frozenset(["add", "sub", "mul", "and", "or", "xor", "fadd", "fsub", "fmul", "fneg"])
 
 
 class Builder(IRBuilder):
@@ -55,7 +69,7 @@ class Builder(IRBuilder):
 
 
 def drop_unused(function: Any) -> None:
-    """Remove instructions of a function that read a value or build an aggregate which nothing uses."""
+    """Remove instructions of a function which only compute a value that nothing uses."""
     uses: dict[Any, int] = {}
     for block in function.blocks:
         for one in block.instructions:
@@ -64,7 +78,7 @@ def drop_unused(function: Any) -> None:
     for block in reversed(function.blocks):
         kept = []
         for one in reversed(block.instructions):
-            if isinstance(one, ExtractValue | InsertValue | LoadInstr) and not uses.get(one):
+            if (isinstance(one, _VALUES) or one.opname in _ARITHMETIC) and not uses.get(one):
                 for operand in _operands(one):
                     uses[operand] -= 1
             else:

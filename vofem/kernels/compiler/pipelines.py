@@ -86,6 +86,7 @@ class Lowering(NativeLowering):
             finally:
                 self._lower = Lending
             state.library = _empty(type(given), state)
+        state.library.counts = True
         return bool(super().run_pass(state))
 
 
