@@ -12,13 +12,15 @@ R.-C. Li, LAPACK Working Note 89 (1993).
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.kernels.jit import jit
-from vofem.linalg.vectors import copy
 
 Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
 _EPS = float(np.finfo(float).eps)
 
@@ -37,7 +39,9 @@ def _root(d: Array, w: Array, k: int, one: float) -> tuple[int, float]:
     last = k == m - 1
     if last:
         pole = k
-        low, high = 0.0, float(np.sum(w))
+        low, high = 0.0, 0.0
+        for j in range(m):
+            high += w[j]
         x = 0.5 * high
     else:
         half = 0.5 * (d[k + 1] - d[k])
@@ -104,83 +108,118 @@ def _root(d: Array, w: Array, k: int, one: float) -> tuple[int, float]:
 
 
 @jit
-def _deflate(d: Array, c: Array, vectors: Array) -> tuple[NDArray[np.int64], bool]:
+def _rotate(d: Array, c: Array, vectors: Array, active: NDArray[np.bool_]) -> bool:
     """Rotate coinciding poles so that one of them takes all of the coupling.
 
-    Returns the poles that are coupled, and whether `vectors` is the identity still.
+    The poles that are coupled are marked as `active`. Returns whether `vectors` is the identity still.
     """
-    n = d.size
-    norm = np.sqrt(np.sum(c * c))
-    active = np.zeros(n, dtype=np.bool_)
-    for i in range(n):
-        # A rigid motion whose coupling is only rounding stays a rigid motion.
-        active[i] = abs(c[i]) > (1e-14 if d[i] == 0.0 else 1e-18) * norm
+    norm = 0.0
+    for i in range(d.size):
+        norm += c[i] * c[i]
+    norm = np.sqrt(norm)
     previous = -1
     plain = True
-    for i in range(n):
+    for i in range(d.size):
+        # A rigid motion whose coupling is only rounding stays a rigid motion.
+        active[i] = abs(c[i]) > (1e-14 if d[i] == 0.0 else 1e-18) * norm
         if not active[i]:
             continue
         if previous >= 0 and d[i] - d[previous] <= 4.0 * _EPS * max(abs(d[i]), abs(d[previous])):
             r = np.hypot(c[previous], c[i])
             cs, sn = c[i] / r, c[previous] / r
-            for row in range(n):
-                a, b = vectors[row, previous], vectors[row, i]
-                vectors[row, previous] = cs * a - sn * b
-                vectors[row, i] = sn * a + cs * b
+            for row in range(d.size):
+                x, y = vectors[row, previous], vectors[row, i]
+                vectors[row, previous] = cs * x - sn * y
+                vectors[row, i] = sn * x + cs * y
             c[previous], c[i] = 0.0, r
             active[previous] = False
             plain = False
         previous = i
-    return np.flatnonzero(active), plain
+    return plain
 
 
 @jit
-def _place(vectors: Array, index: NDArray[np.int64], local: Array, plain: bool) -> None:
-    """Replace the first columns of `index` by their combinations; without rotations these are `local` itself."""
-    columns = index[: local.shape[1]]
-    if plain:
-        for k in range(columns.size):
-            for j in range(index.size):
-                vectors[index[j], columns[k]] = local[j, k]
-    else:
-        combined = np.ascontiguousarray(vectors[:, index]) @ local
-        for k in range(columns.size):
-            copy(combined[:, k], vectors[:, columns[k]])
-
-
-@jit
-def _exact_coupling(poles: Array, c: Array, origin: NDArray[np.int64], offset: Array, spring: bool) -> Array:
-    """Return the coupling for which the computed roots are exact (Loewner), with the signs of c."""
+def _exact_coupling(poles: Array, c: Array, origin: Integers, offset: Array, exact: Array) -> None:
+    """Fill in the coupling for which the computed roots are exact (Loewner), with the signs of c."""
     m = poles.size
-    exact = np.empty(m)
     for j in range(m):
-        product = (poles[origin[m - 1]] - poles[j]) + offset[m - 1] if spring else 1.0
+        product = 1.0
+        if offset.size == m:
+            product = (poles[origin[m - 1]] - poles[j]) + offset[m - 1]
         for k in range(m - 1):
             root = (poles[origin[k]] - poles[j]) + offset[k]
             other = poles[k] - poles[j] if k < j else poles[k + 1] - poles[j]
             product *= root / other
         exact[j] = np.sqrt(abs(product)) * (1.0 if c[j] >= 0.0 else -1.0)
-    return exact
 
 
 @jit
-def _unit_vectors(poles: Array, exact: Array, origin: NDArray[np.int64], offset: Array) -> tuple[Array, Array]:
-    """Return one unit vector per root as columns, and the signed lengths that they were divided by."""
-    m, count = poles.size, offset.size
-    local, length = np.empty((m, count)), np.empty(count)
-    for k in range(count):
+def _unit_vectors(
+    poles: Array, exact: Array, origin: Integers, offset: Array, local: Array, length: Array
+) -> None:  # fmt: skip
+    """Fill in one unit vector per root as columns, and the signed lengths that they were divided by."""
+    for k in range(offset.size):
         total = 0.0
-        for j in range(m):
+        for j in range(poles.size):
             local[j, k] = exact[j] / ((poles[j] - poles[origin[k]]) - offset[k])
             total += local[j, k] * local[j, k]
         # The diagonal is made positive, so that the vectors of a weak contact are close to the identity.
         length[k] = np.sqrt(total) * (1.0 if local[k, k] > 0.0 else -1.0)
-        for j in range(m):
+        for j in range(poles.size):
             local[j, k] /= length[k]
-    return local, length
 
 
 @jit
+def _solve(
+    poles: Array, w: Array, c: Array, origin: Integers, offset: Array, exact: Array, local: Array, length: Array
+) -> None:
+    """Fill in roots, as poles and offsets from these, coupling, vectors and their lengths.
+
+    There are as many roots as offsets: all for a spring, one less for a constraint.
+    """
+    for k in range(offset.size):
+        origin[k], offset[k] = _root(poles, w, k, 1.0 if offset.size == poles.size else 0.0)
+    _exact_coupling(poles, c, origin, offset, exact)
+    _unit_vectors(poles, exact, origin, offset, local, length)
+
+
+class _Coupled(NamedTuple):
+    """The eigensystem of the poles that a rank-one term couples, and the numbers of these poles.
+
+    `values` and `vectors` are those of all poles, with the new ones in place. `exact` and `length` are those of
+    `_solve`, and `weights` the squared couplings.
+    """
+
+    index: Integers
+    values: Array
+    vectors: Array
+    exact: Array
+    length: Array
+    weights: Array
+
+
+def _coupled(d: Array, c: Array, rho: float, fewer: int) -> _Coupled:
+    """Return the eigensystem with a spring (`fewer` is 0) or with a constraint (1)."""
+    values, vectors, c, active = d.copy(), np.eye(d.size), c.copy(), np.zeros(d.size, dtype=np.bool_)
+    plain = _rotate(d, c, vectors, active)
+    index = np.flatnonzero(active)
+    m = index.size
+    count = max(m - fewer, 0)
+    poles, coupling = d[index], c[index]
+    weights = rho * coupling * coupling
+    origin, offset, exact = np.empty(count, dtype=np.int64), np.empty(count), np.empty(m)
+    local, length = np.empty((m, count)), np.empty(count)
+    if m:
+        _solve(poles, weights, coupling, origin, offset, exact, local, length)
+    columns = index[:count]
+    values[columns] = poles[origin] + offset
+    if plain:
+        vectors[np.ix_(index, columns)] = local
+    else:
+        vectors[:, columns] = np.take(vectors, index, axis=1) @ local
+    return _Coupled(index, values, vectors, exact, length, weights)
+
+
 def rank_one(d: Array, c: Array, rho: float) -> tuple[Array, Array]:
     """Return eigenvalues and orthogonal eigenvectors of ``diag(d) + rho c c'``, rho > 0.
 
@@ -198,25 +237,9 @@ def rank_one(d: Array, c: Array, rho: float) -> tuple[Array, Array]:
     vectors : ndarray, shape (n, n)
         Columns.
     """
-    vectors = np.eye(d.size)
-    c = c.copy()
-    values = d.copy()
-    index, plain = _deflate(d, c, vectors)
-    m = index.size
-    if m == 0:
-        return values, vectors
-    poles = d[index]
-    w = rho * c[index] * c[index]
-    origin = np.empty(m, dtype=np.int64)
-    offset = np.empty(m)
-    for k in range(m):
-        origin[k], offset[k] = _root(poles, w, k, 1.0)
-        values[index[k]] = poles[origin[k]] + offset[k]
-    exact = _exact_coupling(poles, c[index], origin, offset, True)
-    local, _ = _unit_vectors(poles, exact, origin, offset)
-    _place(vectors, index, local, plain)
-    order = np.argsort(values)
-    return values[order], vectors[:, order]
+    found = _coupled(d, c, rho, 0)
+    order = np.argsort(found.values, kind="stable")
+    return found.values[order], np.take(found.vectors, order, axis=1)
 
 
 def rank_one_less(d: Array, c: Array, rho: float) -> tuple[Array, Array]:
@@ -275,7 +298,6 @@ def refine(
     return None
 
 
-@jit
 def constrain(d: Array, c: Array) -> tuple[Array, Array, Array]:
     """Return the eigenvalues and eigenvectors of ``diag(d)`` restricted to ``c.x = 0``, the limit of a rigid spring.
 
@@ -295,29 +317,11 @@ def constrain(d: Array, c: Array) -> tuple[Array, Array, Array]:
     force : ndarray, shape (n - 1,)
         nu with ``diag(d) V = V diag(values) + c nu'``: the force of the constraint in each mode.
     """
-    n = d.size
-    vectors = np.eye(n)
-    c = c.copy()
-    index, plain = _deflate(d, c, vectors)
-    m = index.size
-    poles = d[index]
-    w = c[index] * c[index]
-    origin = np.empty(m - 1, dtype=np.int64)
-    offset = np.empty(m - 1)
-    values = d.copy()
-    force = np.zeros(n)
-    for k in range(m - 1):
-        origin[k], offset[k] = _root(poles, w, k, 0.0)
-        values[index[k]] = poles[origin[k]] + offset[k]
-    exact = _exact_coupling(poles, c[index], origin, offset, False)
+    found = _coupled(d, c, 1.0, 1)
     # The scale of the exact coupling is that of c; its shape fits the roots.
-    ratio = np.sqrt(np.sum(w) / np.sum(exact * exact))
-    local, length = _unit_vectors(poles, exact, origin, offset)
-    for k in range(m - 1):
-        force[index[k]] = 1.0 / (length[k] * ratio)
-    _place(vectors, index, local, plain)
-    kept = np.ones(n, dtype=np.bool_)
-    kept[index[m - 1]] = False
-    values, force, vectors = values[kept], force[kept], vectors[:, kept]
-    order = np.argsort(values)
-    return values[order], vectors[:, order], force[order]
+    ratio = np.sqrt(np.sum(found.weights) / np.sum(found.exact * found.exact))
+    force = np.zeros(d.size)
+    force[found.index[:-1]] = 1.0 / (found.length * ratio)
+    kept = np.delete(np.arange(d.size), found.index[-1])
+    order = kept[np.argsort(found.values[kept], kind="stable")]
+    return found.values[order], np.take(found.vectors, order, axis=1), force[order]
