@@ -130,14 +130,15 @@ def test_clusters_that_are_not_there_are_not_compiled():
     before = cluster_change.callee.signatures
     vector = numba.float64[::1]
     for kernel, arguments in (
-        (search._cluster_states, (numba.none, numba.float64, vector)),
+        (search._cluster_states, (numba.none, numba.float64, vector, vector, vector)),
         (search._longest_step, (numba.none,)),
         (search._largest_state, (numba.none,)),
     ):
         kernel.callee.compile(arguments)
         assert arguments in kernel.callee.signatures
     assert cluster_change.callee.signatures == before
-    states, norms = search._cluster_states(None, 0.5, np.ones(3))
-    assert states.size == norms.size == 0
+    states, norms = np.zeros(3), np.zeros(2)
+    search._cluster_states(None, 0.5, np.ones(3), states, norms)
+    assert not states.any() and not norms.any()
     assert search._longest_step(None) == np.inf
     assert search._largest_state(None) == 0.0

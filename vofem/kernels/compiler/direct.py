@@ -23,6 +23,7 @@ types: Any = numba_types
 #: Operators for which numba has functions of its own where an operand is a constant, and products.
 _POWERS = frozenset([operator.pow, operator.ipow])
 _PRODUCTS = frozenset([operator.mul, operator.imul])
+_COMPLEX = _PRODUCTS | {operator.truediv, operator.itruediv}
 
 #: The parts of a complex number.
 _PARTS = {"real": 0, "imag": 1}
@@ -190,8 +191,9 @@ class Direct(Lower):
             self.context.cast(self.builder, self.loadvar(one.name), self.typeof(one.name), kind)
             for one, kind in zip((expr.lhs, expr.rhs), signature.args, strict=True)
         ]
-        if op in _PRODUCTS and isinstance(signature.return_type, types.Complex):
-            result = self._product(signature.return_type, *operands)
+        if op in _COMPLEX and isinstance(signature.return_type, types.Complex):
+            own = self._product if op in _PRODUCTS else self._quotient
+            result = own(signature.return_type, *operands)
         else:
             function = self.context.typing_context.resolve_value_type(op)
             function.get_call_type(self.context.typing_context, signature.args, {})
@@ -208,6 +210,28 @@ class Direct(Lower):
         real = builder.fsub(builder.fmul(a, c), builder.fmul(b, d))
         imaginary = builder.fadd(builder.fmul(a, d), builder.fmul(b, c))
         return self._struct(kind, [real, imaginary])
+
+    def _quotient(self, kind: Any, one: Any, two: Any) -> Any:
+        """Return the quotient of complex numbers, by the larger part of the divisor as numba does."""
+        builder, context = self.builder, self.context
+        a, b, c, d = (builder.extract_value(value, part) for value in (one, two) for part in (0, 1))
+        zero = c.type(0.0)
+        both = builder.and_(builder.fcmp_ordered("==", c, zero), builder.fcmp_ordered("==", d, zero))
+        with cgutils.if_unlikely(builder, both):
+            context.error_model.fp_zero_division(builder, ("complex division by zero",), self.loc)
+        # Not ordered, so that a part which is not a number ends in the quotient.
+        size_c, size_d = (builder.select(builder.fcmp_ordered("<", x, zero), builder.fneg(x), x) for x in (c, d))
+        first = builder.fcmp_unordered(">=", size_c, size_d)
+        large, small = builder.select(first, c, d), builder.select(first, d, c)
+        ratio = builder.fdiv(small, large)
+        divisor = builder.fadd(large, builder.fmul(small, ratio))
+        near, far = builder.select(first, a, b), builder.select(first, b, a)
+        real = builder.fadd(near, builder.fmul(far, ratio))
+        # b - a ratio in the first case, b ratio - a in the second.
+        imaginary = builder.fsub(
+            builder.select(first, b, builder.fmul(b, ratio)), builder.select(first, builder.fmul(a, ratio), a)
+        )
+        return self._struct(kind, [builder.fdiv(real, divisor), builder.fdiv(imaginary, divisor)])
 
     # -- arrays -----------------------------------------------------------------------------------
 

@@ -10,7 +10,8 @@ from numba.core.codegen import CPUCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import AnalysisPass, register_pass
 from numba.core.errors import NumbaError
-from numba.core.typed_passes import NativeLowering
+from numba.core.typed_passes import NativeLowering, NopythonRewrites
+from numba.core.untyped_passes import InlineClosureLikes
 
 from vofem.kernels.compiler.code import Code, Whole
 from vofem.kernels.compiler.lowering import Borrowing, Lending
@@ -90,6 +91,34 @@ class Lowering(NativeLowering):
         return bool(super().run_pass(state))
 
 
+@register_pass(mutates_CFG=True, analysis_only=False)
+class Closures(InlineClosureLikes):
+    """Combines functions with those that are defined in them, and lists with arrays, where there are any."""
+
+    _name = "vofem_closures"
+
+    def run_pass(self, state: Any) -> bool:
+        """Change the function."""
+        kinds = ("make_function", "build_list")
+        blocks = state.func_ir.blocks.values()
+        return any(any(block.find_exprs(kind)) for block in blocks for kind in kinds) and super().run_pass(state)
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class Rewrites(NopythonRewrites):
+    """Combines operations on arrays, where there are any."""
+
+    _name = "vofem_rewrites"
+
+    def run_pass(self, state: Any) -> bool:
+        """Change the function."""
+        return not only_borrows(state) and super().run_pass(state)
+
+
+#: Passes of numba, and what takes their place.
+_INSTEAD = {NativeLowering: Lowering, InlineClosureLikes: Closures, NopythonRewrites: Rewrites}
+
+
 class Entry(CompilerBase):
     """numba's compiler, which generates code as `Lowering` does."""
 
@@ -106,7 +135,7 @@ class Entry(CompilerBase):
         passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
         order = [one for one, _ in passes.passes]
         passes.add_pass_after(self.prepare, order[order.index(NativeLowering) - 1])
-        passes.passes = [(Lowering if one is NativeLowering else one, text) for one, text in passes.passes]
+        passes.passes = [(_INSTEAD.get(one, one), text) for one, text in passes.passes]
         passes.finalize()
         return [passes]
 
