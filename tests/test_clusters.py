@@ -139,6 +139,7 @@ def test_clusters_that_are_not_there_are_not_compiled():
     assert cluster_change.callee.signatures == before
     states, norms = np.zeros(3), np.zeros(2)
     search._cluster_states(None, 0.5, np.ones(3), states, norms)
-    assert not states.any() and not norms.any()
+    assert not states.any()
+    assert not norms.any()
     assert search._longest_step(None) == np.inf
     assert search._largest_state(None) == 0.0

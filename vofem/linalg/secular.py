@@ -184,13 +184,13 @@ def _solve(
 
 
 class _Coupled(NamedTuple):
-    """The eigensystem of the poles that a rank-one term couples, and the numbers of these poles.
+    """The eigensystem of the poles that a rank-one term couples; `which` are the numbers of these poles.
 
     `values` and `vectors` are those of all poles, with the new ones in place. `exact` and `length` are those of
     `_solve`, and `weights` the squared couplings.
     """
 
-    index: Integers
+    which: Integers
     values: Array
     vectors: Array
     exact: Array
@@ -321,7 +321,7 @@ def constrain(d: Array, c: Array) -> tuple[Array, Array, Array]:
     # The scale of the exact coupling is that of c; its shape fits the roots.
     ratio = np.sqrt(np.sum(found.weights) / np.sum(found.exact * found.exact))
     force = np.zeros(d.size)
-    force[found.index[:-1]] = 1.0 / (found.length * ratio)
-    kept = np.delete(np.arange(d.size), found.index[-1])
+    force[found.which[:-1]] = 1.0 / (found.length * ratio)
+    kept = np.delete(np.arange(d.size), found.which[-1])
     order = kept[np.argsort(found.values[kept], kind="stable")]
     return found.values[order], np.take(found.vectors, order, axis=1), force[order]
