@@ -218,8 +218,8 @@ def jit(function: F) -> F:
     """Make a function a kernel: compiled on its first call and kept on disk, or run as plain Python.
 
     Where no cache folder can be written the function is compiled for this
-    process only. Arithmetic is IEEE: no reordering, no contraction. In plain
-    Python numbers may be Python's own, which raise where numpy's become infinite:
-    a kernel therefore checks a divisor that may be zero.
+    process only. Arithmetic is IEEE: no reordering, no contraction. Compiled code
+    raises ZeroDivisionError where a divisor is zero. In plain Python numbers of
+    numpy become infinite instead: a kernel therefore checks a divisor that may be zero.
     """
     return cast(F, CompiledFunction(function))

@@ -5,6 +5,9 @@ code and two wrappers, and keeps all of it on disk. A kernel that is called by o
 because its code is linked into that of its callers and optimised there (`code`). The same holds for what numba itself
 compiles for a kernel, such as `numpy.empty` (`overloads`). The results are the same, because all arithmetic is IEEE.
 
+What kernels do most, such as loops over ranges and reading elements of arrays, is written in few instructions
+(`direct`), and passes of numba that would find nothing to do are left out (`pipelines`).
+
 Kernels take bundles of many arrays. numba copies a bundle whole wherever one of its arrays is read, and it counts the
 references to every array whenever a function is entered or left. An argument stays with the caller until the call
 ends, so neither is necessary for what belongs to arguments (`lowering`, `builder`).
