@@ -15,8 +15,8 @@ import vofem as vf
 from vofem import cli
 from vofem.cli import working
 from vofem.integrators.observer import deferred_interrupts
+from vofem.kernels import jit
 from vofem.kernels.mode import kernels
-from vofem.linalg import jit
 
 ROOT = Path(__file__).parent.parent
 
@@ -83,7 +83,7 @@ def test_nothing_is_compiled_after_ctrl_c():
 def test_work_that_does_not_come_back_ends_with_the_process(begin, where):
     """Minutes of work in C, between which Python calls no handler, stand for the compiler or an eigenproblem."""
     program = (
-        "import hashlib, signal\nfrom vofem.cli.prompt_end import prompt_end\nfrom vofem.linalg import jit\n"
+        "import hashlib, signal\nfrom vofem.cli.prompt_end import prompt_end\nfrom vofem.kernels import jit\n"
         # Programs that are started in the background, as these tests may be, ignore Ctrl-C.
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         f"{begin}\n"
