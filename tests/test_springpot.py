@@ -317,9 +317,7 @@ def test_springpots_only_take_energy(orders, log_dt, seed, log_coefficient, yiel
     more = [
         vf.PointLoad(masses[-1], load),
         vf.Contact(masses[0], gap=0.01, stiffness=50.0, damping=0.2, side="above", acts_on="penetration"),
-        vf.Contact(
-            masses[0], gap=0.02, stiffness=30.0, side="below", acts_on="penetration", switch=vf.Resolved(100.0)
-        ),
+        vf.Contact(masses[0], gap=0.02, stiffness=30.0, side="below", acts_on="penetration", switch=vf.Resolved(100.0)),
         vf.Dashpot(masses[0], damping=0.1),
         vf.NonlinearSpring(masses[0], potential=lambda u: u**4, force=lambda u: 4.0 * u**3),
         vf.BilinearSpring(masses[-1], stiffness=3.0, linear_limit=0.02 if yields else 1e6),
