@@ -22,10 +22,9 @@ def beam_on_stop():
     return vf.Scene([beam], [stop, vf.PointLoad(tip, vf.Sine(-0.5, 6.0))]), beam
 
 
-# test_kernel_modes.py compiles the record of points for the other methods.
-@pytest.mark.parametrize(
-    "method", [pytest.param("energy_conserving", marks=pytest.mark.kernels("compiled")), *STEPPING[1:]]
-)
+# No other test compiles the record of points in all methods.
+@pytest.mark.kernels("compiled")
+@pytest.mark.parametrize("method", STEPPING)
 def test_every_step_is_recorded_beside_few_states(method):
     scene, beam = beam_on_stop()
     points = {"tip": beam.at(1.0), "root": beam.at(0.0), "inside": beam.at(0.37)}
