@@ -6,6 +6,7 @@ import ast
 import re
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -66,6 +67,12 @@ RESERVED = {
 }
 
 
+@cache
+def parsed(path):
+    """Return the syntax tree of a file, which is shared by all tests and not to be changed."""
+    return ast.parse(path.read_text())
+
+
 def modules():
     for path in sorted(ROOT.rglob("*.py")):
         parts = path.relative_to(ROOT).with_suffix("").parts
@@ -75,7 +82,7 @@ def modules():
 
 def imported(path):
     """Return the names that a file imports, be it inside functions or for types alone."""
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(parsed(path)):
         if isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
             yield from ([f"vofem.{a.name}" for a in node.names] if node.module == "vofem" else [node.module])
         elif isinstance(node, ast.Import):
@@ -200,7 +207,7 @@ def questions(tree):
 
 
 def asked_for(path):
-    for question in questions(ast.parse(path.read_text())):
+    for question in questions(parsed(path)):
         yield from (n.id if isinstance(n, ast.Name) else n.attr
                     for n in ast.walk(question) if isinstance(n, (ast.Name, ast.Attribute)))  # fmt: skip
 
@@ -223,7 +230,7 @@ def test_no_other_module_knows_the_kinds_of_records():
     for path, layer in modules():
         if layer in ("laws", "effects"):
             continue
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in ast.walk(parsed(path)):
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("vofem.laws"):
                 assert not names & {alias.name for alias in node.names}, path
             elif isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant):
@@ -234,7 +241,7 @@ def test_library_code_neither_prints_nor_exits():
     for path, layer in modules():
         if layer == "cli":
             continue
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in ast.walk(parsed(path)):
             if isinstance(node, ast.Call):
                 called = ast.unparse(node.func)
                 assert called not in ("print", "exit", "quit", "sys.exit", "os._exit"), f"{path}: {called}"

@@ -119,15 +119,15 @@ def test_bistable_spring_conserves_energy():
     stop = vf.Contact(mass, gap=1.2, stiffness=50.0, side="above", acts_on="penetration", name="stop")
     well = vf.NonlinearSpring(mass, **law, name="well")
     balances = []
-    for dt in (2e-3, 1e-3):
+    for dt in (4e-3, 2e-3):
         scene = vf.Scene([mass], [well], {mass: (-1.0, 0.9)})
         result = vf.simulate(scene, 20.0, method="central_difference", dt=dt)
         assert result.displacement(mass).max() > 1.0 > -1.0 > result.displacement(mass).min()
         balances.append(result.energy.balance_error)
         assert result.counters.law_evaluations >= 20.0 / dt
-    assert balances[0] < 1e-5
+    assert balances[0] < 4e-5
     assert 3.5 < balances[0] / balances[1] < 4.5
-    result = vf.simulate(vf.Scene([mass], [well, stop], {mass: (-1.0, 0.9)}), 20.0, dt=1e-3)
+    result = vf.simulate(vf.Scene([mass], [well, stop], {mass: (-1.0, 0.9)}), 20.0, dt=2e-3)
     assert result.contacts["stop"].closings.size >= 2
     assert result.energy.balance_error < 1e-4
 

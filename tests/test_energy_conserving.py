@@ -106,6 +106,7 @@ def test_paper_beam_against_independent_history(law):
     assert result.energy.balance_error < 1e-10
 
 
+@pytest.mark.kernels("plain")
 def test_dampers_take_what_energy_is_missing():
     """Hard case 3: restitution exp(-pi zeta/sqrt(1 - zeta^2)) of a Kelvin-Voigt stop, zeta = 0.1."""
     results = []
@@ -205,11 +206,11 @@ def test_a_law_that_fails_inside_compiled_code_raises_what_it_raised():
 def test_steps_follow_a_tolerance():
     """The error is what was asked for, within a small factor; energy stays; rejected steps leave no trace."""
     first, _, scene = two_masses("c", "penetration")
-    times = np.linspace(0.0, 50.0, 101)
-    exact = vf.simulate(scene, 50.0, times=times).displacement(first)
+    times = np.linspace(0.0, 20.0, 41)
+    exact = vf.simulate(scene, 20.0, times=times).displacement(first)
     steps = []
     for tol in (1e-3, 1e-4, 1e-5):
-        result = vf.simulate(scene, 50.0, tol=tol, times=times, **METHOD)
+        result = vf.simulate(scene, 20.0, tol=tol, times=times, **METHOD)
         error = np.max(np.abs(result.displacement(first) - exact)) / np.max(np.abs(exact))
         assert 0.01 * tol < error < 3.0 * tol
         assert result.counters.rejected > 0

@@ -213,9 +213,9 @@ def test_steps_that_follow_a_tolerance(kind, exact):
     times, motions = exact
     mass, scene = swinging(kind)
     scene = vf.Scene(scene.bodies, scene.effects, {mass: (0.3, 1.0)})
-    result = vf.simulate(scene, 30.0, method="energy_conserving", tol=1e-6, times=times)
+    result = vf.simulate(scene, 30.0, method="energy_conserving", tol=1e-5, times=times)
     assert result.counters.rejected > 0
-    assert np.max(np.abs(result.displacement(mass) - motions[kind])) < 1e-4
+    assert np.max(np.abs(result.displacement(mass) - motions[kind])) < 3e-5 * np.max(np.abs(motions[kind]))
 
 
 def springs_on(points, kinds):
@@ -430,7 +430,7 @@ def test_resumed_runs_are_bitwise_the_same(kind, tmp_path, monkeypatch):
         options = {}
     else:
         mass, scene = swinging("cyclic")
-        options = {"method": "energy_conserving", "tol": 1e-4} if kind == "tolerance" else {"method": kind, "dt": 0.02}
+        options = {"method": "energy_conserving", "tol": 1e-3} if kind == "tolerance" else {"method": kind, "dt": 0.02}
     times, path = np.linspace(0.0, 60.0, 61), tmp_path / "run.checkpoint"
 
     def lose_power(t, t_end):

@@ -12,6 +12,8 @@ from scipy.integrate import quad
 
 import vofem as vf
 
+pytestmark = pytest.mark.kernels("plain")
+
 METHODS = ["energy_conserving", "generalized_alpha", "central_difference"]
 SPIKE = vf.Tabulated([0.0, 5.0123, 5.0128, 5.0133, 10.0], [0.0, 0.0, 1000.0, 0.0, 0.0])
 

@@ -115,15 +115,16 @@ def test_resumed_runs_are_bitwise_the_same(kind, order, tmp_path, monkeypatch):
     options = {"method": "energy_conserving", "tol": 1e-4} if kind == "tolerance" else {"method": kind, "dt": 0.02}
     mass, scene = oscillator(order, STARTS["struck"])
     scene = vf.Scene(scene.bodies, [*scene.effects, vf.PointLoad(mass, vf.Sine(1.0, 1.7))], scene.initial)
-    times, path = np.linspace(0.0, 30.0, 61), tmp_path / "run.checkpoint"
+    t_end = 8.0 if kind == "tolerance" else 30.0
+    times, path = np.linspace(0.0, t_end, 61), tmp_path / "run.checkpoint"
 
     def lose_power(t, t_end):
-        if t > 12.0:
+        if t > 0.4 * t_end:
             raise PowerLossError
 
-    whole = vf.simulate(scene, 30.0, times=times, **options)
+    whole = vf.simulate(scene, t_end, times=times, **options)
     with pytest.raises(PowerLossError):
-        vf.simulate(scene, 30.0, times=times, checkpoint=path, checkpoint_every=0.0, progress=lose_power, **options)
+        vf.simulate(scene, t_end, times=times, checkpoint=path, checkpoint_every=0.0, progress=lose_power, **options)
     resumed = vf.resume(path, scene=scene) if order is swinging else vf.resume(path)
     assert np.array_equal(resumed.displacement(mass), whole.displacement(mass))
     for what in ("force", "stored", "dissipated"):

@@ -137,7 +137,7 @@ def test_every_executor_gives_the_same_bits():
     with LokyExecutor(1, env={"PYTHONPATH": os.pathsep.join([str(TESTS), *sys.path])}) as loky:
         assert same(vf.sweep(functions.amplitude, GRID, executor=loky), expected)
     with (
-        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster,
         Client(cluster) as client,
     ):
         client.run(sys.path.insert, 0, str(TESTS))
