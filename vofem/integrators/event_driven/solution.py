@@ -709,7 +709,8 @@ class EventSolution:
         if gaps.size:
             self.gap_functions(record.segments - 1)
         sample_segments(
-            self.table.arrays, slots, np.array(self.space.contacts), loads, record.buffers, self.t_end, segments,
+            self.table.arrays, slots, lambda status: self.spectrum_of(record.statuses[status]).fading,
+            np.array(self.space.contacts), loads, record.buffers, self.t_end, segments,
             times[order] - record.starts[segments], order, z.T, v.T, gaps.T,
         )  # fmt: skip
         return slots >= 0
