@@ -14,6 +14,7 @@ the roots alone, so that the energy balance is an independent check.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -21,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.integrators.event_driven.energy_by_exponentials import integral, quadrature, ramp_integral
-from vofem.integrators.event_driven.fading import Moving, free_rows
+from vofem.integrators.event_driven.fading import DENSE, Moving, free_rows
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.integrators.event_driven.motion import (
     RESONANT,
@@ -32,6 +33,7 @@ from vofem.integrators.event_driven.motion import (
     start_motion,
 )
 from vofem.integrators.event_driven.spectrum import Spectrum
+from vofem.linalg.oscillators import oscillators
 from vofem.system import CLOSED, ContactLaws
 
 Array = NDArray[np.float64]
@@ -95,7 +97,6 @@ class StatusForms:
         self.sources = np.vstack([vectors, push])
         n = spectrum.p.size
         self.slow = spectrum.p * horizon**2 < 1.0
-        self.fading = spectrum.fading
         # The form of the energy lost over the coordinates of each class.
         self._losses: dict[int, Array] = {}
         local = np.asarray(spectrum.real.down(vectors.T)).T
@@ -195,6 +196,7 @@ class StatusForms:
             if np.any(loads.amplitude[:, i]):
                 wave = np.repeat(source[:, None].astype(complex), waves, axis=1)
                 add(none._replace(omega=loads.omega, harmonic=wave), loads.amplitude[:, i])
+        entries = _together(entries)
         block, at, g1, g2, ramp = (
             (list(part) for part in zip(*entries, strict=True)) if entries else ([] for _ in "12345")
         )
@@ -222,7 +224,6 @@ class StatusForms:
         self, forms: list[_Form], answer: _Answer, start: Array, nu: Array, segment: Integers, tau: Array
     ) -> list[Array]:
         """Return the integrals of the forms from 0 to all tau, each (n_times,)."""
-        n = self.spectrum.p.size
         rows, parts, losses = [], [], []
         for form in forms:
             y = self._row(form.free, nu, answer.apart)
@@ -240,26 +241,54 @@ class StatusForms:
             less = np.einsum("jnk,lnk->jlk", form.own, np.conj(answer.steady))
             rising = None if form.slope is None else np.einsum("nk,lnk->lk", form.slope, answer.steady)
             parts.append(_Steady(begin, added, less, rising))
-        stacked = self.fading.functionals(np.ascontiguousarray(np.transpose(rows, (2, 0, 1))))
-        states, found = self.fading.states(start), np.zeros((len(forms), tau.size))
-        longest = np.zeros(start.shape[1])
-        np.maximum.at(longest, segment, tau)
-        chosen = self.fading.choose(states, segment, tau, longest, np.concatenate([answer.block, n + answer.block]))
-        for number in np.unique(chosen).tolist():
-            free, mine = self._free(number, states, stacked, losses), np.flatnonzero(chosen == number)
+        stacked = np.ascontiguousarray(np.transpose(rows, (2, 0, 1)))
+        found = np.zeros((len(forms), tau.size))
+        for free, mine in self._split(start, stacked, losses, answer.block, segment, tau):
             for first in range(0, mine.size, _TOGETHER):
                 at = mine[first : first + _TOGETHER]
                 found[:, at] = self._values(free, forms, parts, answer, nu, segment[at], tau[at])
         if np.any(answer.apart):
-            for s, mine in _runs(segment):
+            for s, own in _runs(segment):
                 for form, total in zip(forms, found, strict=True):
-                    total[mine] += self._apart(form, answer, start[:, s], nu, s, tau[mine])
+                    total[own] += self._apart(form, answer, start[:, s], nu, s, tau[own])
         return list(found)
+
+    def _split(
+        self, start: Array, stacked: Array, losses: list[int], lasting: Integers, segment: Integers, tau: Array
+    ) -> Iterator[tuple[_Free, Integers]]:
+        """Yield the free motion by the coordinates that still move, each with the places of its times.
+
+        Parameters
+        ----------
+        start : ndarray, shape (2n, k)
+            Free block states at the begins of k segments.
+        stacked : ndarray, shape (k, n_rows, 2n)
+            Rows over the block states.
+        losses : list of int
+            Places of the rows of the energy that is lost.
+        lasting : ndarray of int
+            Blocks that respond to loads from rest.
+        """
+        n, spectrum = self.spectrum.p.size, self.spectrum
+        if tau.size < DENSE:
+            every, none = np.arange(2 * n), np.zeros(0, dtype=np.int64)
+            moving = Moving(every, none, oscillators(spectrum.delta, spectrum.p), np.zeros(0))
+            lost = self.lost if losses else None
+            fixed = np.zeros(stacked.shape[:2])
+            yield _Free(moving, np.ascontiguousarray(start.T), stacked, fixed, lost), np.arange(tau.size)
+            return
+        fading = spectrum.fading
+        states, stacked = fading.states(start), fading.functionals(stacked)
+        longest = np.zeros(start.shape[1])
+        np.maximum.at(longest, segment, tau)
+        chosen = fading.choose(states, segment, tau, longest, np.concatenate([lasting, n + lasting]))
+        for number in np.unique(chosen).tolist():
+            yield self._free(number, states, stacked, losses), np.flatnonzero(chosen == number)
 
     @cached_property
     def _whole_lost(self) -> Array:
         """The form of the energy that is lost over all coordinates."""
-        return self.fading.form(self.lost)
+        return self.spectrum.fading.form(self.lost)
 
     def _free(self, number: int, states: Array, stacked: Array, losses: list[int]) -> _Free:
         """Return the free motion of a class of coordinates, and rows over it, of all segments.
@@ -267,7 +296,7 @@ class StatusForms:
         What the other coordinates contribute is constant, because they have come to rest. Of the energy that is lost,
         the form of the class alone remains, and what was in all coordinates at the start beyond this form.
         """
-        moving = self.fading.moving(number)
+        moving = self.spectrum.fading.moving(number)
         begin, rows = np.ascontiguousarray(states[moving.which].T), stacked[:, :, moving.which]
         fixed, lost = np.zeros(stacked.shape[:2]), None
         if moving.rest.size:
@@ -277,9 +306,10 @@ class StatusForms:
                 whole = self._whole_lost
                 self._losses[number] = whole[moving.which] if whole.ndim == 1 else whole[np.ix_(*2 * (moving.which,))]
             lost = self._losses[number]
-        if losses and moving.rest.size:
-            own, all_at_start = 2.0 * _times(lost, begin.T).T, 0.5 * np.einsum("km,mk->k", stacked[:, losses[0]], states)
-            rows[:, losses[0]], fixed[:, losses[0]] = own, 0.5 * np.einsum("km,km->k", own, begin) - all_at_start
+            if moving.rest.size:
+                own, at = 2.0 * _times(lost, begin.T).T, losses[0]
+                before = 0.5 * np.einsum("km,mk->k", stacked[:, at], states)
+                rows[:, at], fixed[:, at] = own, 0.5 * np.einsum("km,km->k", own, begin) - before
         return _Free(moving, begin, np.ascontiguousarray(rows), fixed, lost)
 
     def _values(
@@ -293,10 +323,9 @@ class StatusForms:
             if answer.block.size:
                 self._add_special(answer.special(s, nu), moving, t[mine], change[mine])
             along[:, mine] = free.rows[s] @ change[mine].T + free.fixed[s][:, None]
-        # Exponents of the steady answers, and of products of two of them.
         turn = np.asarray(1j * nu, dtype=complex)
         wave, at, values = np.expm1(turn[:, None] * t), 0, []
-        plus, minus = (integral(sums.ravel(), t).T for sums in (turn[:, None] + turn, turn[:, None] - turn))
+        plus, minus = _of_products(nu, t)
         for form, (begin, added, less, rising) in zip(forms, parts, strict=True):
             dot = along[at : at + size] + 1j * along[at + size : at + 2 * size]
             at += 2 * size
@@ -468,6 +497,26 @@ def _lost(delta: Array, p: Array, power: Array, faint: NDArray[np.bool_]) -> Arr
     c = (apart * (zz + q * vv) + s * (q * twist + 2.0 * e * zz)) * scale
     b = (-apart * (zz + p * vv) + s * (2.0 * d * zz - p * twist)) * scale
     return np.block([[np.where(known, p * g + 2.0 * e * b - zv, 0.0), b], [c, g]])
+
+
+def _of_products(nu: Array, t: Array) -> tuple[Complex, Complex]:
+    """Return the integrals of ``exp(i (a + b) s)`` and ``exp(i (a - b) s)`` from 0 to t, each (n_h^2, n_times)."""
+    both = np.concatenate([(nu[:, None] + nu).ravel(), (nu[:, None] - nu).ravel()])
+    every, place = np.unique(np.abs(both), return_inverse=True)
+    values = integral(np.asarray(1j * every, dtype=complex), t).T[place.ravel()]
+    values[both < 0.0] = np.conj(values[both < 0.0])
+    return values[: nu.size**2], values[nu.size**2 :]
+
+
+def _together(
+    entries: list[tuple[int, int, Complex, Complex, bool]],
+) -> list[tuple[int, int, Complex, Complex, bool]]:
+    """Return one entry for all inputs of one block, of one frequency and kind."""
+    sums: dict[tuple[int, int, bool], tuple[Complex, Complex]] = {}
+    for block, at, g1, g2, ramp in entries:
+        before = sums.get((block, at, ramp))
+        sums[block, at, ramp] = (g1, g2) if before is None else (before[0] + g1, before[1] + g2)
+    return [(block, at, *both, ramp) for (block, at, ramp), both in sums.items()]
 
 
 def _times(matrix: Array, columns: Any) -> Any:

@@ -5,9 +5,9 @@ by the amplitudes of their exponentials, and all others by their states (z, v), 
 their decay rates. From some time on only the first ones of this order still move. The others have then lost their whole
 initial state, up to a share of the motion that is below rounding.
 
-With ``w^2 = p`` the state ``(w z, v)`` of a free block decays at least as ``exp(-r t)``, where r is the decay rate of its
-slowest root, times a factor that is ``sqrt((1 + d) / |1 - d|)`` for the damping ratio d. The factor ``1 + (delta + w) t``
-bounds it too. It is used close to critical damping, together with half of the decay rate.
+With ``w^2 = p`` the state ``(w z, v)`` of a free block decays at least as ``exp(-r t)``, where r is the decay rate of
+its slowest root, times a factor that is ``sqrt((1 + d) / |1 - d|)`` for the damping ratio d. The factor
+``1 + (delta + w) t`` bounds it too. It is used close to critical damping, together with half of the decay rate.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.kernels.jit import jit
+from vofem.kernels.jit import jit, plain_form
+from vofem.linalg.exponential import oscillator_changes
 from vofem.linalg.oscillators import Oscillators, decays, oscillators, oscillators_at, remainders_at
 
 Array = NDArray[np.float64]
@@ -31,6 +32,9 @@ _CRITICAL = 10.0
 
 #: Ratio of the numbers of coordinates in neighbouring classes, least number of coordinates and of times in a class.
 _RATIO, _FEWEST, _LEAST_TIMES = 0.75, 4, 64
+
+#: Number of times of one status from which on it pays to leave out what has come to rest.
+DENSE = 512
 
 #: Terms of the series of ``exp(-x) - 1 + x`` for x < 0.5.
 _TERMS = 15
@@ -230,6 +234,18 @@ def free_rows(of: Oscillators, rate: Array, starts: Array, segment: Integers, ta
             decays(rate, tau[i], lost, bits, power)
             for k in range(count):
                 row[2 * n + k] = lost[k] * start[2 * n + k]
+
+
+@plain_form(free_rows)
+def _free_rows_at_once(
+    of: Oscillators, rate: Array, starts: Array, segment: Integers, tau: Array, change: Array
+) -> None:
+    n = of.p.size
+    c, s = (part.T for part in oscillator_changes(of.delta, of.p, tau))
+    z0, v0 = starts[segment, :n], starts[segment, n : 2 * n]
+    change[:, :n] = c * z0 + s * (v0 + of.delta * z0)
+    change[:, n : 2 * n] = c * v0 - s * (of.p * z0 + of.delta * v0)
+    change[:, 2 * n :] = np.expm1(-np.outer(tau, rate)) * starts[segment, 2 * n :]
 
 
 @jit

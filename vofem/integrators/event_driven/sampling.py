@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.integrators.event_driven.block_motion import Blocks, begin, work_space
-from vofem.integrators.event_driven.fading import Fading, free_rows, second_order_rows
+from vofem.integrators.event_driven.fading import DENSE, Fading, free_rows, second_order_rows
 from vofem.integrators.event_driven.load_table import LoadTable
 from vofem.integrators.event_driven.motion import LONG, special_response
 from vofem.integrators.event_driven.record import Buffers
@@ -60,20 +60,20 @@ def sample_segments(
         s = int(slots[status[group[0]]])
         if s < 0:
             continue
-        n, of = rows.shape[1], oscillators(table.delta[s], table.p[s])
-        members, local = np.unique(segments[group], return_inverse=True)
-        start, driven = np.empty((members.size, 2 * n)), np.empty((members.size, 1 + 2 * loads.omega.shape[1], 2 * n))
-        plain = begin_segments(table, s, loads, parts, horizon, members, start, driven)
-        fades = fading_of(int(status[group[0]]))
-        out = Outputs(parts, rows, z, v, gaps)
-        # Responses from rest, as at resonance, belong to the whole blocks.
-        alone = ~plain[local] | (not table.mixed[s])
-        if np.any(alone):
-            _sample_blocks(table, s, of, loads, horizon, segments[group[alone]], tau[group[alone]],
-                           columns[group[alone]], out)  # fmt: skip
-        if not np.all(alone):
-            mine = group[~alone]
-            _sample_fading(table, s, fades, loads, start, driven, members, local[~alone], tau[mine], columns[mine], out)
+        of, out = oscillators(table.delta[s], table.p[s]), Outputs(parts, rows, z, v, gaps)
+        if table.mixed[s] and group.size >= DENSE:
+            members, local = np.unique(segments[group], return_inverse=True)
+            start, driven = begin_segments(table, s, loads, parts, horizon, members)
+            # Responses from rest, as at resonance, belong to whole blocks.
+            plain = ~np.isnan(start[local, 0])
+            mine, group = group[plain], group[~plain]
+            fading = fading_of(int(status[mine[0]])) if mine.size else None
+            if fading is not None:
+                _sample_fading(
+                    table, s, fading, loads, start, driven, members, local[plain], tau[mine], columns[mine], out
+                )
+        if group.size:
+            _sample_blocks(table, s, of, loads, horizon, segments[group], tau[group], columns[group], out)
 
 
 class Outputs(NamedTuple):
@@ -159,15 +159,13 @@ def _sample_fading(
             else:
                 free_rows(moving.pairs, moving.rate, begin, own, t, change)
                 values = change @ to_modes
-            add_driven(driven, fixed, loads.omega, loads.counts, interval, own, t, early, values)
-            segment, place = members[own], columns[at]
-            displacement = values[:, :n]
-            if number == 0:
-                displacement += early[:, None] * parts.velocity[segment]
-            out.z[place] = parts.displacement[segment] + displacement
-            out.v[place] = parts.velocity[segment] + values[:, n:]
+            segment = members[own]
+            finish(
+                driven, fixed, loads.omega, loads.counts, interval, own, t, early, parts.displacement, parts.velocity,
+                segment, columns[at], values, out.z, out.v,
+            )  # fmt: skip
             if out.gaps.shape[1]:
-                out.gaps[place] = parts.gaps[segment] + displacement @ out.rows.T
+                out.gaps[columns[at]] = parts.gaps[segment] + values[:, :n] @ out.rows.T
 
 
 def _maps(table: Table, s: int, count: int) -> tuple[Array, Array, Array | None]:
@@ -184,34 +182,33 @@ def _maps(table: Table, s: int, count: int) -> tuple[Array, Array, Array | None]
 
 @jit
 def begin_segments(
-    table: Table, s: int, loads: LoadTable, parts: Buffers, horizon: float, members: Integers, start: Array,
-    driven: Array,
-) -> NDArray[np.bool_]:  # fmt: skip
-    """Fill in the free motion at the begins of segments of one status, and the motion that loads drive.
+    table: Table, s: int, loads: LoadTable, parts: Buffers, horizon: float, members: Integers
+) -> tuple[Array, Array]:
+    """Return the free motion at the begins of segments of one status, and the motion that loads drive.
 
     Parameters
     ----------
     members : ndarray of int, shape (k,)
         Numbers of the segments.
-    start : ndarray, shape (k, 2n)
-        Filled with free block states.
-    driven : ndarray, shape (k, 1 + 2 n_h, 2n)
-        Filled with the rates of ramps, and with real and imaginary parts of each harmonic.
 
     Returns
     -------
-    ndarray of bool, shape (k,)
-        Whether the motion has no other parts.
+    start : ndarray, shape (k, 2n)
+        Free block states; NaN in segments whose motion has other parts too.
+    driven : ndarray, shape (k, 1 + 2 n_h, 2n)
+        Rates of ramps, and real and imaginary parts of each harmonic.
     """
     n, waves = table.p.shape[1], loads.omega.shape[1]
-    blocks, both, plain = work_space(n, waves), np.empty((3, 2 * n)), np.empty(members.size, dtype=np.bool_)
+    start, driven = np.empty((members.size, 2 * n)), np.zeros((members.size, 1 + 2 * waves, 2 * n))
+    blocks, both = work_space(n, waves), np.empty((3, 2 * n))
     for i in range(members.size):
         k = members[i]
         interval = max(np.searchsorted(loads.edges, parts.starts[k], side="right") - 1, 0)
         interval = min(interval, loads.constant.shape[0] - 1)
         to_blocks(table, s, parts.displacement[k], parts.velocity[k], blocks.z_start, blocks.v_start, both)
-        plain[i] = begin(table, s, loads, interval, parts.starts[k], horizon, blocks) == 0
-        driven[i] = 0.0
+        if begin(table, s, loads, interval, parts.starts[k], horizon, blocks) > 0:
+            start[i] = np.nan
+            continue
         for j in range(n):
             start[i, j], start[i, n + j] = blocks.z[j], blocks.v[j]
             driven[i, 0, j], driven[i, 0, n + j] = blocks.rate_z[j], blocks.rate_v[j]
@@ -220,15 +217,18 @@ def begin_segments(
                 driven[i, 2 + 2 * h, j] = blocks.steady_z[j, h].imag
                 driven[i, 1 + 2 * h, n + j] = blocks.steady_v[j, h].real
                 driven[i, 2 + 2 * h, n + j] = blocks.steady_v[j, h].imag
-    return plain
+    return start, driven
 
 
 @jit
-def add_driven(
+def finish(
     driven: Array, fixed: Array, omega: Array, counts: Integers, interval: Integers, own: Integers, tau: Array,
-    early: Array, values: Array,
+    early: Array, displacement: Array, velocity: Array, segment: Integers, columns: Integers, values: Array, z: Array,
+    v: Array,
 ) -> None:  # fmt: skip
-    """Add what loads drive to displacements and velocities, and what coordinates at rest have changed.
+    """Complete changes of displacements and velocities, and write these to rows of `z` and `v`.
+
+    What loads drive and what coordinates at rest have changed is added to the changes.
 
     Parameters
     ----------
@@ -241,8 +241,13 @@ def add_driven(
     own, tau : ndarray, shape (n_times,)
         Number of the segment of each time, and times from the begins of segments, s.
     early : ndarray, shape (n_times,)
-        From displacements what is in proportion to these times is taken off.
+        Times for which the initial velocity gives the part of displacements that is in proportion to time, or 0.
+    displacement, velocity : ndarray, shape (n_segments, n)
+        States at the begins of the segments of the record.
+    segment, columns : ndarray of int, shape (n_times,)
+        Number of the segment in the record, and rows of `z` and `v`.
     values : ndarray, shape (n_times, 2n)
+        Changes of displacements and velocities; completed.
     """
     n = fixed.shape[1] // 2
     for i in range(tau.size):
@@ -257,6 +262,11 @@ def add_driven(
             add(driven[k, 1 + 2 * h], turn, row)
             add(driven[k, 2 + 2 * h, :n], w * early[i] - wave, row[:n])
             add(driven[k, 2 + 2 * h, n:], -wave, row[n:])
+        if early[i] > 0.0:
+            add(velocity[segment[i]], early[i], row[:n])
+        at, before, rate = columns[i], displacement[segment[i]], velocity[segment[i]]
+        for j in range(n):
+            z[at, j], v[at, j] = before[j] + row[j], rate[j] + row[n + j]
 
 
 @jit
