@@ -258,21 +258,30 @@ def second_order_rows(
     """
     n, count = of.p.size, rate.size
     c, s = np.empty((2, n))
+    lost, bits = np.empty(count), np.zeros(count, dtype=np.int64)
+    power = bits.view(np.float64)
     for i in range(tau.size):
-        start, t = starts[segment[i]], tau[i]
-        free_rows(of, rate, starts, segment[i : i + 1], tau[i : i + 1], change[i : i + 1])
+        start, t, row, later = starts[segment[i]], tau[i], change[i], rest[i]
         if n:
             oscillators_at(of, t, c, s)
+        for k in range(n):
+            z0, v0 = start[k], start[n + k]
+            row[k] = c[k] * z0 + s[k] * (v0 + of.delta[k] * z0)
+            row[n + k] = c[k] * v0 - s[k] * (of.p[k] * z0 + of.delta[k] * v0)
+        if n:
             remainders_at(of, t, c, s)
         for k in range(n):
             z0, v0 = start[k], start[n + k]
-            rest[i, k] = c[k] * z0 + s[k] * (v0 + of.delta[k] * z0)
-            rest[i, n + k] = c[k] * v0 - s[k] * (of.p[k] * z0 + of.delta[k] * v0)
+            later[k] = c[k] * z0 + s[k] * (v0 + of.delta[k] * z0)
+            later[n + k] = c[k] * v0 - s[k] * (of.p[k] * z0 + of.delta[k] * v0)
+        if count:
+            decays(rate, t, lost, bits, power)
         for k in range(count):
             x, z0 = rate[k] * t, start[2 * n + k]
-            rest[i, 2 * n + k] = change[i, 2 * n + k] + x * z0
+            row[2 * n + k] = lost[k] * z0
+            later[2 * n + k] = (lost[k] + x) * z0
             if x < 0.5:
                 series = 1.0
                 for j in range(_TERMS, 2, -1):
                     series = 1.0 - series * x / j
-                rest[i, 2 * n + k] = 0.5 * x * x * series * z0
+                later[2 * n + k] = 0.5 * x * x * series * z0

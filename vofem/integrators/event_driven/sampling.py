@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.integrators.event_driven.block_motion import Blocks, begin, work_space
-from vofem.integrators.event_driven.fading import DENSE, Fading, free_rows, second_order_rows
+from vofem.integrators.event_driven.fading import DENSE, Fading, second_order_rows
 from vofem.integrators.event_driven.load_table import LoadTable
 from vofem.integrators.event_driven.motion import LONG, special_response
 from vofem.integrators.event_driven.record import Buffers
@@ -142,23 +142,21 @@ def _sample_fading(
     quickest = max(float(table.frequency[s, n - 1]), float(table.delta[s].max()))
     for number in np.unique(chosen).tolist():
         moving, mine = fading.moving(number), np.flatnonzero(chosen == number)
-        begin, to_modes = np.ascontiguousarray(states[moving.which].T), maps[moving.which]
+        begin = np.ascontiguousarray(states[moving.which].T)
+        to_modes = [np.ascontiguousarray(part) for part in (maps[moving.which, :n], maps[moving.which, n:])]
         fixed = -states[moving.rest].T @ maps[moving.rest]
         for first in range(0, mine.size, _CHUNK):
             at = mine[first : first + _CHUNK]
             own, t, early = local[at], tau[at], np.zeros(at.size)
-            change = np.empty((at.size, moving.which.size))
-            if number == 0:
-                # Small displacements after a short time are sums of large velocities of blocks.
-                rest = np.empty_like(change)
-                second_order_rows(moving.pairs, moving.rate, begin, own, t, change, rest)
-                short = t * quickest < LONG
-                early[short] = t[short]
-                rest[~short] = change[~short]
-                values = np.hstack([rest @ to_modes[:, :n], change @ to_modes[:, n:]])
-            else:
-                free_rows(moving.pairs, moving.rate, begin, own, t, change)
-                values = change @ to_modes
+            change, rest = np.empty((2, at.size, moving.which.size))
+            # Small displacements after a short time are sums of large velocities of blocks.
+            second_order_rows(moving.pairs, moving.rate, begin, own, t, change, rest)
+            short = t * quickest < LONG
+            early[short] = t[short]
+            rest[~short] = change[~short]
+            values = np.empty((at.size, 2 * n))
+            np.matmul(rest, to_modes[0], out=values[:, :n])
+            np.matmul(change, to_modes[1], out=values[:, n:])
             segment = members[own]
             finish(
                 driven, fixed, loads.omega, loads.counts, interval, own, t, early, parts.displacement, parts.velocity,
@@ -262,9 +260,11 @@ def finish(
             add(driven[k, 1 + 2 * h], turn, row)
             add(driven[k, 2 + 2 * h, :n], w * early[i] - wave, row[:n])
             add(driven[k, 2 + 2 * h, n:], -wave, row[n:])
-        if early[i] > 0.0:
-            add(velocity[segment[i]], early[i], row[:n])
         at, before, rate = columns[i], displacement[segment[i]], velocity[segment[i]]
+        if early[i] > 0.0:
+            # The velocity at the start, of what still moves.
+            add(rate, early[i], row[:n])
+            add(fixed[k, n:], early[i], row[:n])
         for j in range(n):
             z[at, j], v[at, j] = before[j] + row[j], rate[j] + row[n + j]
 
