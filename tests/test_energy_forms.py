@@ -159,9 +159,9 @@ def test_a_stored_time_costs_one_evaluation_of_the_blocks(kind, monkeypatch):
     count, evaluated, calls = 5000, [], []
     plain = energy_forms.free_rows
 
-    def counting(of, starts, segment, tau, change):
+    def counting(of, rate, starts, segment, tau, change):
         evaluated.append(tau.size)
-        return plain(of, starts, segment, tau, change)
+        return plain(of, rate, starts, segment, tau, change)
 
     monkeypatch.setattr(energy_forms, "free_rows", counting)
     monkeypatch.setattr(energy_forms, "quadrature", lambda *_: calls.append("quadrature") or np.zeros(1))

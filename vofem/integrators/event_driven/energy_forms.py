@@ -14,12 +14,15 @@ the roots alone, so that the energy balance is an independent check.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.integrators.event_driven.energy_by_exponentials import integral, quadrature, ramp_integral
+from vofem.integrators.event_driven.fading import DENSE, Moving, free_rows
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.integrators.event_driven.motion import (
     RESONANT,
@@ -27,7 +30,6 @@ from vofem.integrators.event_driven.motion import (
     Special,
     add_special,
     free_changes,
-    free_rows,
     start_motion,
 )
 from vofem.integrators.event_driven.spectrum import Spectrum
@@ -95,6 +97,8 @@ class StatusForms:
         self.sources = np.vstack([vectors, push])
         n = spectrum.p.size
         self.slow = spectrum.p * horizon**2 < 1.0
+        # The form of the energy lost over the coordinates of each class.
+        self._losses: dict[int, Array] = {}
         local = np.asarray(spectrum.real.down(vectors.T)).T
         if spectrum.blocks is None:
             self.rows = np.hstack([np.zeros_like(local), local])
@@ -192,6 +196,7 @@ class StatusForms:
             if np.any(loads.amplitude[:, i]):
                 wave = np.repeat(source[:, None].astype(complex), waves, axis=1)
                 add(none._replace(omega=loads.omega, harmonic=wave), loads.amplitude[:, i])
+        entries = _together(entries)
         block, at, g1, g2, ramp = (
             (list(part) for part in zip(*entries, strict=True)) if entries else ([] for _ in "12345")
         )
@@ -219,8 +224,7 @@ class StatusForms:
         self, forms: list[_Form], answer: _Answer, start: Array, nu: Array, segment: Integers, tau: Array
     ) -> list[Array]:
         """Return the integrals of the forms from 0 to all tau, each (n_times,)."""
-        spectrum, n = self.spectrum, self.spectrum.p.size
-        rows, parts = [], []
+        rows, parts, losses = [], [], []
         for form in forms:
             y = self._row(form.free, nu, answer.apart)
             rows += [*y.real, *y.imag]
@@ -230,59 +234,124 @@ class StatusForms:
                 twice = self._row(ramp.astype(complex), nu[:1], answer.apart).real
             rows += [*ramp, *twice]
             if form.lost is not None:
+                losses.append(len(rows))
                 rows.append(2.0 * form.lost)
             begin = np.einsum("jnk,nk->jk", y, start), np.einsum("jnk,nk->jk", ramp, start)
             added = np.einsum("jnk,lnk->jlk", form.own, answer.steady)
             less = np.einsum("jnk,lnk->jlk", form.own, np.conj(answer.steady))
             rising = None if form.slope is None else np.einsum("nk,lnk->lk", form.slope, answer.steady)
-            parts.append((begin, added, less, rising))
+            parts.append(_Steady(begin, added, less, rising))
         stacked = np.ascontiguousarray(np.transpose(rows, (2, 0, 1)))
-        # Exponents of the steady answers, and of products of two of them.
-        turn = np.asarray(1j * nu, dtype=complex)
-        sums = (turn[:, None] + turn).ravel(), (turn[:, None] - turn).ravel()
-        found = [np.zeros(tau.size) for _ in forms]
-        of, starts = oscillators(spectrum.delta, spectrum.p), np.ascontiguousarray(start.T)
-        for first in range(0, tau.size, _TOGETHER):
-            part = slice(first, first + _TOGETHER)
-            t, own = tau[part], segment[part]
-            change, along = np.empty((t.size, 2 * n)), np.empty((stacked.shape[1], t.size))
-            free_rows(of, starts, own, t, change)
-            for s, mine in _runs(own):
-                if answer.block.size:
-                    self._add_special(answer.special(s, nu), t[mine], change[mine])
-                along[:, mine] = stacked[s] @ change[mine].T
-            wave, at = np.expm1(turn[:, None] * t), 0
-            plus, minus = integral(sums[0], t).T, integral(sums[1], t).T
-            for form, total, (begin, added, less, rising) in zip(forms, found, parts, strict=True):
-                size = nu.size
-                dot = along[at : at + size] + 1j * along[at + size : at + 2 * size]
-                at += 2 * size
-                value = np.sum(wave * begin[0][:, own] + (1.0 + wave) * dot, axis=0).real
-                value += 0.5 * np.sum(added.reshape(size**2, -1)[:, own] * plus, axis=0).real
-                value += 0.5 * np.sum(less.reshape(size**2, -1)[:, own] * minus, axis=0).real
-                if rising is not None:
-                    value += t * (begin[1][0, own] + along[at]) - along[at + 1]
-                    value += np.sum(rising[:, own] * ramp_integral(turn, t).T, axis=0).real
-                    at += 2
-                if form.lost is not None:
-                    value -= _squares(self.lost, change) + along[at]
-                    at += 1
-                total[part] = value
+        found = np.zeros((len(forms), tau.size))
+        for free, mine in self._split(start, stacked, losses, answer.block, segment, tau):
+            for first in range(0, mine.size, _TOGETHER):
+                at = mine[first : first + _TOGETHER]
+                found[:, at] = self._values(free, forms, parts, answer, nu, segment[at], tau[at])
         if np.any(answer.apart):
-            for s, mine in _runs(segment):
+            for s, own in _runs(segment):
                 for form, total in zip(forms, found, strict=True):
-                    total[mine] += self._apart(form, answer, start[:, s], nu, s, tau[mine])
-        return found
+                    total[own] += self._apart(form, answer, start[:, s], nu, s, tau[own])
+        return list(found)
 
-    def _add_special(self, special: Special, tau: Array, change: Array) -> None:
-        """Add the responses from rest to changes of the block states, shape (n_times, 2n)."""
-        block, n = special.block, self.spectrum.p.size
+    def _split(
+        self, start: Array, stacked: Array, losses: list[int], lasting: Integers, segment: Integers, tau: Array
+    ) -> Iterator[tuple[_Free, Integers]]:
+        """Yield the free motion by the coordinates that still move, each with the places of its times.
+
+        Parameters
+        ----------
+        start : ndarray, shape (2n, k)
+            Free block states at the begins of k segments.
+        stacked : ndarray, shape (k, n_rows, 2n)
+            Rows over the block states.
+        losses : list of int
+            Places of the rows of the energy that is lost.
+        lasting : ndarray of int
+            Blocks that respond to loads from rest.
+        """
+        n, spectrum = self.spectrum.p.size, self.spectrum
+        if tau.size < DENSE:
+            every, none = np.arange(2 * n), np.zeros(0, dtype=np.int64)
+            moving = Moving(every, none, oscillators(spectrum.delta, spectrum.p), np.zeros(0))
+            lost = self.lost if losses else None
+            fixed = np.zeros(stacked.shape[:2])
+            yield _Free(moving, np.ascontiguousarray(start.T), stacked, fixed, lost), np.arange(tau.size)
+            return
+        fading = spectrum.fading
+        states, stacked = fading.states(start), fading.functionals(stacked)
+        longest = np.zeros(start.shape[1])
+        np.maximum.at(longest, segment, tau)
+        chosen = fading.choose(states, segment, tau, longest, np.concatenate([lasting, n + lasting]))
+        for number in np.unique(chosen).tolist():
+            yield self._free(number, states, stacked, losses), np.flatnonzero(chosen == number)
+
+    @cached_property
+    def _whole_lost(self) -> Array:
+        """The form of the energy that is lost over all coordinates."""
+        return self.spectrum.fading.form(self.lost)
+
+    def _free(self, number: int, states: Array, stacked: Array, losses: list[int]) -> _Free:
+        """Return the free motion of a class of coordinates, and rows over it, of all segments.
+
+        What the other coordinates contribute is constant, because they have come to rest. Of the energy that is lost,
+        the form of the class alone remains, and what was in all coordinates at the start beyond this form.
+        """
+        moving = self.spectrum.fading.moving(number)
+        begin, rows = np.ascontiguousarray(states[moving.which].T), stacked[:, :, moving.which]
+        fixed, lost = np.zeros(stacked.shape[:2]), None
+        if moving.rest.size:
+            fixed = -np.einsum("krm,mk->kr", stacked[:, :, moving.rest], states[moving.rest])
+        if losses:
+            if number not in self._losses:
+                whole = self._whole_lost
+                self._losses[number] = whole[moving.which] if whole.ndim == 1 else whole[np.ix_(*2 * (moving.which,))]
+            lost = self._losses[number]
+            if moving.rest.size:
+                own, at = 2.0 * _times(lost, begin.T).T, losses[0]
+                before = 0.5 * np.einsum("km,mk->k", stacked[:, at], states)
+                rows[:, at], fixed[:, at] = own, 0.5 * np.einsum("km,km->k", own, begin) - before
+        return _Free(moving, begin, np.ascontiguousarray(rows), fixed, lost)
+
+    def _values(
+        self, free: _Free, forms: list[_Form], parts: list[_Steady], answer: _Answer, nu: Array, own: Integers, t: Array
+    ) -> list[Array]:
+        """Return the integrals of the forms from 0 to times with one class of coordinates, each (n_times,)."""
+        moving, size = free.moving, nu.size
+        change, along = np.empty((t.size, moving.which.size)), np.empty((free.rows.shape[1], t.size))
+        free_rows(moving.pairs, moving.rate, free.begin, own, t, change)
+        for s, mine in _runs(own):
+            if answer.block.size:
+                self._add_special(answer.special(s, nu), moving, t[mine], change[mine])
+            along[:, mine] = free.rows[s] @ change[mine].T + free.fixed[s][:, None]
+        turn = np.asarray(1j * nu, dtype=complex)
+        wave, at, values = np.expm1(turn[:, None] * t), 0, []
+        plus, minus = _of_products(nu, t)
+        for form, (begin, added, less, rising) in zip(forms, parts, strict=True):
+            dot = along[at : at + size] + 1j * along[at + size : at + 2 * size]
+            at += 2 * size
+            value = np.sum(wave * begin[0][:, own] + (1.0 + wave) * dot, axis=0).real
+            value += 0.5 * np.sum(added.reshape(size**2, -1)[:, own] * plus, axis=0).real
+            value += 0.5 * np.sum(less.reshape(size**2, -1)[:, own] * minus, axis=0).real
+            if rising is not None:
+                value += t * (begin[1][0, own] + along[at]) - along[at + 1]
+                value += np.sum(rising[:, own] * ramp_integral(turn, t).T, axis=0).real
+                at += 2
+            if free.lost is not None and form.lost is not None:
+                value -= _squares(free.lost, change) + along[at]
+                at += 1
+            values.append(value)
+        return values
+
+    def _add_special(self, special: Special, moving: Moving, tau: Array, change: Array) -> None:
+        """Add the responses from rest to changes of the coordinates, shape (n_times, m)."""
+        block = special.block
         z, v = np.zeros((2, block.size, tau.size))
         alone = special._replace(block=np.arange(block.size))
         add_special(self.spectrum.delta[block], self.spectrum.p[block], *alone, tau, z, v)
-        for k, more_z, more_v in zip(block, z, v, strict=True):
+        place = np.searchsorted(moving.which[: moving.pairs.p.size], block)
+        for k, more_z, more_v in zip(place, z, v, strict=True):
             change[:, k] += more_z
-            change[:, n + k] += more_v
+            change[:, moving.pairs.p.size + k] += more_v
 
     def _row(self, r: Complex, nu: Array, apart: NDArray[np.bool_]) -> Complex:
         """Return y with ``(A' + i nu) y = r`` over the blocks that are not apart, and zero over the others."""
@@ -349,6 +418,47 @@ class _Answer(NamedTuple):
         return Special(self.block, exponent, self.g1[:, s].copy(), self.g2[:, s].copy(), self.ramp)
 
 
+class _Steady(NamedTuple):
+    """What steady answers contribute to a form: rows times the free motion at the start, products of steady answers.
+
+    Attributes
+    ----------
+    begin : (ndarray of complex, shape (1 + n_h, k); ndarray, shape (0 or 1, k))
+        Of constants and frequencies, and of slopes.
+    added, less : ndarray of complex, shape (1 + n_h, 1 + n_h, k)
+        Products with the answers, and with their conjugates.
+    rising : ndarray of complex, shape (1 + n_h, k), optional
+        Products of slopes with the answers.
+    """
+
+    begin: tuple[Complex, Array]
+    added: Complex
+    less: Complex
+    rising: Complex | None
+
+
+class _Free(NamedTuple):
+    """The free motion of k segments in the coordinates that still move.
+
+    Attributes
+    ----------
+    moving : Moving
+    begin : ndarray, shape (k, m)
+        Coordinates at the start.
+    rows : ndarray, shape (k, n_rows, m)
+    fixed : ndarray, shape (k, n_rows)
+        What coordinates that have come to rest contribute to the products with the rows.
+    lost : ndarray, shape (m, m) or (m,), optional
+        The form of the energy that is lost, or its diagonal.
+    """
+
+    moving: Moving
+    begin: Array
+    rows: Array
+    fixed: Array
+    lost: Array | None
+
+
 class _Form(NamedTuple):
     """The integral of ``Re(free exp(i nu t)) h + Re(own exp(i nu t)) s + slope t (h + s)``, and what dampers take.
 
@@ -387,6 +497,26 @@ def _lost(delta: Array, p: Array, power: Array, faint: NDArray[np.bool_]) -> Arr
     c = (apart * (zz + q * vv) + s * (q * twist + 2.0 * e * zz)) * scale
     b = (-apart * (zz + p * vv) + s * (2.0 * d * zz - p * twist)) * scale
     return np.block([[np.where(known, p * g + 2.0 * e * b - zv, 0.0), b], [c, g]])
+
+
+def _of_products(nu: Array, t: Array) -> tuple[Complex, Complex]:
+    """Return the integrals of ``exp(i (a + b) s)`` and ``exp(i (a - b) s)`` from 0 to t, each (n_h^2, n_times)."""
+    both = np.concatenate([(nu[:, None] + nu).ravel(), (nu[:, None] - nu).ravel()])
+    every, place = np.unique(np.abs(both), return_inverse=True)
+    values = integral(np.asarray(1j * every, dtype=complex), t).T[place.ravel()]
+    values[both < 0.0] = np.conj(values[both < 0.0])
+    return values[: nu.size**2], values[nu.size**2 :]
+
+
+def _together(
+    entries: list[tuple[int, int, Complex, Complex, bool]],
+) -> list[tuple[int, int, Complex, Complex, bool]]:
+    """Return one entry for all inputs of one block, of one frequency and kind."""
+    sums: dict[tuple[int, int, bool], tuple[Complex, Complex]] = {}
+    for block, at, g1, g2, ramp in entries:
+        before = sums.get((block, at, ramp))
+        sums[block, at, ramp] = (g1, g2) if before is None else (before[0] + g1, before[1] + g2)
+    return [(block, at, *both, ramp) for (block, at, ramp), both in sums.items()]
 
 
 def _times(matrix: Array, columns: Any) -> Any:

@@ -12,9 +12,15 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+#: Numbers of modal samples above which only what is asked for is computed.
+_MANY = 2_000_000
+
 
 class ModalSamples:
-    """The motion at some times, each kind computed once, as a whole, so that parts of it have the same bits.
+    """The motion at some times, each kind computed when it is first needed.
+
+    Displacements and velocities at few times are computed as a whole, so that parts of them have the same bits. At many
+    times only those of the degrees of freedom that are asked for are computed.
 
     Parameters
     ----------
@@ -67,13 +73,19 @@ class _Some(ModalSamples):
     def __init__(self, whole: ModalSamples, dofs: IntArray) -> None:
         self._whole, self._dofs = whole, dofs
 
+    def _of(self, kind: str, modal: Array) -> Array:
+        whole = self._whole
+        if modal.size <= _MANY or 2 * self._dofs.size > modal.shape[0] or kind in whole.__dict__:
+            return np.asarray(getattr(whole, kind)[self._dofs])
+        return np.asarray(whole._shapes[self._dofs] @ modal)
+
     @cached_property
     def q(self) -> Array:
-        return self._whole.q[self._dofs]
+        return self._of("q", self._whole._z)
 
     @cached_property
     def v(self) -> Array:
-        return self._whole.v[self._dofs]
+        return self._of("v", self._whole._v)
 
     @cached_property
     def a(self) -> Array:

@@ -27,11 +27,9 @@ from vofem.linalg.exponential import (
     oscillator_remainders,
     ramp_response,
 )
-from vofem.linalg.oscillators import Oscillators, oscillators_at
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-Integers = NDArray[np.int64]
 
 #: A harmonic counts as resonant where the steady answer would exceed ten times the static one.
 RESONANT = 0.1
@@ -398,35 +396,3 @@ def _free_changes_of_all(delta: Array, p: Array, z0: Array, v0: Array, tau: Arra
     push, pull = p * z0 + delta * v0, v0 + delta * z0
     c, s = oscillator_remainders(delta, p, tau) if order else oscillator_changes(delta, p, tau)
     return c * z0[:, None] + s * pull[:, None], c * v0[:, None] - s * push[:, None]
-
-
-@jit
-def free_rows(of: Oscillators, starts: Array, segment: Integers, tau: Array, change: Array) -> None:
-    """Fill in by how much free blocks have changed, a row each time.
-
-    Parameters
-    ----------
-    starts : ndarray, shape (k, 2n)
-        Displacements and velocities of the blocks at the begins of segments.
-    segment, tau : ndarray, shape (n_times,)
-        Row of `starts` for each time, and times from the begins, s.
-    change : ndarray, shape (n_times, 2n)
-    """
-    n = of.p.size
-    c, s = np.empty((2, n))
-    for i in range(tau.size):
-        oscillators_at(of, tau[i], c, s)
-        start, row = starts[segment[i]], change[i]
-        for k in range(n):
-            z0, v0 = start[k], start[n + k]
-            row[k] = c[k] * z0 + s[k] * (v0 + of.delta[k] * z0)
-            row[n + k] = c[k] * v0 - s[k] * (of.p[k] * z0 + of.delta[k] * v0)
-
-
-@plain_form(free_rows)
-def _free_rows_at_once(of: Oscillators, starts: Array, segment: Integers, tau: Array, change: Array) -> None:
-    n = of.p.size
-    c, s = (part.T for part in oscillator_changes(of.delta, of.p, tau))
-    z0, v0 = starts[segment, :n], starts[segment, n:]
-    change[:, :n] = c * z0 + s * (v0 + of.delta * z0)
-    change[:, n:] = c * v0 - s * (of.p * z0 + of.delta * v0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable
 from functools import cached_property, wraps
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -133,7 +134,9 @@ class EventSolution:
         self.system = system
         self.space = space
         self.was_cut = False
-        self._sampled: tuple[Any, tuple[Array, Array, Array]] | None = None
+        # The samples that were computed last, and whether they are kept here too.
+        self._sampled: tuple[Any, list[weakref.ref[Array]]] | None = None
+        self._kept: tuple[Array, Array, Array] | None = None
         #: How the run was computed, and so how it is sampled.
         self.compiled = compiled()
         self._spectra = Spectra(space, system.contacts, counters, system.cache)
@@ -148,6 +151,10 @@ class EventSolution:
         self.load_functions, self.load_vectors = _gathered(system, space)
         # Statuses in the order of the run, each with its first segment, whose eigensystems are still to be computed.
         self._awaited: list[tuple[int, Status]] = []
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the solution without its last samples, which can be computed again."""
+        return {**self.__dict__, "_sampled": None, "_kept": None}
 
     @classmethod
     def restored(
@@ -670,15 +677,19 @@ class EventSolution:
     def _trajectory(self, times: Array, *, gaps: bool = True) -> tuple[Array, Array, Array]:
         """Return `modal`, and the gap functions of the contacts, shape (n_contacts, n_times), where wanted.
 
-        The last samples are kept, because motion, contacts and energies are usually computed at the same times.
+        The last samples are kept, because motion, contacts and energies are usually computed at the same times. If they
+        take much memory, they are used again only as long as a result holds them.
         """
         asked = times.tobytes(), gaps
         if self._sampled is not None and self._sampled[0] == asked:
-            return self._sampled[1]
+            z, v, s = (part() for part in self._sampled[1])
+            if z is not None and v is not None and s is not None:
+                return z, v, s
         found = self._sampled_at(times, gaps)
         # A few times, as those of an energy at the start, do not take the place of many.
         if times.size > 1 or self._sampled is None:
-            self._sampled = (asked, found) if 2 * self.space.size * times.size <= _MOST_KEPT else None
+            self._sampled = asked, [weakref.ref(part) for part in found]
+            self._kept = found if 2 * self.space.size * times.size <= _MOST_KEPT else None
         return found
 
     def _sampled_at(self, times: Array, gaps: bool) -> tuple[Array, Array, Array]:
@@ -709,7 +720,8 @@ class EventSolution:
         if gaps.size:
             self.gap_functions(record.segments - 1)
         sample_segments(
-            self.table.arrays, slots, np.array(self.space.contacts), loads, record.buffers, self.t_end, segments,
+            self.table.arrays, slots, lambda status: self.spectrum_of(record.statuses[status]).fading,
+            np.array(self.space.contacts), loads, record.buffers, self.t_end, segments,
             times[order] - record.starts[segments], order, z.T, v.T, gaps.T,
         )  # fmt: skip
         return slots >= 0
