@@ -693,6 +693,8 @@ class EventSolution:
         gaps = gaps and self.system.contacts is not None
         s = np.empty((times.size, len(self.space.contacts) if gaps else 0)).T
         sampled = self._sample_compiled(times, z, v, s)
+        if np.all(sampled):
+            return z, v, s
         for index, mine, tau in self.visit(times):
             if sampled[self.record.status_numbers[index]]:
                 continue
@@ -762,6 +764,8 @@ class EventSolution:
         laws = self.system.contacts
         assert laws is not None
         force = laws.force(s, self.space.contacts @ v, status_at(self.events, times))
+        if not any(np.any(status == PINNED) for status in self.record.statuses):
+            return force
         for index, mine, tau in self.visit(times):
             held = np.flatnonzero(self.record.status(index) == PINNED)
             if held.size:
