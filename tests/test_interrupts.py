@@ -20,6 +20,7 @@ from vofem.integrators.event_driven import spectrum
 from vofem.integrators.event_driven.run import run
 from vofem.integrators.event_driven.solution import EventSolution
 from vofem.integrators.observer import deferred_interrupts
+from vofem.io import csv_file
 from vofem.kernels import jit
 from vofem.kernels.mode import decided, kernels
 from vofem.linalg import aside
@@ -232,6 +233,33 @@ def test_the_command_does_not_wait_for_what_ctrl_c_has_left_behind():
     _, said = process.communicate(timeout=30.0)
     assert process.returncode == 130
     assert said == "vofem: interrupted\n"
+
+
+@pytest.mark.parametrize(("method", "step"), [("event_driven", {}), ("energy_conserving", {"dt": 2.5e-3})])
+@pytest.mark.parametrize(("seconds", "expected"), [(100.0, 1), (1.0, 8), (0.1, 64)])
+def test_histories_of_an_interrupted_run_take_no_longer_than_they_may(
+    monkeypatch, tmp_path, method, step, seconds, expected
+):
+    scene = struck()
+    result = vf.simulate(scene, 10.0, times=np.linspace(0.0, 10.0, 4001), method=method, **step)
+    clock, write = [0.0], csv_file.write_columns
+
+    def slow(columns, goal):
+        # A millisecond for each row.
+        clock[0] += 1e-3 * len(columns["t [s]"])
+        return write(columns, goal)
+
+    monkeypatch.setattr(csv_file, "write_columns", slow)
+    monkeypatch.setattr(csv_file, "time", types.SimpleNamespace(monotonic=lambda: clock[0]))
+    path = tmp_path / "histories.csv"
+    assert csv_file.write_csv_within(seconds, result, scene.bodies, path) == expected
+    assert clock[0] <= seconds
+    found = np.loadtxt(path, delimiter=",", skiprows=1)
+    csv_file.write_csv(result, scene.bodies, path)
+    every = np.loadtxt(path, delimiter=",", skiprows=1)
+    np.testing.assert_allclose(found, every[::expected], rtol=0.0, atol=1e-14)
+    if expected == 1:
+        np.testing.assert_array_equal(found, every)
 
 
 def test_a_line_says_what_still_runs(monkeypatch):
