@@ -262,6 +262,19 @@ def test_histories_of_an_interrupted_run_take_no_longer_than_they_may(
         np.testing.assert_array_equal(found, every)
 
 
+def test_an_interrupted_branch_is_written_without_pictures(monkeypatch, tmp_path, capsys):
+    def pressed(*arguments, progress, **options):
+        return continuation(*arguments, progress=lambda *_: press(), **options)
+
+    continuation = vf.continuation
+    monkeypatch.setattr("vofem.studies.steady.continuation", pressed)
+    scene = str(ROOT / "examples" / "two_masses_response.toml")
+    arguments = ["--from", "0.5", "--to", "2.0", "--method", "harmonic_balance", "--output", str(tmp_path)]
+    assert cli.main(["respond", scene, *arguments]) == 130
+    assert {path.name for path in tmp_path.iterdir()} == {"branch.h5", "branch.csv"}
+    assert "interrupted: pictures are left out" in capsys.readouterr().out
+
+
 def test_a_line_says_what_still_runs(monkeypatch):
     class Terminal(io.StringIO):
         def isatty(self):
