@@ -5,18 +5,25 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 import types
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import vofem as vf
 from vofem import cli
 from vofem.cli import working
+from vofem.integrators.event_driven import spectrum
+from vofem.integrators.event_driven.run import run
+from vofem.integrators.event_driven.solution import EventSolution
 from vofem.integrators.observer import deferred_interrupts
+from vofem.io import csv_file
 from vofem.kernels import jit
-from vofem.kernels.mode import kernels
+from vofem.kernels.mode import decided, kernels
+from vofem.linalg import aside
 
 ROOT = Path(__file__).parent.parent
 
@@ -101,13 +108,171 @@ def test_work_that_does_not_come_back_ends_with_the_process(begin, where):
 
 
 @pytest.mark.parametrize("first", [True, False])
-def test_kernels_for_evaluations_are_not_compiled_after_ctrl_c(first):
+def test_kernels_for_histories_are_compiled_before_there_are_results(monkeypatch, first):
+    early, modal = [], EventSolution.modal
+
+    def noted(solution, times):
+        early.append(not jit.runs_with_results)
+        return modal(solution, times)
+
+    monkeypatch.setattr(EventSolution, "modal", noted)
+    scene = struck()
+    with kernels(compiled=False, first=first):
+        run(scene.model.system, scene.initial_state(), 2.0, np.linspace(0.0, 2.0, 5))
+    assert early == [True] * first
+
+
+def struck():
+    """Return a scene of a mass that hits a stop with a damper, so that the closed status needs an eigenproblem."""
     mass = vf.Mass(1.0, stiffness=1.0)
-    result = vf.simulate(vf.Scene([mass], initial={mass: (1.0, 0.0)}), 2.0, method="event_driven", compiled=False)
-    result.solution.compiled = True
-    with kernels(compiled=True, first=first):
-        result.solution.cut(1.0)
-    assert result.solution.compiled is not first
+    stop = vf.Contact(mass, gap=0.5, stiffness=9.0, damping=0.1, side="above", acts_on="penetration", name="stop")
+    return vf.Scene([mass], [stop], initial={mass: (0.0, 1.0)})
+
+
+def test_work_aside_returns_raises_and_sees_what_it_would_in_its_place():
+    here = threading.get_ident()
+    with kernels(compiled=False):
+        assert aside.aside(lambda: (decided(), threading.get_ident() == here), aside.LARGE) == (False, False)
+        assert aside.aside(threading.get_ident, aside.LARGE - 1) == here
+    with pytest.raises(ZeroDivisionError):
+        aside.aside(lambda: 1 // 0, aside.LARGE)
+    assert not aside.waiting()
+    assert not aside.left_behind()
+
+
+def test_modes_have_the_same_bits_beside_the_main_thread(monkeypatch):
+    beam = vf.Beam(1.0, 1.0, 1.0, 8, {"left": "clamped"})
+    before = vf.modes(vf.Scene([beam])).shape(3, [0.3, 1.0])
+    monkeypatch.setattr(aside, "LARGE", 0)
+    monkeypatch.setattr(threading.Thread, "start", counted := Counted(threading.Thread.start))
+    np.testing.assert_array_equal(vf.modes(vf.Scene([beam])).shape(3, [0.3, 1.0]), before)
+    assert counted.calls > 0
+
+
+class Counted:
+    """A method that counts its calls."""
+
+    def __init__(self, method):
+        self.method, self.calls = method, 0
+
+    def __get__(self, owner, kind):
+        self.calls += 1
+        return self.method.__get__(owner, kind)
+
+
+@pytest.mark.parametrize("keeps", [True, False])
+def test_a_large_eigenproblem_is_given_up_where_nothing_is_lost(keeps):
+    released = threading.Event()
+
+    def work():
+        press()
+        return released.wait(0.5)
+
+    try:
+        # Before there are results.
+        with pytest.raises(KeyboardInterrupt), deferred_interrupts():
+            aside.aside(lambda: press() or released.wait(30.0), aside.LARGE)
+        assert aside.left_behind()
+        with deferred_interrupts(keeps) as pressed:
+            assert not pressed()
+            if keeps:
+                with pytest.raises(KeyboardInterrupt):
+                    aside.aside(work, aside.LARGE)
+                # The next one is not even begun.
+                with pytest.raises(KeyboardInterrupt):
+                    aside.aside(lambda: pytest.fail("begun"), aside.LARGE)
+            else:
+                assert aside.aside(work, aside.LARGE) is False
+            assert pressed()
+    finally:
+        released.set()
+    while aside.left_behind():
+        time.sleep(0.001)
+    assert aside.giving_up == []
+
+
+def test_a_run_keeps_what_it_has_when_a_new_eigenproblem_is_given_up(monkeypatch):
+    whole = vf.simulate(struck(), 2.0, times=np.linspace(0.0, 2.0, 41), method="event_driven")
+    hit = whole.contacts["stop"].closings[0]
+    released, blocks = threading.Event(), spectrum.damped_blocks
+
+    def endless(*arguments):
+        press()
+        released.wait(30.0)
+        return blocks(*arguments)
+
+    monkeypatch.setattr(aside, "LARGE", 0)
+    monkeypatch.setattr(spectrum, "damped_blocks", endless)
+    try:
+        part = vf.simulate(struck(), 2.0, times=np.linspace(0.0, 2.0, 41), method="event_driven")
+    finally:
+        released.set()
+    assert part.interrupted
+    assert part.solution.t_end == hit
+    kept = part.times.size
+    assert part.times[-1] <= hit < whole.times[kept]
+    np.testing.assert_array_equal(part.samples.q, whole.samples.q[:, :kept])
+    assert part.counters.eigensolves == whole.counters.eigensolves - 1
+
+
+def test_the_command_does_not_wait_for_what_ctrl_c_has_left_behind():
+    program = (
+        "import hashlib, signal, sys, types\nfrom vofem import cli\nfrom vofem.linalg.aside import aside\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "def main(argv):\n    print('at work', flush=True)\n"
+        "    aside(lambda: hashlib.pbkdf2_hmac('sha256', b'', b'', 10**9), 10**4)\n"
+        "sys.modules['vofem.cli.program'] = cli.program = types.SimpleNamespace(main=main)\n"
+        "sys.exit(cli.main([]))"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", program], cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    assert process.stdout.readline() == "at work\n"
+    time.sleep(0.2)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=30.0)
+    assert process.returncode == 130
+    assert said == "vofem: interrupted\n"
+
+
+@pytest.mark.parametrize(("method", "step"), [("event_driven", {}), ("energy_conserving", {"dt": 2.5e-3})])
+@pytest.mark.parametrize(("seconds", "expected"), [(100.0, 1), (1.0, 8), (0.1, 64)])
+def test_histories_of_an_interrupted_run_take_no_longer_than_they_may(
+    monkeypatch, tmp_path, method, step, seconds, expected
+):
+    scene = struck()
+    result = vf.simulate(scene, 10.0, times=np.linspace(0.0, 10.0, 4001), method=method, **step)
+    clock, write = [0.0], csv_file.write_columns
+
+    def slow(columns, goal):
+        # A millisecond for each row.
+        clock[0] += 1e-3 * len(columns["t [s]"])
+        return write(columns, goal)
+
+    monkeypatch.setattr(csv_file, "write_columns", slow)
+    monkeypatch.setattr(csv_file, "time", types.SimpleNamespace(monotonic=lambda: clock[0]))
+    path = tmp_path / "histories.csv"
+    assert csv_file.write_csv_within(seconds, result, scene.bodies, path) == expected
+    assert clock[0] <= seconds
+    found = np.loadtxt(path, delimiter=",", skiprows=1)
+    csv_file.write_csv(result, scene.bodies, path)
+    every = np.loadtxt(path, delimiter=",", skiprows=1)
+    np.testing.assert_allclose(found, every[::expected], rtol=0.0, atol=1e-14)
+    if expected == 1:
+        np.testing.assert_array_equal(found, every)
+
+
+def test_an_interrupted_branch_is_written_without_pictures(monkeypatch, tmp_path, capsys):
+    def pressed(*arguments, progress, **options):
+        return continuation(*arguments, progress=lambda *_: press(), **options)
+
+    continuation = vf.continuation
+    monkeypatch.setattr("vofem.studies.steady.continuation", pressed)
+    scene = str(ROOT / "examples" / "two_masses_response.toml")
+    arguments = ["--from", "0.5", "--to", "2.0", "--method", "harmonic_balance", "--output", str(tmp_path)]
+    assert cli.main(["respond", scene, *arguments]) == 130
+    assert {path.name for path in tmp_path.iterdir()} == {"branch.h5", "branch.csv"}
+    assert "interrupted: pictures are left out" in capsys.readouterr().out
 
 
 def test_a_line_says_what_still_runs(monkeypatch):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 
@@ -13,6 +14,17 @@ __all__ = ["FAULT", "FINE", "INTERRUPTED", "main"]
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code."""
+    code = _code(argv)
+    if "vofem.linalg.aside" in sys.modules and sys.modules["vofem.linalg.aside"].left_behind():
+        # The interpreter would wait for an eigenproblem that Ctrl-C has left behind.
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+    return code
+
+
+def _code(argv: Sequence[str] | None) -> int:
+    """Run a command and return its exit code, that of Ctrl-C included."""
     try:
         # Imported here: Ctrl-C while a command is imported ends it as later.
         from vofem.cli import program

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vofem.cli.common import FINE, Commands
+from vofem.cli.common import FINE, INTERRUPTED, Commands
 from vofem.cli.output import made
 from vofem.errors import ArgumentError
 
@@ -54,12 +54,15 @@ def _respond(arguments: argparse.Namespace) -> int:
     for note in branch.notes:
         print(f"note: {note}")
     written = [branch.save(saved, overwrite=True), write_branch(branch, point, folder / "branch.csv", name)]
-    if not arguments.no_pictures:
+    interrupted = any(note.startswith("interrupted at ") for note in branch.notes)
+    if interrupted:
+        print("interrupted: pictures are left out")
+    elif not arguments.no_pictures:
         written.append(response_curve(branch, point, folder / "response.png", parameter=name))
         if all(orbit.multipliers is not None for orbit in branch.orbits):
             written.append(multipliers(branch, folder / "multipliers.png"))
     print("\nwrote " + "\n      ".join(str(path) for path in written))
-    return FINE
+    return INTERRUPTED if interrupted else FINE
 
 
 def _options(arguments: argparse.Namespace, file: SceneFile) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vofem.cli.common import FINE, INTERRUPTED, Commands, limits, print_method
-from vofem.cli.output import made, write
+from vofem.cli.output import made, write, write_soon
 from vofem.cli.working import working
 from vofem.integrators.registry import method_names
 
@@ -83,17 +83,23 @@ def _simulated(arguments: argparse.Namespace, file: SceneFile, folder: Path, stu
         # The run is complete, so its histories are written.
         interrupted = True
         print("interrupted: what is not printed yet and pictures are left out", flush=True)
-    if interrupted:
-        studio = None
     for note in result.notes:
         print(f"note: {note}")
+    saved: list[Path] = []
     with (
         working("interrupted; writing what was computed (Ctrl-C ends at once)")
         if interrupted
         else contextlib.nullcontext()
     ):
-        saved = [] if arguments.save is None else [result.save(arguments.save, overwrite=arguments.overwrite)]
-        written = saved + write(result, file.output, folder, studio)
+        if arguments.save is not None:
+            saved.append(result.save(arguments.save, overwrite=arguments.overwrite))
+        if interrupted:
+            written, said = write_soon(result, file.output, folder)
+        else:
+            written, said = write(result, file.output, folder, studio), []
+    for sentence in said:
+        print(sentence)
+    written = saved + written
     print("\nwrote " + "\n      ".join(str(path) for path in written))
     return INTERRUPTED if interrupted else FINE
 

@@ -35,11 +35,11 @@ class Tabulated(Run, Protocol):
     def energy(self) -> Energy:
         """Energies at the run's times."""
 
-    def displacement(self, point: Any) -> Array:
-        """Return the displacement of a point in m, shape (n_times,)."""
+    def displacement(self, point: Any, t: Any = None) -> Array:
+        """Return the displacement of a point in m, shape (n_times,) or (len(t),)."""
 
-    def velocity(self, point: Any) -> Array:
-        """Return the velocity of a point in m/s, shape (n_times,)."""
+    def velocity(self, point: Any, t: Any = None) -> Array:
+        """Return the velocity of a point in m/s, shape (n_times,) or (len(t),)."""
 
 
 #: Points that are chosen where none are named.
@@ -77,16 +77,19 @@ def named_points(what: str, scene: Scene, points: Mapping[str, Any] | Iterable[A
     return {found.name: found for found in (as_point(f"{what}: a point", point) for point in listed)}
 
 
-def history_columns(run: Tabulated, points: dict[str, Any]) -> dict[str, tuple[NDArray, str]]:
-    """Return values and units at the run's times: motion of points, force and K_eq of contacts."""
+def history_columns(run: Tabulated, points: dict[str, Any], t: NDArray | None = None) -> dict[str, tuple[NDArray, str]]:
+    """Return values and units at times in s, or at those of the run: motion of points, force and K_eq of contacts."""
     columns: dict[str, tuple[NDArray, str]] = {}
     for name, point in points.items():
-        columns[f"{name} displacement"] = run.displacement(point), "m"
-        columns[f"{name} velocity"] = run.velocity(point), "m/s"
-    for name, history in run.contacts.items():
+        columns[f"{name} displacement"] = run.displacement(point, t), "m"
+        columns[f"{name} velocity"] = run.velocity(point, t), "m/s"
+    if not run.contacts:
+        return columns
+    samples = run.contact_samples if t is None else run.solution.contacts(t)
+    for name, force, stiffness in zip(run.contacts, samples.force, samples.stiffness, strict=True):
         units = units_of(run.scene.effects, name)
-        columns[f"{name} force"] = history.force, units.force
-        columns[f"{name} stiffness"] = history.stiffness, units.stiffness
+        columns[f"{name} force"] = force, units.force
+        columns[f"{name} stiffness"] = stiffness, units.stiffness
     return columns
 
 

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, Protocol
 
 from vofem.kernels.jit import compiling, runs_with_results, waiting_interrupts
+from vofem.linalg.aside import giving_up, waiting
 
 #: Plain data from which a run goes on as if it had never stopped.
 Snapshot = dict[str, Any]
@@ -30,41 +31,69 @@ class Observer(Protocol):
         """
 
 
+class Interrupts:
+    """Whether Ctrl-C was pressed in a run.
+
+    Attributes
+    ----------
+    presses : int
+        How often Ctrl-C was pressed.
+    """
+
+    def __init__(self) -> None:
+        self.presses = 0
+
+    def __call__(self) -> bool:
+        """Return whether Ctrl-C was pressed. A run makes the first call when it has results."""
+        if self not in runs_with_results:
+            runs_with_results.append(self)
+        return self.presses > 0
+
+    def pressed(self) -> bool:
+        """Return whether Ctrl-C was pressed, without saying that there are results."""
+        return self.presses > 0
+
+
 @contextlib.contextmanager
-def deferred_interrupts() -> Iterator[Callable[[], bool]]:
+def deferred_interrupts(keeps: bool = False) -> Iterator[Interrupts]:
     """Let Ctrl-C wait for the end of a step. The context is a function that returns whether it was pressed.
 
     A second Ctrl-C interrupts at once. So does the first one while kernels are compiled, or where they would be next,
-    as long as the function has not been called: until then a run has computed nothing that could be lost. Outside the
-    main thread nothing is deferred.
+    and during a large eigenproblem, as long as the function has not been called: until then a run has computed nothing
+    that could be lost. Outside the main thread nothing is deferred.
+
+    Parameters
+    ----------
+    keeps : bool
+        Whether the run itself keeps its results after a `KeyboardInterrupt` with `presses` of 1. Then a large
+        eigenproblem is given up also where there are results.
     """
-    pressed, run = threading.Event(), object()
+    run = Interrupts()
     if threading.current_thread() is not threading.main_thread():
-        yield pressed.is_set
+        yield run
         return
-
-    def asked() -> bool:
-        if run not in runs_with_results:
-            runs_with_results.append(run)
-        return pressed.is_set()
-
     before = signal.getsignal(signal.SIGINT)
 
+    def gives_up() -> bool:
+        return run.pressed() and (keeps or not runs_with_results)
+
     def handle(number: int, frame: Any) -> None:
-        if pressed.is_set() or compiling():
+        run.presses += 1
+        if run.presses > 1 or (waiting() and gives_up()) or compiling():
             raise KeyboardInterrupt
-        pressed.set()
 
     try:
         signal.signal(signal.SIGINT, handle)
     except ValueError:  # an interpreter within another program
-        yield pressed.is_set
+        yield run
         return
-    waiting_interrupts.append(pressed.is_set)
+    waiting_interrupts.append(run.pressed)
+    giving_up.append(gives_up)
     try:
-        yield asked
+        yield run
     finally:
-        waiting_interrupts.remove(pressed.is_set)
+        waiting_interrupts.remove(run.pressed)
+        giving_up.remove(gives_up)
         if run in runs_with_results:
             runs_with_results.remove(run)
         signal.signal(signal.SIGINT, before if before is not None else signal.SIG_DFL)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import SingularSystemError
+from vofem.linalg.aside import aside
 
 Array = NDArray[np.float64]
 
@@ -71,9 +73,8 @@ def modal_basis(mass: Any, stiffness: Any, scale: Array, rigid: Array, strain: A
             window = np.ix_(part, part)
             dense_m = mass[part][:, part].toarray() if count > 1 else mass.toarray()
             dense_k = stiffness[part][:, part].toarray() if count > 1 else stiffness.toarray()
-            values[part], shapes[window] = _coupled(
-                dense_m, dense_k, scale[part], rigid[part], largest, strain is not None
-            )
+            solve = partial(_coupled, dense_m, dense_k, scale[part], rigid[part], largest, strain is not None)
+            values[part], shapes[window] = aside(solve, part.size)
     if strain is not None:
         energy = np.sum((strain @ shapes) ** 2, axis=0)
         values = np.where(values > 0.0, energy / np.sum(shapes * (mass @ shapes), axis=0), 0.0)

@@ -100,10 +100,7 @@ def run_plan(
         except Outgrown:
             choice = choice.instead()
             continue
-        if result.interrupted and choice.first:
-            # A user who has pressed Ctrl-C does not wait until the kernels for evaluations are compiled.
-            result.compiled = False
-        else:
+        if not (result.interrupted and choice.first):
             choice.done(time.thread_time() - begun)
         return result
 

@@ -29,6 +29,7 @@ from vofem.integrators.observer import Observer, Snapshot, deferred_interrupts
 from vofem.integrators.registry import advice
 from vofem.integrators.rounding import graded
 from vofem.integrators.sampled_loads import loads_by_values
+from vofem.kernels.mode import first_time
 from vofem.system import Counters, State, System
 
 Array = NDArray[np.float64]
@@ -178,9 +179,20 @@ def _follow(
     def snapshot() -> Snapshot:
         return solution.snapshot(follower.time, follower.status, follower.displacement, follower.velocity)
 
-    with deferred_interrupts() as interrupted:
+    compiled = not first_time()
+    with deferred_interrupts(keeps=True) as interrupted:
         while follower.time < t_end:
-            follower.advance()
+            counted = vars(counters).copy()
+            try:
+                follower.advance()
+            except KeyboardInterrupt:
+                # The eigenproblem of a new status was given up. Nothing but counters has changed since the last event.
+                if interrupted.presses != 1 or not solution.record.segments:
+                    raise
+                vars(counters).update(counted)
+            if not compiled:
+                solution.compile_ahead()
+                compiled = True
             if solution.counters.events > max_events:
                 raise EventStormError(_storm(system, solution, follower.time, max_events))
             cut = interrupted() and follower.time < t_end

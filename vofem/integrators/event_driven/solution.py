@@ -32,8 +32,9 @@ from vofem.integrators.event_driven.spectrum import Spectra, Spectrum
 from vofem.integrators.event_driven.status_table import MOST_MODES, StatusTable
 from vofem.integrators.registry import advice
 from vofem.integrators.unclosed import never_closed, open_throughout
-from vofem.kernels.mode import as_it_ran, compiled, first_time, kernels
+from vofem.kernels.mode import as_it_ran, compiled, kernels
 from vofem.laws import initial_status
+from vofem.linalg.secular import rank_one
 from vofem.system import CLOSED, OPEN, PINNED, Counters, Events, State, System
 from vofem.time_functions import Piece, TimeFunction
 
@@ -240,9 +241,12 @@ class EventSolution:
         self.t_end = t
         self.times = self.times[self.times <= t]
         self.was_cut = True
-        if first_time():
-            # The kernels that evaluate results are not compiled yet, which takes seconds.
-            self.compiled = False
+
+    def compile_ahead(self) -> None:
+        """Compile the kernels that the rest of a run and its histories need, because none is compiled after Ctrl-C."""
+        self.modal(self.segment_starts[:1])
+        if self.system.contacts is not None:
+            rank_one(np.ones(1), np.ones(1), 1.0)
 
     # -- recording --------------------------------------------------------------------------------
 
@@ -278,6 +282,8 @@ class EventSolution:
         The displacement is corrected so that contacts that have just switched are exactly at their gaps. Otherwise a
         stiff contact would turn the rounding of the displacement into energy.
         """
+        # Ctrl-C may interrupt this, so it comes before the record changes.
+        self.spectrum_of(status)
         record = self.record
         if record.segments:
             switched = np.flatnonzero((status != record.status(record.segments - 1)) & (status != PINNED))
@@ -698,6 +704,8 @@ class EventSolution:
         gaps = gaps and self.system.contacts is not None
         s = np.empty((times.size, len(self.space.contacts) if gaps else 0)).T
         sampled = self._sample_compiled(times, z, v, s)
+        if np.all(sampled):
+            return z, v, s
         for index, mine, tau in self.visit(times):
             if sampled[self.record.status_numbers[index]]:
                 continue
@@ -768,6 +776,8 @@ class EventSolution:
         laws = self.system.contacts
         assert laws is not None
         force = laws.force(s, self.space.contacts @ v, status_at(self.events, times))
+        if not any(np.any(status == PINNED) for status in self.record.statuses):
+            return force
         for index, mine, tau in self.visit(times):
             held = np.flatnonzero(self.record.status(index) == PINNED)
             if held.size:
