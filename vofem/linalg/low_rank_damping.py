@@ -10,9 +10,10 @@ and its vector is ``x_j = 1, x_i = -s r_i' diag(w) nu / D_i``. Nothing is divide
 coupled modes keep their digits. All roots are improved at once by Newton's method with the terms of Ehrlich and Aberth,
 which prevent two roots from converging to the same one.
 
-Damping in proportion to the stiffness, ``d = a0 + a1 p``, makes modes of high frequency creep with a root near ``-1/a1``.
-Their roots are close to each other, but their distances from ``-1/a1`` differ as much as the frequencies do. Roots near
-it are therefore written as this distance, and ``D_j = s (s + a0) + p_j (1 + a1 s)`` is evaluated without cancellation.
+Under damping in proportion to the stiffness, ``d = a0 + a1 p``, modes of high frequency creep with a root near
+``-1/a1``. These roots are close to each other, but their distances from ``-1/a1`` differ as much as the frequencies do.
+Roots near it are therefore written as this distance, and ``D_j = s (s + a0) + p_j (1 + a1 s)`` is evaluated without
+cancellation.
 
 O. Aberth, Math. Comput. 27 (1973) 339, doi:10.2307/2005621; F. Tisseur, K. Meerbergen, SIAM Review 43 (2001) 235,
 doi:10.1137/S0036144500381988.
