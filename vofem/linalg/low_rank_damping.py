@@ -35,6 +35,9 @@ _EPS = float(np.finfo(float).eps)
 #: distances of frequencies, four to eight suffice.
 _MOST_ITERATIONS = 15
 
+#: Step of a root over its offset, below which it is rounding if it no longer falls.
+_STALLED = 1e-12
+
 #: Share of its size by which every start is moved off the real axis, as a pair of real roots may become complex.
 _APART = 1e-6
 
@@ -176,6 +179,7 @@ def _roots(p: Array, damping: CoupledDamping) -> _Roots | None:
     n = p.size
     roots = _first(p, damping)
     moving, left = np.arange(2 * n), _MOST_ITERATIONS * 2 * n
+    before = np.full(2 * n, np.inf)
     while moving.size:
         left -= moving.size
         if left < 0:
@@ -188,7 +192,11 @@ def _roots(p: Array, damping: CoupledDamping) -> _Roots | None:
         roots.offset[moving] = here.offset - step
         if not np.all(np.isfinite(roots.offset)):
             return None
-        moving = moving[np.abs(step) > 4.0 * _EPS * np.abs(here.offset)]
+        share = np.abs(step) / np.abs(here.offset)
+        # Near critical damping rounding may keep a root moving. The caller compares rows and columns.
+        going = (share > 4.0 * _EPS) & ((share > _STALLED) | (share < 0.25 * before[moving]))
+        before[moving] = share
+        moving = moving[going]
     real = np.abs(roots.offset.imag) <= _REAL * np.abs(roots.offset)
     upper = ~real & (roots.offset.imag > 0.0)
     if 2 * np.sum(upper) + np.sum(real) != 2 * n:
