@@ -256,11 +256,11 @@ def rounding_section() -> str:
         [
             "## Where refining the mesh stops paying",
             "The error of the mesh falls like the fourth power of the element length, while rounding with nodal "
-            "unknowns grows like the fourth power of the number of elements. Rounding is measured by a second run of "
+            "unknowns grows like the fourth power of the number of elements. Runs in modes or Ritz vectors take their "
+            "digits from the strains and lose few. Rounding is measured by a second run of "
             "the same equations, all multiplied by 3, which have the same solution but other rounding errors. Refining "
             f"the mesh does not pay where rounding exceeds the error of the mesh: {'; '.join(sentences)}. "
-            "Beyond that, more elements do not improve the result, or make it worse. For large systems vofem uses "
-            "Ritz vectors by default, which lose few digits.",
+            "Beyond that, more elements do not improve the result, or make it worse.",
             "![Error of the mesh and rounding over the number of elements](figures/accuracy-rounding.png)",
             "\n".join(lines),
         ]

@@ -16,15 +16,24 @@ Array = NDArray[np.float64]
 #: Deviation of modes from M-orthonormality above which it is corrected.
 _ORTHOGONAL = 1e-9
 
+#: Of `_refined`: largest number of steps, change of the modes below which its square is rounding, change above which
+#: they are too far off, relative distance of squared frequencies below which these count as close, and coupling of
+#: such modes below which it is rounding.
+_STEPS, _SETTLED, _FAR, _CLOSE, _ROUNDING = 5, 1e-8, 0.1, 1e-2, 1e-14
+
+#: Ratio of the extreme squared frequencies up to which all modes are taken from the direct problem.
+_SPREAD = 1e3
+
 
 def modal_basis(mass: Any, stiffness: Any, scale: Array, rigid: Array, strain: Any = None) -> tuple[Array, Array]:
     """Return all eigenpairs of ``K phi = omega^2 M phi``, M-orthonormal, in ascending order.
 
-    `eigh(K, M)` loses ``eps (omega_max/omega_1)^2`` in the lowest modes, which carry the motion. The lower half is
-    therefore taken from the inverse problem `eigh(M, K)` and the upper half from the direct one, with slopes scaled by
-    the element length. Parts that are not coupled are solved apart. Where K is given as a sum of squares too,
-    frequencies are Rayleigh quotients of strains: they contain the square of the error of a mode, and not the
-    cancellation in K, which grows like the fourth power of the number of elements.
+    `eigh(K, M)` loses ``eps (omega_max/omega_1)^2`` in the lowest modes, which carry the motion. Modes below the
+    geometric mean of the lowest and the highest frequency are therefore taken from the inverse problem `eigh(M, K)`
+    and the others from the direct one, with slopes scaled by the element length. Parts that are not coupled are solved
+    apart. The cancellation in K, which grows like the fourth power of the number of elements, remains in both. Where K
+    is given as a sum of squares too, the modes are refined by means of their strains, and frequencies are Rayleigh
+    quotients of strains. Static responses in all modes are then right to 1e-13 on a beam of 500 elements.
 
     Parameters
     ----------
@@ -76,10 +85,64 @@ def modal_basis(mass: Any, stiffness: Any, scale: Array, rigid: Array, strain: A
             solve = partial(_coupled, dense_m, dense_k, scale[part], rigid[part], largest, strain is not None)
             values[part], shapes[window] = aside(solve, part.size)
     if strain is not None:
+        shapes = _refined(mass, strain, shapes, values == 0.0)
         energy = np.sum((strain @ shapes) ** 2, axis=0)
         values = np.where(values > 0.0, energy / np.sum(shapes * (mass @ shapes), axis=0), 0.0)
     order = np.argsort(values, kind="stable")
     return values[order], _orthogonal(shapes[:, order], mass)
+
+
+def _refined(mass: Any, strain: Any, shapes: Array, rigid: NDArray[np.bool_]) -> Array:
+    """Return modes improved until they are M-orthonormal and their strains orthogonal, to rounding.
+
+    Each step squares the error. Products of strains hold the digits that K has lost: rounding of two modes changes the
+    product of their strains only by as much as it changes the modes, times their squared frequencies. Modes that are
+    too far off, such as those of parts whose stiffnesses differ by 1e14, are returned as they are.
+
+    T. Ogita, K. Aishima, Japan J. Indust. Appl. Math. 35 (2018) 1007, doi:10.1007/s13160-018-0310-3; for frequencies
+    that nearly coincide: 36 (2019) 435, doi:10.1007/s13160-019-00348-4.
+    """
+    better, separated = shapes, False
+    for _ in range(_STEPS):
+        strains = np.asarray(strain @ better)
+        strains[:, rigid] = 0.0
+        whole, gram = strains.T @ strains, better.T @ (mass @ better)
+        values = whole.diagonal() / gram.diagonal()
+        # Rounding that is not symmetric would be amplified where frequencies are close.
+        lack = np.eye(values.size) - 0.5 * (gram + gram.T)
+        apart = values[None, :] - values[:, None]
+        push = whole + values[None, :] * lack
+        np.fill_diagonal(push, 0.0)
+        size = np.maximum(values[None, :], values[:, None])
+        # Where only rounding couples close neighbours, any combination of their vectors is right.
+        free = (np.abs(apart) <= _CLOSE * size) & (np.abs(push) <= _ROUNDING * size)
+        near = (np.abs(apart) <= _CLOSE * size) & (np.abs(push) >= _FAR**2 * np.abs(apart)) & ~free
+        if not separated and np.any(near):
+            better, separated = _separated(better, whole, gram, near), True
+            continue
+        free |= near
+        change = np.where(free, 0.5 * lack, push / np.where(free, 1.0, apart))
+        largest = float(np.abs(change).max())
+        if not largest < _FAR:
+            break
+        better = better + better @ change
+        if largest <= _SETTLED:
+            return better
+    return shapes
+
+
+def _separated(shapes: Array, whole: Array, gram: Array, near: NDArray[np.bool_]) -> Array:
+    """Return modes of which those that are `near` each other are separated by a small eigenproblem of their own."""
+    from scipy.linalg import eigh
+    from scipy.sparse.csgraph import connected_components
+
+    shapes = shapes.copy()
+    _, label = connected_components(near, directed=False)
+    for group in np.flatnonzero(np.bincount(label) > 1):
+        mine = np.flatnonzero(label == group)
+        window = np.ix_(mine, mine)
+        shapes[:, mine] = shapes[:, mine] @ eigh(whole[window], gram[window])[1]
+    return shapes
 
 
 def _orthogonal(shapes: Array, mass: Any) -> Array:
@@ -139,7 +202,7 @@ def _coupled(
         inverse, low = eigh(m, k, driver="gvd")
     except LinAlgError:
         raise _indefinite(squares) from None
-    half = (n - r) // 2
+    half = _border(1.0 / inverse[-1], direct[: n - r])
     values = np.empty(n)
     vectors = np.empty((n, n))
     values[:r], vectors[:, :r] = 0.0, null
@@ -149,6 +212,18 @@ def _coupled(
     if np.any(values[r:] <= 0):
         raise _indefinite(squares)
     return values, vectors * balance[:, None]
+
+
+def _border(lowest: float, squares: Array) -> int:
+    """Return how many modes are taken from the inverse problem: those below a wide gap near the mean frequency.
+
+    The border must not separate modes of one frequency, because each problem returns its own combinations of them.
+    """
+    if not 0.0 < lowest * _SPREAD < squares[-1]:
+        return 0
+    low, high = np.searchsorted(squares, lowest * (squares[-1] / lowest) ** np.array([0.4, 0.6]))
+    places = np.arange(max(low, 1), high + 1)
+    return int(places[np.argmax(squares[places] / squares[places - 1])])
 
 
 def _orthonormal(basis: Array, mass: Array, reference: float) -> Array:

@@ -10,6 +10,11 @@ and its vector is ``x_j = 1, x_i = -s r_i' diag(w) nu / D_i``. Nothing is divide
 coupled modes keep their digits. All roots are improved at once by Newton's method with the terms of Ehrlich and Aberth,
 which prevent two roots from converging to the same one.
 
+Under damping in proportion to the stiffness, ``d = a0 + a1 p``, modes of high frequency creep with a root near
+``-1/a1``. These roots are close to each other, but their distances from ``-1/a1`` differ as much as the frequencies do.
+Roots near it are therefore written as this distance, and ``D_j = s (s + a0) + p_j (1 + a1 s)`` is evaluated without
+cancellation.
+
 O. Aberth, Math. Comput. 27 (1973) 339, doi:10.2307/2005621; F. Tisseur, K. Meerbergen, SIAM Review 43 (2001) 235,
 doi:10.1137/S0036144500381988.
 """
@@ -26,15 +31,21 @@ Complex = NDArray[np.complex128]
 
 _EPS = float(np.finfo(float).eps)
 
-#: Iterations after which a full eigenproblem is cheaper. If dampers are not much stronger than the distances of
-#: frequencies, four to eight suffice.
+#: Iterations of all roots after which a full eigenproblem is cheaper. If dampers are not much stronger than the
+#: distances of frequencies, four to eight suffice.
 _MOST_ITERATIONS = 15
+
+#: Step of a root over its offset, below which it is rounding if it no longer falls.
+_STALLED = 1e-12
 
 #: Share of its size by which every start is moved off the real axis, as a pair of real roots may become complex.
 _APART = 1e-6
 
 #: Least coupling of a mode, over the largest one, in the choice of the mode that is set aside.
 _UNCOUPLED = 1e-10
+
+#: Size of ``1 + a1 s`` below which a root is written as its distance from ``-1/a1``.
+_NEAR = 0.5
 
 #: Imaginary part over the root below which it is rounding.
 _REAL = 256.0 * _EPS
@@ -50,19 +61,60 @@ class CoupledDamping(NamedTuple):
     rows : ndarray, shape (k, n)
     weights : ndarray, shape (k,)
         Weights of the coupling terms, 1/s, of either sign.
+    proportional : (float, float), optional
+        a0 in 1/s and a1 in s where ``own = a0 + a1 p`` of the squared frequencies p.
     """
 
     own: Array
     rows: Array
     weights: Array
+    proportional: tuple[float, float] | None = None
 
     def part(self, motions: NDArray[np.int64]) -> CoupledDamping:
         """Return the damping of some of the motions."""
-        return CoupledDamping(self.own[motions], self.rows[:, motions], self.weights)
+        return self._replace(own=self.own[motions], rows=self.rows[:, motions])
 
     def matrix(self) -> Array:
         """Return the damping matrix, shape (n, n)."""
         return np.asarray(np.diag(self.own) + (self.rows.T * self.weights) @ self.rows)
+
+
+class _Roots(NamedTuple):
+    """Some numbers s, each as a distance from zero or from ``-1/a1``, near which overdamped modes accumulate.
+
+    Attributes
+    ----------
+    offset : ndarray of complex, shape (m,)
+    near : ndarray of bool, shape (m,)
+        Whether the offset is the distance from ``-1/a1``.
+    a1 : float
+        Damping in proportion to the stiffness, s; 0 where there is none.
+    """
+
+    offset: Complex
+    near: NDArray[np.bool_]
+    a1: float
+
+    @property
+    def s(self) -> Complex:
+        """The numbers themselves."""
+        return np.where(self.near, self.offset - 1.0 / self.a1, self.offset) if self.a1 else self.offset
+
+    @property
+    def lag(self) -> Complex:
+        """``1 + a1 s``, without cancellation."""
+        return np.where(self.near, self.a1 * self.offset, 1.0 + self.a1 * self.offset)
+
+    def some(self, which: NDArray[np.int64]) -> _Roots:
+        """Return some of the numbers."""
+        return _Roots(self.offset[which], self.near[which], self.a1)
+
+    def minus(self, others: _Roots) -> Complex:
+        """Return the differences from other numbers, shape (m, number of others)."""
+        apart = np.subtract.outer(self.offset, others.offset)
+        if self.a1:
+            apart -= np.subtract.outer(self.near.astype(float), others.near.astype(float)) / self.a1
+        return apart
 
 
 class _Equations(NamedTuple):
@@ -95,50 +147,76 @@ def coupled_modes(p: Array, damping: CoupledDamping) -> tuple[Complex, Complex] 
         roots = _roots(p, damping)
         if roots is None:
             return None
-        at = _equations(roots, p, damping)
+        at, s = _equations(roots, p, damping), roots.s
         pull = (damping.rows.T @ (damping.weights * at.nu).T).T
-        vectors = -roots[:, None] * pull * at.inverse
-        vectors[np.arange(roots.size), at.mode] = 1.0
-    return (roots, np.ascontiguousarray(vectors.T)) if np.all(np.isfinite(vectors)) else None
+        vectors = -s[:, None] * pull * at.inverse
+        vectors[np.arange(s.size), at.mode] = 1.0
+    return (s, np.ascontiguousarray(vectors.T)) if np.all(np.isfinite(vectors)) else None
 
 
-def _roots(p: Array, damping: CoupledDamping) -> Complex | None:
-    """Return one of each pair of conjugate roots and the real ones, or None."""
-    n = p.size
-    own = damping.own + damping.weights @ damping.rows**2
+def _first(p: Array, damping: CoupledDamping) -> _Roots:
+    """Return the roots of all modes by themselves, two of each, shape (2n,)."""
+    coupled = damping.weights @ damping.rows**2
+    own = damping.own + coupled
     turn = np.sqrt((0.25 * own**2 - p).astype(complex))
     first = -0.5 * own - np.where(own < 0.0, -turn, turn)
-    roots = np.concatenate([first, p / first]) * (1.0 + _APART * np.exp(1j * np.arange(2 * n)))
-    moving = np.arange(2 * n)
-    for _ in range(_MOST_ITERATIONS):
-        s = roots[moving]
-        at = _equations(s, p, damping)
-        apart = s[:, None] - roots[None, :]
+    roots = np.concatenate([first, p / first])
+    near = np.zeros(roots.size, dtype=bool)
+    a0, a1 = damping.proportional or (0.0, 0.0)
+    if a1:
+        # The distance t from -1/a1 obeys t^2 + b t + c = 0.
+        b, c = a1 * p + a0 + coupled - 2.0 / a1, (1.0 / a1 - a0 - coupled) / a1
+        slow = np.flatnonzero((turn.imag == 0.0) & (b > 0.0) & (b**2 > 4.0 * c))
+        distance = -2.0 * c[slow] / (b[slow] + np.sqrt(b[slow] ** 2 - 4.0 * c[slow]))
+        taken = np.abs(a1 * distance) < _NEAR
+        near[p.size + slow[taken]] = True
+        roots[p.size + slow[taken]] = distance[taken]
+    return _Roots(roots * (1.0 + _APART * np.exp(1j * np.arange(2 * p.size))), near, a1)
+
+
+def _roots(p: Array, damping: CoupledDamping) -> _Roots | None:
+    """Return one of each pair of conjugate roots and the real ones, or None."""
+    n = p.size
+    roots = _first(p, damping)
+    moving, left = np.arange(2 * n), _MOST_ITERATIONS * 2 * n
+    before = np.full(2 * n, np.inf)
+    while moving.size:
+        left -= moving.size
+        if left < 0:
+            return None
+        here = roots.some(moving)
+        at = _equations(here, p, damping)
+        apart = here.minus(roots)
         apart[np.arange(moving.size), moving] = np.inf
         step = at.value / (at.slope + at.value * (at.others - np.sum(1.0 / apart, axis=1)))
-        roots[moving] = s - step
-        if not np.all(np.isfinite(roots)):
+        roots.offset[moving] = here.offset - step
+        if not np.all(np.isfinite(roots.offset)):
             return None
-        moving = moving[np.abs(step) > 4.0 * _EPS * np.abs(s)]
-        if not moving.size:
-            break
-    else:
-        return None
-    real = np.abs(roots.imag) <= _REAL * np.abs(roots)
-    upper = ~real & (roots.imag > 0.0)
+        share = np.abs(step) / np.abs(here.offset)
+        # Near critical damping rounding may keep a root moving. The caller compares rows and columns.
+        going = (share > 4.0 * _EPS) & ((share > _STALLED) | (share < 0.25 * before[moving]))
+        before[moving] = share
+        moving = moving[going]
+    real = np.abs(roots.offset.imag) <= _REAL * np.abs(roots.offset)
+    upper = ~real & (roots.offset.imag > 0.0)
     if 2 * np.sum(upper) + np.sum(real) != 2 * n:
         return None
-    return np.concatenate([roots[upper], roots[real].real])
+    roots.offset[real] = roots.offset[real].real
+    return roots.some(np.concatenate([np.flatnonzero(upper), np.flatnonzero(real)]))
 
 
-def _equations(s: Complex, p: Array, damping: CoupledDamping) -> _Equations:
+def _equations(roots: _Roots, p: Array, damping: CoupledDamping) -> _Equations:
     """Return the scalar equations at some numbers s, shape (m,).
 
     Their values and slopes in s, and the logarithmic derivatives of the rest of the characteristic polynomial.
     """
-    own, rows, weights = damping
+    own, rows, weights, proportional = damping
+    s = roots.s
+    if proportional is not None:
+        impedance = (s * (s + proportional[0]))[:, None] + p * roots.lag[:, None]
+    else:
+        impedance = s[:, None] * (s[:, None] + own) + p
     count, each = weights.size, np.arange(s.size)
-    impedance = s[:, None] * (s[:, None] + own) + p
     # The largest entry of the vector: a mode that hardly couples is set aside for its own root alone.
     coupling = np.sqrt(np.abs(weights) @ rows**2)
     share = (coupling + _UNCOUPLED * coupling.max()) * (np.abs(s)[:, None] ** 2 + p)

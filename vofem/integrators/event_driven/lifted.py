@@ -148,6 +148,7 @@ def _notes(kept: Truncation, tolerance: float, t_end: float, beams: bool) -> lis
     return [
         f"truncation: {kept.vectors} Ritz vectors, static responses to contacts and loads among them, stand for "
         f"{kept.unknowns} degrees of freedom; by comparison with half as many, displacements at contacts and loads "
-        f"are off by about {kept.error:.1e} of their largest value{beyond}",
+        f"are off by about {kept.error:.1e} of their largest value{beyond}; accelerations are off by more, most of all "
+        "at a start, at kinks and steps of loads, and in the first moments after impacts",
         f"rounding: two orders of elimination differ by {kept.rounding:.1e} of the displacements{differences}",
     ]

@@ -359,7 +359,8 @@ class Spectra:
             weight = laws.damping[closed] - a1 * laws.stiffness[closed]
             rows = np.vstack([rows, space.contacts[closed[weight != 0.0]]])
             weights = np.concatenate([weights, weight[weight != 0.0]])
-        return CoupledDamping(own, rows if real.modes is None else rows @ real.modes, weights)
+        proportional = space.proportional if mixed or real.modes is None else None
+        return CoupledDamping(own, rows if real.modes is None else rows @ real.modes, weights, proportional)
 
     def _closed_modes(self, closed: NDArray[np.bool_]) -> tuple[tuple[int, ...], RealModes]:
         """Return the modes with some contacts closed, and the changes by which they were computed.

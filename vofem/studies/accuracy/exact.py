@@ -19,7 +19,7 @@ from vofem.studies.accuracy.scaled import scaled
 
 Array = NDArray[np.float64]
 
-#: Above this many degrees of freedom Ritz vectors lose fewer digits than all modes.
+#: Above this many degrees of freedom the first run in Ritz vectors takes less time than one in all modes.
 _MANY_UNKNOWNS = 300
 _TRUNCATION = 1e-9
 
