@@ -7,6 +7,8 @@ on the number of events and on the slow motion.
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -47,6 +49,9 @@ _LOSSY = 300
 _WORTH_TELLING = 1e-10
 
 MOST_EVENTS = 1_000_000
+
+#: Seconds of a first compiled run after which Ctrl-C is likely, so that the kernels for its histories are compiled too.
+_SHORT = 0.3
 
 
 def refusal(system: System) -> str | None:
@@ -179,7 +184,7 @@ def _follow(
     def snapshot() -> Snapshot:
         return solution.snapshot(follower.time, follower.status, follower.displacement, follower.velocity)
 
-    compiled = not first_time()
+    compiled, begun = not first_time(), 0.0
     with deferred_interrupts(keeps=True) as interrupted:
         while follower.time < t_end:
             counted = vars(counters).copy()
@@ -190,9 +195,11 @@ def _follow(
                 if interrupted.presses != 1 or not solution.record.segments:
                     raise
                 vars(counters).update(counted)
-            if not compiled:
-                solution.compile_ahead()
-                compiled = True
+            if not compiled and follower.time < t_end:
+                begun = begun or time.perf_counter()
+                if time.perf_counter() - begun > _SHORT:
+                    solution.compile_rest()
+                    compiled = True
             if solution.counters.events > max_events:
                 raise EventStormError(_storm(system, solution, follower.time, max_events))
             cut = interrupted() and follower.time < t_end
