@@ -8,6 +8,7 @@ on the number of events and on the slow motion.
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,7 @@ from vofem.integrators.observer import Observer, Snapshot, deferred_interrupts
 from vofem.integrators.registry import advice
 from vofem.integrators.rounding import graded
 from vofem.integrators.sampled_loads import loads_by_values
+from vofem.kernels.jit import interruptible
 from vofem.kernels.mode import first_time
 from vofem.system import Counters, State, System
 
@@ -198,7 +200,9 @@ def _follow(
             if not compiled and follower.time < t_end:
                 begun = begun or time.perf_counter()
                 if time.perf_counter() - begun > _SHORT:
-                    solution.compile_rest()
+                    # Ctrl-C ends this at once, and the run with it; what has been computed stays.
+                    with suppress(KeyboardInterrupt), interruptible():
+                        solution.compile_rest()
                     compiled = True
             if solution.counters.events > max_events:
                 raise EventStormError(_storm(system, solution, follower.time, max_events))
