@@ -83,7 +83,7 @@ class Whole(JITCodeLibrary):
         self._parts = list(parts)
         for one in parts:
             # Versions of numba before 0.62 have no such set.
-            vars(self).setdefault("_reload_init", set()).update(vars(one).get("_reload_init", ()))
+            self.__dict__.setdefault("_reload_init", set()).update(one.__dict__.get("_reload_init", ()))
             self._final_module.link_in(bare_module(one), preserve=True)
         self._linking_libraries = []
         super().finalize()
