@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, reject, settings
 from hypothesis import strategies as st
+from scipy.optimize import brentq
 
 import vofem as vf
 
@@ -33,6 +34,68 @@ def test_a_near_miss_is_no_event(eps):
     result = vf.simulate(vf.Scene([mass], [stop], initial={mass: (0.0, 1.0)}), 20.0 * np.pi)
     assert result.counters.events == 0
     assert result.counters.gap_evaluations < 3000
+
+
+def overdamped_spring(t):
+    """z'' + 100 z' + z = 0 after a kick of 1 m/s."""
+    kappa = np.sqrt(50.0**2 - 1.0)
+    quick = 50.0 + kappa
+    slow = 1.0 / quick
+    decays = np.exp(-slow * t), np.exp(-quick * t)
+    return (decays[0] - decays[1]) / (2.0 * kappa), (quick * decays[1] - slow * decays[0]) / (2.0 * kappa)
+
+
+def overdamped_without_spring(t):
+    """z'' + 100 z' = sin 2t from rest."""
+    c, w = 100.0, 2.0
+    decay = np.exp(-c * t)
+    z = c / w * (1.0 - np.cos(w * t)) - np.sin(w * t) + w / c * (1.0 - decay)
+    v = c * np.sin(w * t) - w * np.cos(w * t) + w * decay
+    return z / (c**2 + w**2), v / (c**2 + w**2)
+
+
+@pytest.mark.parametrize("eps", [1e-3, 1e-6, 1e-9])
+@pytest.mark.parametrize(
+    ("exact", "stiffness", "load", "speed", "bracket"),
+    [
+        (overdamped_spring, 1.0, 0.0, 1.0, (1e-3, 1.0)),
+        (overdamped_without_spring, 0.0, 1.0, 0.0, (1.0, 2.0)),
+    ],
+)
+def test_grazing_of_overdamped_motions(exact, stiffness, load, speed, bracket, eps):
+    """The top is reached within a hundredth of the slow decay, or by the load; just below and just above it."""
+    top = brentq(lambda t: exact(t)[1], *bracket, xtol=1e-15)
+    height = exact(top)[0]
+    for gap, events in ((height * (1.0 - eps), 2), (height * (1.0 + eps), 0)):
+        mass = vf.Mass(1.0, stiffness, 100.0)
+        stop = vf.Contact(mass, gap=gap, stiffness=1e-9, side="above", acts_on="penetration", name="stop")
+        scene = vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(load, 2.0))], initial={mass: (0.0, speed)})
+        result = vf.simulate(scene, 2.5, method="event_driven")
+        assert result.counters.events == events
+        assert result.counters.gap_evaluations < 300
+        if events:
+            closing = result.contacts["stop"].closings[0]
+            expected = brentq(lambda t, gap=gap: exact(t)[0] - gap, 1e-6, top, xtol=1e-15)
+            # The root is known to the rounding of z divided by the rate there.
+            assert closing == pytest.approx(expected, abs=1e-15 * height / exact(expected)[1] + 1e-14)
+            assert closing < top < result.contacts["stop"].openings[0]
+
+
+@pytest.mark.parametrize("side", ["below", "above"])
+def test_a_heavily_damped_beam_that_starts_at_its_stop(side):
+    """Its fast modes are overdamped, up to rates of 1e8 1/s, and decay at 100 1/s after that."""
+    beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=50, supports={"left": "clamped"})
+    tip = beam.at(1.0)
+    stop = vf.Contact(tip, gap=0.0, stiffness=100.0, side=side, acts_on="penetration")
+    scene = vf.Scene([beam], [stop, vf.RayleighDamping(0.0, 1e-2), vf.PointLoad(tip, vf.Sine(1.0, 5.0))])
+    times = np.linspace(0.0, 1.0, 101)
+    result = vf.simulate(scene, 1.0, times=times, method="event_driven")
+    assert result.counters.gap_evaluations < 1200
+    assert result.energy.balance_error < 1e-11
+    steps = vf.simulate(scene, 1.0, times=times, method="energy_conserving", dt=1e-3)
+    apart = np.max(np.abs(result.displacement(tip) - steps.displacement(tip)))
+    # The error of the steps; it is a sixteenth of this at a quarter of the step.
+    assert 5e-7 < apart < 3e-6
 
 
 def test_two_crossings_of_a_fast_mode_on_a_slow_one():

@@ -53,6 +53,9 @@ TINY = 1e-100
 _ORDER = 9
 _SHORT = 1e-3
 
+#: Damping ratio above which a block is bounded by its two exponentials.
+_OVERDAMPED = 2.0
+
 
 @dataclass(frozen=True)
 class EventFunctions:
@@ -405,6 +408,44 @@ def _longest_step(clusters: ClusterFlow | None) -> float:
 
 
 @jit
+def _bound_overdamped(
+    flow: BlockFlow, at: _Point, step: float, inputs: Array, speed: Array, amplitude: Array, push: Array, jerk: Array
+) -> None:
+    """Lower bounds on states and on their second and third derivatives over a step, for overdamped blocks.
+
+    With the decay rates ``r1 < r2`` of a block, ``z = A + B`` and ``v = -r1 A - r2 B``, where
+
+        A' = -r1 A + (g2 + r2 g1) / (r2 - r1),    B' = -r2 B - (g2 + r1 g1) / (r2 - r1).
+
+    B has soon decayed, and A changes slowly. Free energy does not distinguish them: its bounds on the derivatives of A
+    are too large by a factor of at least ``r2 / r1``. Close to critical damping nothing would be gained.
+
+    Parameters
+    ----------
+    inputs : ndarray, shape (4, n)
+        Bounds on g1 and g2 and on their rates.
+    """
+    for k in range(flow.p.size):
+        delta = flow.delta[k]
+        if delta <= _OVERDAMPED * flow.frequency[k]:
+            continue
+        apart = 2.0 * np.sqrt(delta * delta - flow.p[k])
+        r2 = delta + 0.5 * apart
+        r1 = flow.p[k] / r2
+        g1, g2 = inputs[0, k], inputs[1, k]
+        # A and B are differences, known to the rounding of the state and of the parts that it is summed of.
+        z_error = _ROUNDING * (abs(flow.z0[k]) + at.z_size[k] + abs(at.z[k]))
+        v_error = _ROUNDING * (abs(flow.v0[k]) + at.v_size[k] + abs(at.v[k]))
+        a = abs(at.v[k] + r2 * at.z[k]) + v_error + r2 * z_error + (g2 + r2 * g1) * step
+        b = abs(at.v[k] + r1 * at.z[k]) + v_error + r1 * z_error + (g2 + r1 * g1) * min(step, 1.0 / r2)
+        a, b = a / apart, b / apart
+        amplitude[k] = min(amplitude[k], a + b)
+        speed[k] = min(speed[k], r1 * a + r2 * b)
+        push[k] = min(push[k], r1**2 * a + r2**2 * b + g2)
+        jerk[k] = min(jerk[k], r1**3 * a + r2**3 * b + 2.0 * delta * g2 + flow.p[k] * g1 + inputs[3, k])
+
+
+@jit
 def _bound_clusters(
     clusters: ClusterFlow | None, at: _Point, step: float, speed: Array, amplitude: Array, push: Array, jerk: Array
 ) -> None:
@@ -730,6 +771,7 @@ def march(
                 amplitude[k] = min(amplitude[k], speed[k] * slowness[k])
             push[k] = (2.0 * delta[k] + frequency[k]) * speed[k] + g2[k]
             jerk[k] = 2.0 * delta[k] * push[k] + p[k] * (speed[k] + g1[k]) + g2_rate[k]
+        _bound_overdamped(flow, at, step, work[14:18], speed, amplitude, push, jerk)
         _bound_clusters(flow.clusters, at, step, speed, amplitude, push, jerk)
         allowed = step
         for j in range(m):
