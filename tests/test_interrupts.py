@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 import types
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,9 @@ from vofem.io import branch_tables, csv_file
 from vofem.kernels import jit
 from vofem.kernels.mode import decided, kernels
 from vofem.linalg import aside
+
+#: The module, whose name in the package is that of its function.
+RUN = import_module("vofem.integrators.event_driven.run")
 
 ROOT = Path(__file__).parent.parent
 
@@ -108,7 +112,7 @@ def test_work_that_does_not_come_back_ends_with_the_process(begin, where):
 
 
 @pytest.mark.parametrize("first", [True, False])
-def test_kernels_for_histories_are_compiled_before_there_are_results(monkeypatch, first):
+def test_kernels_for_histories_are_compiled_in_runs_that_last(monkeypatch, first):
     early, modal = [], EventSolution.modal
 
     def noted(solution, times):
@@ -117,9 +121,27 @@ def test_kernels_for_histories_are_compiled_before_there_are_results(monkeypatch
 
     monkeypatch.setattr(EventSolution, "modal", noted)
     scene = struck()
-    with kernels(compiled=False, first=first):
-        run(scene.model.system, scene.initial_state(), 2.0, np.linspace(0.0, 2.0, 5))
-    assert early == [True] * first
+    for most, expected in ((100.0, []), (-1.0, [True] * first)):
+        # A run that ends sooner than this many seconds does without them.
+        monkeypatch.setattr(RUN, "_SHORT", most)
+        with kernels(compiled=False, first=first):
+            run(scene.model.system, scene.initial_state(), 2.0, np.linspace(0.0, 2.0, 5))
+        assert early == expected
+
+
+def test_ctrl_c_while_kernels_for_histories_are_compiled_keeps_results(monkeypatch):
+    def pressed(solution, times):
+        assert not jit.runs_with_results
+        signal.raise_signal(signal.SIGINT)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(EventSolution, "modal", pressed)
+    monkeypatch.setattr(RUN, "_SHORT", -1.0)
+    scene = struck()
+    with kernels(compiled=False, first=True):
+        solution = run(scene.model.system, scene.initial_state(), 2.0, np.linspace(0.0, 2.0, 5))
+    assert solution.was_cut
+    assert 0.0 < solution.t_end < 2.0
 
 
 def struck():

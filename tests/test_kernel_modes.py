@@ -72,8 +72,8 @@ def test_all_laws_both_ways(method):
         assert np.max(np.abs(first - second)) <= 1e-10 * np.max(np.abs(machine.energy.work))
 
 
-def test_steps_under_a_tolerance_both_ways():
-    _, scene = paper_beam("penetration")
+@pytest.mark.parametrize("scene", [paper_beam("penetration")[1], everything()], ids=["beam", "all laws"])
+def test_steps_under_a_tolerance_both_ways(scene):
     machine, plain = both(scene, 0.5, method="energy_conserving", tol=1e-2, times=np.linspace(0.0, 0.5, 11))
     assert apart(machine, plain) < 1e-10
     assert machine.counters.steps == plain.counters.steps

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache, cached_property, update_wrapper
 from typing import Any, TypeVar, cast
 
@@ -144,6 +144,16 @@ waiting_interrupts: list[Callable[[], bool]] = []
 
 #: Runs that have results, which would be lost if a compilation within them were interrupted.
 runs_with_results: list[object] = []
+
+
+@contextlib.contextmanager
+def interruptible() -> Iterator[None]:
+    """Let Ctrl-C end compilation within this block at once, for callers that keep their results nevertheless."""
+    kept, runs_with_results[:] = list(runs_with_results), []
+    try:
+        yield
+    finally:
+        runs_with_results[:] = kept
 
 
 def compiling() -> bool:

@@ -16,6 +16,7 @@ from vofem.integrators.event_driven.record import Buffers
 from vofem.integrators.event_driven.status_table import Table, to_blocks
 from vofem.kernels.jit import jit
 from vofem.linalg.oscillators import Oscillators, oscillators, oscillators_at, remainders_at
+from vofem.linalg.vectors import fill
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -178,7 +179,6 @@ def _maps(table: Table, s: int, count: int) -> tuple[Array, Array, Array | None]
     return displacement @ up, velocity @ up, None
 
 
-@jit
 def begin_segments(
     table: Table, s: int, loads: LoadTable, parts: Buffers, horizon: float, members: Integers
 ) -> tuple[Array, Array]:
@@ -198,14 +198,25 @@ def begin_segments(
     """
     n, waves = table.p.shape[1], loads.omega.shape[1]
     start, driven = np.empty((members.size, 2 * n)), np.zeros((members.size, 1 + 2 * waves, 2 * n))
-    blocks, both = work_space(n, waves), np.empty((3, 2 * n))
+    _begin_all(
+        table, s, loads, parts, horizon, members, work_space(n, waves), np.empty((3, 2 * n)), start, driven
+    )  # fmt: skip
+    return start, driven
+
+
+@jit
+def _begin_all(
+    table: Table, s: int, loads: LoadTable, parts: Buffers, horizon: float, members: Integers, blocks: Blocks,
+    both: Array, start: Array, driven: Array,
+) -> None:  # fmt: skip
+    """Fill in what `begin_segments` returns."""
+    n = table.p.shape[1]
     for i in range(members.size):
         k = members[i]
-        interval = max(np.searchsorted(loads.edges, parts.starts[k], side="right") - 1, 0)
-        interval = min(interval, loads.constant.shape[0] - 1)
+        interval = _interval(loads, parts.starts[k])
         to_blocks(table, s, parts.displacement[k], parts.velocity[k], blocks.z_start, blocks.v_start, both)
         if begin(table, s, loads, interval, parts.starts[k], horizon, blocks) > 0:
-            start[i] = np.nan
+            fill(start[i], np.nan)
             continue
         for j in range(n):
             start[i, j], start[i, n + j] = blocks.z[j], blocks.v[j]
@@ -215,7 +226,19 @@ def begin_segments(
                 driven[i, 2 + 2 * h, j] = blocks.steady_z[j, h].imag
                 driven[i, 1 + 2 * h, n + j] = blocks.steady_v[j, h].real
                 driven[i, 2 + 2 * h, n + j] = blocks.steady_v[j, h].imag
-    return start, driven
+
+
+@jit
+def _interval(loads: LoadTable, t: float) -> int:
+    """Return the interval of the loads in which a time lies, the later one of two that meet there."""
+    first, last = 0, loads.constant.shape[0]
+    while last - first > 1:
+        middle = (first + last) // 2
+        if loads.edges[middle] <= t:
+            first = middle
+        else:
+            last = middle
+    return first
 
 
 @jit
@@ -309,8 +332,7 @@ def block_changes(
         k, t = segments[i], tau[i]
         if k != before:
             before = k
-            interval = max(np.searchsorted(loads.edges, parts.starts[k], side="right") - 1, 0)
-            interval = min(interval, loads.constant.shape[0] - 1)
+            interval = _interval(loads, parts.starts[k])
             to_blocks(table, s, parts.displacement[k], parts.velocity[k], blocks.z_start, blocks.v_start, both)
             special = begin(table, s, loads, interval, parts.starts[k], horizon, blocks)
             omega = loads.omega[interval, : loads.counts[interval]]

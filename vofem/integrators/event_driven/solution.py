@@ -242,7 +242,7 @@ class EventSolution:
         self.times = self.times[self.times <= t]
         self.was_cut = True
 
-    def compile_ahead(self) -> None:
+    def compile_rest(self) -> None:
         """Compile the kernels that the rest of a run and its histories need, because none is compiled after Ctrl-C."""
         self.modal(self.segment_starts[:1])
         if self.system.contacts is not None:

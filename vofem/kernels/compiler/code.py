@@ -82,7 +82,8 @@ class Whole(JITCodeLibrary):
             parts.update(library.parts() if isinstance(library, Code) else {library: None})
         self._parts = list(parts)
         for one in parts:
-            self._reload_init.update(one._reload_init)
+            # Versions of numba before 0.62 have no such set.
+            self.__dict__.setdefault("_reload_init", set()).update(one.__dict__.get("_reload_init", ()))
             self._final_module.link_in(bare_module(one), preserve=True)
         self._linking_libraries = []
         super().finalize()
@@ -94,16 +95,13 @@ class Whole(JITCodeLibrary):
         """Optimise all functions together. Loops are not unrolled, which would take a third of the time for no gain."""
         options = create_pipeline_tuning_options(3)
         options.loop_vectorization, options.loop_unrolling = bool(config.LOOP_VECTORIZE), False
-        builder = create_pass_builder(self._codegen._tm, options)
-        if any(isinstance(one, Code) and one.counts for one in self._parts) or self.counts:
-            # Functions are combined first, so that references which are counted up and down again are found.
-            manager, cheap = self._codegen._module_pass_manager(
-                loop_vectorize=False, slp_vectorize=False, opt=self._codegen._opt_level, cost="cheap"
-            )
-            manager.run(self._final_module, cheap)
-        manager = builder.getModulePassManager()
-        manager.add_refprune_pass()
-        manager.run(self._final_module, builder)
+        counted = self.counts or any(isinstance(one, Code) and one.counts for one in self._parts)
+        # The first time combines functions, so that references which are counted up and down again are found.
+        for _ in range(2 if counted else 1):
+            builder = create_pass_builder(self._codegen._tm, options)
+            manager = builder.getModulePassManager()
+            manager.add_refprune_pass()
+            manager.run(self._final_module, builder)
 
 
 def bare_module(library: Any) -> Any:
