@@ -1,4 +1,4 @@
-"""Ctrl-C at moments other than a run's: while commands are imported, and while kernels are compiled."""
+"""Ctrl-C at moments other than a run's: while commands are imported, kernels compiled, files written and drawn."""
 
 import io
 import os
@@ -21,7 +21,7 @@ from vofem.integrators.event_driven import spectrum
 from vofem.integrators.event_driven.run import run
 from vofem.integrators.event_driven.solution import EventSolution
 from vofem.integrators.observer import deferred_interrupts
-from vofem.io import csv_file
+from vofem.io import branch_tables, csv_file
 from vofem.kernels import jit
 from vofem.kernels.mode import decided, kernels
 from vofem.linalg import aside
@@ -295,6 +295,115 @@ def test_an_interrupted_branch_is_written_without_pictures(monkeypatch, tmp_path
     assert cli.main(["respond", scene, *arguments]) == 130
     assert {path.name for path in tmp_path.iterdir()} == {"branch.h5", "branch.csv"}
     assert "interrupted: pictures are left out" in capsys.readouterr().out
+
+
+@pytest.fixture
+def foreground():
+    """Let this process hear Ctrl-C, which it ignores where the tests were started in the background."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def test_a_picture_that_is_being_drawn_is_left_out(foreground, monkeypatch, tmp_path, capsys):
+    released, threads, ended = threading.Event(), [], []
+
+    def drawing(*arguments, **options):
+        threads.append(threading.current_thread())
+        press()
+        return released.wait(30.0)
+
+    monkeypatch.setattr("vofem.io.plot.response_curve", drawing)
+    monkeypatch.setattr(cli, "end_now", ended.append)
+    scene = str(ROOT / "examples" / "two_masses_response.toml")
+    arguments = ["--from", "0.5", "--to", "0.52", "--method", "harmonic_balance", "--output", str(tmp_path)]
+    try:
+        assert cli.main(["respond", scene, *arguments]) == 130
+        # The process does not wait for the thread.
+        assert ended == [130]
+    finally:
+        released.set()
+    assert threads != [threading.main_thread()]
+    for thread in threads:
+        thread.join()
+    assert {path.name for path in tmp_path.iterdir()} == {"branch.h5", "branch.csv"}
+    said = capsys.readouterr()
+    assert "interrupted: what is not listed here is left out\n" in said.out
+    assert said.out.endswith("branch.csv\n")
+    assert said.err == ""
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@pytest.mark.parametrize("kind", [ValueError, vf.VofemError])
+def test_an_interrupt_that_became_another_error_is_still_an_interrupt(foreground, monkeypatch, capsys, kind):
+    def command(arguments):
+        try:
+            press()
+            time.sleep(30.0)
+        except KeyboardInterrupt:
+            raise kind("Invalid affine transformation matrix") from None
+
+    parser = types.SimpleNamespace(parse_args=lambda argv: types.SimpleNamespace(command=command))
+    monkeypatch.setattr("vofem.cli.program._parser", lambda: parser)
+    assert cli.main([]) == 130
+    assert capsys.readouterr().err == "vofem: interrupted\n"
+
+
+def test_a_second_ctrl_c_ends_the_process_and_leaves_no_part_of_a_file(tmp_path):
+    program = (
+        "import signal, sys, time, types\nfrom pathlib import Path\nfrom vofem import cli\n"
+        "from vofem.files.whole import replacing\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "def main(argv):\n"
+        "    with replacing(Path(sys.argv[1])) as temporary:\n"
+        "        temporary.write_text('half')\n"
+        "        while True:\n"
+        # The interrupt is lost, as it may be in code in C.
+        "            try:\n                print('writing', flush=True)\n                time.sleep(30.0)\n"
+        "            except KeyboardInterrupt:\n                pass\n"
+        "sys.modules['vofem.cli.program'] = cli.program = types.SimpleNamespace(main=main)\n"
+        "sys.exit(cli.script())"
+    )
+    goal = tmp_path / "histories.csv"
+    goal.write_text("whole")
+    process = subprocess.Popen(
+        [sys.executable, "-c", program, str(goal)],
+        cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    for _ in range(2):
+        assert process.stdout.readline() == "writing\n"
+        assert len(list(tmp_path.iterdir())) == 2
+        process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=30.0)
+    assert process.returncode == 130
+    assert said == "vofem: interrupted\n"
+    assert [path.name for path in tmp_path.iterdir()] == [goal.name]
+    assert goal.read_text() == "whole"
+
+
+@pytest.mark.parametrize(("seconds", "expected"), [(-1.0, 0), (4.0, 4), (float("inf"), None)])
+def test_displacements_of_an_interrupted_branch_take_no_longer_than_they_may(monkeypatch, tmp_path, seconds, expected):
+    body = vf.Mass(1.0, stiffness=1.0, damping=0.1)
+
+    def build(omega):
+        return vf.Scene([body], [vf.PointLoad(body, vf.Sine(0.1, omega))])
+
+    with kernels(compiled=False):
+        branch = vf.continuation(build, 0.5, 0.6, method="harmonic_balance", harmonics=1)
+        whole = branch_tables.write_branch(branch, body, tmp_path / "whole.csv")
+        # A second passes between two looks at the clock.
+        clock = iter(range(10**6))
+        monkeypatch.setattr(branch_tables, "time", types.SimpleNamespace(monotonic=lambda: float(next(clock))))
+        part = tmp_path / "part.csv"
+        missing = branch_tables.write_branch_within(seconds, branch, body, part)
+    found, every = (np.genfromtxt(path, delimiter=",", skip_header=1) for path in (part, whole))
+    known = np.flatnonzero(~np.isnan(found[:, 2]))
+    assert known.size == (len(branch) if expected is None else expected) == len(branch) - missing
+    np.testing.assert_array_equal(found[known], every[known])
+    np.testing.assert_array_equal(found[:, :2], every[:, :2])
+    # The orbits are evenly spread: the stride is a power of two.
+    if expected:
+        assert set(np.diff(known)) == {known[1]}
 
 
 def test_a_line_says_what_still_runs(monkeypatch):

@@ -2,6 +2,6 @@
 
 import sys
 
-from vofem.cli import main
+from vofem.cli import script
 
-sys.exit(main())
+sys.exit(script())

@@ -2,24 +2,33 @@
 
 from __future__ import annotations
 
-import os
+import signal
 import sys
 from collections.abc import Sequence
 
 from vofem.cli.common import FAULT, FINE, INTERRUPTED
-from vofem.cli.prompt_end import prompt_end
+from vofem.cli.prompt_end import end_now, pressed, prompt_end
 
-__all__ = ["FAULT", "FINE", "INTERRUPTED", "main"]
+__all__ = ["FAULT", "FINE", "INTERRUPTED", "main", "script"]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code."""
-    code = _code(argv)
+    with prompt_end():
+        code = _code(argv)
     if "vofem.linalg.aside" in sys.modules and sys.modules["vofem.linalg.aside"].left_behind():
-        # The interpreter would wait for an eigenproblem that Ctrl-C has left behind.
+        # The interpreter would wait for work that Ctrl-C has left behind.
         sys.stdout.flush()
         sys.stderr.flush()
-        os._exit(code)
+        end_now(code)
+    return code
+
+
+def script() -> int:
+    """Run the command of this process and return its exit code."""
+    code = main()
+    # While the interpreter ends, Ctrl-C would only add a traceback.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     return code
 
 
@@ -29,8 +38,11 @@ def _code(argv: Sequence[str] | None) -> int:
         # Imported here: Ctrl-C while a command is imported ends it as later.
         from vofem.cli import program
 
-        with prompt_end():
-            return program.main(argv)
+        return program.main(argv)
     except KeyboardInterrupt:
-        print("vofem: interrupted", file=sys.stderr)
-        return INTERRUPTED
+        pass
+    except Exception:
+        if not pressed():
+            raise
+    print("vofem: interrupted", file=sys.stderr)
+    return INTERRUPTED

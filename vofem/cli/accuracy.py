@@ -34,6 +34,7 @@ def _accuracy(arguments: argparse.Namespace) -> int:
     from vofem.io.plot import work_precision as draw
     from vofem.io.scene_file import load_scene, point_named
     from vofem.io.study_tables import study_table, write_study
+    from vofem.linalg.aside import apart
     from vofem.studies.accuracy import work_precision
 
     file = load_scene(arguments.scene)
@@ -51,7 +52,8 @@ def _accuracy(arguments: argparse.Namespace) -> int:
     print(study.advice(arguments.tolerance))
     written = [write_study(study, folder / "accuracy.csv")]
     if study.runs:
-        written += [draw(study, folder / f"accuracy.{kind}", arguments.scene.stem) for kind in ("png", "svg")]
+        paths = [folder / f"accuracy.{kind}" for kind in ("png", "svg")]
+        written += apart(lambda: [draw(study, path, arguments.scene.stem) for path in paths], "drawing")
     print("\nwrote " + "\n      ".join(str(path) for path in written))
     return FINE
 

@@ -13,6 +13,7 @@ from vofem.cli.common import FAULT, FINE
 from vofem.cli.compile import add_compile
 from vofem.cli.doctor import add_doctor
 from vofem.cli.explain import add_explain
+from vofem.cli.prompt_end import pressed
 from vofem.cli.render import add_render
 from vofem.cli.respond import add_respond
 from vofem.cli.run import add_run
@@ -31,6 +32,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
         return code
     except VofemError as error:
+        if pressed():
+            raise KeyboardInterrupt from None
         print(f"vofem: {error}", file=sys.stderr)
         return FAULT
     except BrokenPipeError:

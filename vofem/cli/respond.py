@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +15,10 @@ from vofem.errors import ArgumentError
 
 if TYPE_CHECKING:
     from vofem.io.scene_file import SceneFile
+    from vofem.studies.steady import Branch
+
+#: Seconds in which displacements of the orbits of an interrupted branch are computed.
+_SOON = 1.0
 
 
 def add_respond(commands: Commands) -> None:
@@ -32,8 +38,7 @@ def add_respond(commands: Commands) -> None:
 
 
 def _respond(arguments: argparse.Namespace) -> int:
-    from vofem.io.branch_tables import branch_table, write_branch
-    from vofem.io.plot import multipliers, response_curve
+    from vofem.integrators.observer import deferred_interrupts
     from vofem.io.scene_file import load_scene
     from vofem.studies.steady import continuation
 
@@ -48,21 +53,61 @@ def _respond(arguments: argparse.Namespace) -> int:
     branch = continuation(
         file.at, arguments.start, arguments.stop, progress=True if sys.stderr.isatty() else None, **options
     )
+    interrupted = any(note.startswith("interrupted at ") for note in branch.notes)
+    # The branch is written before all else. The first Ctrl-C waits for that, a second one does not.
+    with contextlib.nullcontext(bool) if interrupted else deferred_interrupts() as pressed:
+        pressed()
+        written = [branch.save(saved, overwrite=True)]
+        interrupted = pressed() or interrupted
+    try:
+        for path in _reported(arguments, file, branch, point, folder, interrupted):
+            written.append(path)
+    except KeyboardInterrupt:
+        interrupted = True
+        print("interrupted: what is not listed here is left out")
+    print("\nwrote " + "\n      ".join(str(path) for path in written))
+    return INTERRUPTED if interrupted else FINE
+
+
+def _reported(
+    arguments: argparse.Namespace, file: SceneFile, branch: Branch, point: Any, folder: Path, interrupted: bool
+) -> Iterator[Path]:
+    """Print and write what is shown of a branch, without pictures after Ctrl-C; return the files one by one."""
+    from vofem.io.branch_tables import branch_table, write_branch_within
+    from vofem.linalg.aside import apart
+
     assert file.respond is not None
     name = file.respond.parameter[0]
     print(branch_table(branch, point, name))
     for note in branch.notes:
         print(f"note: {note}")
-    written = [branch.save(saved, overwrite=True), write_branch(branch, point, folder / "branch.csv", name)]
-    interrupted = any(note.startswith("interrupted at ") for note in branch.notes)
+    table = folder / "branch.csv"
+    missing = write_branch_within(_SOON if interrupted else float("inf"), branch, point, table, name)
+    yield table
     if interrupted:
         print("interrupted: pictures are left out")
+        if missing:
+            print(
+                f"interrupted: {table.name} holds nan for displacements of {missing} orbits; all would take too long. "
+                "branch.h5 holds all orbits"
+            )
     elif not arguments.no_pictures:
-        written.append(response_curve(branch, point, folder / "response.png", parameter=name))
+        # Imported there too: importing matplotlib takes as long as drawing.
+        def curve() -> Path:
+            from vofem.io.plot import response_curve
+
+            path: Path = response_curve(branch, point, folder / "response.png", parameter=name)
+            return path
+
+        def circle() -> Path:
+            from vofem.io.plot import multipliers
+
+            path: Path = multipliers(branch, folder / "multipliers.png")
+            return path
+
+        yield apart(curve, "drawing")
         if all(orbit.multipliers is not None for orbit in branch.orbits):
-            written.append(multipliers(branch, folder / "multipliers.png"))
-    print("\nwrote " + "\n      ".join(str(path) for path in written))
-    return INTERRUPTED if interrupted else FINE
+            yield apart(circle, "drawing")
 
 
 def _options(arguments: argparse.Namespace, file: SceneFile) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vofem.cli.common import FAULT, FINE, Commands
+from vofem.cli.common import FAULT, FINE, INTERRUPTED, Commands
 from vofem.cli.output import made
 from vofem.errors import ArgumentError
 
@@ -56,9 +56,16 @@ def _sweep(arguments: argparse.Namespace) -> int:
     for note in table.notes:
         print(f"note: {note}")
     written = [store, write_sweep(table, folder / "sweep.csv")]
-    if not arguments.no_pictures:
-        written += _pictures(table, folder)
+    pressed = False
+    try:
+        if not arguments.no_pictures:
+            written += _pictures(table, folder)
+    except KeyboardInterrupt:
+        pressed = True
+        print("interrupted: the picture is left out")
     print("\nwrote " + "\n      ".join(str(path) for path in written))
+    if pressed:
+        return INTERRUPTED
     return FAULT if len(table.failed) == len(table.points.rows) else FINE
 
 
@@ -93,10 +100,16 @@ def _executor(address: str | None) -> Iterator[Any]:
 
 
 def _pictures(table: Sweep, folder: Path) -> list[Path]:
-    from vofem.io.pictures.sweeps import sweep_curves
+    from vofem.linalg.aside import apart
+
+    def drawn() -> Path:
+        from vofem.io.pictures.sweeps import sweep_curves
+
+        path: Path = sweep_curves(table, folder / "sweep.png")
+        return path
 
     try:
-        return [sweep_curves(table, folder / "sweep.png")]
+        return [apart(drawn, "drawing")]
     except ArgumentError as error:
         print(f"no picture: {error}")
         return []

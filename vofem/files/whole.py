@@ -56,6 +56,17 @@ def refuse_existing(path: Path) -> None:
         raise OutputError(f"{path} exists already and was left as it is; choose another name, or pass overwrite=True")
 
 
+#: Temporary files of `replacing` that are being written.
+_unfinished: set[Path] = set()
+
+
+def remove_unfinished() -> None:
+    """Remove files that are being written, just before the process ends without leaving the blocks that write them."""
+    for temporary in tuple(_unfinished):
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
 @contextlib.contextmanager
 def replacing(path: Path, *, overwrite: bool = True) -> Iterator[Path]:
     """Give a temporary name in the folder of `path`; rename it to `path` once the block has succeeded.
@@ -84,6 +95,7 @@ def replacing(path: Path, *, overwrite: bool = True) -> Iterator[Path]:
         refuse_existing(path)
     path = _real(path)
     temporary = _hidden_name(path)
+    _unfinished.add(temporary)
     try:
         # Created first, so that a folder that cannot be written is found before the work is done.
         _create(path, temporary)
@@ -98,6 +110,7 @@ def replacing(path: Path, *, overwrite: bool = True) -> Iterator[Path]:
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
+        _unfinished.discard(temporary)
 
 
 def write_text(path: Path, text: str) -> Path:

@@ -79,6 +79,9 @@ def deferred_interrupts(keeps: bool = False) -> Iterator[Interrupts]:
 
     def handle(number: int, frame: Any) -> None:
         run.presses += 1
+        if run.presses > 1 and callable(before):
+            # What started the run counts the presses that it hears of.
+            before(number, frame)
         if run.presses > 1 or (waiting() and gives_up()) or compiling():
             raise KeyboardInterrupt
 

@@ -1,8 +1,11 @@
-"""Large eigenproblems in a thread of their own, so that Ctrl-C does not wait for their end.
+"""Large eigenproblems and drawing in a thread of their own, so that Ctrl-C does not wait for their end.
 
 LAPACK may work for many seconds in one call, and Python handles a signal only between two calls of the main thread. A
 thread that Ctrl-C leaves behind cannot be stopped. The interpreter waits for it at its end, because the libraries of
 linear algebra may hang if they are closed while they work.
+
+Matplotlib calls Python from code in C, which turns a `KeyboardInterrupt` into other errors or loses it. Python raises
+`KeyboardInterrupt` in the main thread only, so that drawing in another one never meets it.
 """
 
 from __future__ import annotations
@@ -43,7 +46,12 @@ def aside(work: Callable[[], T], rows: int) -> T:
     KeyboardInterrupt
         After Ctrl-C, if a run does not want to finish its step; also where it was pressed just before.
     """
-    if rows < LARGE or threading.current_thread() is not threading.main_thread():
+    return work() if rows < LARGE else apart(work, "eigenproblem")
+
+
+def apart(work: Callable[[], T], what: str) -> T:
+    """Return what a piece of work returns, done in a thread of that name; see `aside`."""
+    if threading.current_thread() is not threading.main_thread():
         return work()
     if any(asked() for asked in giving_up):
         raise KeyboardInterrupt
@@ -58,7 +66,7 @@ def aside(work: Callable[[], T], rows: int) -> T:
         finally:
             done.set()
 
-    thread = threading.Thread(target=run, name="vofem: eigenproblem")
+    thread = threading.Thread(target=run, name=f"vofem: {what}")
     _waiting.append(thread)
     try:
         thread.start()

@@ -142,6 +142,7 @@ class PeriodicOrbit(Shown):
         self._make, self._decided = result, decided
         self.start = start
         self._stable = stable
+        self._measured: tuple[Any, tuple[float, float]] | None = None
 
     def __repr__(self) -> str:
         times = f" over {self.periods} periods of the loads" if self.periods > 1 else ""
@@ -226,6 +227,12 @@ class PeriodicOrbit(Shown):
         -------
         least, largest : float
         """
+        # Tables and pictures of a branch ask for one point again and again.
+        if self._measured is None or self._measured[0] is not point:
+            self._measured = point, self._extremes(point)
+        return self._measured[1]
+
+    def _extremes(self, point: Any) -> tuple[float, float]:
         result = self.result
         times = self._corners
         u, v = result.displacement(point, times), result.velocity(point, times)
