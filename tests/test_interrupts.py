@@ -381,6 +381,24 @@ def test_a_second_ctrl_c_ends_the_process_and_leaves_no_part_of_a_file(tmp_path)
     assert goal.read_text() == "whole"
 
 
+def test_ctrl_c_at_the_end_of_a_branch_is_noted():
+    body = vf.Mass(1.0, stiffness=1.0, damping=0.1)
+
+    def build(omega):
+        return vf.Scene([body], [vf.PointLoad(body, vf.Sine(0.1, omega))])
+
+    values = []
+
+    def progress(value, stop):
+        values.append(value)
+        if value >= stop:
+            press()
+
+    branch = vf.continuation(build, 0.5, 0.6, method="harmonic_balance", harmonics=1, progress=progress)
+    assert values[-1] == pytest.approx(0.6)
+    assert "interrupted at 0.6, the end of the branch" in branch.notes
+
+
 @pytest.mark.parametrize(("seconds", "expected"), [(-1.0, 0), (4.0, 4), (float("inf"), None)])
 def test_displacements_of_an_interrupted_branch_take_no_longer_than_they_may(monkeypatch, tmp_path, seconds, expected):
     body = vf.Mass(1.0, stiffness=1.0, damping=0.1)

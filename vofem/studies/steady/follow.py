@@ -206,6 +206,10 @@ class Follower:
                 continue
             failures = 0
             now, step = after
+        else:
+            # What comes after the branch, such as pictures, is to hear of it too.
+            if report is not None and report(now.value):
+                track.notes.append(f"interrupted at {now.value:.9g}, the end of the branch")
         self.counters.points = len(track.points)
         track.marks.sort(key=lambda mark: mark.place)
         return track
