@@ -24,7 +24,7 @@ def _follows_the_force(system: System) -> str:
 #: because several laws take twice and all laws three times as long. More digits are not needed: a run in plain Python
 #: starts again after so many seconds. With exact figures this takes at most twice the time of the better choice, and
 #: with figures that are wrong by a factor f at most 1 + f times. The speed of the machine is therefore not measured.
-_BY_EVENTS, _IMPLICIT, _EXPLICIT = 14.0, 6.0, 4.0
+_BY_EVENTS, _IMPLICIT, _EXPLICIT = 6.0, 4.0, 2.5
 
 EVENT_DRIVEN = Method(
     "event_driven",
