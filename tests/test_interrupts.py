@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 import types
+from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
 from pathlib import Path
 
@@ -379,6 +380,13 @@ def test_a_second_ctrl_c_ends_the_process_and_leaves_no_part_of_a_file(tmp_path)
     assert said == "vofem: interrupted\n"
     assert [path.name for path in tmp_path.iterdir()] == [goal.name]
     assert goal.read_text() == "whole"
+
+
+def test_a_run_in_another_thread_leaves_nothing_behind():
+    scene = struck()
+    with kernels(compiled=False), ThreadPoolExecutor(1) as pool:
+        pool.submit(run, scene.model.system, scene.initial_state(), 0.5, np.linspace(0.0, 0.5, 3)).result()
+    assert not jit.runs_with_results
 
 
 def test_ctrl_c_at_the_end_of_a_branch_is_noted():

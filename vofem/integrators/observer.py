@@ -69,9 +69,20 @@ def deferred_interrupts(keeps: bool = False) -> Iterator[Interrupts]:
         eigenproblem is given up also where there are results.
     """
     run = Interrupts()
-    if threading.current_thread() is not threading.main_thread():
-        yield run
-        return
+    try:
+        if threading.current_thread() is not threading.main_thread():
+            yield run
+        else:
+            with _handled(run, keeps):
+                yield run
+    finally:
+        if run in runs_with_results:
+            runs_with_results.remove(run)
+
+
+@contextlib.contextmanager
+def _handled(run: Interrupts, keeps: bool) -> Iterator[None]:
+    """Let a run count presses of Ctrl-C within this block, and decide which of them interrupt at once."""
     before = signal.getsignal(signal.SIGINT)
 
     def gives_up() -> bool:
@@ -88,15 +99,13 @@ def deferred_interrupts(keeps: bool = False) -> Iterator[Interrupts]:
     try:
         signal.signal(signal.SIGINT, handle)
     except ValueError:  # an interpreter within another program
-        yield run
+        yield
         return
     waiting_interrupts.append(run.pressed)
     giving_up.append(gives_up)
     try:
-        yield run
+        yield
     finally:
         waiting_interrupts.remove(run.pressed)
         giving_up.remove(gives_up)
-        if run in runs_with_results:
-            runs_with_results.remove(run)
         signal.signal(signal.SIGINT, before if before is not None else signal.SIG_DFL)
