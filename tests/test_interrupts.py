@@ -85,6 +85,18 @@ def test_nothing_is_compiled_after_ctrl_c():
     assert not jit.compiling()
 
 
+def pressed_at_work(program):
+    """Run a program, press Ctrl-C once it is at work, and return its exit code and what it said."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", program], cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    assert process.stdout.readline() == "at work\n"
+    time.sleep(0.2)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=30.0)
+    return process.returncode, said
+
+
 @pytest.mark.parametrize(
     ("begin", "where"),
     [
@@ -101,14 +113,8 @@ def test_work_that_does_not_come_back_ends_with_the_process(begin, where):
         f"{begin}\n"
         "with prompt_end():\n    print('at work', flush=True)\n    hashlib.pbkdf2_hmac('sha256', b'', b'', 10**9)"
     )
-    process = subprocess.Popen(
-        [sys.executable, "-c", program], cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    )
-    assert process.stdout.readline() == "at work\n"
-    time.sleep(0.2)
-    process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=30.0)
-    assert process.returncode == 130
+    code, said = pressed_at_work(program)
+    assert code == 130
     assert said == f"vofem: interrupted {where}\n"
 
 
@@ -247,14 +253,8 @@ def test_the_command_does_not_wait_for_what_ctrl_c_has_left_behind():
         "sys.modules['vofem.cli.program'] = cli.program = types.SimpleNamespace(main=main)\n"
         "sys.exit(cli.main([]))"
     )
-    process = subprocess.Popen(
-        [sys.executable, "-c", program], cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    )
-    assert process.stdout.readline() == "at work\n"
-    time.sleep(0.2)
-    process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=30.0)
-    assert process.returncode == 130
+    code, said = pressed_at_work(program)
+    assert code == 130
     assert said == "vofem: interrupted\n"
 
 

@@ -203,6 +203,16 @@ class Fading:
 
 
 @jit
+def _pair_changes(of: Oscillators, c: Array, s: Array, start: Array, row: Array) -> None:
+    """Write the changes of pairs into a row, from the functions c and s of `oscillators_at` or `remainders_at`."""
+    n = of.p.size
+    for k in range(n):
+        z0, v0 = start[k], start[n + k]
+        row[k] = c[k] * z0 + s[k] * (v0 + of.delta[k] * z0)
+        row[n + k] = c[k] * v0 - s[k] * (of.p[k] * z0 + of.delta[k] * v0)
+
+
+@jit
 def free_rows(of: Oscillators, rate: Array, starts: Array, segment: Integers, tau: Array, change: Array) -> None:
     """Fill in by how much coordinates have changed since the begins of segments, a row each time.
 
@@ -226,10 +236,7 @@ def free_rows(of: Oscillators, rate: Array, starts: Array, segment: Integers, ta
         start, row = starts[segment[i]], change[i]
         if n:
             oscillators_at(of, tau[i], c, s)
-        for k in range(n):
-            z0, v0 = start[k], start[n + k]
-            row[k] = c[k] * z0 + s[k] * (v0 + of.delta[k] * z0)
-            row[n + k] = c[k] * v0 - s[k] * (of.p[k] * z0 + of.delta[k] * v0)
+        _pair_changes(of, c, s, start, row)
         if count:
             decays(rate, tau[i], lost, bits, power)
             for k in range(count):
@@ -264,16 +271,10 @@ def second_order_rows(
         start, t, row, later = starts[segment[i]], tau[i], change[i], rest[i]
         if n:
             oscillators_at(of, t, c, s)
-        for k in range(n):
-            z0, v0 = start[k], start[n + k]
-            row[k] = c[k] * z0 + s[k] * (v0 + of.delta[k] * z0)
-            row[n + k] = c[k] * v0 - s[k] * (of.p[k] * z0 + of.delta[k] * v0)
+        _pair_changes(of, c, s, start, row)
         if n:
             remainders_at(of, t, c, s)
-        for k in range(n):
-            z0, v0 = start[k], start[n + k]
-            later[k] = c[k] * z0 + s[k] * (v0 + of.delta[k] * z0)
-            later[n + k] = c[k] * v0 - s[k] * (of.p[k] * z0 + of.delta[k] * v0)
+        _pair_changes(of, c, s, start, later)
         if count:
             decays(rate, t, lost, bits, power)
         for k in range(count):
