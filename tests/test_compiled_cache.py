@@ -16,13 +16,13 @@ from scenes import paper_beam
 import vofem as vf
 from vofem.cli import FAULT, main
 from vofem.folders import read_entries, user_caches, write_entry
-from vofem.integrators.effort import kind_of_run
 from vofem.integrators.methods import BUILT_IN, ENERGY_CONSERVING
 from vofem.io import doctor
 from vofem.kernels import cache as jit_cache
 from vofem.kernels.mode import kernels
 from vofem.progress import RunProgress
 from vofem.simulate import ahead
+from vofem.simulate.plan import kind_of_run
 
 ROOT = Path(__file__).parent.parent
 
