@@ -125,8 +125,8 @@ def _read(source: str, file: Path) -> Any:
             return meshio.read(file, file_format=kind)
         except MemoryError as error:
             raise MeshError(
-                f"{source} does not fit into memory ({error}); it is damaged, its tags have gaps, or more than the axis "
-                "of a beam is in it. Renumber the mesh (Gmsh: Renumber), or export the axis alone"
+                f"{source} does not fit into memory ({error}); it is damaged, its tags have gaps, or more than the "
+                "axis of a beam is in it. Renumber the mesh (Gmsh: Renumber), or export the axis alone"
             ) from error
         except (Exception, SystemExit) as error:
             reason = " ".join(f"{printed.getvalue()} {'' if isinstance(error, SystemExit) else error!r}".split())
