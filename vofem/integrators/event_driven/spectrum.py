@@ -24,7 +24,6 @@ from vofem.cache import Cache
 from vofem.integrators.event_driven.complex_modes import Blocks, damped_blocks, state_scale
 from vofem.integrators.event_driven.fading import Fading
 from vofem.integrators.event_driven.modal_space import ModalSpace
-from vofem.linalg.aside import aside
 from vofem.linalg.secular import constrain, rank_one, rank_one_less, refine
 from vofem.system import CLOSED, PINNED, ContactLaws, Counters
 
@@ -333,7 +332,7 @@ class Spectra:
         rows = space.contacts @ modes
         damping = damping + (rows.T * dampers) @ rows
         damping = 0.5 * (damping + damping.T)
-        blocks = aside(partial(damped_blocks, real.p, damping), real.p.size)
+        blocks = damped_blocks(real.p, damping)
         return Spectrum(blocks.delta, blocks.p, real, blocks, damping)
 
     def _closed_modes(self, closed: NDArray[np.bool_]) -> tuple[tuple[int, ...], RealModes]:

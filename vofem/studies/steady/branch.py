@@ -112,6 +112,8 @@ class Branch(Shown):
         Sentences that a user should read, such as why the branch ended.
     periods : int
         Number of periods of the loads after which an orbit repeats.
+    interrupted : bool
+        Whether Ctrl-C was pressed while the branch was followed; then it may end before its interval does.
     """
 
     def __init__(
@@ -123,6 +125,7 @@ class Branch(Shown):
         *,
         notes: Sequence[str] = (),
         periods: int = 1,
+        interrupted: bool = False,
         source: Source | None = None,
     ) -> None:
         self.values = np.asarray(values, dtype=float)
@@ -131,6 +134,7 @@ class Branch(Shown):
         self.counters = counters
         self.notes = list(notes)
         self.periods = periods
+        self.interrupted = interrupted
         self._source = source
 
     def __len__(self) -> int:
