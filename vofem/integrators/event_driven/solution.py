@@ -383,15 +383,13 @@ class EventSolution:
         spectrum, count = motion.spectrum, motion.omega.size
         status, gaps = self.record.status(index), self.gap_functions(index)
         functions, plain, leads, sign = self._plain_functions(status, spectrum, count)
-        rate = sign * (self.space.contacts[plain] @ motion.velocity)
-        rate_size = self.row_sizes[plain] @ np.abs(motion.velocity)
         constant = functions.constant
         if functions.u.shape[1]:
             # Rounding from earlier segments. The search itself considers only the changes within this segment.
             constant = np.abs(constant) + self.row_sizes[plain] @ np.abs(motion.displacement)
         functions = EventFunctions(
-            functions.w, functions.u, functions.w_size, functions.u_size, sign * gaps[plain], rate, rate_size,
-            constant, functions.slope, functions.harmonic,
+            functions.w, functions.u, functions.w_size, functions.u_size, sign * gaps[plain], constant,
+            functions.slope, functions.harmonic,
         )  # fmt: skip
         pinned = status == PINNED
         if not pinned.any():
@@ -410,8 +408,6 @@ class EventSolution:
             np.vstack([functions.w_size, w_size, w_size]),
             np.vstack([u_plain_size, u_size, u_size]),
             np.concatenate([functions.start, -now, now - jump]),
-            np.concatenate([functions.rate, np.full(2 * held.size, np.nan)]),
-            np.concatenate([functions.rate_size, np.zeros(2 * held.size)]),
             np.concatenate([functions.constant, force.constant, jump - force.constant]),
             np.concatenate([functions.slope, -force.slope, force.slope]),
             np.vstack([functions.harmonic, -force.harmonic, force.harmonic]),
@@ -436,7 +432,7 @@ class EventSolution:
         laws = self.system.contacts
         if laws is None:
             none, empty = np.zeros(0), np.zeros((0, self.space.size))
-            rest = EventFunctions(empty, empty, empty, empty, none, none, none, none, none, empty.astype(complex))
+            rest = EventFunctions(empty, empty, empty, empty, none, none, none, empty.astype(complex))
             return rest, np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), none
         plain = np.flatnonzero(status != PINNED)
         sign = np.where(status[plain] == CLOSED, -1.0, 1.0)
@@ -447,8 +443,6 @@ class EventSolution:
         none = np.zeros(plain.size)
         functions = EventFunctions(
             *spectrum.rows(rows, self.row_sizes[plain]),
-            none,
-            none,
             none,
             level,
             none,
@@ -719,8 +713,7 @@ class EventSolution:
         if gaps.size:
             self.gap_functions(record.segments - 1)
         sample_segments(
-            self.table.arrays, slots, lambda status: self.spectrum_of(record.statuses[status]).fading,
-            np.array(self.space.contacts), loads, record.buffers, self.t_end, segments,
+            self.table.arrays, slots, np.array(self.space.contacts), loads, record.buffers, self.t_end, segments,
             times[order] - record.starts[segments], order, z.T, v.T, gaps.T,
         )  # fmt: skip
         return slots >= 0

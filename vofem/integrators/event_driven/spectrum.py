@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 
 from vofem.cache import Cache
 from vofem.integrators.event_driven.complex_modes import Blocks, damped_blocks, state_scale
-from vofem.integrators.event_driven.fading import Fading
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.linalg.secular import constrain, rank_one, rank_one_less, refine
 from vofem.system import CLOSED, PINNED, ContactLaws, Counters
@@ -116,11 +115,6 @@ class Spectrum:
         count = int(np.ceil(np.log(positive[-1] / positive[0]) / np.log(_LEVEL_RATIO)))
         edges = positive[0] * _LEVEL_RATIO ** np.arange(1, min(count, 40))
         return np.unique(np.append(np.searchsorted(self.frequency, edges), self.p.size)).astype(np.int64)
-
-    @cached_property
-    def fading(self) -> Fading:
-        """Free motion in coordinates that come to rest one after the other; for spectra without clusters."""
-        return Fading(self.delta, self.p, None if self.blocks is None else self.blocks.out, self.real.p)
 
     @cached_property
     def plain(self) -> Array | None:
