@@ -23,6 +23,7 @@ LAYERS = [
     "errors",
     "_validate",
     "folders",
+    "locks",
     "blas",
     "kernels",
     "cache",
