@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vofem.cli.common import FINE, INTERRUPTED, Commands, limits, print_method
-from vofem.cli.output import made, write, write_soon
-from vofem.cli.working import working
+from vofem.cli.output import made, write
 from vofem.integrators.registry import method_names
 
 if TYPE_CHECKING:
@@ -71,9 +70,11 @@ def _simulated(arguments: argparse.Namespace, file: SceneFile, folder: Path, stu
     interrupted = result.interrupted
     # Forces of impacts, energies and pictures may take as long as the run, and a user who has pressed Ctrl-C does not
     # want to wait.
-    left_out = "interrupted: speeds and forces of impacts, energies and pictures are left out"
     if interrupted:
-        print(left_out, flush=True)
+        print(
+            "interrupted: speeds and forces of impacts, energies and pictures are left out; Ctrl-C ends at once",
+            flush=True,
+        )
     try:
         print(tables.counter_line(result), end="\n\n")
         print(tables.contact_tables(result, forces=not interrupted), end="\n\n", flush=True)
@@ -86,20 +87,9 @@ def _simulated(arguments: argparse.Namespace, file: SceneFile, folder: Path, stu
     for note in result.notes:
         print(f"note: {note}")
     saved: list[Path] = []
-    with (
-        working("interrupted; writing what was computed (Ctrl-C ends at once)")
-        if interrupted
-        else contextlib.nullcontext()
-    ):
-        if arguments.save is not None:
-            saved.append(result.save(arguments.save, overwrite=arguments.overwrite))
-        if interrupted:
-            written, said = write_soon(result, file.output, folder)
-        else:
-            written, said = write(result, file.output, folder, studio), []
-    for sentence in said:
-        print(sentence)
-    written = saved + written
+    if arguments.save is not None:
+        saved.append(result.save(arguments.save, overwrite=arguments.overwrite))
+    written = saved + write(result, file.output, folder, None if interrupted else studio)
     print("\nwrote " + "\n      ".join(str(path) for path in written))
     return INTERRUPTED if interrupted else FINE
 

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 from vofem.files.whole import replacing, target
 from vofem.io.probe import Probe, cure, prepare_environment, probe, remembered, try_out
-from vofem.linalg.aside import apart
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.statics import Equilibrium
@@ -131,7 +130,7 @@ def collect(studio: Studio, picture: Path | None, drawing: Drawing, goal: Path) 
         else:
             from vofem.io.pictures import backend_matplotlib
 
-            apart(lambda: backend_matplotlib.draw(drawing, temporary), "drawing")
+            backend_matplotlib.draw(drawing, temporary)
     assert studio.found is not None
     return _outcome(goal, studio.found)
 
@@ -141,7 +140,7 @@ def collect_history(studio: Studio, picture: Path, views: Sequence[RunView], goa
     from vofem.io.pictures import history_figure
 
     if not studio.wait_for_history():
-        apart(lambda: history_figure.draw(views, goal), "drawing")
+        history_figure.draw(views, goal)
         return goal
     with replacing(goal) as temporary:
         temporary.write_bytes(picture.read_bytes())
