@@ -18,7 +18,7 @@ from vofem.io.storage.tree import read_tree, write_tree
 from vofem.progress import Progress
 from vofem.result import Result
 from vofem.scene import Scene
-from vofem.simulate import Plan, run_plan
+from vofem.simulate.plan import Plan, run_plan
 
 _SUFFIXES = (".checkpoint", ".h5", ".hdf")
 

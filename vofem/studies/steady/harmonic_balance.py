@@ -30,7 +30,7 @@ from vofem.integrators.methods import ENERGY_CONSERVING
 from vofem.laws.rows import all_rows
 from vofem.result import Result
 from vofem.scene import Scene
-from vofem.simulate import simulate
+from vofem.simulate.simulation import simulate
 from vofem.studies.steady.counters import Work
 from vofem.studies.steady.harmonic_solution import HarmonicMotion, harmonic_result
 from vofem.studies.steady.law_path import PASSES, LawPaths, nonlinear_groups
