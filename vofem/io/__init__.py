@@ -4,23 +4,6 @@
 package.
 """
 
-from typing import TYPE_CHECKING, Any
+import lazy_loader
 
-if TYPE_CHECKING:
-    from vofem.io.interactive import show
-    from vofem.io.movies.animate import animate
-
-__all__ = ["animate", "show"]
-
-#: Functions that are imported when first asked for, by module.
-_LATER = {"animate": "vofem.io.movies.animate", "show": "vofem.io.interactive"}
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _LATER:
-        raise AttributeError(f"module 'vofem.io' has no attribute {name!r}")
-    from importlib import import_module
-
-    value = getattr(import_module(_LATER[name]), name)
-    globals()[name] = value
-    return value
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

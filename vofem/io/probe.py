@@ -16,7 +16,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from vofem.folders import read_entries, user_caches, write_entry
+import platformdirs
+
+from vofem.folders import read_entries, write_entry
 
 _TIMEOUT = 60.0
 
@@ -80,20 +82,22 @@ def child_code(call: str) -> str:
 
 def remember(found: Probe) -> None:
     """Store what was found, for this process and others."""
-    write_entry(user_caches("vofem") / _KNOWN, _machine(), [found.works, found.detail])
+    write_entry(
+        platformdirs.user_cache_path("vofem", appauthor=False) / _KNOWN, _machine(), [found.works, found.detail]
+    )
     remembered.cache_clear()
 
 
 def forget() -> None:
     """Drop what was stored of this machine: VTK has failed all the same."""
-    write_entry(user_caches("vofem") / _KNOWN, _machine(), None)
+    write_entry(platformdirs.user_cache_path("vofem", appauthor=False) / _KNOWN, _machine(), None)
     remembered.cache_clear()
 
 
 @functools.cache
 def remembered() -> Probe | None:
     """Return what any process found on this machine with the same drivers, or None."""
-    known = read_entries(user_caches("vofem") / _KNOWN).get(_machine())
+    known = read_entries(platformdirs.user_cache_path("vofem", appauthor=False) / _KNOWN).get(_machine())
     return Probe(bool(known[0]), str(known[1])) if isinstance(known, list) and len(known) == 2 else None
 
 

@@ -215,7 +215,7 @@ class EventSolution:
 
     def go_on(self, saved: dict[str, Any]) -> tuple[float, Status, Array, Array]:
         """Restore a snapshot of the same run; return the time and the state from which the run continues."""
-        segments, log = saved["segments"], saved["log"]
+        segments, log = Segments(*saved["segments"]), saved["log"]
         self.record.fill(segments, log[:, 0], log[:, 1].astype(np.int64), log[:, 2].astype(np.int64))
         self._initial = saved["initial"]
         # Each eigensystem is computed from another one. The order is that of the run, so that the last bits agree.
@@ -223,14 +223,7 @@ class EventSolution:
             self._spectra[self.record.statuses[number]]
         for name, value in vars(saved["counters"]).items():
             setattr(self.counters, name, value)
-        # Snapshots of earlier versions hold no gap functions.
-        self.gaps_now = (
-            saved["gaps"]
-            if "gaps" in saved
-            else self._gaps_at_end(self.record.segments - 1)
-            if self.system.contacts is not None
-            else None
-        )
+        self.gaps_now = saved["gaps"]
         t, status, displacement, velocity = saved["now"]
         return t, status, displacement, velocity
 
@@ -283,9 +276,7 @@ class EventSolution:
         gaps = self.gaps_at(status, displacement)
         record.add(t, status, displacement, velocity)
         index = record.segments - 1
-        if self.system.contacts is not None:
-            record.buffers.gaps[index] = gaps
-            record.known_gaps = index + 1
+        record.buffers.gaps[index] = gaps
         self.counters.steps += 1
         return self.motion(index)
 
@@ -328,14 +319,7 @@ class EventSolution:
         They are computed as sums of changes and are therefore far more accurate than displacements. For a contact that
         has just closed or opened they are exactly 0.
         """
-        record = self.record
-        # Only a run that was saved by an earlier version has no gap functions.
-        for k in range(record.known_gaps, index + 1):
-            before, now = None if k == 0 else self._gaps_at_end(k - 1), record.status(k)
-            changed = None if k == 0 else now != record.status(k - 1)
-            record.buffers.gaps[k] = self._gaps(now, record.state(k)[0], before, changed)
-            record.known_gaps = k + 1
-        return record.buffers.gaps[index]
+        return self.record.buffers.gaps[index]
 
     def gaps_at(self, status: Status, displacement: Array) -> Array:
         """Return the gap functions at the begin of the segment that comes next, shape (n_contacts,)."""
@@ -710,8 +694,6 @@ class EventSolution:
             return none
         order = np.argsort(times, kind="stable")
         segments = np.searchsorted(record.starts, times[order], side="right") - 1
-        if gaps.size:
-            self.gap_functions(record.segments - 1)
         sample_segments(
             self.table.arrays, slots, np.array(self.space.contacts), loads, record.buffers, self.t_end, segments,
             times[order] - record.starts[segments], order, z.T, v.T, gaps.T,

@@ -212,7 +212,7 @@ class _Search:
             shape *= -1.0 if along[first] > 0.0 else 1.0
         dof = -1
         if by_amplitude:
-            sizes = np.where(self.system.rotational, 0.0, np.abs(space.shapes[:, number]))
+            sizes = np.where(self.system.rotation, 0.0, np.abs(space.shapes[:, number]))
             dof = int(np.argmax(sizes))
         kind = _Level(dof)
         unit, _ = kind.of(replace_contacts(self.system, None), space, shape)

@@ -1,0 +1,2 @@
+from .interactive import show as show
+from .movies.animate import animate as animate
