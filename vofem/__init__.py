@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import vofem.simulate as _simulate
 from vofem._version import __version__ as __version__
-from vofem.cards import Presenter, use_presenter
 from vofem.persistence import Store, use_store
 
 # The package of that name has taken the place of the function in it, which `__getattr__` finds: once it is imported,
@@ -143,15 +142,6 @@ def _store() -> Store:
 
 
 use_store(_store)
-
-
-def _presenter() -> Presenter:
-    from vofem.io.cards import card_of
-
-    return card_of
-
-
-use_presenter(_presenter)
 
 
 def __getattr__(name: str) -> Any:

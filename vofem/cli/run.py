@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vofem.cli.common import FINE, INTERRUPTED, Commands, limits, print_method
-from vofem.cli.output import made, write, write_soon
+from vofem.cli.output import draw, made, write, write_soon
 from vofem.cli.working import working
 from vofem.integrators.registry import method_names
 
 if TYPE_CHECKING:
-    from vofem.io.pictures.studio import Studio
     from vofem.io.scene_file import SceneFile
 
 
@@ -31,6 +30,7 @@ def add_run(commands: Commands) -> None:
     )
     run.add_argument("--dt", type=float, help="in s, instead of the file's")
     run.add_argument("--no-pictures", action="store_true", help="write numbers only")
+    run.add_argument("--snapshot", action="store_true", help="draw snapshot.png in three dimensions too, with VTK")
     run.add_argument("--save", type=Path, metavar="RUN", help="file .vtkhdf for the whole run; ParaView opens it too")
     run.add_argument("--overwrite", action="store_true", help="let --save replace a file")
     run.set_defaults(command=_run)
@@ -38,13 +38,6 @@ def add_run(commands: Commands) -> None:
 
 def _run(arguments: argparse.Namespace) -> int:
     with contextlib.ExitStack() as stack:
-        studio = None
-        if not arguments.no_pictures:
-            from vofem.io.pictures.studio import Studio
-
-            # The process that draws pictures starts before all else. It gets ready while this process imports what it
-            # needs and while the run takes place.
-            studio = stack.enter_context(Studio())
         from vofem.blas import blas_threads
         from vofem.io.scene_file import load_scene
         from vofem.simulate.explanation import explain
@@ -60,10 +53,10 @@ def _run(arguments: argparse.Namespace) -> int:
 
             check_target(arguments.save, arguments.overwrite)
         stack.enter_context(blas_threads(file.scene.model.system.size))
-        return _simulated(arguments, file, folder, studio)
+        return _simulated(arguments, file, folder)
 
 
-def _simulated(arguments: argparse.Namespace, file: SceneFile, folder: Path, studio: Studio | None) -> int:
+def _simulated(arguments: argparse.Namespace, file: SceneFile, folder: Path) -> int:
     """Run, print tables, write what is wanted; return the exit code."""
     from vofem.io import tables
 
@@ -96,7 +89,9 @@ def _simulated(arguments: argparse.Namespace, file: SceneFile, folder: Path, stu
         if interrupted:
             written, said = write_soon(result, file.output, folder)
         else:
-            written, said = write(result, file.output, folder, studio), []
+            written, said = write(result, file.output, folder), []
+            if not arguments.no_pictures:
+                written += draw(result, file.output, folder, arguments.snapshot)
     for sentence in said:
         print(sentence)
     written = saved + written
