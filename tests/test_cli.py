@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import csv
-import os
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -390,48 +387,3 @@ def test_an_interrupt_after_the_run_leaves_its_histories(scene, monkeypatch, cap
     folder = scene.parent / "output" / "ball"
     assert [path.name for path in folder.iterdir()] == ["histories.csv"]
     assert columns(folder / "histories.csv")["t [s]"][-1] == pytest.approx(6.0)
-
-
-def test_an_interrupted_run_writes_what_was_computed(tmp_path):
-    """Ctrl-C once: exit code 130, tables and histories, no energies, no pictures."""
-    (tmp_path / "long.toml").write_text(
-        """
-[run]
-t_end = 1e6
-method = "energy_conserving"
-dt = 1e-3
-times = { start = 0.0, stop = 1e6, count = 1000001 }
-[[mass]]
-name = "ball"
-mass = 1.0
-stiffness = 1.0
-[[contact]]
-name = "stop"
-a = "ball"
-gap = 0.5
-stiffness = 10.0
-side = "above"
-acts_on = "penetration"
-[initial.ball]
-velocity = 1.0
-"""
-    )
-    root = Path(__file__).parent.parent
-    program = f"import sys; sys.path.insert(0, {str(root)!r}); from vofem.cli import main; sys.exit(main(sys.argv[1:]))"
-    process = subprocess.Popen(
-        [sys.executable, "-c", program, "run", "long.toml", "--no-pictures"], cwd=tmp_path, text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, env={**os.environ, "VOFEM_COMPILED": "0"},
-    )  # fmt: skip
-    lines = iter(process.stdout.readline, "")
-    assert any("as the scene file says" in line for line in lines)
-    # The run begins at once, and lasts for hours.
-    time.sleep(5.0)
-    process.send_signal(signal.SIGINT)
-    said, errors = process.communicate(timeout=60.0)
-    assert process.returncode == 130, errors
-    assert "interrupted: speeds and forces of impacts, energies and pictures are left out" in said
-    assert "      closes [s]        opens [s]     lasts [s]\n" in said
-    assert "note: interrupted at t = " in said
-    assert "Contact 'stop'" in said
-    written = (tmp_path / "output" / "long" / "histories.csv").read_text().splitlines()
-    assert len(written) > 2

@@ -12,10 +12,6 @@ if TYPE_CHECKING:
     from vofem.result import Result
 
 
-#: Seconds in which histories of an interrupted run are written, and rows of points recorded at every step.
-_SOON, _SOON_ROWS = 1.0, 100_000
-
-
 def made(folder: Path) -> Path:
     """Return a folder, made where it is missing."""
     try:
@@ -34,24 +30,6 @@ def write(result: Result, output: OutputSettings, folder: Path) -> list[Path]:
     if result.recorded is not None:
         written.append(write_probes(result, folder / "probes.csv"))
     return written
-
-
-def write_soon(result: Result, output: OutputSettings, folder: Path) -> tuple[list[Path], list[str]]:
-    """Write histories of an interrupted run, at fewer times where all take long; return files, and what to say."""
-    from vofem.io.csv_file import write_csv_within, write_probes
-    from vofem.io.run_pictures import history_points
-
-    written, said = [folder / "histories.csv"], []
-    each = write_csv_within(_SOON, result, history_points(result.scene, output), written[0])
-    if each > 1:
-        said.append(f"interrupted: {written[0].name} holds one of every {each} stored times; all would take too long")
-    if result.recorded is not None:
-        written.append(folder / "probes.csv")
-        each = 1 + result.recorded.times.size * len(result.recorded.names) // _SOON_ROWS
-        write_probes(result, written[1], each)
-        if each > 1:
-            said.append(f"interrupted: {written[1].name} holds one of every {each} steps; all would take too long")
-    return written, said
 
 
 def draw(result: Result, output: OutputSettings, folder: Path, snapshot: bool) -> list[Path]:

@@ -77,15 +77,15 @@ def named_points(what: str, scene: Scene, points: Mapping[str, Any] | Iterable[A
     return {found.name: found for found in (as_point(f"{what}: a point", point) for point in listed)}
 
 
-def history_columns(run: Tabulated, points: dict[str, Any], t: NDArray | None = None) -> dict[str, tuple[NDArray, str]]:
-    """Return values and units at times in s, or at those of the run: motion of points, force and K_eq of contacts."""
+def history_columns(run: Tabulated, points: dict[str, Any]) -> dict[str, tuple[NDArray, str]]:
+    """Return values and units at the times of a run: motion of points, force and K_eq of contacts."""
     columns: dict[str, tuple[NDArray, str]] = {}
     for name, point in points.items():
-        columns[f"{name} displacement"] = run.displacement(point, t), "m"
-        columns[f"{name} velocity"] = run.velocity(point, t), "m/s"
+        columns[f"{name} displacement"] = run.displacement(point), "m"
+        columns[f"{name} velocity"] = run.velocity(point), "m/s"
     if not run.contacts:
         return columns
-    samples = run.contact_samples if t is None else run.solution.contacts(t)
+    samples = run.contact_samples
     for name, force, stiffness in zip(run.contacts, samples.force, samples.stiffness, strict=True):
         units = units_of(run.scene.effects, name)
         columns[f"{name} force"] = force, units.force

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import types
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cache, cached_property, update_wrapper
 from typing import Any, TypeVar, cast
 
@@ -119,8 +119,6 @@ def _numba() -> Any:
     import numba
     from numba.extending import typeof_impl
 
-    _watch_compilations()
-
     @typeof_impl.register(CompiledFunction)
     def type_of(function: CompiledFunction, context: Any) -> Any:
         return numba.types.Dispatcher(function.callee)
@@ -133,50 +131,6 @@ def _numba() -> Any:
         return context.resolve_value_type(made)
 
     return numba
-
-
-#: Compilations under way: that of a kernel, and those of kernels that it calls.
-_under_way: list[object] = []
-
-#: Functions that return whether Ctrl-C has been pressed and not yet been handled.
-waiting_interrupts: list[Callable[[], bool]] = []
-
-
-#: Runs that have results, which would be lost if a compilation within them were interrupted.
-runs_with_results: list[object] = []
-
-
-@contextlib.contextmanager
-def interruptible() -> Iterator[None]:
-    """Let Ctrl-C end compilation within this block at once, for callers that keep their results nevertheless."""
-    kept, runs_with_results[:] = list(runs_with_results), []
-    try:
-        yield
-    finally:
-        runs_with_results[:] = kept
-
-
-def compiling() -> bool:
-    """Return whether a kernel is being compiled whose compilation may be interrupted without a loss of results."""
-    return bool(_under_way) and not runs_with_results
-
-
-def _watch_compilations() -> None:
-    """Register functions with numba that report compilations to `compiling`."""
-    from numba.core import event
-
-    class Listener(event.Listener):
-        """Counts compilations that have begun and not ended; none begins after Ctrl-C."""
-
-        def on_start(self, event: Any) -> None:
-            if not runs_with_results and any(pressed() for pressed in waiting_interrupts):
-                raise KeyboardInterrupt
-            _under_way.append(event)
-
-        def on_end(self, event: Any) -> None:
-            del _under_way[-1:]
-
-    event.register("numba:compile", Listener())
 
 
 def _compiled(function: Callable[..., Any]) -> Any:

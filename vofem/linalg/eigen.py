@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import SingularSystemError
-from vofem.linalg.aside import aside
 
 Array = NDArray[np.float64]
 
@@ -82,8 +80,9 @@ def modal_basis(mass: Any, stiffness: Any, scale: Array, rigid: Array, strain: A
             window = np.ix_(part, part)
             dense_m = mass[part][:, part].toarray() if count > 1 else mass.toarray()
             dense_k = stiffness[part][:, part].toarray() if count > 1 else stiffness.toarray()
-            solve = partial(_coupled, dense_m, dense_k, scale[part], rigid[part], largest, strain is not None)
-            values[part], shapes[window] = aside(solve, part.size)
+            values[part], shapes[window] = _coupled(
+                dense_m, dense_k, scale[part], rigid[part], largest, strain is not None
+            )
     if strain is not None:
         shapes = _refined(mass, strain, shapes, values == 0.0)
         energy = np.sum((strain @ shapes) ** 2, axis=0)

@@ -132,8 +132,8 @@ def simulate(
     Notes
     -----
     Ctrl-C ends a run between two steps. The part of the run that was computed is
-    returned, and a note says so. A second Ctrl-C interrupts at once, and so does
-    the first one while kernels are compiled: then nothing is returned.
+    returned, and a note says so. Ctrl-C waits for kernels that are being compiled.
+    A second Ctrl-C raises KeyboardInterrupt at once, and nothing is returned.
     """
     plan = checked_plan(scene, t_end, method, dt, tol, times, probes, options, initial, t_start, compiled)
     every = number("simulate: checkpoint_every", checkpoint_every, minimum=0)

@@ -34,7 +34,6 @@ from vofem.integrators.registry import advice
 from vofem.integrators.unclosed import never_closed, open_throughout
 from vofem.kernels.mode import as_it_ran, compiled, kernels
 from vofem.laws import initial_status
-from vofem.linalg.secular import rank_one
 from vofem.system import CLOSED, OPEN, PINNED, Counters, Events, State, System
 from vofem.time_functions import Piece, TimeFunction
 
@@ -242,12 +241,6 @@ class EventSolution:
         self.times = self.times[self.times <= t]
         self.was_cut = True
 
-    def compile_rest(self) -> None:
-        """Compile the kernels that the rest of a run and its histories need, because none is compiled after Ctrl-C."""
-        self.modal(self.segment_starts[:1])
-        if self.system.contacts is not None:
-            rank_one(np.ones(1), np.ones(1), 1.0)
-
     # -- recording --------------------------------------------------------------------------------
 
     def begin(self, start: State, displacement: Array, velocity: Array, fraction: float, t: float = 0.0) -> Status:
@@ -282,8 +275,6 @@ class EventSolution:
         The displacement is corrected so that contacts that have just switched are exactly at their gaps. Otherwise a
         stiff contact would turn the rounding of the displacement into energy.
         """
-        # Ctrl-C may interrupt this, so it comes before the record changes.
-        self.spectrum_of(status)
         record = self.record
         if record.segments:
             switched = np.flatnonzero((status != record.status(record.segments - 1)) & (status != PINNED))

@@ -24,8 +24,6 @@ from vofem.cache import Cache
 from vofem.integrators.event_driven.complex_modes import Blocks, damped_blocks, state_scale
 from vofem.integrators.event_driven.fading import Fading
 from vofem.integrators.event_driven.modal_space import ModalSpace
-from vofem.linalg.aside import aside
-from vofem.linalg.low_rank_damping import CoupledDamping
 from vofem.linalg.secular import constrain, rank_one, rank_one_less, refine
 from vofem.system import CLOSED, PINNED, ContactLaws, Counters
 
@@ -327,40 +325,15 @@ class Spectra:
             return Spectrum(delta=0.5 * space.damping[: real.p.size], p=real.p, real=real)
         self._counters.eigensolves += 1
         self._counters.damping_evaluations += 1
-        terms = self._damping_terms(status, real, mixed=mixed)
-        if terms is None:
-            full = np.diag(space.damping) if space.coupling is None else np.diag(space.damping) + space.coupling
-            damping = np.asarray(real.down(real.down(full).T))
-            rows = space.contacts if real.modes is None else space.contacts @ real.modes
-            damping = damping + (rows.T * dampers) @ rows
-        else:
-            damping = terms.matrix()
+        modes = np.eye(space.size) if real.modes is None else real.modes
+        damping = (modes.T * space.damping) @ modes
+        if space.coupling is not None:
+            damping = damping + modes.T @ space.coupling @ modes
+        rows = space.contacts @ modes
+        damping = damping + (rows.T * dampers) @ rows
         damping = 0.5 * (damping + damping.T)
-        blocks = aside(partial(damped_blocks, real.p, damping, terms), real.p.size)
+        blocks = damped_blocks(real.p, damping)
         return Spectrum(blocks.delta, blocks.p, real, blocks, damping)
-
-    def _damping_terms(self, status: Status, real: RealModes, *, mixed: bool) -> CoupledDamping | None:
-        """Return the damping of a status as a diagonal and a few terms; None where it is not of this form.
-
-        Damping in proportion to the stiffness, ``a1 K``, does not act on the springs of contacts: in the modes of the
-        status, it is a diagonal matrix minus a term with ``a1 K0`` for each closed contact.
-        """
-        space, laws = self._space, self._laws
-        coupling = space.coupling_terms
-        if coupling is None or (mixed and space.proportional is None):
-            return None
-        rows, weights = coupling
-        own = space.damping[: real.p.size]
-        a1 = space.proportional[1] if space.proportional is not None and mixed else 0.0
-        if mixed and space.proportional is not None:
-            own = space.proportional[0] + a1 * real.p
-        if laws is not None:
-            closed = np.flatnonzero(status == CLOSED)
-            weight = laws.damping[closed] - a1 * laws.stiffness[closed]
-            rows = np.vstack([rows, space.contacts[closed[weight != 0.0]]])
-            weights = np.concatenate([weights, weight[weight != 0.0]])
-        proportional = space.proportional if mixed or real.modes is None else None
-        return CoupledDamping(own, rows if real.modes is None else rows @ real.modes, weights, proportional)
 
     def _closed_modes(self, closed: NDArray[np.bool_]) -> tuple[tuple[int, ...], RealModes]:
         """Return the modes with some contacts closed, and the changes by which they were computed.

@@ -50,6 +50,7 @@ def save(branch: Branch, path: str | os.PathLike[str], *, overwrite: bool = Fals
         "counters": asdict(branch.counters),
         "notes": list(branch.notes),
         "periods": int(branch.periods),
+        "interrupted": branch.interrupted,
         "orbits": _orbits(every, goal.parent),
     }
     with writing(goal, overwrite=overwrite) as blocks:
@@ -109,6 +110,7 @@ def read(file: h5py.File) -> Branch:
         BranchCounters(**record["counters"]),
         notes=record["notes"],
         periods=record["periods"],
+        interrupted=record.get("interrupted", False),
     )
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem._validate import number
+from vofem.blas import one_thread
 from vofem.cards import Shown
 from vofem.errors import ArgumentError
 from vofem.persistence import store
@@ -87,7 +88,8 @@ class Orbits(Sequence[PeriodicOrbit]):
             return [self[k] for k in range(*index.indices(len(self)))]
         k = range(len(self))[index]
         if k not in self._known:
-            self._known[k] = self._makers[k]()
+            with one_thread:
+                self._known[k] = self._makers[k]()
         return self._known[k]
 
     def __iter__(self) -> Iterator[PeriodicOrbit]:
@@ -110,6 +112,8 @@ class Branch(Shown):
         Sentences that a user should read, such as why the branch ended.
     periods : int
         Number of periods of the loads after which an orbit repeats.
+    interrupted : bool
+        Whether Ctrl-C was pressed while the branch was followed; then it may end before its interval does.
     """
 
     def __init__(
@@ -121,6 +125,7 @@ class Branch(Shown):
         *,
         notes: Sequence[str] = (),
         periods: int = 1,
+        interrupted: bool = False,
         source: Source | None = None,
     ) -> None:
         self.values = np.asarray(values, dtype=float)
@@ -129,6 +134,7 @@ class Branch(Shown):
         self.counters = counters
         self.notes = list(notes)
         self.periods = periods
+        self.interrupted = interrupted
         self._source = source
 
     def __len__(self) -> int:
@@ -183,6 +189,7 @@ class Branch(Shown):
                 f"{what} is told of free oscillations, those of vofem.backbone; these orbits are forced"
             )
 
+    @one_thread
     def at(self, value: float) -> list[PeriodicOrbit]:
         """Return all orbits of the branch at exactly this value of the parameter, in the order of the branch.
 
@@ -196,6 +203,7 @@ class Branch(Shown):
         """
         return self._finder("at").at(number("at: value", value))
 
+    @one_thread
     def switch(self, special: SpecialPoint) -> Branch:
         """Return the branch that leaves at a special point.
 

@@ -16,7 +16,8 @@ from vofem.errors import StorageError
 from vofem.files.hdf5 import FILTERS, end_of_data, writing
 from vofem.files.lock import FileLock
 from vofem.files.whole import target
-from vofem.studies.sweep.journal import Entry, Journal, point_text
+from vofem.studies.sweep.content import node_of, value_of
+from vofem.studies.sweep.journal import Entry, Journal
 from vofem.studies.sweep.sweep import agreeing, columns_of
 from vofem.studies.sweep.worker import RESERVED, Row
 
@@ -165,7 +166,7 @@ def _write_table(file: h5py.File, identity: dict[str, str], entries: Sequence[En
     scale.make_scale("sweep_row")
     present = np.array([row.values is not None for row in rows], dtype=bool)
     _variable(file, "sweep_key", np.array([key for key, _, _ in entries], dtype=str), scale)
-    _variable(file, "sweep_point", np.array([point_text(point) for _, point, _ in entries], dtype=str), scale)
+    _variable(file, "sweep_point", np.array([json.dumps(node_of(point)) for _, point, _ in entries], dtype=str), scale)
     _variable(file, "sweep_failed", ~present, scale)
     _variable(file, "sweep_error", np.array([row.error for row in rows], dtype=str), scale)
     _variable(file, "sweep_traceback", np.array([row.traceback for row in rows], dtype=str), scale)
@@ -231,7 +232,7 @@ def _read(path: Path) -> tuple[dict[str, str], list[Entry]]:
     for k, key in enumerate(texts["key"]):
         values = None if lost[k] else {name: column[k] for name, column in columns.items()}
         row = Row(values, texts["error"][k], texts["traceback"][k], float(seconds[k]))
-        entries.append((key, json.loads(texts["point"][k]), row))
+        entries.append((key, value_of(json.loads(texts["point"][k])), row))
     return identity, entries
 
 
