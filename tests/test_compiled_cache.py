@@ -15,7 +15,7 @@ from scenes import paper_beam
 
 import vofem as vf
 from vofem.cli import FAULT, main
-from vofem.folders import read_entries, user_caches, write_entry
+from vofem.folders import read_entries, write_entry
 from vofem.integrators.methods import BUILT_IN, ENERGY_CONSERVING
 from vofem.io import doctor
 from vofem.kernels import cache as jit_cache
@@ -78,7 +78,7 @@ def test_a_package_that_cannot_be_written_uses_the_users_folder(tmp_path, monkey
     assert jit_cache.cache_folder() == beside / "__pycache__"
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "caches"))
     monkeypatch.setattr(os, "access", lambda path, mode: not Path(path).is_relative_to(beside))
-    assert jit_cache.cache_folder() == user_caches("numba")
+    assert jit_cache.cache_folder() == tmp_path / "caches" / "numba"
     monkeypatch.setattr(os, "access", lambda path, mode: False)
     assert jit_cache.cache_folder() is None
     assert jit_cache.kinds_on_disk() == frozenset()

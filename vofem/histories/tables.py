@@ -8,7 +8,6 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem._validate import optional
 from vofem.bodies.base import as_point, place_of
 from vofem.effects.two_points import units_of
 from vofem.histories.contact import ContactHistory
@@ -95,7 +94,8 @@ def history_columns(run: Tabulated, points: dict[str, Any]) -> dict[str, tuple[N
 
 def dataframe_of(run: Tabulated, points: Any, what: str = "to_dataframe") -> Any:
     """Return histories as a `pandas.DataFrame`; see `vofem.Result.to_dataframe`."""
-    pandas = optional("pandas", "table", what)
+    import pandas
+
     columns = history_columns(run, named_points(what, run.scene, points))
     for name in _ENERGIES:
         columns[f"{name} energy"] = getattr(run.energy, name), "J"
@@ -107,7 +107,8 @@ def dataframe_of(run: Tabulated, points: Any, what: str = "to_dataframe") -> Any
 
 def dataset_of(run: Tabulated, points: Any, what: str = "to_xarray") -> Any:
     """Return histories as an `xarray.Dataset`; see `vofem.Result.to_xarray`."""
-    xarray = optional("xarray", "table", what)
+    import xarray
+
     named = named_points(what, run.scene, points)
     variables: dict[str, Any] = {}
     coordinates: dict[str, Any] = {"time": ("time", run.times, {"units": "s"}), "point": list(named)}

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import os
+import sys
 import types
 from collections.abc import Callable
 from functools import cache, cached_property, update_wrapper
@@ -205,6 +207,27 @@ def _numba() -> Any:
         return context.resolve_value_type(made)
 
     return numba
+
+
+#: The compiler's lock where it is held for a fork.
+_held: list[Any] = []
+
+
+def _before_fork() -> None:
+    """Let compilations of other threads end: their lock would stay closed in the child."""
+    lock = getattr(sys.modules.get("numba.core.compiler_lock"), "global_compiler_lock", None)
+    if lock is not None:
+        lock.acquire()
+        _held.append(lock)
+
+
+def _after_fork() -> None:
+    while _held:
+        _held.pop().release()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(before=_before_fork, after_in_parent=_after_fork, after_in_child=_after_fork)
 
 
 def _compiled(function: Callable[..., Any]) -> Any:

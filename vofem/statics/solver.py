@@ -82,7 +82,7 @@ def solver_of(system: System) -> Solve:
         from vofem.linalg.orthogonal import OrthogonalFactor, elimination_orders
 
         strain = system.strain if held is None else vstack([system.strain, held], format="csr")
-        factor = OrthogonalFactor(strain, elimination_orders(strain, system.rotational)[0])
+        factor = OrthogonalFactor(strain, elimination_orders(strain, system.rotation)[0])
 
         def respond(right: Array) -> Array:
             return factor.solve(right) if right.ndim == 1 else np.stack([factor.solve(b) for b in right.T], axis=1)
