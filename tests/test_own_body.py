@@ -146,11 +146,12 @@ def test_a_scene_file_refuses_it_by_name(run, tmp_path):
 
 
 def test_pictures(run, tmp_path):
-    from vofem.io.plot import draw_scene, space_time, time_history
+    from vofem.io.plot import space_time, time_history
+    from vofem.io.render import render
 
     made = run.scene.bodies[0]
     for name, draw in {
-        "side": lambda path: draw_scene(run, 0.6, path),
+        "side": lambda path: render(run, 0.6, path),
         "map": lambda path: space_time(run, path),
         "history": lambda path: time_history(run, made.at("right"), path),
     }.items():
@@ -158,7 +159,7 @@ def test_pictures(run, tmp_path):
 
 
 def test_beside_a_beam_and_a_mass_in_pictures_and_series(tmp_path):
-    from vofem.io.plot import draw_scene
+    from vofem.io.render import render
     from vofem.io.vtk import write_series
 
     made, _ = scene()
@@ -166,7 +167,7 @@ def test_beside_a_beam_and_a_mass_in_pictures_and_series(tmp_path):
     effects = [vf.Contact(beam.at(1.0), mass, gap=0.01, stiffness=50.0, acts_on="penetration"),
                vf.Spring(made.at(LENGTH), stiffness=2.0), vf.PointLoad(beam.at(1.0), 0.3)]  # fmt: skip
     many = vf.simulate(vf.Scene([made, beam, mass], effects), 0.5, times=[0.0, 0.25, 0.5])
-    assert draw_scene(many, 0.5, tmp_path / "side.png").stat().st_size > 5000
+    assert render(many, 0.5, tmp_path / "side.png").stat().st_size > 5000
     assert write_series(many, tmp_path / "many.pvd").frames == 3
 
 

@@ -216,7 +216,10 @@ def test_points_that_take_long_travel_alone():
         ("exit", "SystemExit: 3"),
         ("number", "TypeError: the function returned 3.0, expected a dict"),
         ("object", "TypeError: the function returned 'y' of type object"),
-        ("shape", "TypeError: the function returned 'y' of shape (2,), expected 'y' of shape () as at first"),
+        (
+            "shape",
+            "TypeError: the function returned 'y': number of shape (2,), expected 'y': number of shape () as at first",
+        ),
         ("clash", "TypeError: the function returned 'kind', which is the name of a parameter"),
     ],
 )
@@ -333,6 +336,24 @@ def test_failed_rows_stay_until_they_are_to_be_tried_again(tmp_path):
     assert vf.sweep(functions.trouble, points, executor="serial", store=store, retry_failed=True).counters == {
         "computed": 1, "stored": 1, "batches": 1, "restarts": 0,
     }  # fmt: skip
+
+
+@pytest.mark.parametrize("odd", ["none", 1j, ["none"]])
+def test_a_point_of_another_kind_has_failed_and_leaves_the_column_as_it_is(tmp_path, odd):
+    """Texts and complex numbers turn no column of numbers into their kind."""
+    for store in (None, tmp_path / "rows.h5", tmp_path / "rows.h5"):
+        table = vf.sweep(functions.odd_at_two, {"x": [1, 2, 3], "odd": [odd]}, executor="serial", store=store)
+        assert table["y"].dtype == float
+        assert table["y"].ravel().tolist() == pytest.approx([0.5, np.nan, 1.5], nan_ok=True)
+        (one,) = table.failed
+        assert one.point["x"] == 2
+        assert "expected 'y': number of shape () as at first" in one.error
+
+
+def test_integers_and_floats_are_one_kind():
+    table = vf.sweep(lambda x: {"y": x if x > 1 else x / 2}, {"x": [1, 2]}, executor="serial")
+    assert table["y"].tolist() == [0.5, 2.0]
+    assert table.failed == ()
 
 
 def test_a_store_opens_in_xarray(tmp_path):

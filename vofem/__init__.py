@@ -7,16 +7,5 @@ scene.
 
 import lazy_loader
 
-from vofem.cards import Presenter, use_presenter
-
 # The names are those of `__init__.pyi`, which editors and type checkers read.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
-
-
-def _presenter() -> Presenter:
-    from vofem.io.cards import card_of
-
-    return card_of
-
-
-use_presenter(_presenter)

@@ -164,7 +164,7 @@ class System:
             "static loss",
         ]
         if mine is not None and theirs is not None and np.array_equal(mine.stiffness, theirs.stiffness):
-            kinds += ["closed modes", "refined modes"]
+            kinds += ["closed modes"]
         self.cache.adopt(kinds, other.cache)
         return True
 
@@ -288,7 +288,7 @@ class Counters:
     eigensolves : int
         Full eigenvalue problems.
     rank_one_updates : int
-        Eigensystems that were computed from another one by closing one contact.
+        Eigensystems of the structure with some contacts closed or pinned, a rank-one term for each of these.
     statuses : int
         Distinct sets of closed contacts that were visited.
     load_evaluations : int

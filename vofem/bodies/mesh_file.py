@@ -11,7 +11,6 @@ import contextlib
 import io
 import os
 import re
-import threading
 import warnings
 from collections import Counter
 from pathlib import Path
@@ -22,6 +21,7 @@ import numpy as np
 from vofem.bodies.base import Array, IntArray
 from vofem.bodies.mesh import LineMesh, chain
 from vofem.errors import ArgumentError, MeshError
+from vofem.locks import Lock
 
 #: Extension to meshio's name of the format. Others are refused: nothing tests them.
 FORMATS = {".msh": "gmsh", ".vtu": "vtu", ".med": "med"}
@@ -30,7 +30,7 @@ FORMATS = {".msh": "gmsh", ".vtu": "vtu", ".med": "med"}
 _MOST = 2**29
 
 # Standard output is one for all threads; two readers must not redirect it at a time.
-_OUTPUT = threading.Lock()
+_OUTPUT = Lock()
 
 Sets = dict[str, list[IntArray]]
 

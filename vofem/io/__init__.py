@@ -1,7 +1,7 @@
 """What a user looks at and keeps: pictures, movies, tables, files of scenes and of runs.
 
-`animate` writes movies, `show` opens a window. `plot`, `render`, `vtk`, `csv_file` and `doctor` are modules of this
-package.
+`animate` writes movies, `show` opens a window, `snapshot` draws the structure in three dimensions. `plot`, `render`,
+`vtk`, `csv_file` and `doctor` are modules of this package.
 """
 
 import lazy_loader

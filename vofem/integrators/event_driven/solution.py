@@ -149,8 +149,6 @@ class EventSolution:
         # Counters count the work of the run, not that of sampling it later.
         self._motions: dict[int, Motion] = {}
         self.load_functions, self.load_vectors = _gathered(system, space)
-        # Statuses in the order of the run, each with its first segment, whose eigensystems are still to be computed.
-        self._awaited: list[tuple[int, Status]] = []
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the solution without its last samples, which can be computed again."""
@@ -161,10 +159,7 @@ class EventSolution:
         cls, system: System, space: ModalSpace, t_end: float, times: Array, counters: Counters, notes: list[str],
         segments: Segments, events: Events,
     ) -> EventSolution:  # fmt: skip
-        """Return the solution of an earlier run; eigensystems are computed when a segment is first asked for.
-
-        They agree with those of the run to the last bit if all of them can be kept in memory.
-        """
+        """Return the solution of an earlier run; eigensystems are computed when a segment is first asked for."""
         # The modes of the file are those of all runs of this system.
         system.cache.get("modal space", None, lambda: space)
         solution = cls(system, space, t_end, times, Counters())
@@ -172,9 +167,6 @@ class EventSolution:
         record = solution.record
         record.fill(segments, events.time, events.contact, events.status)
         solution._initial = events.initial
-        if len(record.statuses) <= solution._spectra.capacity:
-            _, first = np.unique(record.status_numbers, return_index=True)
-            solution._awaited = list(zip(first.tolist(), record.statuses, strict=True))[::-1]
         return solution
 
     @cached_property
@@ -218,9 +210,6 @@ class EventSolution:
         segments, log = Segments(*saved["segments"]), saved["log"]
         self.record.fill(segments, log[:, 0], log[:, 1].astype(np.int64), log[:, 2].astype(np.int64))
         self._initial = saved["initial"]
-        # Each eigensystem is computed from another one. The order is that of the run, so that the last bits agree.
-        for number in self.record.status_numbers:
-            self._spectra[self.record.statuses[number]]
         for name, value in vars(saved["counters"]).items():
             setattr(self.counters, name, value)
         self.gaps_now = saved["gaps"]
@@ -367,15 +356,13 @@ class EventSolution:
         spectrum, count = motion.spectrum, motion.omega.size
         status, gaps = self.record.status(index), self.gap_functions(index)
         functions, plain, leads, sign = self._plain_functions(status, spectrum, count)
-        rate = sign * (self.space.contacts[plain] @ motion.velocity)
-        rate_size = self.row_sizes[plain] @ np.abs(motion.velocity)
         constant = functions.constant
         if functions.u.shape[1]:
             # Rounding from earlier segments. The search itself considers only the changes within this segment.
             constant = np.abs(constant) + self.row_sizes[plain] @ np.abs(motion.displacement)
         functions = EventFunctions(
-            functions.w, functions.u, functions.w_size, functions.u_size, sign * gaps[plain], rate, rate_size,
-            constant, functions.slope, functions.harmonic,
+            functions.w, functions.u, functions.w_size, functions.u_size, sign * gaps[plain], constant,
+            functions.slope, functions.harmonic,
         )  # fmt: skip
         pinned = status == PINNED
         if not pinned.any():
@@ -394,8 +381,6 @@ class EventSolution:
             np.vstack([functions.w_size, w_size, w_size]),
             np.vstack([u_plain_size, u_size, u_size]),
             np.concatenate([functions.start, -now, now - jump]),
-            np.concatenate([functions.rate, np.full(2 * held.size, np.nan)]),
-            np.concatenate([functions.rate_size, np.zeros(2 * held.size)]),
             np.concatenate([functions.constant, force.constant, jump - force.constant]),
             np.concatenate([functions.slope, -force.slope, force.slope]),
             np.vstack([functions.harmonic, -force.harmonic, force.harmonic]),
@@ -420,7 +405,7 @@ class EventSolution:
         laws = self.system.contacts
         if laws is None:
             none, empty = np.zeros(0), np.zeros((0, self.space.size))
-            rest = EventFunctions(empty, empty, empty, empty, none, none, none, none, none, empty.astype(complex))
+            rest = EventFunctions(empty, empty, empty, empty, none, none, none, empty.astype(complex))
             return rest, np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), none
         plain = np.flatnonzero(status != PINNED)
         sign = np.where(status[plain] == CLOSED, -1.0, 1.0)
@@ -431,8 +416,6 @@ class EventSolution:
         none = np.zeros(plain.size)
         functions = EventFunctions(
             *spectrum.rows(rows, self.row_sizes[plain]),
-            none,
-            none,
             none,
             level,
             none,
@@ -576,14 +559,12 @@ class EventSolution:
 
     def spectrum(self, index: int) -> Spectrum:
         """Return the eigensystem of a segment."""
-        self._await(index)
         return self._spectra[self.record.status(index)]
 
     @as_it_ran
     def motion(self, index: int) -> Motion:
         """Return the closed form of the motion in a segment. The ones that were computed last are kept."""
         if index not in self._motions:
-            self._await(index)
             status, (displacement, velocity) = self.record.status(index), self.record.state(index)
             spectrum = self._spectra[status]
             forcing = self._forcing(self.record.starts[index], status, spectrum)
@@ -599,14 +580,6 @@ class EventSolution:
             return 1
         # Eigensystems that `Spectra` keeps cost nothing more.
         return max(_MOST_NUMBERS // (_OVERHEAD + _EACH * size), 1) if self._spectra.all_kept else _MOST_MOTIONS
-
-    def _await(self, index: int) -> None:
-        """Compute the eigensystems of a restored run up to a segment, in the order of the run.
-
-        Each one is computed from another one, so that their last bits depend on the order.
-        """
-        while self._awaited and self._awaited[-1][0] <= index:
-            self._spectra[self._awaited.pop()[1]]
 
     def _forcing(self, t: float, status: Status, spectrum: Spectrum) -> Forcing:
         """Return the modal force of loads and of the offsets of closed contacts."""
@@ -701,8 +674,7 @@ class EventSolution:
         order = np.argsort(times, kind="stable")
         segments = np.searchsorted(record.starts, times[order], side="right") - 1
         sample_segments(
-            self.table.arrays, slots, lambda status: self.spectrum_of(record.statuses[status]).fading,
-            np.array(self.space.contacts), loads, record.buffers, self.t_end, segments,
+            self.table.arrays, slots, np.array(self.space.contacts), loads, record.buffers, self.t_end, segments,
             times[order] - record.starts[segments], order, z.T, v.T, gaps.T,
         )  # fmt: skip
         return slots >= 0
@@ -738,7 +710,6 @@ class EventSolution:
 
     def _reactions(self, index: int) -> Reactions:
         """Return the reactions of the pinned contacts of a segment."""
-        self._await(index)
         laws, status = self.system.contacts, self.record.status(index)
         assert laws is not None
         spectrum = self._spectra[status]
@@ -843,7 +814,6 @@ class EventSolution:
             if done > index:
                 index = done
                 continue
-            self._await(index)
             status = record.status(index)
             traveller.drift(self._spectra[status], record.durations[index])
             if index + 1 < record.segments:

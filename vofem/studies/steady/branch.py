@@ -40,6 +40,8 @@ class BranchCounters:
         The same for the first orbit.
     eigensolves : int
         Full eigenvalue problems of the structure.
+    check_flows : int
+        Flows over orbits in which no event is ignored, with which orbits are checked.
     """
 
     points: int = 0
@@ -48,6 +50,7 @@ class BranchCounters:
     rejected_flows: int = 0
     search_flows: int = 0
     eigensolves: int = 0
+    check_flows: int = 0
 
 
 class Source(Protocol):

@@ -163,6 +163,11 @@ def condensed(full: System, count: int, earlier: Condensed | None) -> Condensed:
     return Condensed(full, own, vectors, _reduction(full).rounding)
 
 
+def reduced(full: System, least: int = 0) -> Condensed | None:
+    """Return a system in the first number of vectors, or in more; None where all modes are used."""
+    return condensed(full, max(first_count(full), least), None) if condensable(full) else None
+
+
 #: What `System.cache` holds for all systems of the same matrices, contact rows and load vectors.
 _KIND = "vectors of orbits"
 

@@ -182,12 +182,12 @@ def sweep_of(points: Points, rows: Sequence[Row], counters: dict[str, int]) -> S
 
 
 def agreeing(rows: Sequence[Row]) -> list[Row]:
-    """Return the rows; those whose names or shapes differ from the first row are marked as failed."""
-    pattern: dict[str, tuple[int, ...]] | None = None
+    """Return the rows; those whose names, shapes or kinds differ from the first row are marked as failed."""
+    pattern: dict[str, str] | None = None
     result = []
     for row in rows:
         if row.values is not None:
-            found = {name: value.shape for name, value in row.values.items()}
+            found = {name: f"{_kind(value)} of shape {value.shape}" for name, value in row.values.items()}
             if pattern is None:
                 pattern = found
             elif found != pattern:
@@ -229,5 +229,10 @@ def _array(values: Sequence[Any]) -> NDArray:
     return objects
 
 
-def _shapes(pattern: dict[str, tuple[int, ...]]) -> str:
-    return ", ".join(f"{name!r} of shape {shape}" for name, shape in pattern.items()) or "nothing"
+def _kind(value: NDArray) -> str:
+    """Return what an array holds; of one kind are numbers that numpy can hold in one array without a change."""
+    return {"U": "text", "c": "complex number"}.get(value.dtype.kind, "number")
+
+
+def _shapes(pattern: dict[str, str]) -> str:
+    return ", ".join(f"{name!r}: {found}" for name, found in pattern.items()) or "nothing"
