@@ -43,6 +43,7 @@ LAYERS = [
     "lookup",
     "effects",
     "scene",
+    "doubtful",
     "integrators",
     "reactions",
     "histories",
