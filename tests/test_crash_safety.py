@@ -98,19 +98,6 @@ def test_every_writer_leaves_all_or_nothing(results, old, tmp_path, monkeypatch)
         assert only(old[0])
 
 
-def test_an_interrupt_leaves_nothing_behind(results, old, monkeypatch):
-    path, before = old
-
-    def interrupt(*_arguments):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("vofem.io.storage.run_file.write_fields", interrupt)
-    with pytest.raises(KeyboardInterrupt):
-        results[1].save(path, overwrite=True)
-    assert path.read_bytes() == before
-    assert only(path)
-
-
 def test_a_file_that_exists_is_kept(results, old):
     path, before = old
     with pytest.raises(vf.OutputError, match=r"exists already and was left as it is; .* overwrite=True"):

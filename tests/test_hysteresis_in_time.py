@@ -10,9 +10,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 import vofem as vf
-from vofem.integrators.energy_conserving.adaptive import AdaptiveSteps
 from vofem.laws import HystereticLaws
-from vofem.system import Counters
 
 METHODS = ("energy_conserving", "generalized_alpha", "central_difference")
 PAPER = {"stiffness": 1.0, "linear_limit": 5.0}
@@ -305,19 +303,6 @@ def test_dissipation_is_the_loop_area_in_a_steady_state():
     assert area == pytest.approx(4.0 * 0.8 * 5.0 * plastic, rel=1e-3)
     assert late.displacement(mass)[-1] == pytest.approx(late.displacement(mass)[0], abs=1e-3)
     assert result.energy.balance_error < 1e-10
-
-
-def test_a_step_that_is_tried_leaves_no_trace():
-    mass, scene = swinging("cyclic")
-    scene = vf.Scene(scene.bodies, scene.effects, {mass: (4.9, 3.0)})
-    kernel = AdaptiveSteps(scene.model.system, scene.initial_state(), Counters(), 30.0)
-    kernel.plan(30.0, 1e-6)
-    kernel.level = 0
-    before = kernel.state.internal.copy()
-    found = kernel.attempt(kernel.record(np.zeros(0), None))
-    assert found.solves >= 0
-    assert kernel.trial.first.reaction[0] > 5.0
-    assert np.array_equal(kernel.state.internal, before)
 
 
 @pytest.mark.parametrize("method", METHODS)
