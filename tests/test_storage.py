@@ -315,27 +315,6 @@ def test_closed_forms_of_other_packages_are_known_at_the_times(tmp_path):
         loaded.displacement(mass, [0.3])
 
 
-def test_bodies_of_derived_classes_are_given_again(tmp_path):
-    class MyBeam(vf.Beam):
-        pass
-
-    def scene():
-        beam = MyBeam(1.0, 1.0, 1.0, 2, {"left": "clamped"}, name="mine")
-        return vf.Scene([beam], [vf.PointLoad(beam.at(1.0), lambda t: np.sin(t))])
-
-    first = scene()
-    result = vf.simulate(first, 1.0, method="energy_conserving", dt=0.01)
-    path = result.save(tmp_path / "run.vtkhdf")
-    with pytest.raises(vf.MissingCallableError, match="'mine', of a class of another package"):
-        vf.load(path)
-    loaded = vf.load(path, scene=scene())
-    tip = first.bodies[0].at(1.0)
-    assert same(loaded.displacement(tip), result.displacement(tip))
-    # The functions are those of the scene that was given.
-    again = vf.simulate(loaded.scene, 1.0, method="energy_conserving", dt=0.01)
-    assert same(again.displacement(tip), result.displacement(tip))
-
-
 # -- ParaView and xarray ----------------------------------------------------------------------------
 
 
