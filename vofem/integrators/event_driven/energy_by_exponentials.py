@@ -325,8 +325,7 @@ def _value(piece: Piece, tau: Array) -> Array:
 def integral(mu: Complex, tau: Array) -> Complex:
     """Return the integral of ``exp(mu s)`` from 0 to tau, shape (n_times, n_mu)."""
     zero = mu == 0
-    safe = np.where(zero, 1.0, mu)
-    return np.where(zero, tau[:, None], np.expm1(np.outer(tau, safe)) / safe)
+    return np.where(zero, tau[:, None], np.expm1(np.outer(tau, mu)) / np.where(zero, 1.0, mu))
 
 
 def ramp_integral(mu: Complex, tau: Array) -> Complex:
