@@ -89,7 +89,7 @@ def beam_of(rng):
     """Return a beam, its effects without stops and load, the points for load and stops, and a word for it."""
     family, units = rng.choice(list(FAMILIES)), rng.choice(["none", "m", "mm"])
     supports, (first, last) = FAMILIES[family]
-    elements = round(25.0 ** rng.random())
+    elements = rng.choice([1, 2, 3, 5, 10, 15, 20, 25])
     if family == "built in":
         elements = max(elements, 2)
     length, stiffness, mass = strip(rng, units)
@@ -139,7 +139,7 @@ def drawn(seed):
         amplitude *= 1e-3 * bodies[0].length
 
     def stop_at(point, side, name, share=None, times=None):
-        share = rng.uniform(0.1, 0.95) if share is None else share
+        share = decades(rng, -1, np.log10(0.95)) if share is None else share
         times = decades(rng, np.log10(0.5), 6) if times is None else times
         gap = share * amplitude * float(compliance(bodies, unit, point, inside).max())
         of_unit = [*effects, damping, vf.PointLoad(point, vf.Sine(1.0, 1.0))]

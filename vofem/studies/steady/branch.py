@@ -15,7 +15,6 @@ from vofem._validate import number
 from vofem.blas import one_thread
 from vofem.cards import Shown
 from vofem.errors import ArgumentError
-from vofem.persistence import store
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.special import SpecialPoint
 
@@ -41,6 +40,8 @@ class BranchCounters:
         The same for the first orbit.
     eigensolves : int
         Full eigenvalue problems of the structure.
+    check_flows : int
+        Flows over orbits in which no event is ignored, with which orbits are checked.
     """
 
     points: int = 0
@@ -49,6 +50,7 @@ class BranchCounters:
     rejected_flows: int = 0
     search_flows: int = 0
     eigensolves: int = 0
+    check_flows: int = 0
 
 
 class Source(Protocol):
@@ -258,4 +260,7 @@ class Branch(Shown):
         OutputError
             If the file exists and is not to be overwritten, or cannot be written.
         """
-        return store().save_branch(self, path, overwrite=overwrite)
+        # Late, because studies know no file format.
+        from vofem.io.storage.branch_file import save
+
+        return save(self, path, overwrite=overwrite)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem._validate import nearest, optional
+from vofem._validate import nearest
 from vofem.errors import ArgumentError
 from vofem.studies.sweep.points import Points
 from vofem.studies.sweep.worker import RESERVED, Row
@@ -128,9 +128,10 @@ class Sweep(Mapping[str, NDArray]):
 
         Its dimensions are the parameters of a grid, or ``point`` with the
         parameters as coordinates beside it. Further dimensions of a quantity
-        are named ``NAME_0``, ``NAME_1`` and so on. Needs the extra ``[table]``.
+        are named ``NAME_0``, ``NAME_1`` and so on.
         """
-        xarray = optional("xarray", "table", "to_xarray")
+        import xarray
+
         grid = self.points.axes is not None
         dims = self.points.names if grid else ("point",)
         if grid:
@@ -146,9 +147,10 @@ class Sweep(Mapping[str, NDArray]):
     def to_dataframe(self) -> Any:
         """Return a `pandas.DataFrame` with one row a point; the last column holds the errors.
 
-        Quantities that are arrays are kept as arrays, one in each cell. Needs the extra ``[table]``.
+        Quantities that are arrays are kept as arrays, one in each cell.
         """
-        pandas = optional("pandas", "table", "to_dataframe")
+        import pandas
+
         columns: dict[str, Any] = {
             name: list(_array([row[name] for row in self.points.rows])) for name in self.points.names
         }
