@@ -47,11 +47,14 @@ class SweepInterrupted(KeyboardInterrupt):
     Attributes
     ----------
     sweep : Sweep
-        Points that were not reached are among its failed ones.
+        Its `missing` are the points that were not reached.
     """
 
-    def __init__(self, sweep: Sweep) -> None:
-        super().__init__(f"{sweep!r}")
+    def __init__(self, sweep: Sweep, kept: Any = None) -> None:
+        total = len(sweep.points.rows)
+        done = total - len(sweep.missing)
+        where = f"kept in {kept}; the same call computes the rest" if kept else "in the `sweep` of this error"
+        super().__init__(f"sweep: stopped by Ctrl-C after {done} of {total} points, which are {where}")
         self.sweep = sweep
 
 
@@ -71,11 +74,14 @@ class Sweep(Mapping[str, NDArray]):
     failed : tuple of FailedPoint
         The points that failed, in the order of the points.
     seconds : array of float, shape (n_points,)
-        Wall time of every point in s. For rows from the store it is the time of the earlier sweep.
+        Wall time of every point in s, 0 where it was not computed. For rows from the store it is the time of the
+        earlier sweep.
     counters : dict
         ``computed``, ``stored`` (taken from the store), ``batches`` and ``restarts`` of workers.
     notes : tuple of str
         Sentences that a reader of the numbers should know.
+    missing : tuple of int
+        Positions of the points that were not computed, because the sweep was stopped before.
     """
 
     points: Points
@@ -84,6 +90,7 @@ class Sweep(Mapping[str, NDArray]):
     counters: dict[str, int]
     notes: tuple[str, ...]
     _columns: dict[str, NDArray] = field(repr=False)
+    missing: tuple[int, ...] = ()
 
     def __getitem__(self, name: str) -> NDArray:
         if name not in self._columns:
@@ -102,6 +109,7 @@ class Sweep(Mapping[str, NDArray]):
         shape = " x ".join(str(n) for n in self.points.shape)
         parts = [f"{shape} points over {', '.join(self.points.names)}", f"quantities {', '.join(self) or 'none'}"]
         parts += [f"{len(self.failed)} failed"] if self.failed else []
+        parts += [f"{len(self.missing)} not computed"] if self.missing else []
         parts += [f"{len(self.notes)} notes"] if self.notes else []
         return f"<Sweep: {'; '.join(parts)}>"
 
@@ -168,17 +176,26 @@ class Sweep(Mapping[str, NDArray]):
         errors = [""] * len(self.points.rows)
         for one in self.failed:
             errors[one.index] = one.error
+        for index in self.missing:
+            errors[index] = NOT_REACHED.error
         return errors
+
+
+#: The row of a point that was not computed.
+NOT_REACHED = Row(None, "not computed: the sweep was stopped before", "", 0.0)
 
 
 def sweep_of(points: Points, rows: Sequence[Row], counters: dict[str, int]) -> Sweep:
     """Return the outcome of a sweep from its rows, in the order of the points."""
     rows = agreeing(rows)
     failed = tuple(
-        FailedPoint(k, points.rows[k], row.error, row.traceback) for k, row in enumerate(rows) if row.values is None
+        FailedPoint(k, points.rows[k], row.error, row.traceback)
+        for k, row in enumerate(rows)
+        if row.values is None and row is not NOT_REACHED
     )
+    missing = tuple(k for k, row in enumerate(rows) if row is NOT_REACHED)
     seconds = np.array([row.seconds for row in rows])
-    return Sweep(points, failed, seconds, dict(counters), (), columns_of(rows))
+    return Sweep(points, failed, seconds, dict(counters), (), columns_of(rows), missing)
 
 
 def agreeing(rows: Sequence[Row]) -> list[Row]:
