@@ -206,7 +206,7 @@ class _Search:
         self.space: ModalSpace = modes_of(system, work.runs)
         #: Displacements of all degrees of freedom in modes, shape (N, n).
         self.shapes: Array = self.space.shapes if few is None else few.vectors @ self.space.shapes
-        self.rotational = system.rotational if few is None else few.full.rotational
+        self.rotation = system.rotation if few is None else few.full.rotation
         #: Relative change of the oscillations by doubling the vectors.
         self.change: float | None = None
 
@@ -258,7 +258,7 @@ class _Search:
             shape *= -1.0 if along[first] > 0.0 else 1.0
         dof = -1
         if by_amplitude:
-            sizes = np.where(self.rotational, 0.0, np.abs(self.shapes[:, number]))
+            sizes = np.where(self.rotation, 0.0, np.abs(self.shapes[:, number]))
             dof = int(np.argmax(sizes))
         kind = _Level(dof)
         unit, _ = kind.of(self, shape, linear=True)

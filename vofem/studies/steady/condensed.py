@@ -227,6 +227,6 @@ def condensed_result(scene: Scene, few: Condensed, state: State, duration: float
     assert isinstance(solution, EventSolution)
     left_out = few.truncation(duration, error)
     kept = Truncation(few.vectors.shape[1], few.full.size, left_out.error, duration, few.rounding)
-    lifted = TruncatedSolution(solution, few.vectors, times, kept, GOOD, bool(np.any(few.full.rotational)))
+    lifted = TruncatedSolution(solution, few.vectors, times, kept, GOOD, bool(np.any(few.full.rotation)))
     lifted.notes[0] = f"truncation: {left_out.what}"
     return Result(scene, "event_driven", lifted, start=state)

@@ -32,7 +32,7 @@ from vofem.laws.rows import all_rows
 from vofem.linalg.eigen import eigenvalues
 from vofem.result import Result
 from vofem.scene import Scene
-from vofem.simulate import simulate
+from vofem.simulate.simulation import simulate
 from vofem.studies.steady.condensed import slowest_decay
 from vofem.studies.steady.counters import Work
 from vofem.studies.steady.harmonic_solution import HarmonicMotion, harmonic_result
