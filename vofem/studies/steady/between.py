@@ -14,7 +14,7 @@ from vofem.studies.steady.point import Interval, Point, corrected, derivative_by
 Array = NDArray[np.float64]
 
 #: `Evaluation.error` that the orbits reach with which special points are located.
-EXACT = 1e-13
+EXACT = 1e-14
 
 
 @dataclass

@@ -13,7 +13,7 @@ from vofem.studies.steady.problem import OrbitProblem
 from vofem.studies.steady.rebuild import recompiled
 
 #: Problems that are kept, by the value of the parameter.
-_KEPT = 4
+_KEPT = 8
 
 
 @dataclass

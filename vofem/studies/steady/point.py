@@ -28,6 +28,31 @@ _DIFFERENCE, _LEAST = 1e-6, 1e-9
 _TELLING = 1e-2
 
 
+@dataclass(frozen=True)
+class OriginChart:
+    """The unknowns of the problem as coordinates."""
+
+    def evaluate(self, problem: Any, y: Array, *, derivative: bool = True) -> Any:
+        """Return the equations."""
+        return problem.evaluate(y, derivative=derivative)
+
+    def scales(self, problem: Any, evaluation: Any) -> Array:
+        """Return sizes of the unknowns: those of the motion."""
+        return np.asarray(problem.scales * max(evaluation.size, np.finfo(float).tiny))
+
+    def unknowns(self, problem: Any, y: Array, evaluation: Any) -> Array:
+        """Return the unknowns."""
+        return y
+
+    def orbit(self, problem: Any, y: Array, evaluation: Any) -> PeriodicOrbit:
+        """Return the orbit."""
+        orbit: PeriodicOrbit = problem.orbit(y, evaluation)
+        return orbit
+
+
+ORIGIN = OriginChart()
+
+
 @dataclass
 class Point:
     """An orbit of a branch.
@@ -94,13 +119,24 @@ class Interval:
 
 
 def derivative_by_value(family: Family, interval: Interval, chart: Any, y: Array, evaluation: Any) -> Array:
-    """Return the derivative of the residual with respect to the parameter, by a difference, shape (n,)."""
+    """Return the derivative of the residual with respect to the parameter, by differences, shape (n,).
+
+    Scenes are built for values inside the interval only, unless the value itself lies outside.
+    """
     value = float(y[-1])
     step = max(_DIFFERENCE * interval.size, _LEAST * abs(value))
-    if value > 0.5 * (interval.start + interval.stop):
-        step = -step
-    after = chart.evaluate(family.at(value + step), y[:-1], derivative=False)
-    return np.asarray((after.residual - evaluation.residual) / step)
+    low, high = min(interval.start, interval.stop), max(interval.start, interval.stop)
+
+    def residual(away: float) -> Array:
+        return np.asarray(chart.evaluate(family.at(value + away), y[:-1], derivative=False).residual)
+
+    if chart is ORIGIN:
+        step = -step if value > 0.5 * (low + high) else step
+        return np.asarray((residual(step) - evaluation.residual) / step)
+    if low <= value - step and value + step <= high:
+        return (residual(step) - residual(-step)) / (2.0 * step)
+    step = -step if value > 0.5 * (low + high) else step
+    return (4.0 * residual(step) - residual(2.0 * step) - 3.0 * evaluation.residual) / (2.0 * step)
 
 
 def corrected(
