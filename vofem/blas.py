@@ -12,7 +12,7 @@ from typing import Any
 _SMALL = 400
 
 
-class _Limit:
+class _Limit(contextlib.ContextDecorator):
     """One thread for all libraries, from the first entry to the last exit, in whatever threads these are."""
 
     def __init__(self) -> None:
@@ -49,7 +49,8 @@ class _Limit:
                 self._limiter = None
 
 
-_LIMIT = _Limit()
+#: Keeps BLAS and LAPACK to one thread: a context, or a decorator of functions whose dense matrices are mostly small.
+one_thread = _Limit()
 
 
 @contextlib.contextmanager
@@ -64,5 +65,5 @@ def blas_threads(size: int) -> Iterator[None]:
     if size > _SMALL:
         yield
         return
-    with _LIMIT:
+    with one_thread:
         yield

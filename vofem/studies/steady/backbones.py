@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import array, whole
+from vofem.blas import one_thread
 from vofem.errors import ArgumentError, ConvergenceError, MethodError
 from vofem.integrators.event_driven.flow import Start, flow, modes_of
 from vofem.integrators.event_driven.modal_space import ModalSpace
@@ -90,6 +91,7 @@ class _Level:
         return energy, slope
 
 
+@one_thread
 def backbone(
     scene: Scene, mode: int, energies: ArrayLike | None = None, *, amplitudes: ArrayLike | None = None
 ) -> Branch:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem._validate import number
+from vofem.blas import one_thread
 from vofem.cards import Shown
 from vofem.errors import ArgumentError
 from vofem.persistence import store
@@ -40,6 +41,8 @@ class BranchCounters:
         The same for the first orbit.
     eigensolves : int
         Full eigenvalue problems of the structure.
+    check_flows : int
+        Flows over orbits in which no event is ignored, with which orbits are checked.
     """
 
     points: int = 0
@@ -48,6 +51,7 @@ class BranchCounters:
     rejected_flows: int = 0
     search_flows: int = 0
     eigensolves: int = 0
+    check_flows: int = 0
 
 
 class Source(Protocol):
@@ -87,7 +91,8 @@ class Orbits(Sequence[PeriodicOrbit]):
             return [self[k] for k in range(*index.indices(len(self)))]
         k = range(len(self))[index]
         if k not in self._known:
-            self._known[k] = self._makers[k]()
+            with one_thread:
+                self._known[k] = self._makers[k]()
         return self._known[k]
 
     def __iter__(self) -> Iterator[PeriodicOrbit]:
@@ -183,6 +188,7 @@ class Branch(Shown):
                 f"{what} is told of free oscillations, those of vofem.backbone; these orbits are forced"
             )
 
+    @one_thread
     def at(self, value: float) -> list[PeriodicOrbit]:
         """Return all orbits of the branch at exactly this value of the parameter, in the order of the branch.
 
@@ -196,6 +202,7 @@ class Branch(Shown):
         """
         return self._finder("at").at(number("at: value", value))
 
+    @one_thread
     def switch(self, special: SpecialPoint) -> Branch:
         """Return the branch that leaves at a special point.
 

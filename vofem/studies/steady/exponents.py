@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem._validate import number, whole
+from vofem.blas import one_thread
 from vofem.errors import ArgumentError, MethodError
 from vofem.integrators.event_driven.flow import Start, flow, modal_state, modes_of
 from vofem.integrators.event_driven.modal_space import ModalSpace
@@ -52,6 +53,7 @@ class LyapunovExponents:
     skip: float
 
 
+@one_thread
 def lyapunov(scene: Scene, t_end: float, *, count: int = 1, skip: float = 0.0) -> LyapunovExponents:
     """Return the largest Lyapunov exponents of a motion of a scene, from its initial state.
 

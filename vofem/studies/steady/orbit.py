@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem._validate import whole
+from vofem.blas import one_thread
 from vofem.cards import Shown
 from vofem.initial import StoredState
 from vofem.lookup import rows_over
@@ -181,13 +182,15 @@ class PeriodicOrbit(Shown):
         most = float(np.max(size, initial=0.0))
         if abs(most - 1.0) > _NEAR:
             return most < 1.0
-        margin = DECIDED if self._decided is None else self._decided()
+        with one_thread:
+            margin = DECIDED if self._decided is None else self._decided()
         return None if abs(most - 1.0) <= margin else most < 1.0
 
     @cached_property
     def result(self) -> Result:
         """The `Result` over the whole orbit: 1001 equal times, both ends included, from t = 0 of the loads on."""
-        return self._make()
+        with one_thread:
+            return self._make()
 
     # -- as the start of a run ------------------------------------------------------------------------
 
@@ -216,6 +219,7 @@ class PeriodicOrbit(Shown):
 
     # -- what is measured of it -----------------------------------------------------------------------
 
+    @one_thread
     def extremes(self, point: Any) -> tuple[float, float]:
         """Return the least and the largest displacement of a point in m, found between samples.
 
@@ -260,6 +264,7 @@ class PeriodicOrbit(Shown):
         least, largest = self.extremes(point)
         return 0.5 * (largest - least)
 
+    @one_thread
     def harmonics(self, point: Any, count: int) -> Complex:
         """Return the Fourier coefficients of a point's displacement.
 

@@ -33,6 +33,7 @@ def branch_of(track: Track, family: Family, walker: Follower) -> Branch:
     source.marked = dict(zip(map(id, special), track.marks, strict=True))
     source.special = special
     walker.counters.points = len(track.points)
+    walker.counters.check_flows = family.work.checks
     walker.counters.eigensolves = family.work.runs.eigensolves
     return Branch(
         np.array([point.value for point in track.points]),

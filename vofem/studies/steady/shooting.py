@@ -290,19 +290,20 @@ class Shooting:
 
     # -- equations ------------------------------------------------------------------------------------
 
-    def run(self, start: Start, stop: float, *, derivative: Array | None = None, **options: Any) -> Flow:
-        """Return a flow, counted.
+    def run(self, start: Start, stop: float, *, derivative: Array | None = None, check: bool = False) -> Flow:
+        """Return a flow, counted; as a check of a known orbit where `check` is true.
 
         Raises
         ------
         ConvergenceError
             If contacts chatter or the motion diverges.
         """
-        self.work.flows += 1
+        self.work.flows += not check
+        self.work.checks += check
         if not (np.all(np.isfinite(start.displacement)) and np.all(np.isfinite(start.velocity))):
             raise ConvergenceError("the iteration diverged: a state is not finite")
         try:
-            return flow(self.system, start, stop, derivative=derivative, counters=self.work.runs, **options)
+            return flow(self.system, start, stop, derivative=derivative, counters=self.work.runs)
         except EventStormError as error:
             raise ConvergenceError(str(error)) from error
 

@@ -322,14 +322,14 @@ class Signature:
     # -- coordinates ----------------------------------------------------------------------------------
 
     def scales(self, problem: Shooting, evaluation: SignatureEvaluation) -> Array:
-        """Return sizes of the coordinates: those of the motion, and 1 rad."""
-        n = problem.size // 2
+        """Return sizes of the coordinates: those of the motion, and 1 rad, or more if there are many segments."""
+        n, k = problem.size // 2, len(self.switches)
         z, v = evaluation.sizes
         v = max(v, problem.loads.omega * z)
         z = max(z, v / max(float(np.sqrt(np.max(problem.space.stiffness, initial=0.0))), problem.loads.omega))
         if not v > 0.0:
             z, v = 1.0, problem.loads.omega
-        return np.concatenate([np.full(n, z), np.full(n, v), np.ones(len(self.switches))])
+        return np.concatenate([np.full(n, z), np.full(n, v), np.full(k, max(1.0, np.sqrt(k / 4.0)))])
 
     def at_phase(self, problem: Shooting, evaluation: SignatureEvaluation, phase: float) -> Array:
         """Return the state in unknowns at a phase of the loads, shape (2n,)."""
@@ -351,7 +351,8 @@ class Signature:
         """Return the ordinary flow over one period of the orbit, which searches its events."""
         z, v = problem.to_modes(y[: problem.size])
         time = self.anchor / problem.loads.omega
-        return problem.run(Start(time, z, v, np.array(self.start, dtype=np.int64)), time + problem.duration)
+        start = Start(time, z, v, np.array(self.start, dtype=np.int64))
+        return problem.run(start, time + problem.duration, check=True)
 
     # -- comparison with a flow -----------------------------------------------------------------------
 
