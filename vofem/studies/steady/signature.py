@@ -45,8 +45,8 @@ ROUNDING = 1e-11
 #: Length in rad by which two switches may be in the wrong order: those of several contacts at one time.
 AT_ONCE = 1e-9
 
-#: Difference of phases, over the orbit, up to which a switch of a flow is one of the signature.
-_SAME = 1e-5
+#: Length in rad of a touch that may be lost in rounding.
+_SHORT = 1e-5
 
 #: Condition of the equations of the switches above which multipliers need a generalised eigenvalue problem.
 _SINGULAR = 1e3
@@ -357,34 +357,17 @@ class Signature:
     # -- comparison with a flow -----------------------------------------------------------------------
 
     def follows(self, problem: Shooting, y: Array, flow: Flow) -> bool:
-        """Return whether the events of a flow are those of the signature, each contact for itself."""
+        """Return whether the events of a flow are those of the signature, each contact for itself.
+
+        Touches that are so short that they are lost in rounding do not count.
+        """
         omega, phases = problem.loads.omega, self.phases(y)
         for contact in range(len(self.start)):
             mine = [(p, s.status) for p, s in zip(phases, self.switches, strict=True) if s.contact == contact]
             seen = [(e.time * omega, e.after) for e in flow.events if e.contact == contact]
-            if len(mine) != len(seen):
+            if [status for _, status in _without_short(mine)] != [status for _, status in _without_short(seen)]:
                 return False
-            for (phase, status), (other, after) in zip(mine, seen, strict=True):
-                if status != after or abs(phase - other) > 1e-2 * self.turn:
-                    return False
         return True
-
-    def first_touch(self, problem: Shooting, y: Array, flow: Flow) -> tuple[int, float] | None:
-        """Return contact and phase of the first event of a flow that is none of the signature."""
-        omega, phases = problem.loads.omega, self.phases(y)
-        left = [
-            (p, s) for p, s in zip(phases.tolist(), self.switches, strict=True)
-        ]
-        for event in flow.events:
-            phase = event.time * omega
-            same = [
-                one for one in left
-                if one[1] == (event.contact, event.after) and abs(one[0] - phase) <= _SAME * self.turn
-            ]  # fmt: skip
-            if not same:
-                return event.contact, phase
-            left.remove(same[0])
-        return None
 
     def extremes(self, problem: Shooting, evaluation: SignatureEvaluation) -> list[Extreme]:
         """Return the extremes of all gap functions inside segments at which the contact might switch."""
@@ -525,6 +508,17 @@ class Signature:
 
     def _like(self, switches: tuple[Switch, ...]) -> Signature:
         return Signature(self.start, switches, self.anchor, self.periods)
+
+
+def _without_short(switches: list[tuple[float, int]]) -> list[tuple[float, int]]:
+    """Return phases and statuses of the switches of a contact without touches that are lost in rounding."""
+    left: list[tuple[float, int]] = []
+    for phase, status in switches:
+        if left and phase - left[-1][0] < _SHORT:
+            left.pop()
+        else:
+            left.append((phase, status))
+    return left
 
 
 def _root_of_rate(stretch: Stretch, row: Array, low: float, high: float) -> float:
