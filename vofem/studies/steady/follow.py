@@ -17,7 +17,7 @@ from vofem.studies.steady.family import Family
 from vofem.studies.steady.point import ORIGIN, Interval, Point, corrected, derivative_by_value, tangent_at
 from vofem.studies.steady.shooting import Shooting
 from vofem.studies.steady.signature import Signature
-from vofem.studies.steady.touching import CLOSES, Passage, passage, signature_at
+from vofem.studies.steady.touching import Passage, ending, passage, signature_at
 
 Array = NDArray[np.float64]
 
@@ -194,13 +194,13 @@ class Follower:
             y, evaluation, by_value = corrected(self.family, chart, guess, now.scales, now.tangent, now.by_value)
             after = self._accepted(now, y, evaluation, by_value, step)
             if after is None:
-                return None
+                return self._ending(now, step)
             passed = None
             if isinstance(chart, Signature):
                 passed = passage(self.family, self.interval, now, after)
         except (ConvergenceError, np.linalg.LinAlgError) as error:
             self._why = f" ({error})"
-            return None
+            return self._ending(now, step)
         last = after if passed is None else passed.before
         end = self.interval.beyond(last.value)
         if end is not None:
@@ -213,6 +213,20 @@ class Follower:
             return self._beyond(passed, step)
         factor = float(np.clip(_AIM / max(angle, 1e-3), 0.5, _GROW))
         return self._recentred(after), min(step * factor, self.largest)
+
+    def _ending(self, now: Point, step: float) -> tuple[Point, float] | None:
+        """Pass a grazing ahead that no step reaches, because several touches end there at once."""
+        if not isinstance(now.chart, Signature):
+            return None
+        try:
+            passed = ending(self.family, self.interval, now)
+        except (ConvergenceError, np.linalg.LinAlgError):
+            return None
+        if passed is None or self.interval.beyond(passed.at.value) is not None:
+            return None
+        if passed.before is not now:
+            self._take(Step(now, passed.before))
+        return (passed.before, step) if self._over else self._beyond(passed, step)
 
     def _beyond(self, passed: Passage, step: float) -> tuple[Point, float]:
         """Continue beyond a change of the signature."""

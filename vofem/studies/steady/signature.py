@@ -45,6 +45,9 @@ ROUNDING = 1e-11
 #: Length in rad by which two switches may be in the wrong order: those of several contacts at one time.
 AT_ONCE = 1e-9
 
+#: Difference of phases, over the orbit, up to which a switch of a flow is one of the signature.
+_SAME = 1e-5
+
 #: Length in rad of a touch that may be lost in rounding.
 _SHORT = 1e-5
 
@@ -369,26 +372,63 @@ class Signature:
                 return False
         return True
 
+    def first_touch(self, evaluation: SignatureEvaluation, flow: Flow) -> Extreme | None:
+        """Return the extreme at the first touch of a flow that is none of the signature's, found however short."""
+        problem, y = evaluation.problem, evaluation.y
+        laws, omega, phases = problem.system.contacts, problem.loads.omega, self.phases(y)
+        assert laws is not None
+        left = list(zip(phases.tolist(), self.switches, strict=True))
+        for index, event in enumerate(flow.events):
+            phase = event.time * omega
+            same = [
+                one
+                for one in left
+                if one[1] == (event.contact, event.after) and abs(one[0] - phase) <= _SAME * self.turn
+            ]
+            if same:
+                left.remove(same[0])
+                continue
+            later = [e.time * omega for e in flow.events[index + 1 :] if e.contact == event.contact]
+            segment = int(np.searchsorted(phases, phase))
+            stretch = evaluation.stretches[segment]
+            low = phase / omega - stretch.time
+            high = min((later[0] / omega - stretch.time) if later else stretch.duration, stretch.duration)
+            if high <= low:
+                return None
+            found = self._extremes_in(problem, evaluation, segment, event.contact, np.linspace(low, high, 33))
+            return max(found, key=lambda e: e.height, default=None)
+        return None
+
     def extremes(self, problem: Shooting, evaluation: SignatureEvaluation) -> list[Extreme]:
         """Return the extremes of all gap functions inside segments at which the contact might switch."""
-        laws, omega = problem.system.contacts, problem.loads.omega
-        if laws is None:
+        if problem.system.contacts is None:
             return []
-        rows, found = problem.space.contacts, []
-        sizes = np.maximum(np.linalg.norm(rows, axis=1) * evaluation.sizes[0], np.abs(laws.gap))
-        for k, s in enumerate(evaluation.stretches):
-            if s.duration <= 0.0:
+        found: list[Extreme] = []
+        for k, stretch in enumerate(evaluation.stretches):
+            if stretch.duration <= 0.0:
                 continue
-            count = max(_LEAST_SAMPLES, int(_SAMPLES * s.duration / problem.duration))
-            tau = np.linspace(0.0, s.duration, count + 1)
-            rate = rows @ s.motion.modes(tau)[1]
-            for j in np.flatnonzero(s.status != PINNED).tolist():
-                sign = -1.0 if s.status[j] == CLOSED else 1.0
-                for i in np.flatnonzero((sign * rate[j, :-1] > 0.0) & (sign * rate[j, 1:] <= 0.0)).tolist():
-                    place = _root_of_rate(s, rows[j], tau[i], tau[i + 1])
-                    z = s.motion.modes(np.array([place]))[0][:, 0]
-                    height = sign * (float(rows[j] @ z) - float(laws.gap[j])) / sizes[j]
-                    found.append(Extreme(j, k, (s.time + place) * omega, height))
+            count = max(_LEAST_SAMPLES, int(_SAMPLES * stretch.duration / problem.duration))
+            tau = np.linspace(0.0, stretch.duration, count + 1)
+            for j in np.flatnonzero(stretch.status != PINNED).tolist():
+                found += self._extremes_in(problem, evaluation, k, j, tau)
+        return found
+
+    @staticmethod
+    def _extremes_in(
+        problem: Shooting, evaluation: SignatureEvaluation, segment: int, contact: int, tau: Array
+    ) -> list[Extreme]:
+        """Return the extremes of one gap function between times of a segment, shape (m,)."""
+        laws, row = problem.system.contacts, problem.space.contacts[contact]
+        assert laws is not None
+        stretch, found = evaluation.stretches[segment], []
+        size = max(float(np.linalg.norm(row)) * evaluation.sizes[0], abs(float(laws.gap[contact])))
+        sign = -1.0 if stretch.status[contact] == CLOSED else 1.0
+        rate = sign * (row @ stretch.motion.modes(tau)[1])
+        for i in np.flatnonzero((rate[:-1] > 0.0) & (rate[1:] <= 0.0)).tolist():
+            place = _root_of_rate(stretch, row, tau[i], tau[i + 1])
+            z = stretch.motion.modes(np.array([place]))[0][:, 0]
+            height = sign * (float(row @ z) - float(laws.gap[contact])) / size
+            found.append(Extreme(contact, segment, (stretch.time + place) * problem.loads.omega, height))
         return found
 
     # -- other signatures -----------------------------------------------------------------------------

@@ -28,6 +28,9 @@ _EXACT = 1e-16
 #: at length zero.
 BEYOND, _SEVERAL = 1e-8, 1e-4
 
+#: Length in rad below which a touch may be about to end.
+_NEARLY = 5e-3
+
 #: Height over the size of the motion, and difference of phases over the orbit, up to which touches begin together.
 _TOGETHER, _ALIKE = 1e-9, 1e-6
 
@@ -126,6 +129,34 @@ def passage(family: Family, interval: Interval, now: Point, after: Point) -> Pas
     raise ConvergenceError("too many changes of contact in one step")
 
 
+def ending(family: Family, interval: Interval, now: Point) -> Passage | None:
+    """Return the grazing ahead of an orbit with very short touches that become shorter; None if there is none.
+
+    Where several touches end at once the equations become singular, and steps towards this orbit fail.
+    """
+    chart: Signature = now.chart
+    lengths = chart.lengths(now.y[:-1])
+    rates = chart.lengths(now.tangent[:-1] * now.scales[:-1]) - np.append(np.zeros(len(chart.switches)), chart.turn)
+    short = [
+        (p, k)
+        for p, k in chart.touches
+        if lengths[p + 1 : k + 1].sum() < _NEARLY and rates[p + 1 : k + 1].sum() < 0.0
+    ]
+    if not short:
+        return None
+    p, k = short[0]
+    length = float(lengths[p + 1 : k + 1].sum())
+    ahead = length / float(-rates[p + 1 : k + 1].sum())
+    after = replace(now, y=now.y + 1.1 * ahead * now.tangent * now.scales)
+    found = _ends(family, interval, now, after, now.y + ahead * now.tangent * now.scales, tuple(short))
+    away = float(np.linalg.norm((found.before.y - now.y) / now.scales))
+    if found.after is None or away > 10.0 * _NEARLY or abs(found.at.value - now.value) > _NEARLY * interval.size:
+        raise ConvergenceError("a change of contact was found elsewhere")
+    if _touching(now, found.before, _TOGETHER):
+        return None
+    return found
+
+
 def _vanishing(now: Point, after: Point, without: Sequence[int] = ()) -> list[_Change]:
     """Return touches whose length passes zero, and switches of two contacts that change their order."""
     chart: Signature = now.chart
@@ -154,6 +185,9 @@ def _touching(now: Point, after: Point, rounding: float = ROUNDING) -> list[_Cha
     """Return extremes of gap functions that have come to the wrong side."""
     chart: Signature = now.chart
     wrong = [e for e in chart.extremes(after.problem, after.evaluation) if e.height > rounding]
+    first = chart.first_touch(after.evaluation, chart.flow(after.problem, after.y[:-1]))
+    if first is not None and first.height > rounding and not any(_alike(chart, e.phase, first.phase) for e in wrong):
+        wrong.append(first)
     if not wrong:
         return []
     earlier = chart.extremes(now.problem, now.evaluation)
@@ -183,7 +217,7 @@ def _located(family: Family, interval: Interval, now: Point, after: Point, chang
     towards = np.zeros(at.y.size)
     towards[change.place] = 1.0
     beyond = _point(family, interval, other, np.append(y, at.value), towards)
-    return Passage(_along(now, after, at), at, beyond, ())
+    return Passage(_along(now, at), at, beyond, ())
 
 
 def _begins(
@@ -196,7 +230,7 @@ def _begins(
     phase = float(chart.phases(at.y[:-1])[place - at.problem.size])
     state = _point(family, interval, old, _without_length(chart, at.y, place), now.tangent)
     _between(now, after, state.y)
-    state = _along(now, after, state)
+    state = _along(now, state)
     known: dict[int, list[float]] = {extreme.contact: [phase]}
     for p, switch in zip(old.phases(state.y[:-1]), old.switches, strict=True):
         known.setdefault(switch.contact, []).append(float(p))
@@ -251,18 +285,19 @@ def _ends(
         at = _with_length(family, interval, chart, np.append(y, guess[-1]), place, 0.0)
         inner = p + 1 + int(np.argmax(old.lengths(now.y[:-1])[p + 1 : k + 1]))
         before = now
-        here, there = now.y[n + inner], after.y[n + inner]
+        here = now.y[n + inner]
         if here > _SEVERAL:
+            there = after.y[n + inner]
             # Where all are zero the equations are singular.
             near = now.y + (here - _SEVERAL) / (here - there) * (after.y - now.y)
-            before = _along(now, after, _with_length(family, interval, old, near, n + inner, _SEVERAL))
+            before = _along(now, _with_length(family, interval, old, near, n + inner, _SEVERAL))
             _between(now, after, before.y)
     else:
         grazed = (old.switches[pairs[0][0]].contact,)
         chart, place = old, n + pairs[0][1]
         _between(now, after, at.y)
         # At length zero the branch seems to turn.
-        before = _along(now, after, _with_length(family, interval, old, at.y, place, BEYOND))
+        before = _along(now, _with_length(family, interval, old, at.y, place, BEYOND))
     contact = grazed[0]
     phase = float(chart.phases(at.y[:-1])[place - n])
     status = int(chart.statuses[place - n - 1][contact])
@@ -306,7 +341,7 @@ def _between(now: Point, after: Point, y: Array) -> None:
         raise ConvergenceError("a change of contact was found elsewhere")
 
 
-def _along(now: Point, after: Point, point: Point) -> Point:
+def _along(now: Point, point: Point) -> Point:
     """Return a point with its tangent in the direction of a step."""
     return point if point.tangent @ now.tangent >= 0.0 else replace(point, tangent=-point.tangent)
 
