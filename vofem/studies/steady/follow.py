@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -398,9 +398,7 @@ class Follower:
         return last, 0.0
 
 
-def point_at(
-    family: Family, interval: Interval, chart: Any, y: Array, towards: Array, evaluation: Any = None
-) -> Point:
+def point_at(family: Family, interval: Interval, chart: Any, y: Array, towards: Array, evaluation: Any = None) -> Point:
     """Return a point with its tangent on the side of a direction in scaled coordinates."""
     problem = family.at(y[-1])
     evaluation = chart.evaluate(problem, y[:-1]) if evaluation is None else evaluation

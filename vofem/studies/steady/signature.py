@@ -14,13 +14,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import ConvergenceError
-from vofem.integrators.event_driven.along import Course, Stretch
+from vofem.integrators.event_driven.along import Stretch
 from vofem.integrators.event_driven.flow import Flow, Start
 from vofem.linalg.eigen import eigenvalues
 from vofem.studies.steady.orbit import DECIDED, PeriodicOrbit
@@ -503,9 +503,9 @@ class Signature:
         modes grow without bound backwards. `tangent` are derivatives of the coordinates along the branch.
         """
         lengths, k, n = self.lengths(y), len(self.switches), problem.size
-        if not k or min(lengths[0], lengths[-1]) >= _NEAR_ANCHOR * max(lengths[1:-1].max(initial=0.0), lengths[0] + lengths[-1]):
-            return None
         around = np.append(lengths[1:k], lengths[0] + lengths[k])
+        if not k or min(lengths[0], lengths[-1]) >= _NEAR_ANCHOR * around.max():
+            return None
         longest = int(np.argmax(around))
         if longest == k - 1:
             # The segment around the anchor is the longest.
@@ -532,16 +532,19 @@ class Signature:
         anchor = self.anchor + float(cut.sum())
         # Shifted by whole orbits, so that the phase stays small.
         anchor -= np.floor(anchor / self.turn) * self.turn
-        rest = np.concatenate([[lengths[first] - inside], lengths[first + 1 : k], [lengths[k] + lengths[0]], lengths[1:first]])
+        # Each part ends at its switch; the anchor itself stays at its phase.
         changes = np.append(turned, -turned.sum())
-        slopes = np.concatenate(
-            [[changes[first] - omega * moves[first, 0]], changes[first + 1 : k], [changes[k] + changes[0]], changes[1:first]]
-        )
-        if first == 0:
-            rest, slopes = np.append(lengths[0] - inside, lengths[1:k]), np.append(turned[0], turned[1:])
-        elif first == k:
-            rest = np.append(lengths[k] - inside + lengths[0], lengths[1:k])
-            slopes = np.append(changes[k] - omega * moves[first, 0] + changes[0], changes[1:k])
+        parts = []
+        for values, cut_off in ((lengths, inside), (changes, omega * moves[first, 0])):
+            left = values.copy()
+            left[first] -= cut_off
+            if first == k:
+                parts.append(np.append(left[k] + values[0], values[1:k]))
+            elif first == 0:
+                parts.append(left[:k])
+            else:
+                parts.append(np.concatenate([left[first:k], [values[k] + values[0]], values[1:first]]))
+        rest, slopes = parts
         start = tuple(int(s) for s in self.statuses[first])
         new = Signature(start, switches, anchor, self.periods)
         return new, np.concatenate([state, rest]), np.concatenate([moved, slopes, tangent[-1:]])

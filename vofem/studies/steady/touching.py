@@ -138,9 +138,7 @@ def ending(family: Family, interval: Interval, now: Point) -> Passage | None:
     lengths = chart.lengths(now.y[:-1])
     rates = chart.lengths(now.tangent[:-1] * now.scales[:-1]) - np.append(np.zeros(len(chart.switches)), chart.turn)
     short = [
-        (p, k)
-        for p, k in chart.touches
-        if lengths[p + 1 : k + 1].sum() < _NEARLY and rates[p + 1 : k + 1].sum() < 0.0
+        (p, k) for p, k in chart.touches if lengths[p + 1 : k + 1].sum() < _NEARLY and rates[p + 1 : k + 1].sum() < 0.0
     ]
     if not short:
         return None
@@ -220,9 +218,7 @@ def _located(family: Family, interval: Interval, now: Point, after: Point, chang
     return Passage(_along(now, at), at, beyond, ())
 
 
-def _begins(
-    family: Family, interval: Interval, now: Point, after: Point, guess: Array, extreme: Extreme
-) -> Passage:
+def _begins(family: Family, interval: Interval, now: Point, after: Point, guess: Array, extreme: Extreme) -> Passage:
     """Return the orbit that grazes a contact, and the first one that touches it."""
     old: Signature = now.chart
     chart, y, place = old.with_touch(guess[:-1], (extreme.contact,), extreme.phase)
@@ -271,7 +267,8 @@ def _ends(
     if single:
         at = _with_length(family, interval, old, guess, n + pairs[0][1], 0.0)
         lengths = old.lengths(at.y[:-1])
-        others = [(p, k) for p, k in old.touches if (p, k) != pairs[0] and lengths[p + 1 : k + 1].sum() < 0.5 * _SEVERAL]
+        short = [(p, k) for p, k in old.touches if lengths[p + 1 : k + 1].sum() < 0.5 * _SEVERAL]
+        others = [pair for pair in short if pair != pairs[0]]
     if not single or others:
         pairs = (*pairs, *others)
         grazed = tuple(old.switches[p].contact for p, _ in pairs)
@@ -380,9 +377,7 @@ def _with_length(
     return Point(chart, y, family.at(y[-1]), evaluation, scales, by_value, tangent)
 
 
-def _lengthened(
-    family: Family, interval: Interval, at: Point, places: list[tuple[int, int]], length: float
-) -> Point:
+def _lengthened(family: Family, interval: Interval, at: Point, places: list[tuple[int, int]], length: float) -> Point:
     """Return the orbit just beyond a grazing; its touches have a small length at places, with so many contacts."""
     guess = at.y.copy()
     for place, contacts in places:
