@@ -134,7 +134,7 @@ class Course:
 
     def along(
         self, time: float, displacement: Array, velocity: Array, statuses: Sequence[Status], durations: Array,
-        columns: Array | None = None, lengthen: Array | None = None,
+        columns: Array | None = None, lengthen: Array | None = None, nodes: Array | None = None,
     ) -> list[Stretch]:  # fmt: skip
         """Return the motion from a modal state at a time in s through segments.
 
@@ -147,6 +147,9 @@ class Course:
             Derivatives of the state at the beginning, whose time is fixed.
         lengthen : ndarray, shape (m, k), optional
             Derivatives of the durations.
+        nodes : ndarray, shape (m - 1, 2n), optional
+            States at which the segments after the first begin, in place of the ends of the segments before. The last
+            column then contains the differences, as they grow along the motion.
 
         Raises
         ------
@@ -178,7 +181,7 @@ class Course:
                 mean_columns = rows + np.outer(contacts @ slope, shift) + np.outer(contacts @ more, lengthen[index])
                 shift = shift + lengthen[index]
                 assert first_size is not None
-                fixed[:, np.abs(fixed).max(axis=0, initial=0.0) <= _NOTHING * first_size] = 0.0
+                fixed[:, np.abs(fixed).max(axis=0, initial=0.0) < _NOTHING * first_size] = 0.0
                 columns = fixed + np.outer(last, shift)
             found.append(
                 Stretch(
@@ -187,6 +190,11 @@ class Course:
                 )
             )  # fmt: skip
             time += duration
+            if nodes is not None and index < len(nodes):
+                if columns is not None:
+                    columns = columns.copy()
+                    columns[:, -1] += np.concatenate([displacement, velocity]) - nodes[index]
+                displacement, velocity = nodes[index, : mean.size], nodes[index, mean.size :]
         return found
 
     def _later(self, duration: float, mean: Array, velocity: Array, first: Array, last: Array) -> Array:

@@ -191,7 +191,7 @@ class Follower:
         chart = now.chart
         guess = now.y + (step * now.tangent + 0.5 * step**2 * self._bend(now)) * now.scales
         try:
-            y, evaluation, by_value = corrected(self.family, chart, guess, now.scales, now.tangent, now.by_value)
+            y, evaluation, by_value = self._corrected(now, guess, step)
             after = self._accepted(now, y, evaluation, by_value, step)
             if after is None:
                 return self._ending(now, step)
@@ -270,6 +270,26 @@ class Follower:
         tangent = before.first.tangent * before.first.scales / now.scales
         change = now.tangent - tangent / np.linalg.norm(tangent)
         return np.asarray(change / length) if length > 0.0 else np.zeros_like(change)
+
+    def _corrected(self, now: Point, guess: Array, step: float) -> tuple[Array, Any, Array]:
+        """Return the orbit near a guess; where that fails, from states at the switches that are predicted too."""
+        common = self.family, now.chart, guess, now.scales, now.tangent, now.by_value
+        try:
+            return corrected(*common)
+        except ConvergenceError:
+            nodes = self._ahead(now, step)
+            if nodes is None or not nodes.size:
+                raise
+            return corrected(*common, nodes=nodes)
+
+    def _ahead(self, now: Point, step: float) -> Array | None:
+        """Return approximate states at the switches of the next orbit, from the last two orbits."""
+        before = self.track.steps[-1] if self.track.steps else None
+        nodes: Array | None = now.chart.nodes(now.evaluation)
+        if nodes is None or before is None or before.last is not now:
+            return nodes
+        earlier = now.chart.nodes(before.first.evaluation)
+        return np.asarray(nodes + step / max(before.length, 1e-300) * (nodes - earlier))
 
     def _accepted(self, now: Point, y: Array, evaluation: Any, by_value: Array, step: float) -> Point | None:
         """Return a corrected point, or None where the branch has turned too far.

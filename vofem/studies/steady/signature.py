@@ -112,6 +112,11 @@ class SignatureEvaluation:
         """Difference of both ends of an ordinary run over the orbit, over the size of the motion."""
         return self._compared(self.chart.flow(self.problem, self.y))
 
+    def stripped(self) -> SignatureEvaluation:
+        """Return the evaluation without the columns of its segments, which take memory."""
+        lean = [replace(s, columns=_NO_COLUMNS, mean_columns=_NO_COLUMNS) for s in self.stretches]
+        return replace(self, stretches=lean)
+
     def change_after(self, time: float) -> Array:
         """Return by how much the modal state has changed after a time in s from the anchor on, shape (2n,)."""
         chart, problem = self.chart, self.problem
@@ -213,8 +218,16 @@ class Signature:
 
     # -- equations ------------------------------------------------------------------------------------
 
-    def evaluate(self, problem: Shooting, y: Array, *, derivative: bool = True) -> SignatureEvaluation:
+    def evaluate(
+        self, problem: Shooting, y: Array, *, derivative: bool = True, nodes: Array | None = None
+    ) -> SignatureEvaluation:
         """Return the equations.
+
+        Parameters
+        ----------
+        nodes : ndarray, shape (k, 2n), optional
+            Approximate modal states at the switches. Each segment then begins at its node, and the residual is that of
+            the motion without the differences, to first order. Newton's method converges from farther away with them.
 
         Raises
         ------
@@ -225,34 +238,53 @@ class Signature:
         omega, lengths = problem.loads.omega, self.lengths(y)
         if not np.all(np.isfinite(y)) or np.any(lengths < -0.5 * self.turn):
             raise ConvergenceError("the iteration diverged: an unknown has no bound")
-        columns, lengthen = None, None
-        if derivative:
-            columns, lengthen = np.zeros((n, n + k)), np.zeros((k + 1, n + k))
+        columns, lengthen, own = None, None, n + k if derivative else 0
+        if derivative or nodes is not None:
+            columns = np.zeros((n, own + (nodes is not None)))
+            lengthen = np.zeros((k + 1, columns.shape[1]))
+        if derivative and columns is not None and lengthen is not None:
             columns[:, :n] = problem.modal(np.eye(n))
-            lengthen[:k, n:] = np.eye(k) / omega
-            lengthen[k, n:] = -1.0 / omega
+            lengthen[:k, n:own] = np.eye(k) / omega
+            lengthen[k, n:own] = -1.0 / omega
         problem.work.flows += derivative
         stretches = problem.course.along(
-            self.anchor / omega, *problem.to_modes(y[:n]), self.statuses, lengths / omega, columns, lengthen
+            self.anchor / omega, *problem.to_modes(y[:n]), self.statuses, lengths / omega, columns, lengthen, nodes
         )
         end = stretches[-1]
         closing = problem.to_unknowns(end.displacement, end.velocity) - y[:n]
         size = self._sizes(problem, stretches)
         residual, jacobian = np.empty(n + k), np.empty((n + k, n + k) if derivative else (0, 0))
+        error = 0.0
+        if nodes is not None:
+            closing = closing + problem.unmodal(end.columns[:, -1:])[:, 0]
+            for stretch, node in zip(stretches, nodes, strict=False):
+                error = max(error, relative(np.concatenate([stretch.displacement, stretch.velocity]) - node, size))
         residual[:n] = closing
         if derivative:
-            jacobian[:n] = problem.unmodal(end.columns)
+            jacobian[:n] = problem.unmodal(end.columns[:, :own])
             jacobian[:n, :n] -= np.eye(n)
-        error = relative(closing, size)
+        error = max(error, relative(closing, size))
         for index in range(k):
-            value, row, scale = self._switching(problem, stretches, index, size, derivative)
+            value, row, scale = self._switching(problem, stretches, index, size, columns is not None)
+            if nodes is not None:
+                value += float(row[-1])
             residual[n + index] = value / scale
             error = max(error, abs(value) / scale)
             if derivative:
-                jacobian[n + index] = row / scale
-        if derivative:
-            stretches = [replace(s, columns=_NO_COLUMNS, mean_columns=_NO_COLUMNS) for s in stretches]
+                jacobian[n + index] = row[:own] / scale
         return SignatureEvaluation(self, problem, y.copy(), stretches, residual, jacobian, error, size)
+
+    def nodes(self, evaluation: SignatureEvaluation, moved: Array | None = None) -> Array:
+        """Return the modal states at the switches, after a change of the unknowns where one is given, shape (k, 2n)."""
+        n = evaluation.problem.size
+        found = np.empty((len(self.switches), n))
+        for node, stretch in zip(found, evaluation.stretches, strict=False):
+            node[: n // 2], node[n // 2 :] = stretch.displacement, stretch.velocity
+            if moved is not None:
+                node += stretch.columns[:, : moved.size] @ moved
+                if stretch.columns.shape[1] > moved.size:
+                    node += stretch.columns[:, -1]
+        return found
 
     def smooth(self, problem: Shooting) -> bool:
         """Return whether the motion has a continuous derivative through all switches."""
