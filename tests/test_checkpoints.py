@@ -5,17 +5,13 @@ from __future__ import annotations
 import io
 import os
 import signal
-import subprocess
 import sys
-import textwrap
-import time
 
 import numpy as np
 import pytest
 from scenes import paper_beam, two_masses
 
 import vofem as vf
-from vofem.integrators.stepping import march
 from vofem.io.storage import checkpoint as module
 
 RUNS = {
@@ -61,49 +57,30 @@ def same(one, two, beam):
 
 
 @pytest.mark.parametrize("kind", RUNS)
-@pytest.mark.parametrize("fraction", [0.2, 0.55, 0.9])
-def test_resumed_runs_are_bitwise_the_same(kind, fraction, tmp_path, monkeypatch):
+def test_resumed_runs_are_bitwise_the_same(kind, tmp_path, monkeypatch):
+    """A run that loses its machine twice ends as one that does not."""
     small_steps(monkeypatch, 6000)
     beam, scene = scene_of("penetration" if kind == "tolerance" else "displacement")
     times = np.linspace(0.0, 12.0, 97)
     path = tmp_path / "run.checkpoint"
 
-    def lose_power(t, t_end):
-        if t > fraction * t_end:
-            raise PowerLossError
+    def lose_power(share):
+        def tell(t, t_end):
+            if t > share * t_end:
+                raise PowerLossError
+
+        return tell
 
     whole = vf.simulate(scene, 12.0, times=times, **RUNS[kind])
     with pytest.raises(PowerLossError):
-        vf.simulate(scene, 12.0, times=times, checkpoint=path, checkpoint_every=0.0, progress=lose_power, **RUNS[kind])
+        vf.simulate(
+            scene, 12.0, times=times, checkpoint=path, checkpoint_every=0.0, progress=lose_power(0.3), **RUNS[kind]
+        )
+    with pytest.raises(PowerLossError):
+        vf.resume(path, checkpoint_every=0.0, progress=lose_power(0.7))
     resumed = vf.resume(path)
     assert whole.contacts["stop"].closings.size > 2
     same(whole, resumed, beam)
-
-
-def test_checkpoints_of_earlier_versions_are_read(tmp_path, monkeypatch):
-    """What says where a run under a tolerance stands had other names, and so had other entries."""
-    former = {"ticks": "now", "level": "rung", "last_hard": "uneasy"}
-    entries = {"last_step": "trail", "contact_checks": "watch", "histories": "memory"}
-    small_steps(monkeypatch, 6000)
-    snapshot, path = march._snapshot, tmp_path / "run.checkpoint"
-    beam, scene = scene_of("penetration")
-
-    def as_then(*arguments):
-        saved = snapshot(*arguments)
-        assert former.keys() <= saved["place"].keys()
-        saved["place"] = {former.get(name, name): value for name, value in saved["place"].items()}
-        saved["output"] = {entries.get(name, name): value for name, value in saved["output"].items()}
-        return {entries.get(name, name): value for name, value in saved.items()}
-
-    def lose_power(t, t_end):
-        if t > 0.5 * t_end:
-            raise PowerLossError
-
-    whole = vf.simulate(scene, 12.0, **RUNS["tolerance"])
-    monkeypatch.setattr(march, "_snapshot", as_then)
-    with pytest.raises(PowerLossError):
-        vf.simulate(scene, 12.0, checkpoint=path, checkpoint_every=0.0, progress=lose_power, **RUNS["tolerance"])
-    same(whole, vf.resume(path), beam)
 
 
 def test_a_load_that_is_a_callable_must_be_given_again(tmp_path, monkeypatch):
@@ -191,26 +168,6 @@ def test_a_newer_format_is_refused(tmp_path, monkeypatch):
         vf.resume(path)
 
 
-def test_a_full_disk_ends_the_run_and_leaves_the_last_checkpoint(tmp_path, monkeypatch):
-    small_steps(monkeypatch, 6000)
-    beam, scene = scene_of()
-    path = tmp_path / "run.checkpoint"
-    real, count = module.write_tree, []
-
-    def fails_at_the_fourth(*arguments):
-        count.append(1)
-        if len(count) == 4:
-            raise OSError(28, "No space left on device")
-        real(*arguments)
-
-    monkeypatch.setattr(module, "write_tree", fails_at_the_fourth)
-    with pytest.raises(vf.OutputError, match="No space left"):
-        vf.simulate(scene, 12.0, checkpoint=path, checkpoint_every=0.0, **RUNS["energy_conserving"])
-    monkeypatch.setattr(module, "write_tree", real)
-    assert [entry.name for entry in tmp_path.iterdir()] == ["run.checkpoint"]
-    same(vf.simulate(scene, 12.0, **RUNS["energy_conserving"]), vf.resume(path), beam)
-
-
 @pytest.mark.parametrize("kind", RUNS)
 def test_interruption_returns_what_was_computed(kind, monkeypatch):
     small_steps(monkeypatch, 6000)
@@ -235,40 +192,6 @@ def test_interruption_returns_what_was_computed(kind, monkeypatch):
     count = result.times.size
     assert result.displacement(beam.at(1.0)) == pytest.approx(whole.displacement(beam.at(1.0))[:count], abs=1e-9)
     assert result.energy.total == pytest.approx(whole.energy.total[:count], rel=1e-6, abs=1e-12)
-
-
-def test_killed_at_any_moment(tmp_path):
-    """kill -9 while checkpoints are written as fast as they can be: the file is whole, and the outcome the same."""
-    path = tmp_path / "run.checkpoint"
-    program = textwrap.dedent(f"""
-        import vofem as vf
-        mass = vf.Mass(1.0, stiffness=1.0, name="mass")
-        stop = vf.Contact(mass, gap=0.1, stiffness=50.0, side="above", acts_on="penetration", name="stop")
-        scene = vf.Scene([mass], [stop], {{mass: (0.0, 1.0)}})
-        vf.simulate(scene, 1.0, dt=1e-1, method="energy_conserving", compiled=True)
-        print("ready", flush=True)
-        vf.simulate(scene, 1000.0, dt=1e-3, times=[0.0, 1000.0], method="energy_conserving",
-                    checkpoint={str(path)!r}, checkpoint_every=0.0, compiled=True)
-    """)
-    for delay in (0.3, 0.7):
-        path.unlink(missing_ok=True)
-        process = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True)
-        assert process.stdout.readline() == "ready\n"
-        limit = time.monotonic() + 60.0
-        while not path.exists() and time.monotonic() < limit:
-            time.sleep(0.01)
-        time.sleep(delay)
-        process.kill()
-        process.wait()
-        result = vf.resume(path)
-        mass = vf.Mass(1.0, stiffness=1.0, name="mass")
-        stop = vf.Contact(mass, gap=0.1, stiffness=50.0, side="above", acts_on="penetration", name="stop")
-        whole = vf.simulate(
-            vf.Scene([mass], [stop], {mass: (0.0, 1.0)}), 1000.0, dt=1e-3, times=[0.0, 1000.0],
-            method="energy_conserving",
-        )  # fmt: skip
-        assert result.displacement(mass)[-1] == whole.displacement(mass)[-1]
-        assert np.array_equal(result.contacts["stop"].closings, whole.contacts["stop"].closings)
 
 
 def test_progress(monkeypatch):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import re
 
 import numpy as np
 import pytest
@@ -59,6 +59,55 @@ def test_impacts_that_are_too_short_for_a_method_which_does_not_conserve_energy(
         assert notes == []
 
 
+def beam_at_a_stop():
+    """The second mode, which the stop excites, is seven times as quick as the load and loses phase in every period."""
+    beam = vf.Beam(1.0, 1.0, 1.0, 6, {"left": "clamped"})
+    tip = beam.at(1.0)
+    stop = vf.Contact(tip, gap=0.01, stiffness=100.0, side="below", acts_on="penetration", name="stop")
+    return vf.Scene([beam], [stop, vf.PointLoad(tip, vf.Sine(0.1, 3.0))]), tip
+
+
+@pytest.mark.parametrize(("method", "dt", "expected"), [
+    ("energy_conserving", 0.01, 1), ("generalized_alpha", 0.01, 1), ("energy_conserving", 0.005, 1),
+    ("energy_conserving", 1e-3, 0), ("generalized_alpha", 1e-3, 0), ("central_difference", 5e-4, 0),
+])  # fmt: skip
+def test_errors_of_steps_that_add_up(method, dt, expected):
+    """Steps of 0.01 s lose one of five closings, and energy holds all the same."""
+    scene, tip = beam_at_a_stop()
+    times = np.linspace(0.0, 7.12, 713)
+    right, result = vf.simulate(scene, 7.12, times=times), vf.simulate(scene, 7.12, method=method, dt=dt, times=times)
+    size = np.abs(right.displacement(tip)).max()
+    error = np.abs(result.displacement(tip) - right.displacement(tip)).max() / size
+    notes = told(result, f"step: the errors of steps of {dt:g} s add up to")
+    assert (error > 0.1) == bool(expected)
+    assert len(notes) == expected
+    if expected:
+        # What the note says is the size of the error, up to what impacts make of it.
+        assert 0.2 * error < float(notes[0].split("add up to ")[1].split()[0]) < 2.0 * error
+        assert "contact 'stop'" in notes[0]
+
+
+@pytest.mark.parametrize("method", ["energy_conserving", "generalized_alpha", "central_difference"])
+def test_errors_of_steps_that_dampers_end(method):
+    """Many periods of a damped oscillator at a stop: no error is older than a few."""
+    mass = vf.Mass(1.0, stiffness=1.0, damping=0.2)
+    stop = vf.Contact(mass, gap=0.5, stiffness=30.0, side="above", acts_on="penetration", name="stop")
+    scene = vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(1.0, 0.8))])
+    times = np.linspace(0.0, 600.0, 6001)
+    right = vf.simulate(scene, 600.0, times=times).displacement(mass)
+    result = vf.simulate(scene, 600.0, method=method, dt=0.024, times=times)
+    assert np.abs(result.displacement(mass) - right).max() < 0.02 * np.abs(right).max()
+    assert told(result, "step:") == []
+
+
+def test_rest_on_a_contact_is_no_motion():
+    mass = vf.Mass(1.0)
+    stop = vf.Contact(mass, gap=0.1, stiffness=50.0, side="below", acts_on="penetration", name="stop")
+    scene = vf.Scene([mass], [stop, vf.Gravity(1.0)])
+    result = vf.simulate(scene, 5.0, method="energy_conserving", dt=0.01, initial=vf.equilibrium(scene))
+    assert result.notes == []
+
+
 @pytest.mark.parametrize(("gap", "expected"), [(1.0 - 1e-9, 1), (1.0 + 1e-3, 0)])
 def test_contacts_between_two_steps(gap, expected):
     mass = vf.Mass(1.0, stiffness=1.0)
@@ -67,6 +116,43 @@ def test_contacts_between_two_steps(gap, expected):
     result = vf.simulate(scene, 30.0, method="energy_conserving", dt=0.01)
     assert len(told(result, "contacts: 5 closings shorter than a step, the first of contact 'stop'")) == expected
     assert len(told(result, "contacts:")) == expected
+
+
+@pytest.mark.parametrize(("load", "expected"), [
+    (vf.Sine(1.0, 0.0, 0.5), "a Sine of PointLoad .* has the frequency 0 and is the constant 0.479"),
+    (2.0 * (vf.Sine(1.0, frequency=0.0) + vf.Constant(1.0)), "has the frequency 0"),
+    (vf.Tabulated([0.0, 0.5], [0.0, 3.0]), "ends at 0.5 s with the value 3, which the load keeps until"),
+    (vf.Tabulated([0.0, 0.5, 0.6], [0.0, 3.0, 3.0]), None), (vf.Tabulated([0.0, 0.5], [2.0, 0.0]), None),
+    (vf.Tabulated([0.0, 1.0], [0.0, 3.0]), None), (vf.Sine(1.0, 2.0), None), (vf.Constant(1.0), None),
+])  # fmt: skip
+def test_loads_that_are_hardly_meant(load, expected):
+    mass = vf.Mass(1.0, stiffness=1.0, damping=0.1)
+    result = vf.simulate(vf.Scene([mass], [vf.PointLoad(mass, load)]), 1.0)
+    notes = told(result, "scene:")
+    assert len(notes) == (expected is not None)
+    assert all(re.search(expected, note) for note in notes)
+
+
+@pytest.mark.parametrize(("ratio", "expected"), [(2.0, 1), ([0.02, 3.0], 1), (0.02, 0), (1.0, 0)])
+def test_damping_in_percent(ratio, expected):
+    mass = vf.Mass(1.0, stiffness=1.0)
+    result = vf.simulate(vf.Scene([mass], [vf.ModalDamping(ratio)], {mass: (1.0, 0.0)}), 1.0)
+    assert len(told(result, "scene: ModalDamping of")) == expected
+
+
+@pytest.mark.parametrize(("damper", "expected"), [
+    ({}, 1), ({"damping": 0.1}, 0), ({"stop": 0.1}, 0), ({"modal": 0.02}, 0),
+])  # fmt: skip
+def test_branches_without_damping(damper, expected):
+    def build(omega):
+        mass = vf.Mass(1.0, stiffness=1.0, damping=damper.get("damping", 0.0))
+        stop = vf.Contact(mass, gap=0.8, stiffness=3.0, damping=damper.get("stop", 0.0), side="above",
+                          acts_on="penetration", name="stop")  # fmt: skip
+        more = [vf.ModalDamping(damper["modal"])] if "modal" in damper else []
+        return vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(0.5, omega)), *more])
+
+    branch = vf.continuation(build, 3.0, 2.9)
+    assert sum(note.startswith("scene: nothing damps the motion") for note in branch.notes) == expected
 
 
 @pytest.mark.parametrize(("elements", "expected"), [(100, 0), (4000, 1)])
@@ -150,13 +236,11 @@ def test_elements_of_one_metre_tell_of_rounding(h):
     beam = vf.Beam(10_000 * h, 1.0, 1.0, 10_000, {"left": "clamped"})
     system = vf.Scene([beam], [vf.PointLoad(beam.at("right"), 1.0)]).model.system
     assert np.array_equal(system.rotation[:4], [False, True] * 2)
-    assert 0.5 * np.count_nonzero(system.rotational) == 5000
+    assert 0.5 * np.count_nonzero(system.rotation) == 5000
     assert 1e-3 < static_loss(system) < 1.0
 
 
-def test_kinds_of_systems_that_do_not_say_them():
-    """As of runs that earlier versions have saved."""
+def test_every_degree_of_freedom_is_a_displacement_or_a_rotation():
     beam, mass = vf.Beam(3.0, 1.0, 1.0, 2, {"left": "clamped"}), vf.Mass(1.0)
     system = vf.Scene([beam, mass]).model.system
     assert np.array_equal(system.rotation, [False, True, False, True, False])
-    assert np.array_equal(replace(system, rotation=None).rotational, system.rotational)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import sys
-import threading
 from collections.abc import Iterator
 from typing import Any
+
+from vofem.locks import Lock
 
 #: Up to this many unknowns products and factors of dense matrices are small.
 _SMALL = 400
@@ -16,7 +17,7 @@ class _Limit(contextlib.ContextDecorator):
     """One thread for all libraries, from the first entry to the last exit, in whatever threads these are."""
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()
+        self._lock = Lock()
         self._depth = 0
         self._limiter: Any = None
         self._known: tuple[bool, Any] | None = None

@@ -6,8 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from vofem.cli.common import FINE, Commands
-from vofem.cli.output import made
+from vofem.cli.common import FINE, Commands, made
 from vofem.errors import ArgumentError
 from vofem.integrators.registry import method_names
 
@@ -34,7 +33,6 @@ def _accuracy(arguments: argparse.Namespace) -> int:
     from vofem.io.plot import work_precision as draw
     from vofem.io.scene_file import load_scene, point_named
     from vofem.io.study_tables import study_table, write_study
-    from vofem.linalg.aside import apart
     from vofem.studies.accuracy import work_precision
 
     file = load_scene(arguments.scene)
@@ -53,7 +51,7 @@ def _accuracy(arguments: argparse.Namespace) -> int:
     written = [write_study(study, folder / "accuracy.csv")]
     if study.runs:
         paths = [folder / f"accuracy.{kind}" for kind in ("png", "svg")]
-        written += apart(lambda: [draw(study, path, arguments.scene.stem) for path in paths], "drawing")
+        written += [draw(study, path, arguments.scene.stem) for path in paths]
     print("\nwrote " + "\n      ".join(str(path) for path in written))
     return FINE
 

@@ -8,8 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vofem.cli.common import FAULT, FINE, INTERRUPTED, Commands
-from vofem.cli.output import made
+from vofem.cli.common import FAULT, FINE, INTERRUPTED, Commands, made
 from vofem.errors import ArgumentError
 
 if TYPE_CHECKING:
@@ -100,16 +99,10 @@ def _executor(address: str | None) -> Iterator[Any]:
 
 
 def _pictures(table: Sweep, folder: Path) -> list[Path]:
-    from vofem.linalg.aside import apart
-
-    def drawn() -> Path:
-        from vofem.io.pictures.sweeps import sweep_curves
-
-        path: Path = sweep_curves(table, folder / "sweep.png")
-        return path
+    from vofem.io.pictures.sweeps import sweep_curves
 
     try:
-        return [apart(drawn, "drawing")]
+        return [sweep_curves(table, folder / "sweep.png")]
     except ArgumentError as error:
         print(f"no picture: {error}")
         return []

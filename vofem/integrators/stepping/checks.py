@@ -60,24 +60,26 @@ def _irregular(count: int) -> Array:
 
 
 #: Columns of the record of a contact: its data, the last step, and the findings.
-_GAP, _STIFFNESS, _OFFSET, _S, _RATE, MISSED, PEAK, POWER = range(8)
+_GAP, _STIFFNESS, _OFFSET, _S, _RATE, _BEFORE, MISSED, PEAK, LOWEST, POWER, DRIFT = range(11)
 
 
 def contact_checks(laws: ContactLaws | None) -> Array:
-    """Return the record that compiled loops keep of every contact from step to step, shape (n_contacts, 8).
+    """Return the record that compiled loops keep of every contact from step to step, shape (n_contacts, 11).
 
-    Three columns hold findings. MISSED counts the closings between two steps
-    at which the contact was open. PEAK is the largest value of ``b.q - gap``
-    at a step, m. POWER is the largest power that a contact spring with an ideal
-    switch absorbed or released, W.
+    Five columns hold findings. MISSED counts the closings between two steps
+    at which the contact was open. PEAK and LOWEST are the largest and the least
+    value of ``b.q - gap`` at a step, m. POWER is the largest power that a contact
+    spring with an ideal switch absorbed or released, W. DRIFT is the sum of the
+    errors of all steps in ``b.q``, m: within a step the velocity is taken as
+    linear in time, which leaves out ``dt^3/12`` times its second derivative.
     """
     if laws is None:
-        return np.empty((0, 8))
-    table = np.zeros((len(laws), 8))
+        return np.empty((0, 11))
+    table = np.zeros((len(laws), 11))
     table[:, _GAP], table[:, _OFFSET] = laws.gap, laws.offset
     table[:, _STIFFNESS] = np.where(np.isinf(laws.resolution), laws.stiffness, 0.0)
     # No step before the first one: comparisons with NaN are false.
-    table[:, _S:MISSED], table[:, PEAK] = np.nan, -np.inf
+    table[:, _S:MISSED], table[:, PEAK], table[:, LOWEST] = np.nan, -np.inf, np.inf
     return table
 
 
@@ -91,8 +93,11 @@ def check_contacts(table: Array, rows: Rows, dt: float, q: Array, v: Array) -> N
         turns = rate0 > 0.0 and rate < 0.0 and s0 <= 0.0 and s <= 0.0
         if turns and s0 + 0.55 * dt * rate0 * (rate0 / (rate0 - rate)) > 0.0:
             table[j, MISSED] += 1.0
-        table[j, _S], table[j, _RATE] = s, rate
-        table[j, PEAK] = max(table[j, PEAK], s)
+        bend = abs(rate - 2.0 * rate0 + table[j, _BEFORE])
+        if bend > 0.0:
+            table[j, DRIFT] += dt * bend / 12.0
+        table[j, _S], table[j, _RATE], table[j, _BEFORE] = s, rate, rate0
+        table[j, PEAK], table[j, LOWEST] = max(table[j, PEAK], s), min(table[j, LOWEST], s)
         if s > 0.0:
             power = abs(table[j, _STIFFNESS] * (u - table[j, _OFFSET]) * rate)
             table[j, POWER] = max(table[j, POWER], power)

@@ -45,12 +45,6 @@ _PLAIN_WORK = 10_000
 #: Factored matrices of a method that are kept with a system: those of all step sizes that `tol` tries, and some more.
 MOST_FACTORED = 48
 
-#: Names in checkpoints of earlier versions, and what they are called today.
-_FORMER_NAMES = {
-    "now": "ticks", "rung": "level", "uneasy": "last_hard", "trail": "last_step", "watch": "contact_checks",
-    "memory": "histories",
-}  # fmt: skip
-
 #: Number of laws from which on the order of the unknowns takes account of their rows.
 _MANY = 16
 
@@ -205,7 +199,7 @@ def march(
     recorded, missing = Recorded(), (0.0, 0.0)
     if resume is not None:
         log, recorded = _restore(kernel, out, resume, notes)
-        missing = tuple(resume.get("missing", missing))
+        missing = tuple(resume["missing"])
 
     def snapshot() -> Snapshot:
         checked = {"missing": list(missing), "contact_checks": out.contact_checks}
@@ -239,8 +233,6 @@ def march(
     counters.events = events.time.size
     first_energy += in_springs
     checked = np.flatnonzero(np.isin(out.times, check_times(wanted_end, kernel.dt, system.size)))
-    # A run that goes on from a checkpoint of an earlier version has not stored all of them.
-    checked = checked[np.isfinite(out.q[0, checked])]
     times, samples, parts, _ = _outcome(kernel, out, checked)
     found = Checked(times, samples, parts, out.contact_checks, missing)
     notes += quality_notes(system, method, found, events, first_energy, kernel.dt, wanted_end)
@@ -294,34 +286,22 @@ def _snapshot(kernel: Kernel, out: Record, log: list[Array], recorded: Recorded,
     }
 
 
-def _present(saved: dict[str, Any]) -> dict[str, Any]:
-    """Return entries of a checkpoint by the names that they have today."""
-    return {_FORMER_NAMES.get(name, name): value for name, value in saved.items()}
-
-
 def _restore(kernel: Kernel, out: Record, saved: Snapshot, notes: list[str]) -> tuple[list[Array], Recorded]:
     """Set a kernel and its record to a snapshot; return the events so far, and the points recorded at every step."""
-    saved = _present(saved)
     _fill(kernel.state, saved["state"])
     _fill(kernel.last_step, saved["last_step"])
-    for name, value in _present(saved["place"]).items():
+    for name, value in saved["place"].items():
         setattr(kernel, name, value)
-    output = _present(saved["output"])
-    cursor = int(output["times"].size)
-    # Earlier versions have stored wanted times only.
-    older = "wanted" not in output
-    columns = np.flatnonzero(out.wanted)[:cursor] if older else np.arange(cursor)
-    for name, part in output.items():
+    cursor = int(saved["output"]["times"].size)
+    for name, part in saved["output"].items():
         if name == "past":
             out.past[:] = part
         else:
-            getattr(out, name)[..., columns] = part
-    if older:
-        cursor = int(np.searchsorted(out.times, kernel.reached() * (1.0 + 1e-12), side="right"))
+            getattr(out, name)[..., :cursor] = part
     for name, value in vars(saved["counters"]).items():
         setattr(kernel.bands.counters, name, value)
     notes[:] = saved["notes"]
-    out.contact_checks[:] = saved.get("contact_checks", out.contact_checks)
+    out.contact_checks[:] = saved["contact_checks"]
     out.cursor[:] = cursor
     return [saved["log"]] if saved["log"].size else [], Recorded(saved["recorded"])
 

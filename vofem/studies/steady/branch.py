@@ -15,7 +15,6 @@ from vofem._validate import number
 from vofem.blas import one_thread
 from vofem.cards import Shown
 from vofem.errors import ArgumentError
-from vofem.persistence import store
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.special import SpecialPoint
 
@@ -115,6 +114,8 @@ class Branch(Shown):
         Sentences that a user should read, such as why the branch ended.
     periods : int
         Number of periods of the loads after which an orbit repeats.
+    interrupted : bool
+        Whether Ctrl-C was pressed while the branch was followed; then it may end before its interval does.
     """
 
     def __init__(
@@ -126,6 +127,7 @@ class Branch(Shown):
         *,
         notes: Sequence[str] = (),
         periods: int = 1,
+        interrupted: bool = False,
         source: Source | None = None,
     ) -> None:
         self.values = np.asarray(values, dtype=float)
@@ -134,6 +136,7 @@ class Branch(Shown):
         self.counters = counters
         self.notes = list(notes)
         self.periods = periods
+        self.interrupted = interrupted
         self._source = source
 
     def __len__(self) -> int:
@@ -257,4 +260,7 @@ class Branch(Shown):
         OutputError
             If the file exists and is not to be overwritten, or cannot be written.
         """
-        return store().save_branch(self, path, overwrite=overwrite)
+        # Late, because studies know no file format.
+        from vofem.io.storage.branch_file import save
+
+        return save(self, path, overwrite=overwrite)

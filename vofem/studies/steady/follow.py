@@ -74,12 +74,15 @@ class Track:
         The steps from each point to the next; None if both are one orbit in other coordinates.
     marks : list of Mark
     notes : list of str
+    interrupted : bool
+        Whether Ctrl-C was pressed.
     """
 
     points: list[Point] = field(default_factory=list)
     steps: list[Step | None] = field(default_factory=list)
     marks: list[Mark] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    interrupted: bool = False
 
 
 class Follower:
@@ -164,6 +167,7 @@ class Follower:
                 track.notes.append(f"the branch was followed for {self.most} points; raise max_points to go on")
                 break
             if report is not None and report(now.value):
+                track.interrupted = True
                 track.notes.append(f"interrupted at {now.value:.9g}: what was found until then is here")
                 break
             after = self._advanced(now, step)
@@ -181,6 +185,7 @@ class Follower:
         else:
             # What comes after the branch, such as pictures, is to hear of it too.
             if report is not None and report(now.value):
+                track.interrupted = True
                 track.notes.append(f"interrupted at {now.value:.9g}, the end of the branch")
         self.counters.points = len(track.points)
         track.marks.sort(key=lambda mark: mark.place)

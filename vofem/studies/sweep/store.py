@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
 import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import filelock
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.errors import StorageError
+from vofem.errors import OutputError, StorageError
 from vofem.files.hdf5 import FILTERS, end_of_data, writing
-from vofem.files.lock import FileLock
-from vofem.files.whole import target
-from vofem.studies.sweep.journal import Entry, Journal, point_text
-from vofem.studies.sweep.sweep import agreeing, columns_of
+from vofem.files.whole import target, try_to_write
+from vofem.studies.sweep.content import node_of, value_of
+from vofem.studies.sweep.journal import Entry, Journal, complete
+from vofem.studies.sweep.points import points_of
+from vofem.studies.sweep.sweep import Sweep, agreeing, columns_of, sweep_of
 from vofem.studies.sweep.worker import RESERVED, Row
 
 _SUFFIXES = (".h5", ".hdf5", ".nc")
@@ -61,7 +65,7 @@ class SweepFile:
         self._entries: dict[str, Entry] = {}
         self._journal: Journal | None = None
         self._pending = 0
-        self._lock = FileLock(self.path)
+        self._lock = _locked(self.path)
         try:
             self._open()
         except BaseException:
@@ -152,7 +156,30 @@ class SweepFile:
         """Let other processes open the file."""
         if self._journal is not None:
             self._journal.close()
+        # Windows does not remove open files; there the next process takes over the file that is left.
+        with contextlib.suppress(OSError):
+            os.unlink(self._lock.lock_file)
         self._lock.release()
+
+
+def _locked(path: Path) -> filelock.BaseFileLock:
+    """Return a lock on the file ``NAME.lock``, which names this process. The lock ends with the process."""
+    try_to_write(path)
+    lock = filelock.FileLock(path.with_name(path.name + ".lock"), thread_local=False)
+    try:
+        lock.acquire(blocking=False)
+        Path(lock.lock_file).write_text(f"process {os.getpid()}")
+    except filelock.Timeout:
+        holder = Path(lock.lock_file).read_text()
+        raise OutputError(
+            f"{path} is being written by another process ({holder}); wait until that one has ended, or give another "
+            "file"
+        ) from None
+    except OSError as error:
+        raise OutputError(
+            f"{path} cannot be written: {error.strerror or error}; check the folder {path.parent}"
+        ) from error
+    return lock
 
 
 def _write_table(file: h5py.File, identity: dict[str, str], entries: Sequence[Entry]) -> None:
@@ -165,7 +192,7 @@ def _write_table(file: h5py.File, identity: dict[str, str], entries: Sequence[En
     scale.make_scale("sweep_row")
     present = np.array([row.values is not None for row in rows], dtype=bool)
     _variable(file, "sweep_key", np.array([key for key, _, _ in entries], dtype=str), scale)
-    _variable(file, "sweep_point", np.array([point_text(point) for _, point, _ in entries], dtype=str), scale)
+    _variable(file, "sweep_point", np.array([json.dumps(node_of(point)) for _, point, _ in entries], dtype=str), scale)
     _variable(file, "sweep_failed", ~present, scale)
     _variable(file, "sweep_error", np.array([row.error for row in rows], dtype=str), scale)
     _variable(file, "sweep_traceback", np.array([row.traceback for row in rows], dtype=str), scale)
@@ -231,8 +258,38 @@ def _read(path: Path) -> tuple[dict[str, str], list[Entry]]:
     for k, key in enumerate(texts["key"]):
         values = None if lost[k] else {name: column[k] for name, column in columns.items()}
         row = Row(values, texts["error"][k], texts["traceback"][k], float(seconds[k]))
-        entries.append((key, json.loads(texts["point"][k]), row))
+        entries.append((key, value_of(json.loads(texts["point"][k])), row))
     return identity, entries
+
+
+def holds_sweep(path: Any) -> bool:
+    """Return whether a file is the store of a sweep that can be read."""
+    with contextlib.suppress(OSError, StorageError, TypeError, ValueError):
+        end_of_data(Path(path))  # compares the checksum before HDF5 opens the file
+        with h5py.File(path, "r") as file:
+            return bool(file.attrs.get("vofem_kind") == "sweep")
+    return False
+
+
+def stored_sweep(path: Path) -> Sweep:
+    """Return the table of a store, which another process may be writing, without the function that computed it.
+
+    Raises
+    ------
+    StorageError
+        If the file is no store, or holds no row.
+    """
+    identity, entries = _read(path)
+    with path.open("rb") as file:
+        file.seek(end_of_data(path))
+        recent, _ = complete(file.read())
+    known = {entry[0]: entry for entry in [*entries, *recent]}
+    if not known:
+        raise StorageError(f"{path} holds no row yet; run the sweep of {identity['name']} with this store again")
+    points = points_of([point for _, point, _ in known.values()])
+    rows = [known[key][2] for key in points.keys]
+    counters = {"computed": 0, "stored": len(rows), "batches": 0, "restarts": 0}
+    return sweep_of(points, rows, counters)
 
 
 def _values(dataset: h5py.Dataset) -> NDArray:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem._validate import nearest, optional
+from vofem._validate import nearest
 from vofem.errors import ArgumentError
 from vofem.studies.sweep.points import Points
 from vofem.studies.sweep.worker import RESERVED, Row
@@ -47,11 +47,14 @@ class SweepInterrupted(KeyboardInterrupt):
     Attributes
     ----------
     sweep : Sweep
-        Points that were not reached are among its failed ones.
+        Its `missing` are the points that were not reached.
     """
 
-    def __init__(self, sweep: Sweep) -> None:
-        super().__init__(f"{sweep!r}")
+    def __init__(self, sweep: Sweep, kept: Any = None) -> None:
+        total = len(sweep.points.rows)
+        done = total - len(sweep.missing)
+        where = f"kept in {kept}; the same call computes the rest" if kept else "in the `sweep` of this error"
+        super().__init__(f"sweep: stopped by Ctrl-C after {done} of {total} points, which are {where}")
         self.sweep = sweep
 
 
@@ -71,11 +74,14 @@ class Sweep(Mapping[str, NDArray]):
     failed : tuple of FailedPoint
         The points that failed, in the order of the points.
     seconds : array of float, shape (n_points,)
-        Wall time of every point in s. For rows from the store it is the time of the earlier sweep.
+        Wall time of every point in s, 0 where it was not computed. For rows from the store it is the time of the
+        earlier sweep.
     counters : dict
         ``computed``, ``stored`` (taken from the store), ``batches`` and ``restarts`` of workers.
     notes : tuple of str
         Sentences that a reader of the numbers should know.
+    missing : tuple of int
+        Positions of the points that were not computed, because the sweep was stopped before.
     """
 
     points: Points
@@ -84,6 +90,7 @@ class Sweep(Mapping[str, NDArray]):
     counters: dict[str, int]
     notes: tuple[str, ...]
     _columns: dict[str, NDArray] = field(repr=False)
+    missing: tuple[int, ...] = ()
 
     def __getitem__(self, name: str) -> NDArray:
         if name not in self._columns:
@@ -102,6 +109,7 @@ class Sweep(Mapping[str, NDArray]):
         shape = " x ".join(str(n) for n in self.points.shape)
         parts = [f"{shape} points over {', '.join(self.points.names)}", f"quantities {', '.join(self) or 'none'}"]
         parts += [f"{len(self.failed)} failed"] if self.failed else []
+        parts += [f"{len(self.missing)} not computed"] if self.missing else []
         parts += [f"{len(self.notes)} notes"] if self.notes else []
         return f"<Sweep: {'; '.join(parts)}>"
 
@@ -128,9 +136,10 @@ class Sweep(Mapping[str, NDArray]):
 
         Its dimensions are the parameters of a grid, or ``point`` with the
         parameters as coordinates beside it. Further dimensions of a quantity
-        are named ``NAME_0``, ``NAME_1`` and so on. Needs the extra ``[table]``.
+        are named ``NAME_0``, ``NAME_1`` and so on.
         """
-        xarray = optional("xarray", "table", "to_xarray")
+        import xarray
+
         grid = self.points.axes is not None
         dims = self.points.names if grid else ("point",)
         if grid:
@@ -146,9 +155,10 @@ class Sweep(Mapping[str, NDArray]):
     def to_dataframe(self) -> Any:
         """Return a `pandas.DataFrame` with one row a point; the last column holds the errors.
 
-        Quantities that are arrays are kept as arrays, one in each cell. Needs the extra ``[table]``.
+        Quantities that are arrays are kept as arrays, one in each cell.
         """
-        pandas = optional("pandas", "table", "to_dataframe")
+        import pandas
+
         columns: dict[str, Any] = {
             name: list(_array([row[name] for row in self.points.rows])) for name in self.points.names
         }
@@ -166,26 +176,35 @@ class Sweep(Mapping[str, NDArray]):
         errors = [""] * len(self.points.rows)
         for one in self.failed:
             errors[one.index] = one.error
+        for index in self.missing:
+            errors[index] = NOT_REACHED.error
         return errors
+
+
+#: The row of a point that was not computed.
+NOT_REACHED = Row(None, "not computed: the sweep was stopped before", "", 0.0)
 
 
 def sweep_of(points: Points, rows: Sequence[Row], counters: dict[str, int]) -> Sweep:
     """Return the outcome of a sweep from its rows, in the order of the points."""
     rows = agreeing(rows)
     failed = tuple(
-        FailedPoint(k, points.rows[k], row.error, row.traceback) for k, row in enumerate(rows) if row.values is None
+        FailedPoint(k, points.rows[k], row.error, row.traceback)
+        for k, row in enumerate(rows)
+        if row.values is None and row is not NOT_REACHED
     )
+    missing = tuple(k for k, row in enumerate(rows) if row is NOT_REACHED)
     seconds = np.array([row.seconds for row in rows])
-    return Sweep(points, failed, seconds, dict(counters), (), columns_of(rows))
+    return Sweep(points, failed, seconds, dict(counters), (), columns_of(rows), missing)
 
 
 def agreeing(rows: Sequence[Row]) -> list[Row]:
-    """Return the rows; those whose names or shapes differ from the first row are marked as failed."""
-    pattern: dict[str, tuple[int, ...]] | None = None
+    """Return the rows; those whose names, shapes or kinds differ from the first row are marked as failed."""
+    pattern: dict[str, str] | None = None
     result = []
     for row in rows:
         if row.values is not None:
-            found = {name: value.shape for name, value in row.values.items()}
+            found = {name: f"{_kind(value)} of shape {value.shape}" for name, value in row.values.items()}
             if pattern is None:
                 pattern = found
             elif found != pattern:
@@ -227,5 +246,10 @@ def _array(values: Sequence[Any]) -> NDArray:
     return objects
 
 
-def _shapes(pattern: dict[str, tuple[int, ...]]) -> str:
-    return ", ".join(f"{name!r} of shape {shape}" for name, shape in pattern.items()) or "nothing"
+def _kind(value: NDArray) -> str:
+    """Return what an array holds; of one kind are numbers that numpy can hold in one array without a change."""
+    return {"U": "text", "c": "complex number"}.get(value.dtype.kind, "number")
+
+
+def _shapes(pattern: dict[str, str]) -> str:
+    return ", ".join(f"{name!r}: {found}" for name, found in pattern.items()) or "nothing"
