@@ -248,7 +248,8 @@ def _begins(family: Family, interval: Interval, now: Point, after: Point, guess:
             mine[0][1].append(e.contact)
         else:
             groups.append((e.phase, [e.contact]))
-    chart, y, places = old, state.y[:-1], []
+    places: list[tuple[int, int]] = []
+    chart, y = old, state.y[:-1]
     for when, contacts in sorted(groups, reverse=True):
         chart, y, place = chart.with_touch(y, tuple(contacts), when)
         places = [(place, len(contacts)), *((other + 2 * len(contacts), size) for other, size in places)]
