@@ -63,9 +63,9 @@ class SpringHistory:
         """Return what every cycle loses, and the linear spring and damper that would lose as much.
 
         A cycle lasts from one passage of the elongation upward through its mean to the next one, as the stored times
-        show them. Choose times that resolve it. Of an oscillator that rests on the spring alone, ``damping_ratio`` is the ratio of critical
-        damping that takes the same energy in a cycle of the same amplitude: ``loss/(2 pi k amplitude^2)`` with the
-        secant stiffness ``k``.
+        show them. Choose times that resolve it. Of an oscillator that rests on the spring alone, ``damping_ratio`` is
+        the ratio of critical damping that takes the same energy in a cycle of the same amplitude:
+        ``loss/(2 pi k amplitude^2)`` with the secant stiffness ``k``.
 
         Returns
         -------
