@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 import vofem as vf
 from vofem.statics.solver import EquilibriumSolver
@@ -118,25 +116,6 @@ def check_complementarity(scene, outcome):
     q = np.concatenate([outcome.state_of(body.name)[0] for body in scene.bodies])[scene.model.free]
     residual = system.stiffness @ q - system.force(0.0) + laws.rows.T @ force
     assert np.max(np.abs(residual)) <= 1e-7 * np.max(np.abs(system.stiffness @ np.abs(q)))
-
-
-@given(data=st.data())
-def test_random_masses_and_contacts(data):
-    count = data.draw(st.integers(1, 5))
-    decades = st.floats(-3.0, 3.0).map(lambda e: 10.0**e)
-    masses = [vf.Mass(1.0, stiffness=data.draw(decades)) for _ in range(count)]
-    acts_on = data.draw(st.sampled_from(["displacement", "penetration"]))
-    gap = st.floats(0.0, 2.0) if acts_on == "displacement" else st.floats(-2.0, 2.0)
-    contacts = []
-    for a in range(count):
-        b = data.draw(st.integers(0, count - 1))
-        where = {"side": data.draw(st.sampled_from(["above", "below"]))} if a == b else {"b": masses[b]}
-        contacts.append(
-            vf.Contact(masses[a], gap=data.draw(gap), stiffness=data.draw(decades), acts_on=acts_on, **where)
-        )
-    loads = [vf.PointLoad(m, data.draw(st.floats(-5.0, 5.0))) for m in masses]
-    scene = vf.Scene(masses, [*contacts, *loads])
-    check_complementarity(scene, vf.equilibrium(scene))
 
 
 def test_points_are_resolved_by_name_and_x():

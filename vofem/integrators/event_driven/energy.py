@@ -507,7 +507,7 @@ def _of_loads(own: Array, omega: Array, w: Array, segment: Integers, tau: Array)
 def _moment(power: int, nu: float, tau: Array) -> Complex:
     """Return the integral of ``s^power exp(i nu s)`` from 0 to all tau, shape (n_times,); nu is 0 for squares."""
     if not nu:
-        return np.asarray(tau ** (power + 1) / (power + 1), dtype=complex)
+        return np.asarray(tau ** (power + 1) / (power + 1), dtype=np.complex128)
     x = 1j * nu * tau
     if not power:
         return np.asarray(np.expm1(x) / (1j * nu))
