@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import dataclasses
-import sys
 from itertools import pairwise
 
 import numpy as np
@@ -391,4 +390,3 @@ def test_command_line(tmp_path, monkeypatch, capsys):
 def test_progress_goes_to_a_terminal_only(capsys):
     show_progress(1, 2, "event_driven")
     assert capsys.readouterr().err == "\r\x1b[K1 of 2  event_driven"
-    assert "vofem.studies.accuracy" in sys.modules

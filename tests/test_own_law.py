@@ -101,13 +101,6 @@ def test_every_stepping_method_takes_it(method):
     assert result.counters.law_evaluations > 0
 
 
-def test_steps_that_follow_a_tolerance_take_it():
-    mass, times = vf.Mass(1.0, name="m"), np.linspace(0.0, 1.0, 21)
-    result = vf.simulate(scene_of(mass), 1.0, tol=1e-5, times=times)
-    assert result.method == "energy_conserving"
-    assert np.max(np.abs(result.displacement(mass) - exact(times)[0])) < 10.0 * 1e-5 * 0.25
-
-
 @pytest.mark.parametrize("omega", [4.0, 7.5])
 def test_harmonic_balance_takes_it(omega):
     """From the state that the orbit has at t = 0, a solver of differential equations returns there after a period."""

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-from pathlib import Path
-
 import h5py
 import numpy as np
 import pytest
@@ -176,14 +172,6 @@ def test_a_run_that_starts_from_another_says_what_it_forgets():
     )
 
 
-def test_an_interrupted_run_keeps_what_it_has():
-    mass, scene = oscillator(0.5, STARTS["struck"])
-    whole = vf.simulate(scene, 4.0, dt=0.01)
-    shorter = vf.simulate(scene, 4.0, dt=0.01, times=whole.times[:150])
-    assert np.array_equal(shorter.springs["s"].force, whole.springs["s"].force[:150])
-    assert np.array_equal(shorter.displacement(mass), whole.displacement(mass)[:150])
-
-
 # -- what is wrong ----------------------------------------------------------------------------------
 
 
@@ -254,26 +242,6 @@ def test_names_and_places():
 # -- absence ----------------------------------------------------------------------------------------
 
 
-def test_absent_springpots_cost_nothing():
-    """No history, no kernel, no module that builds one."""
-    code = """
-import sys
-from pathlib import Path
-import numpy as np
-import vofem as vf
-mass = vf.Mass(1.0, 1.0)
-for options in ({"dt": 0.01}, {"tol": 1e-3}, {"method": "generalized_alpha"}, {"method": "central_difference"}):
-    result = vf.simulate(vf.Scene([mass], [vf.PointLoad(mass, np.sin)], {mass: (0.0, 1.0)}), 1.0, **options)
-    assert result.counters.history_terms == result.counters.history_updates == 0
-    assert len(result.springs) == 0
-    assert not result.model.system.recorded
-    assert result.model.system.laws == ()
-    assert result.solution.springs is None
-assert "vofem.laws.springpot_past" not in sys.modules
-"""
-    subprocess.run([sys.executable, "-c", code], check=True)
-
-
 @pytest.mark.parametrize("name", ["energy_conserving", "generalized_alpha", "central_difference"])
 def test_a_checkpoint_without_springpots_holds_no_history(name, tmp_path):
     mass, path = vf.Mass(1.0, 1.0), tmp_path / "run.checkpoint"
@@ -281,13 +249,3 @@ def test_a_checkpoint_without_springpots_holds_no_history(name, tmp_path):
                 checkpoint_every=0.0)  # fmt: skip
     with h5py.File(path) as file:
         assert b"history" not in file["vofem_checkpoint/run/tree"][()].split(b'"snapshot"')[1].split(b'"counters"')[0]
-
-
-def test_the_example_of_the_docs():
-    page = (Path(__file__).parent.parent / "docs" / "fractional.md").read_text(encoding="utf-8")
-    code = page.split("## Springpots")[1].split("```python\n")[1].split("```")[0]
-    names = {}
-    exec(code, names)
-    assert names["result"].counters.history_terms == 2 * 53
-    assert names["result"].energy.balance_error < 1e-11
-    assert list(names["result"].springs) == ["gel", "ages"]
