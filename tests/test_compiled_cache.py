@@ -15,10 +15,10 @@ from scenes import paper_beam
 
 import vofem as vf
 from vofem.cli import FAULT, main
-from vofem.folders import read_entries, write_entry
 from vofem.integrators.methods import BUILT_IN, ENERGY_CONSERVING
 from vofem.io import doctor
 from vofem.kernels import cache as jit_cache
+from vofem.kernels.cache import read_entries, write_entry
 from vofem.kernels.mode import kernels
 from vofem.progress import RunProgress
 from vofem.simulate import ahead

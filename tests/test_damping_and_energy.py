@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 from scenes import paper_beam, two_masses
@@ -172,3 +174,13 @@ def test_histories_of_order_and_stiffness():
     assert np.array_equal(stop.order == 0.0, stop.closed)
     assert np.array_equal(np.isinf(stop.order), ~stop.closed)
     assert np.array_equal(stop.gap_function > 0.0, stop.closed)
+
+
+@pytest.mark.parametrize("t_end", [1e3, 1e5])
+def test_energies_of_long_runs_overflow_nowhere(t_end):
+    mass, free = vf.Mass(1.0, stiffness=1.0, damping=0.2), vf.Mass(1.0)
+    scene = vf.Scene([mass, free], [vf.PointLoad(mass, vf.Sine(1.0, 0.8)), vf.PointLoad(free, 1.0)])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        result = vf.simulate(scene, t_end, times=np.linspace(0.0, t_end, 11))
+        assert result.energy.balance_error < 1e-9

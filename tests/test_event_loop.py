@@ -7,7 +7,7 @@ import pytest
 
 import vofem as vf
 from vofem.integrators.event_driven import follow, solution, status_table, tangent
-from vofem.integrators.event_driven.flow import IgnoredEvents, Start, flow, modes_of
+from vofem.integrators.event_driven.flow import Start, flow, modes_of
 from vofem.kernels.mode import kernels
 from vofem.linalg.exponential import half_turns
 from vofem.system import Counters
@@ -161,31 +161,27 @@ def test_results_do_not_depend_on_the_memory_for_statuses(monkeypatch):
         assert mine == pytest.approx(other, abs=1e-13)
 
 
-def flow_of(scene, **options):
+def flow_of(scene):
     system = scene.model.system
     with kernels(compiled=True):
         space = modes_of(system, Counters())
         numbers = np.random.default_rng(3)
         start = Start(0.3, 0.02 * numbers.normal(size=space.size) / (1.0 + space.stiffness), np.zeros(space.size))
-        return flow(system, start, 12.0, derivative=np.eye(2 * space.size), **options)
+        return flow(system, start, 12.0, derivative=np.eye(2 * space.size))
 
 
-@pytest.mark.parametrize(
-    "windows", [[], [IgnoredEvents(0, 1.0, 2.0), IgnoredEvents(0, 9.0, np.inf)]], ids=["all", "windows"]
-)
-def test_flows_are_those_of_steps_in_python(windows, monkeypatch):
+def test_flows_are_those_of_steps_in_python(monkeypatch):
     build = SCENES["beam, damped"][0]
     counts = counted(monkeypatch)
-    by_loop = flow_of(build(), ignored=windows)
+    by_loop = flow_of(build())
     assert counts["steps"] == 0
     monkeypatch.setattr(follow, "MOST_MODES", 0)
-    by_steps = flow_of(build(), ignored=windows)
+    by_steps = flow_of(build())
     assert counts["steps"] >= 4
     assert len(by_loop.events) == len(by_steps.events) > 1
     for mine, other in zip(by_loop.events, by_steps.events, strict=True):
         assert (mine.contact, mine.before, mine.after) == (other.contact, other.before, other.after)
         assert mine.time == pytest.approx(other.time, rel=1e-11)
-        assert not any(window.start <= mine.time < window.stop for window in windows)
     assert by_loop.displacement == pytest.approx(by_steps.displacement, abs=1e-11)
     assert by_loop.velocity == pytest.approx(by_steps.velocity, abs=1e-10)
     assert by_loop.monodromy == pytest.approx(by_steps.monodromy, abs=1e-9 * np.abs(by_steps.monodromy).max())

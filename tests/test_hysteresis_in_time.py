@@ -371,3 +371,20 @@ def test_resumed_runs_are_bitwise_the_same(kind, tmp_path, monkeypatch):
         assert result.springs["s"].dissipated[-1] > 1.0
     if kind != "printed":
         assert np.array_equal(resumed.spring_state("s"), whole.spring_state("s"))
+
+
+def test_cycles_of_a_slider_in_closed_form():
+    """Of a slider that yields at F_y: 4 F_y (a - d) in a cycle of the amplitude a, and a secant stiffness F_y/a."""
+    mass = vf.Mass(1.0, stiffness=50.0)
+    slider = vf.BilinearSpring(mass, stiffness=200.0, linear_limit=0.01, name="slider")
+    scene = vf.Scene([mass], [slider, vf.PointLoad(mass, vf.Sine(6.0, 1.0))])
+    times = np.linspace(0.0, 60.0, 6001)
+    cycles = vf.simulate(scene, 60.0, method="energy_conserving", dt=0.01, times=times).springs["slider"].cycles()
+    steady = np.array([cycles[name][-1] for name in ("amplitude", "loss", "stiffness", "damping_ratio")])
+    a, loss, stiffness, ratio = steady
+    assert a > 0.05
+    assert loss == pytest.approx(4.0 * 2.0 * (a - 0.01), rel=0.02)
+    assert stiffness == pytest.approx(2.0 / a, rel=0.02)
+    assert ratio == pytest.approx(2.0 / np.pi * (1.0 - 0.01 / a), rel=0.03)
+    assert cycles.units["loss"] == "J"
+    assert vf.simulate(scene, 0.1, method="energy_conserving", dt=0.01).springs["slider"].cycles().rows == 0
