@@ -97,17 +97,6 @@ def test_a_limit_load_in_time():
     assert (str(again), again.load) == (str(caught.value), caught.value.load)
 
 
-def test_a_printed_run_is_saved_and_loaded(tmp_path):
-    mass, scene = printed(triangle(6.0))
-    result = vf.simulate(scene, 200.0, dt=1.0)
-    result.save(tmp_path / "run.vtkhdf")
-    loaded = vf.load(tmp_path / "run.vtkhdf")
-    assert np.array_equal(loaded.displacement(mass), result.displacement(mass))
-    assert np.array_equal(loaded.springs["s"].dissipated, result.springs["s"].dissipated)
-    again = vf.simulate(loaded.scene, 200.0, dt=1.0)
-    assert np.array_equal(again.displacement(mass), result.displacement(mass))
-
-
 # -- laws that remember -----------------------------------------------------------------------------
 
 

@@ -128,27 +128,6 @@ def test_resumed_runs_are_bitwise_the_same(kind, order, tmp_path, monkeypatch):
             vf.resume(path, scene=vf.Scene(scene.bodies, [other, *scene.effects[1:]], scene.initial))
 
 
-@pytest.mark.parametrize("order", [0.5, TabulatedOrder([0.0, 20.0], [0.2, 0.9]), swinging], ids=["one", "law", "call"])
-def test_runs_are_saved_and_loaded_whole(order, tmp_path):
-    mass, scene = oscillator(order, STARTS["struck"])
-    result = vf.simulate(scene, 4.0, dt=0.01)
-    result.save(tmp_path / "run.vtkhdf")
-    loaded = vf.load(tmp_path / "run.vtkhdf")
-    for what in ("elongation", "force", "stored", "dissipated"):
-        assert np.array_equal(getattr(loaded.springs["s"], what), getattr(result.springs["s"], what))
-    assert loaded.counters == result.counters
-    with h5py.File(tmp_path / "run.vtkhdf") as file:
-        assert [name.decode() for name in file["history/spring"][()]] == ["s"]
-        assert np.array_equal(file["history/spring_force"][:, 0], result.springs["s"].force)
-    loaded.save(tmp_path / "again.vtkhdf")
-    if order is swinging:
-        with pytest.raises(vf.MissingCallableError, match="swinging"):
-            vf.simulate(loaded.scene, 4.0, dt=0.01)
-    else:
-        again = vf.simulate(loaded.scene, 4.0, dt=0.01)
-        assert np.array_equal(again.displacement(mass), result.displacement(mass))
-
-
 def test_a_run_that_starts_from_another_says_what_it_forgets():
     mass, scene = oscillator(0.5, STARTS["struck"])
     first = vf.simulate(scene, 2.0, dt=0.01)
