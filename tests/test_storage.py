@@ -233,6 +233,10 @@ def push(t):
     return np.sin(3.0 * t)
 
 
+def gentle(t):
+    return 0.5 + 0.1 * np.sin(t)
+
+
 class Saw(vf.TimeFunction):
     """A closed form that is not of this package."""
 
@@ -259,7 +263,7 @@ def with_callables():
         vf.Foundation(beam, stiffness=lambda x: 1.0 + x, one_sided=True, gap=0.01, name="bed"),
         vf.BaseMotion(beam, push),
         vf.BaseMotion(mass, push),
-        vf.Springpot(mass, coefficient=0.1, order=lambda t: 0.5 + 0.1 * np.sin(t), name="pot"),
+        vf.Springpot(mass, coefficient=0.1, order=gentle, name="pot"),
     ]
     scene = vf.Scene([beam, mass], effects, initial={beam: (lambda x: 1e-3 * x**2 * (1.0 - x), 0.0)})
     return vf.simulate(scene, 0.3, method="central_difference", times=np.linspace(0.0, 0.3, 31))
@@ -291,7 +295,7 @@ def test_a_run_with_callables_is_read_whole(tmp_path):
 def test_what_needs_a_callable_names_it(tmp_path):
     loaded = saved_and_loaded(with_callables(), tmp_path / "run.vtkhdf")
     for method in ("auto", "central_difference", "generalized_alpha"):
-        with pytest.raises(vf.MissingCallableError, match=r"'push'|'hard'.*<lambda> in test_storage.py, line \d+"):
+        with pytest.raises(vf.MissingCallableError, match=r"'push'|'gentle'|'hard'.*<lambda> in test_storage.py, line \d+"):
             vf.simulate(loaded.scene, 0.3, method=method)
     bodies, effects = loaded.scene.bodies, loaded.scene.effects
     with pytest.raises(vf.MissingCallableError, match=r"'push'.*build the scene in Python"):
