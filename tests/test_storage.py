@@ -295,7 +295,9 @@ def test_a_run_with_callables_is_read_whole(tmp_path):
 def test_what_needs_a_callable_names_it(tmp_path):
     loaded = saved_and_loaded(with_callables(), tmp_path / "run.vtkhdf")
     for method in ("auto", "central_difference", "generalized_alpha"):
-        with pytest.raises(vf.MissingCallableError, match=r"'push'|'gentle'|'hard'.*<lambda> in test_storage.py, line \d+"):
+        with pytest.raises(
+            vf.MissingCallableError, match=r"'push'|'gentle'|'hard'.*<lambda> in test_storage.py, line \d+"
+        ):
             vf.simulate(loaded.scene, 0.3, method=method)
     bodies, effects = loaded.scene.bodies, loaded.scene.effects
     with pytest.raises(vf.MissingCallableError, match=r"'push'.*build the scene in Python"):
