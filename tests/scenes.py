@@ -12,10 +12,29 @@ import vofem as vf
 from vofem.verification.published_data import entry as quantity
 from vofem.verification.published_data import published
 
-__all__ = ["LAWS", "broken_off", "paper_beam", "published", "quantity", "reference", "two_masses"]
+__all__ = ["LAWS", "SHORT", "broken_off", "paper_beam", "published", "quantity", "reference", "two_masses"]
 
 DATA = Path(__file__).parent / "data"
 LAWS = ("displacement", "penetration")
+
+#: A scene file of a short run: a mass that hits a stop.
+SHORT = """
+[run]
+t_end = 6.0
+[[mass]]
+name = "ball"
+mass = 1.0
+stiffness = 1.0
+[[contact]]
+name = "stop"
+a = "ball"
+gap = 0.5
+stiffness = 10.0
+side = "above"
+acts_on = "penetration"
+[initial]
+ball = { velocity = 1.0 }
+"""
 
 
 def reference(name: str) -> dict[str, np.ndarray]:

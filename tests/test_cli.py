@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import reference
+from scenes import SHORT, reference
 
 import vofem as vf
 from vofem import cli
@@ -18,24 +18,6 @@ from vofem.io.csv_file import write_csv
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = ROOT / "examples"
-
-SHORT = """
-[run]
-t_end = 6.0
-[[mass]]
-name = "ball"
-mass = 1.0
-stiffness = 1.0
-[[contact]]
-name = "stop"
-a = "ball"
-gap = 0.5
-stiffness = 10.0
-side = "above"
-acts_on = "penetration"
-[initial]
-ball = { velocity = 1.0 }
-"""
 
 
 @pytest.fixture

@@ -3,6 +3,7 @@
 import matplotlib.image
 import numpy as np
 import pytest
+from scenes import paper_beam
 
 import vofem as vf
 from vofem.io.pictures import axes as picture_axes
@@ -28,9 +29,7 @@ def orange(image):
 
 @pytest.fixture(scope="module")
 def paper():
-    beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=25, supports={"left": "clamped"})
-    stop = vf.Contact(beam.at(1.0), gap=0.03, stiffness=1.0, side="below", acts_on="displacement", name="stop")
-    scene = vf.Scene([beam], [stop, vf.PointLoad(beam.at(1.0), vf.Sine(0.1, 1.0))])
+    beam, scene = paper_beam("displacement")
     return beam, vf.simulate(scene, 6.0)
 
 

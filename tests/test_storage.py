@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
-from scenes import LAWS, paper_beam, two_masses
+from scenes import LAWS, SHORT, paper_beam, two_masses
 
 import vofem as vf
 from vofem import cli
@@ -569,25 +569,6 @@ def test_saving_takes_memory_in_blocks(tmp_path):
     assert peak < held / 3
     loaded = vf.load(tmp_path / "run.vtkhdf")
     assert same(loaded.samples.q, result.samples.q)
-
-
-SHORT = """
-[run]
-t_end = 6.0
-[[mass]]
-name = "ball"
-mass = 1.0
-stiffness = 1.0
-[[contact]]
-name = "stop"
-a = "ball"
-gap = 0.5
-stiffness = 10.0
-side = "above"
-acts_on = "penetration"
-[initial]
-ball = { velocity = 1.0 }
-"""
 
 
 def test_command_line_saves_and_renders(tmp_path, monkeypatch, capsys):
