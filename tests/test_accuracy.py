@@ -22,7 +22,6 @@ from vofem.studies.accuracy.exact import Question, exact
 from vofem.studies.accuracy.quantities import Observed, compare
 from vofem.studies.accuracy.scaled import scaled
 from vofem.studies.accuracy.spread import spread
-from vofem.studies.accuracy.timing import best_time
 from vofem.studies.accuracy.work_precision import applicable
 from vofem.studies.remesh import can_have, element_count, remeshed
 
@@ -264,14 +263,6 @@ def test_default_point_is_the_contact_s_or_the_one_that_moves_most():
     bare = vf.Scene([still, beam], [vf.PointLoad(beam.at(1.0), 1.0)])
     point = default_point(bare, 1.0)
     assert (point.body, point.x) == (beam, 1.0)
-
-
-def test_best_time_counts_runs_and_keeps_to_the_cap():
-    calls = []
-    assert best_time(lambda: calls.append(1) or len(calls), 3, 10.0)[1] == 1
-    assert len(calls) == 3
-    best_time(lambda: calls.append(1), 5, 0.0)
-    assert len(calls) == 4
 
 
 def test_work_is_spread_over_processes_or_done_here():

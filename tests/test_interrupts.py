@@ -115,15 +115,6 @@ def test_a_file_is_whole_or_absent(tmp_path, presses):
 # -- commands, in this process --------------------------------------------------------------------
 
 
-def test_a_command_that_is_interrupted_while_it_is_imported_says_so(monkeypatch, capsys):
-    def interrupted(argv):
-        raise KeyboardInterrupt
-
-    monkeypatch.setitem(sys.modules, "vofem.cli.program", types.SimpleNamespace(run_command=interrupted))
-    assert cli.main(["run"]) == 130
-    assert capsys.readouterr().err == "vofem: interrupted\n"
-
-
 def test_an_interrupt_that_became_another_error_is_still_an_interrupt(foreground, monkeypatch, capsys):
     def drawing(argv):
         try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import h5py
 import numpy as np
 import pytest
+from scenes import broken_off
 from test_springpot import METHODS, STARTS, oscillator
 
 import vofem as vf
@@ -98,10 +99,6 @@ def test_reactions_know_of_them(method, within):
 # -- stopping, saving, going on ---------------------------------------------------------------------
 
 
-class PowerLossError(Exception):
-    """Ends a run in its middle."""
-
-
 @pytest.mark.parametrize("order", [0.5, TabulatedOrder([0.0, 20.0], [0.2, 0.9]), swinging], ids=["one", "law", "call"])
 @pytest.mark.parametrize("kind", ["energy_conserving", "tolerance", "generalized_alpha", "central_difference"])
 def test_resumed_runs_are_bitwise_the_same(kind, order, tmp_path, monkeypatch):
@@ -114,13 +111,8 @@ def test_resumed_runs_are_bitwise_the_same(kind, order, tmp_path, monkeypatch):
     t_end = 8.0 if kind == "tolerance" else 30.0
     times, path = np.linspace(0.0, t_end, 61), tmp_path / "run.checkpoint"
 
-    def lose_power(t, t_end):
-        if t > 0.4 * t_end:
-            raise PowerLossError
-
     whole = vf.simulate(scene, t_end, times=times, **options)
-    with pytest.raises(PowerLossError):
-        vf.simulate(scene, t_end, times=times, checkpoint=path, checkpoint_every=0.0, progress=lose_power, **options)
+    broken_off(path, 0.4, scene, t_end, times=times, **options)
     resumed = vf.resume(path, scene=scene) if order is swinging else vf.resume(path)
     assert np.array_equal(resumed.displacement(mass), whole.displacement(mass))
     for what in ("force", "stored", "dissipated"):
@@ -134,27 +126,6 @@ def test_resumed_runs_are_bitwise_the_same(kind, order, tmp_path, monkeypatch):
         other = vf.Springpot(mass, coefficient=0.8, order=order, name="s")
         with pytest.raises(vf.ArgumentError, match="springpots"):
             vf.resume(path, scene=vf.Scene(scene.bodies, [other, *scene.effects[1:]], scene.initial))
-
-
-@pytest.mark.parametrize("order", [0.5, TabulatedOrder([0.0, 20.0], [0.2, 0.9]), swinging], ids=["one", "law", "call"])
-def test_runs_are_saved_and_loaded_whole(order, tmp_path):
-    mass, scene = oscillator(order, STARTS["struck"])
-    result = vf.simulate(scene, 4.0, dt=0.01)
-    result.save(tmp_path / "run.vtkhdf")
-    loaded = vf.load(tmp_path / "run.vtkhdf")
-    for what in ("elongation", "force", "stored", "dissipated"):
-        assert np.array_equal(getattr(loaded.springs["s"], what), getattr(result.springs["s"], what))
-    assert loaded.counters == result.counters
-    with h5py.File(tmp_path / "run.vtkhdf") as file:
-        assert [name.decode() for name in file["history/spring"][()]] == ["s"]
-        assert np.array_equal(file["history/spring_force"][:, 0], result.springs["s"].force)
-    loaded.save(tmp_path / "again.vtkhdf")
-    if order is swinging:
-        with pytest.raises(vf.MissingCallableError, match="swinging"):
-            vf.simulate(loaded.scene, 4.0, dt=0.01)
-    else:
-        again = vf.simulate(loaded.scene, 4.0, dt=0.01)
-        assert np.array_equal(again.displacement(mass), result.displacement(mass))
 
 
 def test_a_run_that_starts_from_another_says_what_it_forgets():

@@ -66,7 +66,29 @@ def resolved():
     return vf.Scene(scene.bodies, [*scene.effects, soft])
 
 
+def sprung(method, *springs, load=None, damping=0.1):
+    """A mass on springs that remember, and on springpots."""
+    mass = vf.Mass(1.0, damping=damping, name="m")
+    push = vf.PointLoad(mass, vf.Sine(4.0, 0.8) if load is None else load)
+    return lambda: vf.Scene([mass], [*(make(mass) for make in springs), push], {mass: (0.0, 0.0)}), 20.0, method
+
+
+def printed(mass):
+    return vf.HystereticSpring(mass, stiffness=1.0, linear_limit=5.0, memory="printed", name="s")
+
+
+def pots(mass):
+    return vf.Springpot(mass, coefficient=0.7, order=0.5, name="s")
+
+
+def aging(mass):
+    law = vf.fractional.TabulatedOrder([0.0, 20.0], [0.2, 0.9])
+    return vf.Springpot(mass, coefficient=0.7, order=law, name="aging")
+
+
 CASES = {
+    "printed": sprung("force_driven", printed, load=vf.Tabulated([0.0, 10.0, 20.0], [0.0, 6.0, 0.0]), damping=1.0),
+    "springpots": sprung("energy_conserving", pots, aging),
     **{f"beam-{law}": (lambda law=law: paper_beam(law)[1], 20.0, "event_driven") for law in LAWS},
     "beam-steps": (lambda: paper_beam("displacement", elements=5, gap=0.001)[1], 0.5, "central_difference"),
     "masses": (lambda: two_masses("b", "displacement", damping=0.1)[2], 30.0, "event_driven"),
@@ -121,6 +143,10 @@ def assert_whole(loaded, result):
     for name, history in result.contacts.items():
         for what in ("closings", "openings", "pinned", "closed", "stiffness", "force", "gap_function", "order"):
             assert same(getattr(loaded.contacts[name], what), getattr(history, what)), (name, what)
+    assert list(loaded.springs) == list(result.springs)
+    for name, history in result.springs.items():
+        for what in ("elongation", "force", "stored", "dissipated"):
+            assert same(getattr(loaded.springs[name], what), getattr(history, what)), (name, what)
     for field in dataclasses.fields(result.energy):
         assert same(getattr(loaded.energy, field.name), getattr(result.energy, field.name)), field.name
     assert loaded.energy.balance_error == result.energy.balance_error
@@ -163,23 +189,12 @@ def test_late_segments_may_be_asked_for_first(tmp_path):
 
 
 def test_a_loaded_scene_runs_again_to_the_same_bits(tmp_path):
-    for name in ("everything", "beam-steps", "chatter"):
+    for name in ("everything", "beam-steps", "chatter", "printed", "springpots"):
         result = ran(name)
         loaded = saved_and_loaded(result, tmp_path / f"{name}.vtkhdf")
         again = vf.simulate(loaded.scene, result.solution.t_end, method=result.method, times=result.times)
         for point in points_of_interest(result.scene):
             assert same(again.displacement(point), result.displacement(point))
-
-
-def test_a_loaded_run_starts_a_scene(tmp_path):
-    result = ran("masses")
-    loaded = saved_and_loaded(result, tmp_path / "run.vtkhdf")
-    runs = [vf.simulate(vf.Scene(run.scene.bodies, run.scene.effects, initial=run), 3.0) for run in (result, loaded)]
-    first = result.scene.bodies[0]
-    assert same(runs[1].displacement(first), runs[0].displacement(first))
-    # ... and its file holds the state that it started from.
-    second = saved_and_loaded(runs[1], tmp_path / "second.vtkhdf")
-    assert same(vf.simulate(second.scene, 3.0).displacement(first), runs[0].displacement(first))
 
 
 def test_a_mesh_file_may_be_gone(tmp_path):
@@ -244,6 +259,7 @@ def with_callables():
         vf.Foundation(beam, stiffness=lambda x: 1.0 + x, one_sided=True, gap=0.01, name="bed"),
         vf.BaseMotion(beam, push),
         vf.BaseMotion(mass, push),
+        vf.Springpot(mass, coefficient=0.1, order=lambda t: 0.5 + 0.1 * np.sin(t), name="pot"),
     ]
     scene = vf.Scene([beam, mass], effects, initial={beam: (lambda x: 1e-3 * x**2 * (1.0 - x), 0.0)})
     return vf.simulate(scene, 0.3, method="central_difference", times=np.linspace(0.0, 0.3, 31))
@@ -262,6 +278,7 @@ def test_a_run_with_callables_is_read_whole(tmp_path):
             for one, other in zip(run.reaction(beam, end), result.reaction(beam, end), strict=True):
                 assert same(one, other)
         assert same(run.contacts["c"].force, result.contacts["c"].force)
+        assert same(run.springs["pot"].force, result.springs["pot"].force)
         assert same(run.energy.work, result.energy.work)
         # EI between nodes is known by polynomials, as accurate as rounding allows.
         x = np.linspace(0.0, 1.0, 57)
@@ -371,7 +388,7 @@ def test_frames(tmp_path):
             result.save(tmp_path / "other.vtkhdf", frames=bad)
 
 
-@pytest.mark.parametrize("name", ["beam-displacement", "everything", "masses-steps"])
+@pytest.mark.parametrize("name", ["beam-displacement", "everything", "masses-steps", "springpots"])
 def test_the_history_in_a_file_is_that_of_to_xarray(name, tmp_path):
     import xarray
 
@@ -391,6 +408,8 @@ def test_the_history_in_a_file_is_that_of_to_xarray(name, tmp_path):
         for contact, history in result.contacts.items():
             for what in ("stiffness", "force", "closed"):
                 assert np.array_equal(stored[f"contact_{what}"].sel(contact=contact), getattr(history, what))
+        for spring, history in result.springs.items():
+            assert np.array_equal(stored.spring_force.sel(spring=spring), history.force)
         assert np.array_equal(stored.event_time, result.solution.events.time)
         assert np.array_equal(stored.work_energy, result.energy.work)
         if name == "beam-displacement":
