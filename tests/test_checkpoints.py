@@ -15,7 +15,6 @@ import pytest
 from scenes import paper_beam, two_masses
 
 import vofem as vf
-from vofem.integrators.stepping import march
 from vofem.io.storage import checkpoint as module
 
 RUNS = {
@@ -39,9 +38,9 @@ class PowerLossError(Exception):
 
 def small_steps(monkeypatch, size):
     """Return from kernels every few steps, compiled or not."""
-    monkeypatch.setattr("vofem.integrators.stepping.march._CHUNK_WORK", size)
-    monkeypatch.setattr("vofem.integrators.stepping.march._PLAIN_WORK", size)
-    monkeypatch.setattr("vofem.integrators.stepping.doubling._CHUNK", 170)
+    monkeypatch.setattr("vofem.integrators.stepping.run._CHUNK_WORK", size)
+    monkeypatch.setattr("vofem.integrators.stepping.run._PLAIN_WORK", size)
+    monkeypatch.setattr("vofem.integrators.stepping.tolerance._CHUNK", 170)
     for name in ("FIRST_CALL", "MOST"):
         monkeypatch.setattr(f"vofem.integrators.event_driven.follow.{name}", 1)
 
@@ -78,32 +77,6 @@ def test_resumed_runs_are_bitwise_the_same(kind, fraction, tmp_path, monkeypatch
     resumed = vf.resume(path)
     assert whole.contacts["stop"].closings.size > 2
     same(whole, resumed, beam)
-
-
-def test_checkpoints_of_earlier_versions_are_read(tmp_path, monkeypatch):
-    """What says where a run under a tolerance stands had other names, and so had other entries."""
-    former = {"ticks": "now", "level": "rung", "last_hard": "uneasy"}
-    entries = {"last_step": "trail", "contact_checks": "watch", "histories": "memory"}
-    small_steps(monkeypatch, 6000)
-    snapshot, path = march._snapshot, tmp_path / "run.checkpoint"
-    beam, scene = scene_of("penetration")
-
-    def as_then(*arguments):
-        saved = snapshot(*arguments)
-        assert former.keys() <= saved["place"].keys()
-        saved["place"] = {former.get(name, name): value for name, value in saved["place"].items()}
-        saved["output"] = {entries.get(name, name): value for name, value in saved["output"].items()}
-        return {entries.get(name, name): value for name, value in saved.items()}
-
-    def lose_power(t, t_end):
-        if t > 0.5 * t_end:
-            raise PowerLossError
-
-    whole = vf.simulate(scene, 12.0, **RUNS["tolerance"])
-    monkeypatch.setattr(march, "_snapshot", as_then)
-    with pytest.raises(PowerLossError):
-        vf.simulate(scene, 12.0, checkpoint=path, checkpoint_every=0.0, progress=lose_power, **RUNS["tolerance"])
-    same(whole, vf.resume(path), beam)
 
 
 def test_a_load_that_is_a_callable_must_be_given_again(tmp_path, monkeypatch):

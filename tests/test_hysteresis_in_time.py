@@ -10,7 +10,9 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 import vofem as vf
-from vofem.integrators.energy_conserving.adaptive import AdaptiveSteps
+from vofem.integrators.methods import ENERGY_CONSERVING
+from vofem.integrators.stepping.methods import MIDPOINT
+from vofem.integrators.stepping.tolerance import StepDoubling
 from vofem.laws import HystereticLaws
 from vofem.system import Counters
 
@@ -307,17 +309,21 @@ def test_dissipation_is_the_loop_area_in_a_steady_state():
     assert result.energy.balance_error < 1e-10
 
 
-def test_a_step_that_is_tried_leaves_no_trace():
+def test_a_step_that_is_refused_leaves_no_trace():
+    """The accepted step is the same as where it is the first one that is tried, although a refused one has yielded."""
     mass, scene = swinging("cyclic")
     scene = vf.Scene(scene.bodies, scene.effects, {mass: (4.9, 3.0)})
-    kernel = AdaptiveSteps(scene.model.system, scene.initial_state(), Counters(), 30.0)
-    kernel.plan(30.0, 1e-6)
-    kernel.level = 0
-    before = kernel.state.internal.copy()
-    found = kernel.attempt(kernel.record(np.zeros(0), None))
-    assert found.solves >= 0
-    assert kernel.trial.first.reaction[0] > 5.0
-    assert np.array_equal(kernel.state.internal, before)
+    found = []
+    for level in (0, 6):
+        run = StepDoubling(
+            scene.model.system, scene.initial_state(), Counters(), 30.0, ENERGY_CONSERVING, MIDPOINT, 1e-6
+        )  # fmt: skip
+        run.size_of_motion, run.level = 5.0, level
+        run.advance_once()
+        found.append((run.counters.rejected, run.path.filled, run.last, *run.path.steps(0)))
+    assert found[0][0] > found[1][0]
+    for mine, other in zip(found[0][1:], found[1][1:], strict=True):
+        assert np.array_equal(mine, other)
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from vofem.integrators.stepping.balance import Guess, Known, balance, structure
+from vofem.integrators.stepping.contact_solve import Acting
 
 import vofem as vf
 from vofem.integrators import energy_conserving
 from vofem.integrators.stepping import balance as module
-from vofem.integrators.stepping.balance import Guess, Known, balance, structure
-from vofem.integrators.stepping.contact_solve import Acting
 from vofem.laws.rows import all_rows, compressed
 from vofem.laws.table import build_laws
 from vofem.linalg.banded import band_order, band_width, to_band

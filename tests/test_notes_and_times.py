@@ -7,7 +7,6 @@ import pytest
 
 import vofem as vf
 from vofem.integrators.stepping.checks import MISSED, PEAK, POWER, check_contacts, check_times, contact_checks
-from vofem.laws.rows import compressed
 
 STEPPING = ("energy_conserving", "generalized_alpha", "central_difference")
 
@@ -160,9 +159,11 @@ def test_what_a_watch_finds():
     mass = vf.Mass(1.0, stiffness=1.0)
     scene = vf.Scene([mass], [stop(mass, gap=1.0 - 1e-9), stop(mass, gap=0.5, name="closing", stiffness=7.0)])
     laws = scene.model.system.contacts
-    rows, table = compressed(laws.rows, np.arange(1)), contact_checks(laws)
-    for t in (0.01 * np.arange(3900)).tolist():
-        check_contacts(table, rows, 0.01, np.array([np.sin(t)]), np.array([np.cos(t)]))
+    table, t = contact_checks(laws), 0.01 * np.arange(3900)
+    u, rates = (np.repeat(part[:, None], 2, axis=1) for part in (np.sin(t), np.cos(t)))
+    # In two pieces, the second of which begins with the last state of the first.
+    for first, last in ((0, 1234), (1235, 3899)):
+        check_contacts(table, u, rates, np.full(t.size, 0.01), first, last)
     assert table[:, MISSED].tolist() == [6, 0]
     assert table[:, PEAK] == pytest.approx([0.0, 0.5], abs=1e-4)
     # (u - gap) u' is largest where sin^2 - cos^2 = gap sin.

@@ -14,7 +14,9 @@ from scipy.optimize import newton
 
 import vofem as vf
 from vofem.fractional import StreamingDerivative, TabulatedOrder, rl_derivative
-from vofem.integrators.energy_conserving.adaptive import AdaptiveSteps
+from vofem.integrators.methods import ENERGY_CONSERVING
+from vofem.integrators.stepping.methods import MIDPOINT
+from vofem.integrators.stepping.tolerance import StepDoubling
 from vofem.system import Counters
 from vofem.verification.cases.springpots import displacement
 
@@ -424,18 +426,20 @@ def test_tolerance_with_rejected_steps_keeps_the_balance():
     assert result.displacement(mass) == pytest.approx(fixed.displacement(mass), abs=1e-4)
 
 
-def test_a_step_that_is_tried_leaves_no_trace():
-    _, scene = oscillator(0.5, STARTS["struck"])
-    kernel = AdaptiveSteps(scene.model.system, scene.initial_state(), Counters(), 8.0)
-    kernel.plan(8.0, 1e-6)
-    kernel.level = 0
-    kernel.history.y[:] = np.linspace(0.1, 0.2, kernel.history.y.size)
-    before = [part.copy() for part in kernel.history]
-    found = kernel.attempt(kernel.record(np.zeros(0), None))
-    assert found.solves >= 0
-    assert not np.array_equal(kernel.ahead.y, before[0])
-    for part, old in zip(kernel.history, before, strict=True):
-        assert np.array_equal(part, old)
+def test_a_step_that_is_refused_leaves_no_trace():
+    """The accepted step is the same as where it is the first one that is tried."""
+    found = []
+    for level in (0, 5):
+        _, scene = oscillator(0.5, STARTS["struck"])
+        run = StepDoubling(
+            scene.model.system, scene.initial_state(), Counters(), 8.0, ENERGY_CONSERVING, MIDPOINT, 1e-6
+        )  # fmt: skip
+        run.size_of_motion, run.level = 1.0, level
+        run.advance_once()
+        found.append((run.counters.rejected, run.path.filled, run.last, run.past.y, *run.path.steps(0)))
+    assert found[0][0] > found[1][0]
+    for mine, other in zip(found[0][1:], found[1][1:], strict=True):
+        assert np.array_equal(mine, other)
 
 
 def test_the_past_grows_like_the_logarithm():
