@@ -8,16 +8,17 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from vofem.integrators.stepping.balance import Guess, Known, balance, structure
-from vofem.integrators.stepping.contact_solve import Acting
 
 import vofem as vf
-from vofem.integrators import energy_conserving
-from vofem.integrators.stepping import balance as module
+from vofem.integrators.methods import ENERGY_CONSERVING
+from vofem.integrators.stepping import kernel
+from vofem.integrators.stepping import run as module
+from vofem.integrators.stepping.methods import MIDPOINT, energy_conserving
+from vofem.integrators.stepping.run import EqualSteps
 from vofem.laws.rows import all_rows, compressed
-from vofem.laws.table import build_laws
-from vofem.linalg.banded import band_order, band_width, to_band
-from vofem.system import State
+from vofem.laws.table import Way, build_laws
+from vofem.linalg.banded import band_order, band_width, factor, solve, to_band, widen
+from vofem.system import Counters, State
 
 
 def chain(count, stiffness, gaps, acts_on="penetration", damping=0.0, switch="ideal", speed=1.0):
@@ -32,7 +33,7 @@ def chain(count, stiffness, gaps, acts_on="penetration", damping=0.0, switch="id
 def both_ways(monkeypatch, scene, **arguments):
     found = []
     for banded in (False, True):
-        monkeypatch.setattr(module, "_banded_pays", lambda *_, banded=banded: banded)
+        monkeypatch.setattr(module, "_band_pays", lambda *_, banded=banded: banded)
         found.append(vf.simulate(scene, **arguments))
     return found
 
@@ -58,17 +59,26 @@ def test_the_band_finds_what_the_compliance_finds(seed, kind, mean, power):
     springs = 10.0 ** rng.uniform(-2.0, 2.0, n)
     a = to_band(system.mass + 1e-2 * system.stiffness.multiply(springs[:, None]), order)
     right, u0 = rng.normal(size=n), rng.normal(size=n - 1)
-    base, none = u0 + rng.normal(size=n - 1), np.zeros(n - 1)
+    base, dense = u0 + rng.normal(size=n - 1), all_rows(system.laws).toarray()
+    factored, answers = factor(a, "a matrix"), dense.copy()
+    for answer in answers:
+        solve(factored, answer)
+    band = widen(a, max(1, a.shape[0] - 1))
+    way, others = Way(mean, False, 1.0, 0.0, 0.1), True if kind == "resolved" else None
     results = []
-    for banded in (False, True):
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(module, "_banded_pays", lambda *_, banded=banded: banded)
-            made = structure(a, "a matrix", rows, laws, 0.1, 0.05)
-        assert (made.band is not None) == banded
-        reaction, u, x = np.zeros(n - 1), np.empty(n - 1), np.empty(n)
-        acting = Acting(laws, u0, True if mean else None, None)
-        assert balance(acting, made, rows, Known(right, none, base), Guess(reaction, u, x, np.empty(u.size))) >= 0
-        results.append((reaction, u, x))
+    for size in (kernel.Size(None, factored, dense @ answers.T, None), kernel.Size(None, factored, None, band)):
+        work = kernel.work_space(n, n - 1, size)
+        work.right[:], work.x[:], work.base[:] = right, right, base
+        solve(factored, work.x)
+        work.free[:] = dense @ work.x
+        if size.band is None:
+            found = kernel._react(size.compliance, laws, others, way, u0, np.zeros(n - 1), work, 0.1, 0.05)
+            work.x[:] = right - 0.05 * (dense.T @ work.found)
+            solve(factored, work.x)
+        else:
+            found = kernel._react_in_band(band, laws, others, rows, way, u0, np.zeros(n - 1), work, 0.1, 0.05)
+        assert found >= 0
+        results.append((work.found, base + 0.1 * (dense @ work.x), work.x))
     (r1, u1, x1), (r2, u2, x2) = results
     # Laws a billion times stiffer than the rest lose that many digits of forces that hardly act.
     size = np.max(np.abs(x1)) + 0.05 * np.max(np.abs(r1))
@@ -104,15 +114,8 @@ def test_the_band_is_chosen_where_laws_are_many():
     many = chain(40, np.ones(39), np.ones(39)).model.system
     jumps = chain(40, np.ones(39), np.ones(39), "displacement").model.system
     for system, banded in ((few, False), (many, True), (jumps, False)):
-        order = np.arange(40)
-        made = structure(
-            to_band(system.mass, order),
-            "m",
-            compressed(all_rows(system.laws), order),
-            build_laws(system.laws),
-            1.0,
-            1.0,
-        )
+        start = State(np.zeros(40), np.zeros(40))
+        made = EqualSteps(system, start, Counters(), 1.0, ENERGY_CONSERVING, MIDPOINT, 1.0, 1).size(1.0).size
         assert (made.band is not None) == banded
         assert (None if banded else (len(system.contacts),) * 2) == (
             None if made.compliance is None else made.compliance.shape
@@ -129,7 +132,7 @@ def test_rows_of_many_laws_keep_the_band_narrow():
         for a, b in itertools.pairwise(way)
     ]
     system = vf.Scene(masses, contacts).model.system
-    kernel = energy_conserving.run(system, State(np.zeros(n), np.zeros(n)), 0.1, np.array([0.1]), 0.1)
+    kernel = energy_conserving(system, State(np.zeros(n), np.zeros(n)), 0.1, np.array([0.1]), 0.1)
     assert kernel.counters.steps == 1
     rows = all_rows(system.laws)
     pairs = abs(rows).T @ abs(rows)
@@ -141,9 +144,9 @@ def test_memory_grows_with_the_number_of_contacts_not_with_its_square():
     n = 3000
     scene = chain(n, np.full(n - 1, 1e4), np.full(n - 1, 0.001))
     system, start = scene.model.system, scene.initial_state()
-    energy_conserving.run(system, start, 0.002, np.array([0.002]), 1e-3)
+    energy_conserving(system, start, 0.002, np.array([0.002]), 1e-3)
     tracemalloc.start()
-    energy_conserving.run(system, start, 0.02, np.array([0.02]), 1e-3)
+    energy_conserving(system, start, 0.02, np.array([0.02]), 1e-3)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     # A compliance would take 72 MB.

@@ -192,7 +192,13 @@ def work_space(n: int, m: int, size: Size) -> Work:
     """Return work space for n unknowns and m laws."""
     matrix = np.zeros((0, 0) if size.compliance is None else (m, m))
     band = np.zeros((0, 0)) if size.band is None else np.zeros_like(size.band)
-    return Work(*np.zeros((5, n)), *np.zeros((11, m)), np.zeros(m, dtype=np.int64), matrix, band)
+    right, x, p, some, step = np.zeros((5, n))
+    base, rate, free, held, found, y, force, slope, change, move, solution = np.zeros((11, m))
+    active = np.zeros(m, dtype=np.int64)
+    return Work(
+        right, x, p, some, step, base, rate, free, held, found, y, force, slope, change, move, solution, active, matrix,
+        band,
+    )  # fmt: skip
 
 
 # -- vectors ------------------------------------------------------------------------------------------------

@@ -51,9 +51,10 @@ class Path:
 
     def __init__(self, rows: int, n: int, laws: Laws, pots: int, means: bool) -> None:
         m = laws.table.size
+        q, v, a = np.zeros((3, rows, n))
+        u, reaction, damper = np.zeros((3, rows, m))
         self.chunk = Chunk(
-            *np.zeros((3, rows, n)), *np.zeros((3, rows, m)), np.zeros((rows, laws.state.size)),
-            np.zeros((rows, pots, 2)),
+            q, v, a, u, reaction, damper, np.zeros((rows, laws.state.size)), np.zeros((rows, pots, 2))
         )  # fmt: skip
         self.t, self.dt, self.work, self.dissipated = np.zeros((4, rows))
         self.absorbed, self.pull = np.zeros((2, rows, pots))

@@ -30,7 +30,7 @@ from vofem.laws.evaluate import closed_share, force_at, ideal_contacts, loaded, 
 from vofem.laws.group import StepPast
 from vofem.laws.kinds import FEWEST_IN_BAND
 from vofem.laws.rows import Rows, all_rows, compressed
-from vofem.laws.table import build_laws
+from vofem.laws.table import Laws, build_laws
 from vofem.linalg.banded import band_order, band_width, factor, solve, subtract_product, to_band, widen
 from vofem.system import CLOSED, Counters, Events, State, System
 
@@ -183,7 +183,7 @@ class Run:
         self.sizes: dict[float, Loaded] = {}
         chunk = self.path.chunk
         chunk.q[0], chunk.v[0], chunk.u[0], chunk.past[0] = q, v, u, laws.state
-        self.kick = np.zeros(0)
+        self.kick, self.load = np.zeros(0), np.zeros(system.size)
 
     # -- matrices -------------------------------------------------------------------------------------
 
@@ -210,13 +210,11 @@ class Run:
         self.counters.factorizations += 1
         factored = factor(a, "the mass matrix" if self.scheme.explicit else "the matrix of a step")
         width = max(width, *(_spread(rows, j) for j in range(m))) if m else width
-        # The compliance is used where a spring softens, because the band may then not be positive definite, and where
-        # a force jumps, because Newton's method on all unknowns then stalls; and where it costs less.
-        dear = m >= FEWEST_IN_BAND and m**3 / 24.0 + 1.5 * m**2 > 8.0 * self.system.size * (width + 1.0) ** 2
         if m == 0:
             return Size(numbers, factored, None, None)
-        if dear and rising(laws):
+        if _band_pays(laws, self.system.size, width):
             return Size(numbers, factored, None, widen(a, width))
+        assert self.rows is not None
         dense = self.rows.toarray()
         answers = dense.copy()
         for answer in answers:
@@ -714,6 +712,16 @@ def _products(band: Array, vectors: Array) -> Array:
     for vector, product in zip(vectors, result, strict=True):
         subtract_product(band, vector, product)
     return -result
+
+
+def _band_pays(laws: Laws, n: int, width: int) -> bool:
+    """Return whether a Newton step costs less in the band than through the compliance, half of the laws acting.
+
+    The compliance is always used where a spring softens, because the band may then not be positive definite, and where
+    a force jumps, because Newton's method on all unknowns then stalls.
+    """
+    m = laws.table.size
+    return rising(laws) and m >= FEWEST_IN_BAND and m**3 / 24.0 + 1.5 * m**2 > 8.0 * n * (width + 1.0) ** 2
 
 
 def _spread(rows: Rows, j: int) -> int:

@@ -250,8 +250,9 @@ class StepDoubling(StepSizeControl, Run):
         chunk, laws, m, acts = self.path.steps(2), self.equations.laws, self.initial.size, False
         rates, worst = np.asarray(self.rows @ chunk.v.T).T, 0.0
         change = np.max(np.abs(rates[1:] - rates[:-1]), axis=0)
-        if m:
-            deepest = np.max(chunk.u[:, :m], axis=0) - self.system.contacts.gap
+        contacts = self.system.contacts
+        if contacts is not None:
+            deepest = np.max(chunk.u[:, :m], axis=0) - contacts.gap
             closed = deepest > 0.0
             acts = bool(np.any(closed))
             speed = np.max(rates[:, :m] ** 2, axis=0) + deepest * change[:m] / dt
