@@ -10,7 +10,7 @@ JOBS ?= 2
 .PHONY: demo test docs dist lint types unit verification setup accuracy lock clean
 
 demo: setup
-	$(BIN)/vofem run examples/cantilever.toml --output output/cantilever
+	$(BIN)/vofem run examples/cantilever.toml --output output/cantilever --snapshot
 	$(BIN)/vofem run examples/cantilever_from_mesh.toml --output output/cantilever_from_mesh
 
 # The type checker, which uses one core only, runs beside the tests.

@@ -24,10 +24,10 @@ import minimal
 import numpy as np
 import side_by_side
 from cases import paper_beam, two_masses
+from curves import Curve, Panel, log_curves
 
 import vofem as vf
 from vofem.integrators.critical_step import critical_step
-from vofem.io.pictures.curves import Curve, Panel, log_curves
 from vofem.io.pictures.work_precision import work_precision as draw_study
 from vofem.studies.accuracy.exact import Question, rounding
 from vofem.studies.accuracy.quantities import observe

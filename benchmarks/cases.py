@@ -88,4 +88,5 @@ def chain(masses: int, contacts: int) -> System:
         stiffness=diags([ones + last, -ones[1:], -ones[1:]], [0, 1, -1], format="csc"),
         damping=None, rayleigh=None, modal_damping=None, loads=(Load(load, vf.Sine(0.1, 1.0), "the load"),),
         laws=() if laws is None else (laws,), scale=ones, strain=None, rigid=np.empty((masses, 0)),
+        rotation=np.zeros(masses, dtype=bool),
     )  # fmt: skip

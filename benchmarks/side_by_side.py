@@ -16,8 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-from vofem.io.pictures.curves import Curve, Panel, log_curves
+from curves import Curve, Panel, log_curves
 
 HERE = Path(__file__).parent
 PEERS = (

@@ -74,7 +74,13 @@ def main():
         branch = vf.continuation(build, start, stop, **options)
         seconds = time.process_time() - begun
         counters = branch.counters
-        flows = counters.flows + counters.refinement_flows + counters.rejected_flows + counters.search_flows
+        flows = (
+            counters.flows
+            + counters.refinement_flows
+            + counters.rejected_flows
+            + counters.search_flows
+            + counters.check_flows
+        )
         print(
             f"| {name} | {len(branch)} | {len(branch.special)} | {counters.flows / len(branch):.1f} | {flows} "
             f"| {seconds:.2f} | {1e3 * seconds / len(branch):.1f} |"

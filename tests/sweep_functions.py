@@ -54,6 +54,10 @@ def slow_square(x, folder, seconds):
     return {"y": x / 3.0, "series": np.sin(np.arange(4.0) + x)}
 
 
+def odd_at_two(x, odd):
+    return {"y": odd if x == 2 else x / 2}
+
+
 def trouble(kind):
     """Do what a function of a user may do."""
     if kind == "raise":

@@ -93,7 +93,8 @@ def test_ceilings_on_work_for_the_paper_s_scenes():
     counters = vf.simulate(scene, 20.0).counters
     assert (counters.events, counters.steps, counters.statuses) == (12, 13, 2)
     assert (counters.eigensolves, counters.rank_one_updates, counters.factorizations) == (1, 1, 0)
-    assert counters.gap_evaluations <= 20 * counters.steps
+    # Their number varies by a tenth with the last bits of the modes.
+    assert counters.gap_evaluations <= 22 * counters.steps
     _, _, scene = two_masses("b", "displacement")
     counters = vf.simulate(scene, 100.0).counters
     assert (counters.events, counters.statuses) == (37, 2)

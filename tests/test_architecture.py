@@ -9,62 +9,9 @@ import sys
 from functools import cache
 from pathlib import Path
 
-import numpy as np
-import pytest
-from scipy.sparse.csgraph import connected_components
-
-import vofem as vf
+import grimp
 
 ROOT = Path(__file__).parent.parent / "vofem"
-
-# From the bottom up. A module imports only from layers before its own, or from its own package.
-LAYERS = [
-    "_version",
-    "errors",
-    "_validate",
-    "folders",
-    "blas",
-    "kernels",
-    "cache",
-    "files",
-    "persistence",
-    "cards",
-    "polynomial",
-    "fractional",
-    "linalg",
-    "time_functions",
-    "laws",
-    "system",
-    "sharing",
-    "bodies",
-    "assembly",
-    "initial",
-    "lookup",
-    "effects",
-    "scene",
-    "integrators",
-    "reactions",
-    "histories",
-    "result",
-    "progress",
-    "statics",
-    "vibration",
-    "simulate",
-    "studies",
-    "io",
-    "verification",
-    "cli",
-]
-
-# What only some layers may import.
-RESERVED = {
-    "skfem": {"bodies"},
-    "matplotlib": {"io"},
-    "pyvista": {"io"},
-    "vtkmodules": {"io"},
-    "meshio": {"io", "bodies"},
-    "h5py": {"files", "studies", "io", "bodies"},
-}
 
 
 @cache
@@ -80,106 +27,16 @@ def modules():
             yield path, parts[0]
 
 
-def imported(path):
-    """Return the names that a file imports, be it inside functions or for types alone."""
-    for node in ast.walk(parsed(path)):
-        if isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
-            yield from ([f"vofem.{a.name}" for a in node.names] if node.module == "vofem" else [node.module])
-        elif isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.Call) and getattr(node.func, "id", "") in ("import_module", "__import__"):
-            assert not any(isinstance(a, ast.Constant) for a in node.args), f"{path}: {ast.unparse(node)}"
-
-
-def imported_at_run_time(path):
-    """Return the names that a file imports when it runs."""
-    tree = ast.parse(path.read_text())
-    for block in ast.walk(tree):
-        if isinstance(block, ast.If) and getattr(block.test, "id", "") == "TYPE_CHECKING":
-            block.body = []
-    names = [node for node in ast.walk(tree) if isinstance(node, (ast.Import, ast.ImportFrom))]
-    yield from (a.name for node in names if isinstance(node, ast.Import) for a in node.names)
-    yield from (node.module for node in names if isinstance(node, ast.ImportFrom) and node.module)
-
-
-def test_every_module_has_a_layer():
-    assert {layer for _, layer in modules()} <= set(LAYERS)
-
-
-@pytest.mark.parametrize("layer", LAYERS)
-def test_imports_point_one_way(layer):
-    for path, own in modules():
-        if own != layer:
-            continue
-        for name in imported(path):
-            first, *rest = name.split(".")
-            if first == "vofem" and rest:
-                assert LAYERS.index(rest[0]) <= LAYERS.index(layer), f"{path.name} imports {name}"
-        for name in imported_at_run_time(path):
-            first = name.split(".")[0]
-            if first in RESERVED:
-                assert layer in RESERVED[first], f"{path.name} imports {name}"
-
-
-def files():
-    """Return all files by the names of their modules; a package has the name of its folder."""
-    found = {}
-    for path in ROOT.rglob("*.py"):
-        parts = path.relative_to(ROOT.parent).with_suffix("").parts
-        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
-    return found
-
-
-def needed(path, known):
-    """Return the modules of this package that a file imports anywhere."""
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.ImportFrom) and node.module in known:
-            inside = {f"{node.module}.{alias.name}" for alias in node.names} & known.keys()
-            yield from inside or {node.module}
-        elif isinstance(node, ast.Import):
-            yield from {alias.name for alias in node.names} & known.keys()
-
-
-def test_no_circle_among_files():
-    """Imports inside functions and for types alone count too: a file can be read knowing those below it only."""
-    known = files()
-    names = sorted(known)
-    graph = np.array([[other in found for other in names] for found in (set(needed(known[n], known)) for n in names)])
-    _, circle = connected_components(graph, connection="strong")
-    circles = [
-        [n for n, c in zip(names, circle, strict=True) if c == k] for k in np.flatnonzero(np.bincount(circle) > 1)
-    ]
-    assert circles == []
+def test_imports_keep_the_contracts_of_pyproject():
+    """The order of the rooms, no circles, and which packages only some rooms may import."""
+    command = [Path(sys.executable).with_name("lint-imports"), "--no-cache"]
+    run = subprocess.run(command, cwd=ROOT.parent, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stdout + run.stderr
 
 
 def test_nothing_imports_the_package_as_a_whole():
     """`vofem/__init__.py` stands above all rooms, so none of them asks it for a name."""
-    known = files()
-    for name, path in known.items():
-        if name not in ("vofem", "vofem.__main__"):
-            assert "vofem" not in set(needed(path, known)), name
-
-
-def test_integrators_know_nothing_of_bodies():
-    allowed = {
-        "_validate",
-        "cache",
-        "blas",
-        "errors",
-        "kernels",
-        "linalg",
-        "time_functions",
-        "laws",
-        "system",
-        "integrators",
-        "fractional",
-    }
-    for path, layer in modules():
-        if layer != "integrators":
-            continue
-        for name in imported(path):
-            if name.startswith("vofem."):
-                assert name.split(".")[1] in allowed, f"{path.name} imports {name}"
+    assert not grimp.build_graph("vofem", cache_dir=None).find_modules_that_directly_import("vofem")
 
 
 #: Where classes of laws may be asked for: in their own modules, and for `System.contacts`, on which `event_driven`,
@@ -280,9 +137,3 @@ beam = vf.Beam(1.0, 1.0, 1.0, 5, {"left": "clamped"})
 vf.simulate(vf.Scene([beam], [vf.PointLoad(beam.at(1.0), 1.0)]), 1.0)
 """
     assert set(loaded_after(code)) == {"scipy", "skfem"}
-
-
-def test_type_checkers_see_the_public_interface():
-    tree = ast.parse((ROOT / "__init__.py").read_text())
-    (shown,) = (block for block in tree.body if isinstance(block, ast.If))
-    assert {alias.asname for line in shown.body for alias in line.names} | {"__version__"} == set(vf.__all__)

@@ -96,3 +96,70 @@ def test_sampling_small_runs_takes_one_thread_each_time(two_threads, monkeypatch
     assert seen
     assert all(set(found) == {1} for found in seen)
     assert threads() == two_threads
+
+
+class Watched:
+    """An effect without a force that looks at the threads when its scene is assembled."""
+
+    name = "watched"
+
+    def __init__(self, seen):
+        self.seen = seen
+
+    def points(self):
+        return ()
+
+    def compile(self, builder):
+        self.seen.append(threads())
+
+    def describe(self):
+        return "looks at the threads"
+
+
+def rattle(omega, seen, *, damping=0.2):
+    """Return a mass on a stop, loaded where it is damped, that looks at the threads when it is assembled."""
+    mass = vf.Mass(1.0, stiffness=1.0, damping=damping, name="mass")
+    stop = vf.Contact(mass, gap=0.5, stiffness=2.0, side="above", acts_on="penetration", name="stop")
+    loads = [vf.PointLoad(mass, vf.Sine(0.3, omega))] if damping else []
+    return vf.Scene([mass], [stop, Watched(seen), *loads])
+
+
+SHORT = {"periods": 2, "skip": 2, "executor": "serial"}
+
+STUDIES = {
+    "periodic": lambda seen: vf.periodic(rattle(1.0, seen)),
+    "continuation": lambda seen: vf.continuation(lambda w: rattle(w, seen), 1.4, 1.45),
+    "harmonic balance": lambda seen: vf.continuation(lambda w: rattle(w, seen), 1.4, 1.45, harmonics=5),
+    "backbone": lambda seen: vf.backbone(rattle(1.0, seen, damping=0.0), 1, [1.0]),
+    "frequency_response": lambda seen: vf.frequency_response(rattle(1.0, seen), [0.1]),
+    "lyapunov": lambda seen: vf.lyapunov(rattle(1.0, seen), 20.0),
+    "bifurcation_diagram": lambda seen: vf.bifurcation_diagram(lambda w: rattle(w, seen), [1.0], **SHORT),
+    "basins": lambda seen: vf.basins(rattle(1.0, seen), {"displacement": [0.0], "velocity": [0.0]}, **SHORT),
+    "stability_map": lambda seen: vf.stability_map(lambda x, y: rattle(x, seen), x=[1.0], y=[0.0], executor="serial"),
+}
+
+
+@pytest.mark.kernels("plain")
+@pytest.mark.parametrize("study", STUDIES.values(), ids=STUDIES)
+def test_a_study_takes_one_thread_and_gives_the_others_back(two_threads, study):
+    seen = []
+    study(seen)
+    assert seen
+    assert all(set(found) == {1} for found in seen)
+    assert threads() == two_threads
+
+
+@pytest.mark.kernels("plain")
+def test_what_is_computed_of_a_branch_later_takes_one_thread_too(two_threads):
+    seen = []
+
+    def build(omega):
+        seen.append(threads())
+        return rattle(omega, seen)
+
+    branch = vf.continuation(build, 1.4, 1.45)
+    del seen[:]
+    assert branch.at(1.43)
+    assert seen
+    assert all(set(found) == {1} for found in seen)
+    assert threads() == two_threads

@@ -20,7 +20,9 @@ from orbit_scenes import bilinear
 from PIL import Image
 
 import vofem as vf
-from vofem.cards import card
+from vofem.io.cards import card_of as card
+
+pytestmark = pytest.mark.kernels("plain")
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 

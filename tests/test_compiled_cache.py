@@ -15,14 +15,14 @@ from scenes import paper_beam
 
 import vofem as vf
 from vofem.cli import FAULT, main
-from vofem.folders import read_entries, user_caches, write_entry
-from vofem.integrators.effort import kind_of_run
+from vofem.folders import read_entries, write_entry
 from vofem.integrators.methods import BUILT_IN, ENERGY_CONSERVING
 from vofem.io import doctor
 from vofem.kernels import cache as jit_cache
 from vofem.kernels.mode import kernels
 from vofem.progress import RunProgress
 from vofem.simulate import ahead
+from vofem.simulate.plan import kind_of_run
 
 ROOT = Path(__file__).parent.parent
 
@@ -78,7 +78,7 @@ def test_a_package_that_cannot_be_written_uses_the_users_folder(tmp_path, monkey
     assert jit_cache.cache_folder() == beside / "__pycache__"
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "caches"))
     monkeypatch.setattr(os, "access", lambda path, mode: not Path(path).is_relative_to(beside))
-    assert jit_cache.cache_folder() == user_caches("numba")
+    assert jit_cache.cache_folder() == tmp_path / "caches" / "numba"
     monkeypatch.setattr(os, "access", lambda path, mode: False)
     assert jit_cache.cache_folder() is None
     assert jit_cache.kinds_on_disk() == frozenset()
@@ -371,3 +371,73 @@ def test_code_of_users_may_be_compiled_before_and_after_kernels(tmp_path, first)
         run = subprocess.run([sys.executable, "-c", BOTH, first], env=environment, capture_output=True, text=True)
         assert run.returncode == 0, run.stderr
         assert run.stdout.strip() == hits
+
+
+OUTDATED = """
+import sys
+from importlib.machinery import PathFinder, SourceFileLoader
+import numpy as np
+
+class Renaming(SourceFileLoader):
+    def get_code(self, name):
+        source = self.get_data(self.path).decode()
+        assert "_singly_assigned_vars" in source
+        return self.source_to_code(source.replace("_singly_assigned_vars", "_another_name"), self.path)
+
+class Finder:
+    def find_spec(name, path, target=None):
+        found = PathFinder.find_spec(name, path, target)
+        if name == "numba.core.lowering":
+            found.loader = Renaming(name, found.origin)
+        return found
+
+if "newer" in sys.argv:
+    sys.meta_path.insert(0, Finder)
+
+from vofem.kernels.jit import jit
+
+@jit
+def inner(x, factor):
+    made = np.empty(x.size)
+    for i in range(x.size):
+        made[i] = factor * x[i] ** 1.5
+    return made, np.sqrt(factor)
+
+@jit
+def outer(x):
+    total, root = inner(x, 3.0)
+    return total[np.argsort(-x)] / root
+
+@jit
+def another(x):
+    return inner(x, 0.1)[0].sum()
+
+@jit
+def divides(x):
+    return 1.0 / x
+
+x = np.linspace(0.1, 2.0, 7)
+print([value.hex() for value in (*outer(x).tolist(), another(x), divides(3.0))])
+try:
+    divides(0.0)
+except ZeroDivisionError:
+    print("raised by machine code")
+print(*(kernel.callee is kernel.dispatcher for kernel in (inner, another, divides)))
+"""
+
+
+def test_numba_compiles_kernels_itself_where_it_is_built_differently(tmp_path):
+    """A version of numba in which an attribute has another name gives the same results, to the last bit."""
+    (tmp_path / "outdated.py").write_text(OUTDATED)
+
+    def run(version):
+        environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / version), "PYTHONPATH": str(ROOT)}
+        done = subprocess.run(
+            [sys.executable, "outdated.py", version], cwd=tmp_path, env=environment, capture_output=True, text=True
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout.splitlines()
+
+    ours, newer = run("tested"), run("newer")
+    assert ours[:2] == newer[:2]
+    assert (ours[2], newer[2]) == ("False False False", "True True True")

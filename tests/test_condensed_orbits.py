@@ -124,9 +124,10 @@ def test_many_contacts_on_a_large_system_are_refused():
     scene = vf.Scene([beam], [*stops, vf.PointLoad(beam.at(1.0), vf.Sine(1.0, 2.0))])
     with pytest.raises(vf.MethodError, match="at most 600 where many"):
         vf.periodic(scene, method="shooting")
-    few = vf.Scene([beam], [stops[-1]])
     with pytest.raises(vf.MethodError, match="at most 600"):
-        vf.backbone(few, 1, [1e-3])
+        vf.backbone(vf.Scene([beam], stops), 1, [1e-3])
+    with pytest.raises(vf.MethodError, match="at most 600"):
+        vf.lyapunov(scene, 1.0)
 
 
 def test_modes_that_no_load_reaches_are_among_the_multipliers():
@@ -152,3 +153,32 @@ def test_too_many_vectors_are_told(monkeypatch):
     assert orbit.unknowns.size == 192
     assert np.isnan(orbit.truncation.error)
     assert any("trust no more digits" in note for note in orbit.notes)
+
+
+def test_a_backbone_of_a_fine_mesh():
+    """Free oscillations of 400 elements are those of 20 elements, whose frequencies are off by 1e-7."""
+    found = []
+    for elements in (400, 20):
+        beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=elements, supports={"left": "clamped"}, name="beam")
+        stop = vf.Contact(beam.at(1.0), gap=0.01, stiffness=1.0, side="below", acts_on="penetration", name="stop")
+        found.append(vf.backbone(vf.Scene([beam], [stop]), 1, amplitudes=[0.005, 0.0101, 0.0112]))
+    fine, coarse = found
+    assert fine.omega == pytest.approx(coarse.omega, rel=1e-6)
+    assert fine.energy == pytest.approx(coarse.energy, rel=1e-6)
+    assert np.ptp(fine.omega) > 0.01
+    tip = fine.orbits[-1].scene.bodies[0].at(1.0)
+    assert np.abs(fine.q0(tip)) == pytest.approx([0.005, 0.0101, 0.0112], rel=1e-9)
+    for orbit in fine.orbits:
+        assert orbit.truncation.error < 1e-8
+        assert orbit.residual < 1e-10
+        ends = orbit.result.displacement(tip)[[0, -1]]
+        assert abs(np.diff(ends)[0]) < 1e-9 * orbit.amplitude(tip)
+
+
+def test_exponents_of_a_fine_mesh_are_those_of_its_multipliers():
+    scene = cantilever(4.0, 400)
+    orbit = vf.periodic(scene)
+    expected = np.log(np.abs(orbit.multipliers[0])) / orbit.period
+    found = vf.lyapunov(scene, 200.0 * orbit.period, skip=100.0)
+    assert found.exponents[0] == pytest.approx(expected, rel=5e-3)
+    assert "vectors" in found.notes[0]

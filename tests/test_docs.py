@@ -49,10 +49,10 @@ def python_of(page):
             [
                 "backbone.png",
                 "cantilever.png",
+                "lowest.png",
                 "multipliers.png",
                 "orbits.png",
                 "section.png",
-                "snapshot.png",
                 "two-masses.png",
             ],
         ),

@@ -157,13 +157,13 @@ def test_a_stored_time_costs_one_evaluation_of_the_blocks(kind, monkeypatch):
     """However many modes and exponentials there are; without quadrature, and no segment is done alone."""
     result = vf.simulate(rattling_beam(dampers=kind, load=vf.Sine(0.3, 6.0)), 6.0, times=[6.0], method="event_driven")
     count, evaluated, calls = 5000, [], []
-    plain = energy_forms.free_rows
+    plain = energy_forms.free_changes
 
-    def counting(of, rate, starts, segment, tau, change):
+    def counting(delta, p, z, v, tau):
         evaluated.append(tau.size)
-        return plain(of, rate, starts, segment, tau, change)
+        return plain(delta, p, z, v, tau)
 
-    monkeypatch.setattr(energy_forms, "free_rows", counting)
+    monkeypatch.setattr(energy_forms, "free_changes", counting)
     monkeypatch.setattr(energy_forms, "quadrature", lambda *_: calls.append("quadrature") or np.zeros(1))
     monkeypatch.setattr(energy, "Velocities", lambda *_: calls.append("alone"))
     found = result.solution.energies(np.linspace(0.0, 6.0, count))

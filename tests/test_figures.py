@@ -98,7 +98,7 @@ def test_every_axis_has_a_unit(run, orbit):
         for text in labels(axes):
             assert re.search(r"\[.+\]$", text), f"{name}: {text!r} has no unit"
         pyplot.close("all")
-    assert names == set(plot.__all__) - {"draw_scene"}
+    assert names == set(plot.__all__)
 
 
 def test_axes_are_taken_and_returned_and_files_are_still_written(run, tmp_path):

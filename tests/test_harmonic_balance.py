@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from orbit_scenes import nlvib_03
 
 import vofem as vf
 from vofem.studies.steady.harmonic_balance import HarmonicBalance
@@ -151,10 +152,94 @@ def test_contacts_agree_with_shooting_as_harmonics_grow(law, order, last):
         errors.append(np.abs(orbit.result.displacement(mass) - exact.result.displacement(mass)).max())
     assert errors[-1] < last
     assert order[0] < -np.polyfit(np.log(counts), np.log(errors), 1)[0] < order[1]
-    assert orbit.multipliers is None
-    assert orbit.stable is None
+    # Multipliers need the speed at which the contact closes, whose harmonics fall one power slower.
+    expected = {"penetration": 1e-6, "displacement": 2e-2}[law]
+    assert orbit.multipliers == pytest.approx(exact.multipliers, abs=expected)
+    assert orbit.stable
     found, known = (one.result.contacts["stop"].closings for one in (orbit, exact))
     np.testing.assert_allclose(found, known, atol=1e-4)
+
+
+@pytest.mark.parametrize("amplitude", [0.3, 3.0])
+def test_multipliers_along_a_smooth_spring(amplitude):
+    """Duffing's oscillator with its linear equations for small perturbations, integrated to 1e-12."""
+    from scipy.integrate import solve_ivp
+
+    scene, mass = oscillator(
+        vf.Sine(amplitude, 1.4),
+        lambda m: vf.NonlinearSpring(m, potential=lambda u: 0.25 * u**4, force=lambda u: u**3, name="cubic"),
+        damping=0.1,
+    )
+    orbit = vf.periodic(scene, harmonics=40)
+    start = [float(orbit.result.displacement(mass, [0.0])[0]), float(orbit.result.velocity(mass, [0.0])[0])]
+
+    def rates(t, y):
+        x, v, *columns = y
+        moved = np.reshape(columns, (2, 2))
+        tangent = np.array([[0.0, 1.0], [-1.0 - 3.0 * x * x, -0.1]])
+        return [v, amplitude * np.sin(1.4 * t) - 0.1 * v - x - x**3, *(tangent @ moved).ravel()]
+
+    end = solve_ivp(rates, (0.0, orbit.period), [*start, 1.0, 0.0, 0.0, 1.0], method="DOP853", rtol=1e-12, atol=1e-13)
+    assert end.y[:2, -1] == pytest.approx(start, abs=1e-9)
+    known = np.linalg.eigvals(end.y[2:, -1].reshape(2, 2))
+    assert np.sort_complex(orbit.multipliers) == pytest.approx(np.sort_complex(known), abs=1e-8)
+    assert orbit.stable == bool(np.all(np.abs(known) < 1.0))
+
+
+@pytest.mark.parametrize("damped", [False, True])
+def test_multipliers_of_a_beam_agree_with_shooting(damped):
+    """A stop, with a damper and a dashpot beside it or without; more harmonics bring the two closer."""
+    beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=5, supports={"left": "clamped"}, name="beam")
+    tip = beam.at(1.0)
+    effects = [
+        vf.Contact(
+            tip,
+            gap=0.03,
+            stiffness=10.0,
+            damping=0.05 if damped else 0.0,
+            side="below",
+            acts_on="penetration",
+            name="s",
+        ),
+        vf.PointLoad(tip, vf.Sine(0.05, 3.4)),
+        vf.RayleighDamping(0.1, 1e-3),
+        *([vf.Dashpot(beam.at(0.4), damping=0.2)] if damped else []),
+    ]
+    scene = vf.Scene([beam], effects)
+    exact = vf.periodic(scene)
+    errors = []
+    for harmonics in (15, 150):
+        orbit = vf.periodic(scene, harmonics=harmonics, guess=exact)
+        leading = orbit.multipliers[np.abs(orbit.multipliers) > 0.1]
+        errors.append(max(np.abs(exact.multipliers - value).min() for value in leading))
+        assert orbit.stable
+    assert errors[1] < (1e-5 if damped else 1e-6)
+    assert errors[1] < 0.1 * errors[0]
+
+
+def test_too_few_harmonics_do_not_decide_the_stability():
+    """NLvib's example 03 is stable at 0.635 rad/s; with few harmonics its multipliers would lie outside the circle."""
+    scene = nlvib_03(0.635)
+    exact = vf.periodic(scene)
+    for harmonics in (7, 10, 15, 25, 50):
+        orbit = vf.periodic(scene, harmonics=harmonics, guess=exact)
+        assert orbit.stable is (True if harmonics == 50 else None)
+
+
+@pytest.mark.parametrize(
+    ("make", "name"),
+    [
+        (lambda m: vf.BilinearSpring(m, stiffness=0.5, linear_limit=0.02, name="slip"), "slip"),
+        (lambda m: vf.Springpot(m, coefficient=0.3, order=0.5, name="pot"), "pot"),
+    ],
+)
+def test_laws_with_a_memory_leave_the_stability_open(make, name):
+    scene, _ = oscillator(vf.Sine(1.0, 1.3), make)
+    orbit = vf.periodic(scene, harmonics=5)
+    assert orbit.multipliers is None
+    assert orbit.stable is None
+    assert orbit.stability == "stability not decided"
+    assert any(name in note and "past" in note for note in orbit.notes)
 
 
 def test_a_body_that_only_stops_hold():

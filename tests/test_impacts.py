@@ -1,6 +1,5 @@
 """Impacts, statistics of contacts, tables: against closed forms, and against sums over many samples."""
 
-import sys
 from itertools import pairwise
 
 import numpy as np
@@ -254,13 +253,6 @@ def test_rotations_have_their_own_units():
     result = vf.simulate(vf.Scene([beam], [stop, vf.PointMoment(beam.at(0.0), vf.Constant(0.5))]), 0.5)
     table = result.impacts()
     assert (table.units["peak_force"], table.units["approach_speed"]) == ("N m", "rad/s")
-
-
-@pytest.mark.parametrize(("call", "package"), [("to_dataframe", "pandas"), ("to_xarray", "xarray")])
-def test_a_missing_package_is_named_with_its_cure(call, package, monkeypatch):
-    monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(vf.MissingPackageError, match=rf"{call} needs the package {package}.*vofem\[table\]"):
-        getattr(thrown(), call)()
 
 
 def _rattling(case):

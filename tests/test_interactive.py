@@ -1,17 +1,22 @@
-"""The window with a slider, and all frames of a run as meshes of pyvista."""
+"""The window with a slider, a snapshot without a window, and all frames of a run as meshes of pyvista."""
 
+import os
+import subprocess
+import sys
+
+import matplotlib.image
 import numpy as np
 import pytest
 
 import vofem as vf
-from vofem.io import show, vtk
+from vofem.io import show, snapshot, vtk
 from vofem.io.interactive import plotter_of
-from vofem.io.probe import prepare_environment
+
+pytestmark = pytest.mark.kernels("plain")
 
 
 @pytest.fixture(scope="module")
 def run():
-    prepare_environment()
     beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=4, supports={"left": "clamped"}, name="beam")
     stop = vf.Contact(beam.at(1.0), gap=0.02, stiffness=2e3, side="below", acts_on="penetration", name="stop")
     scene = vf.Scene([beam], [stop, vf.PointLoad(beam.at(1.0), vf.Sine(-0.2, 3.0))])
@@ -63,6 +68,37 @@ def test_wrong_arguments_and_no_display_are_named(run, monkeypatch):
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(vf.OutputError, match="no display"):
         show(result)
+
+
+def test_a_snapshot_shows_the_motion_of_its_time(run, tmp_path):
+    _, result = run
+    path = snapshot(result, 0.0, tmp_path / "rest.png", size=(300, 200), magnification=2.0)
+    rest = matplotlib.image.imread(path)[..., :3]
+    moved = matplotlib.image.imread(snapshot(result, 1.5, path, size=(300, 200), magnification=2.0))[..., :3]
+    assert rest.shape == (200, 300, 3)
+    assert rest.std() > 0.02
+    assert np.mean(np.any(np.abs(moved - rest) > 0.1, axis=-1)) > 0.01
+    for arguments, words in (((3, 0.0), "subject is 3"), ((result, 7.0), "0 to 3 s"), ((result, np.nan), "NaN")):
+        with pytest.raises(vf.ArgumentError, match=words):
+            snapshot(*arguments, tmp_path / "a.png")
+    with pytest.raises(vf.ArgumentError, match="ends in"):
+        snapshot(result, 1.0, tmp_path / "a.jpg")
+
+
+def test_without_a_graphics_driver_a_snapshot_is_refused_and_says_what_to_install(tmp_path):
+    """VTK itself would end the process with a segmentation fault."""
+    code = (
+        "import vofem as vf; from vofem.io import snapshot\n"
+        "m = vf.Mass(1.0, 10.0); r = vf.simulate(vf.Scene([m], [vf.PointLoad(m, vf.Constant(1.0))]), 1.0)\n"
+        f"try: snapshot(r, 0.5, r'{tmp_path / 'm.png'}')\n"
+        "except vf.OutputError as error: print(error)"
+    )
+    environment = {**os.environ, "__EGL_VENDOR_LIBRARY_DIRS": str(tmp_path), "LIBGL_DRIVERS_PATH": str(tmp_path)}
+    environment.pop("DISPLAY", None)
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=False)
+    assert run.returncode == 0, run.stderr
+    # Systems other than Linux draw with what they have.
+    assert "libegl1" in run.stdout or (tmp_path / "m.png").exists()
 
 
 def test_all_frames_of_a_run_its_file_and_its_series_are_the_same(run, tmp_path):

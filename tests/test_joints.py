@@ -340,7 +340,7 @@ def test_pictures_show_joined_beams_at_one_place(tmp_path):
     assert_allclose(place(run.scene, 1.0).origins[b], [1.0, 0.0, 0.0], rtol=0.0, atol=1e-15)
     from vofem.io.render import render
 
-    assert render(run, 0.5, tmp_path / "side.png").path.stat().st_size > 5000
+    assert render(run, 0.5, tmp_path / "side.png").stat().st_size > 5000
 
 
 # -- fine meshes, and runs that are broken off -----------------------------------------------------

@@ -13,11 +13,10 @@ from random_scenes import scene as random_scene
 from scenes import paper_beam
 
 import vofem as vf
-from vofem.integrators.methods import CENTRAL_DIFFERENCE, EVENT_DRIVEN
 from vofem.kernels import choice as compile_choice
+from vofem.kernels import mode
 from vofem.kernels.jit import jit
 from vofem.kernels.mode import Outgrown, decided, kernels
-from vofem.simulate import plan
 
 
 def everything():
@@ -176,59 +175,73 @@ def choice(monkeypatch):
     return kept
 
 
-def test_small_work_is_plain_and_large_work_compiled(choice):
-    assert not compile_choice.choose("steps", 1.0).compiled
-    large = compile_choice.choose("steps", 1e3)
-    assert large.compiled
-    assert large.first
-    large.done(1.0)
+def test_work_begins_plain_and_is_compiled_if_somebody_wants_it(choice):
+    way = compile_choice.choose("steps")
+    assert (way.compiled, way.patience) == (False, compile_choice.COMPILING)
+    assert not compile_choice.choose("steps", False).compiled
+    wanted = compile_choice.choose("steps", True)
+    assert wanted.compiled
+    assert wanted.first
+    wanted.done(1.0)
     assert choice == ["steps"]
     # From now on it costs nothing.
-    again = compile_choice.choose("steps", 0.0)
+    again = compile_choice.choose("steps")
     assert again.compiled
     assert not again.first
-    assert not compile_choice.choose("events", 1.0).compiled
+    assert not compile_choice.choose("steps", False).compiled
+    assert not compile_choice.choose("events").compiled
 
 
 def test_code_on_disk_is_used_sooner(choice, monkeypatch):
     monkeypatch.setattr(compile_choice, "kinds_on_disk", lambda: frozenset({"steps"}))
-    assert not compile_choice.choose("steps", 0.01).compiled
-    medium = compile_choice.choose("steps", 5.0)
-    assert medium.compiled
-    assert not medium.first
-    assert not compile_choice.choose("events", 5.0).compiled
-
-
-def test_work_is_compiled_where_it_takes_longer_than_compiling(choice):
-    assert not compile_choice.choose("events", 20.0, compiling=25.0).compiled
-    assert compile_choice.choose("events", 20.0, compiling=15.0).compiled
-    assert EVENT_DRIVEN.compiling > CENTRAL_DIFFERENCE.compiling
+    assert compile_choice.choose("steps").patience == compile_choice.READING < compile_choice.COMPILING
+    assert compile_choice.choose("events").patience == compile_choice.COMPILING
+    assert not compile_choice.choose("steps", True).first
 
 
 def test_work_that_is_repeated_is_compiled_in_the_end(choice):
-    count = 0
-    while not (way := compile_choice.choose("steps", 1.0)).compiled:
-        way.done(1.0)
-        count += 1
-    assert 10 < count < 100
+    spent = 0.0
+    while not (way := compile_choice.choose("steps")).compiled:
+        assert way.patience == pytest.approx(compile_choice.COMPILING - spent)
+        way.done(0.3)
+        spent += 0.3
+    assert way.first
+    assert compile_choice.COMPILING <= spent < compile_choice.COMPILING + 0.31
 
 
-def test_what_somebody_wants_is_done(choice):
-    assert compile_choice.choose("steps", 0.0, True).compiled
-    assert not compile_choice.choose("steps", 1e9, False).compiled
+@pytest.fixture
+def undecided():
+    """Let each piece of work decide itself how kernels run, as in a process of a user."""
+    before = mode._MODE.set(None)
+    yield
+    mode._MODE.reset(before)
 
 
-def test_a_run_that_takes_longer_than_expected_begins_anew(choice, monkeypatch):
+def test_a_run_that_outlasts_the_patience_begins_anew(choice, undecided, monkeypatch):
     _, scene = paper_beam("displacement")
+    plain = vf.simulate(scene, 2.0)
+    assert not plain.compiled
+    whole = vf.simulate(scene, 2.0, compiled=True)
+    monkeypatch.setattr(compile_choice, "_ready", set())
+    monkeypatch.setattr(compile_choice, "_spent", {})
+    monkeypatch.setattr(compile_choice, "COMPILING", 1e-6)
+    del choice[:]
     told = []
-    with kernels(compiled=True):
-        whole = vf.simulate(scene, 2.0)
-    way = compile_choice.Choice("event_driven", False, False, 0.0)
-    monkeypatch.setattr(plan, "_choice", lambda *arguments: way)
     result = vf.simulate(scene, 2.0, progress=lambda t, t_end: told.append(t))
     assert result.compiled
     assert np.array_equal(result.samples.q, whole.samples.q)
     assert choice == ["event_driven"]
+
+
+def test_statics_that_outlast_the_patience_begin_anew(choice, undecided, monkeypatch):
+    mass = vf.Mass(1.0, stiffness=1.0)
+    spring = vf.BilinearSpring(mass, stiffness=3.0, linear_limit=0.005, hardening=0.5)
+    scene, factors = vf.Scene([mass], [spring, vf.PointLoad(mass, 1.0)]), [0.5, -0.2, 1.0]
+    plain = vf.quasi_static(scene, factors).displacement(mass)
+    assert choice == []
+    monkeypatch.setattr(compile_choice, "_spent", {"statics": compile_choice.COMPILING - 1e-6})
+    assert vf.quasi_static(scene, factors).displacement(mass) == pytest.approx(plain, rel=1e-12)
+    assert choice == ["statics"]
 
 
 def test_patience_ends_plain_work():

@@ -22,7 +22,7 @@ TIMES = np.linspace(0.0, 20.0, 401)
 
 
 def factors(system):
-    return [OrthogonalFactor(system.strain, order) for order in elimination_orders(system.strain, system.rotational)]
+    return [OrthogonalFactor(system.strain, order) for order in elimination_orders(system.strain, system.rotation)]
 
 
 def system_of(beam, *effects):

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import copy
+
 import numpy as np
 import pytest
 
 import vofem as vf
 from vofem.kernels.mode import kernels
-from vofem.linalg.exponential import oscillator_change, oscillator_remainder
-from vofem.linalg.oscillators import decays, oscillators, oscillators_at, remainders_at
+from vofem.linalg.exponential import oscillator_change
+from vofem.linalg.oscillators import decays, oscillators, oscillators_at
 
 
 def test_decays_keep_all_digits():
@@ -39,10 +41,6 @@ def test_many_oscillators_at_once_are_those_one_by_one(compiled):
             size = np.maximum(np.abs(one[0]), 1e-3 * np.minimum(1.0, of.frequency * t))
             assert np.all(np.abs(c - one[0]) <= 2e-14 * size)
             assert np.all(np.abs(s - one[1]) <= 2e-14 * np.maximum(np.abs(one[1]), 1e-2 / np.maximum(of.root, 1.0 / t)))
-            remainders_at(of, t, c, s)
-            one = np.array([oscillator_remainder(d, q, t) for d, q in zip(delta, p, strict=True)]).T
-            assert np.all(np.abs(c - one[0]) <= 1e-13 * (np.abs(one[0]) + 1e-300))
-            assert np.all(np.abs(s - one[1]) <= 1e-13 * (np.abs(one[1]) + 1e-300))
 
 
 EFFECTS = {
@@ -87,3 +85,78 @@ def test_the_samples_of_many_times_outlive_energies_at_one():
     many = solution._trajectory(solution.times)
     assert solution.start_energy == pytest.approx(0.125, rel=1e-14)
     assert all(one is other for one, other in zip(solution._trajectory(solution.times), many, strict=True))
+
+
+def tube(load, *more, damping=0.5, law="penetration"):
+    beam = vf.Beam(1.0, 1.0, 1.0, 8, {"left": "clamped"})
+    stops = [
+        vf.Contact(beam.at(x), gap=0.01, stiffness=300.0, damping=damping, side=side, acts_on=law, name=f"{side} {x}")
+        for x in (0.5, 1.0)
+        for side in ("above", "below")
+    ]
+    return vf.Scene(
+        [beam],
+        [*stops, vf.RayleighDamping(0.1, 2e-3), vf.PointLoad(beam.at(0.75), load), *(make(beam) for make in more)],
+    )
+
+
+RECORD = vf.Tabulated(np.linspace(0.0, 3.0, 16), np.cos(3.0 * np.linspace(0.0, 3.0, 16)))
+SCENES = {
+    "two sines": lambda: tube(vf.Sine(1.0, 5.0) + vf.Sine(0.3, 17.0)),
+    "record": lambda: tube(RECORD),
+    "ramp": lambda: tube(vf.Sine(1.0, 5.0) + vf.Ramp(0.3, 0.0, 2.0)),
+    # The first frequency without contacts is 3.516 rad/s.
+    "resonant": lambda: tube(vf.Sine(0.5, 3.516)),
+    "dashpot": lambda: tube(vf.Sine(1.0, 5.0), lambda beam: vf.Dashpot(beam.at(0.25), damping=0.4), damping=0.0),
+    "spring to ground": lambda: tube(vf.Sine(1.0, 5.0), lambda beam: vf.Spring(beam.at(0.25), stiffness=9.0)),
+    "undamped stops": lambda: tube(vf.Sine(1.0, 5.0), damping=0.0),
+    "displacement law": lambda: tube(vf.Sine(1.0, 5.0), law="displacement"),
+}
+
+
+@pytest.mark.parametrize("kind", SCENES)
+def test_energies_at_many_times_balance(kind):
+    """Of motions in complex modes, some of which are nearly critically damped; a few times alone give the same."""
+    times = np.linspace(0.0, 3.0, 12_001)
+    result = vf.simulate(SCENES[kind](), 3.0, times=times, method="event_driven", compiled=True)
+    assert result.counters.events >= 2
+    assert result.energy.balance_error < 2e-13
+    few = result.solution.energies(times[::1500])
+    for part, whole in ((few.work, result.energy.work), (few.dissipated, result.energy.dissipated)):
+        assert np.max(np.abs(part - whole[::1500])) < 1e-13 * np.max(np.abs(whole))
+
+
+def test_samples_are_shared_while_a_result_holds_them(monkeypatch):
+    """Also where they take too much memory to be kept by the solution; a copy of a solution has none."""
+    from vofem.integrators.event_driven import solution as module
+
+    monkeypatch.setattr(module, "_MOST_KEPT", 0)
+    times = np.linspace(0.0, 1.0, 400)
+    result = vf.simulate(tube(vf.Sine(1.0, 5.0)), 1.0, times=times, method="event_driven")
+    calls, plain = [], module.EventSolution._sampled_at
+    monkeypatch.setattr(module.EventSolution, "_sampled_at", lambda *given: calls.append(1) or plain(*given))
+    tip = result.scene.bodies[0].at(1.0)
+    result.displacement(tip)
+    force = result.contacts["above 1.0"].force
+    assert result.energy.balance_error < 1e-12
+    # The second sampling is that of the energy at the start.
+    assert len(calls) == 2
+    again = copy.copy(result.solution)
+    assert np.array_equal(again.contacts(times).force[2], force)
+    assert len(calls) == 3
+
+
+def test_many_samples_of_few_degrees_of_freedom(monkeypatch):
+    """They are computed for themselves, and agree with the whole to rounding."""
+    from vofem.integrators.event_driven import modal_samples
+
+    times = np.linspace(0.0, 1.0, 400)
+    result = vf.simulate(tube(vf.Sine(1.0, 5.0)), 1.0, times=times, method="event_driven")
+    tip = result.scene.bodies[0].at(1.0)
+    before = [result.displacement(tip), result.velocity(tip), result.acceleration(tip)]
+    monkeypatch.setattr(modal_samples, "_MANY", 0)
+    del result.__dict__["samples"]
+    after = [result.displacement(tip), result.velocity(tip), result.acceleration(tip)]
+    assert not {"q", "v"} & set(result.samples.__dict__)
+    for part, exact in zip(after, before, strict=True):
+        assert part == pytest.approx(exact, abs=1e-13 * np.max(np.abs(exact)))

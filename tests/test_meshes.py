@@ -1,6 +1,7 @@
 """Beams from mesh files: the same matrices as plain beams, names that work, and typed errors for every bad file."""
 
 import importlib.util
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -501,3 +502,34 @@ def test_bad_values_with_a_good_mesh():
             vf.Beam.from_mesh(MESHES / "beam25.msh", value, 1.0)
     with pytest.raises(vf.ArgumentError, match="expected a dict"):
         vf.Beam.from_mesh(MESHES / "beam25.msh", 1.0, 1.0, "clamped")
+
+
+def test_compressed_and_binary_files_are_read(tmp_path):
+    mesh = meshio.read(MESHES / "beam25.vtu")
+    for compression in ("zlib", "lzma", None):
+        meshio.write(tmp_path / "beam.vtu", mesh, compression=compression)
+        assert vf.Beam.from_mesh(tmp_path / "beam.vtu", 1.0, 1.0).length == pytest.approx(1.0)
+    for kind in ("gmsh", "gmsh22"):
+        meshio.write(tmp_path / "beam.msh", meshio.read(MESHES / "beam25.msh"), file_format=kind, binary=True)
+        assert vf.Beam.from_mesh(tmp_path / "beam.msh", 1.0, 1.0).nodes.size - 1 == 25
+
+
+def test_large_files_and_those_that_do_not_fit_into_memory(tmp_path, monkeypatch):
+    with (tmp_path / "sparse.vtu").open("wb") as file:
+        file.truncate(10**10)
+    refusal(tmp_path / "sparse.vtu", "has 10000 MB", "Export the axis alone")
+
+    def read(*_arguments, **_options):
+        raise MemoryError("3 TB")
+
+    monkeypatch.setattr(meshio, "read", read)
+    refusal(MESHES / "beam25.vtu", "does not fit into memory (3 TB)", "Renumber")
+
+
+def test_pipes_and_devices_are_refused_and_do_not_hang(tmp_path):
+    pipe, link, loop = (tmp_path / f"{name}.msh" for name in ("pipe", "zero", "loop"))
+    os.mkfifo(pipe)
+    link.symlink_to("/dev/zero")
+    loop.symlink_to(loop)
+    for path in (pipe, link, loop):
+        refusal(path)

@@ -17,7 +17,7 @@ from vofem.integrators.methods import BUILT_IN, EVENT_DRIVEN
 from vofem.integrators.registry import advice, method_names, register, unregister
 from vofem.integrators.stepped import SteppedSolution, step_count
 from vofem.io.scenes.settings import RunSettings
-from vofem.simulate import choose
+from vofem.simulate.methods import choose
 from vofem.system import Counters, Events
 from vofem.verification import PASSED, catalogue, select, verify
 

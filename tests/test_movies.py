@@ -12,10 +12,11 @@ from vofem import cli
 from vofem.io import animate
 from vofem.io.movies.views import side_view
 from vofem.io.movies.writing import true_rate
-from vofem.io.pictures.backend_pillow import pixels
 from vofem.io.pictures.drawing import CLOSED
 from vofem.io.pictures.sketch import sketch
 from vofem.io.pictures.snapshot import snapshots
+
+pytestmark = pytest.mark.kernels("plain")
 
 SMALL = {"size": (320, 200)}
 GLOW = np.array([0xFF, 0xEC, 0x9E])
@@ -60,7 +61,7 @@ def test_the_first_and_the_last_frame_are_the_first_and_the_last_time(run, tmp_p
     outcome = animate(result, tmp_path / "m.gif", frames=5, size=(640, 360), magnification=2.0)
     found, _, _ = frames_of(outcome.path)
     for frame, view in zip((found[0], found[-1]), snapshots(result, np.array([0.0, 3.0])), strict=True):
-        expected = pixels(sketch(view, (640, 360), 2.0, forces=True)).astype(int)
+        expected = sketch(view, (640, 360), 2.0, forces=True).pixels().astype(int)
         assert np.mean(np.abs(frame - expected)) < 1.0
     assert np.mean(np.abs(found[0] - found[-1])) > 1.0
 

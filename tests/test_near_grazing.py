@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from populations import away
+from scipy.interpolate import CubicHermiteSpline
 
 import vofem as vf
 
@@ -66,3 +68,28 @@ def test_a_pair_leaves_the_unit_circle_and_becomes_real_within_one_step():
         assert abs(nearest) == pytest.approx(1.0, abs=1e-9)
         assert abs(nearest.imag) > 0.1
     assert distances[0] == pytest.approx(100.0 * distances[1], rel=2e-2)
+
+
+def test_orbits_that_do_not_repeat_are_not_on_a_branch():
+    """Two touches that merge: coordinates at an event that ignore other events near it follow orbits that are none."""
+    beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=2, supports={"left": "clamped"}, name="beam")
+    point = beam.at(0.6)
+    rest = [
+        vf.Contact(point, gap=0.00525, stiffness=43000.0, side="above", acts_on="penetration", name="stop"),
+        vf.ModalDamping(0.0067),
+    ]
+
+    def build(omega):
+        return vf.Scene([beam], [*rest, vf.PointLoad(point, vf.Sine(0.00378, omega))])
+
+    displacement, velocity = (
+        CubicHermiteSpline([0.0, 0.5, 1.0], values, slopes)
+        for values, slopes in (
+            ([0.0, -0.00198045845, -0.00555971621], [0.0, -0.00647400334, -0.00737331544]),
+            ([0.0, 0.0192928820, 0.0315096969], [0.0, 0.0350380457, 0.0346506882]),
+        )
+    )
+    branch = vf.continuation(build, 3.601837122, 3.6, guess={beam: (displacement, velocity)})
+    assert len(branch) > 10
+    assert max(away(orbit) for orbit in branch.orbits) < 1e-8
+    assert max(away(special.orbit) for special in branch.special) < 1e-8

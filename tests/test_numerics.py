@@ -13,8 +13,8 @@ from scipy.linalg import eigh, expm
 import vofem as vf
 from vofem.errors import SingularSystemError
 from vofem.linalg.banded import band_order, factor, solve, subtract_product, to_band
+from vofem.linalg.eigen import modes_held, modes_of_strains
 from vofem.linalg.exponential import exponential_response, oscillator, ramp_response
-from vofem.linalg.secular import rank_one
 
 
 def exact_response(delta, p, b, t):
@@ -51,21 +51,21 @@ def test_free_motion_of_any_oscillator(delta, p, t):
 
 
 @given(st.data())
-def test_rank_one_update_of_a_diagonal(data):
+def test_modes_of_a_diagonal_and_a_spring(data):
     n = data.draw(st.integers(1, 8))
     pool = st.sampled_from([0.0, 1e-6, 1.0, 1.0 + 1e-15, 2.0, 1e3, 1e6])
     d = np.sort(np.array(data.draw(st.lists(pool, min_size=n, max_size=n))))
     c = np.array(data.draw(st.lists(st.sampled_from([0.0, 1e-9, 0.1, -1.0, 3.0]), min_size=n, max_size=n)))
     rho = data.draw(st.sampled_from([1e-9, 1.0, 1e4, 1e12]))
-    values, vectors = rank_one(d, c, rho)
+    values, vectors = modes_of_strains(d, c[None, :], np.array([rho]))
     matrix = np.diag(d) + rho * np.outer(c, c)
     size = max(np.max(np.abs(matrix)), 1e-300)
     assert np.max(np.abs(vectors.T @ vectors - np.eye(n))) < 1e-13
     assert np.max(np.abs(matrix @ vectors - vectors * values)) < 1e-13 * size
     assert np.all(np.diff(values) >= 0)
-    # Interlacing: no value falls below its pole, none but the last exceeds the next pole.
-    assert np.all(values >= d)
-    assert np.all(values[:-1] <= d[1:])
+    # Interlacing: no value falls below that of the diagonal, none but the last exceeds the next one.
+    assert np.all(values >= d * (1.0 - 1e-14))
+    assert np.all(values[:-1] <= d[1:] * (1.0 + 1e-14))
 
 
 def test_low_eigenvalues_keep_their_digits_beside_a_huge_contact():
@@ -73,10 +73,24 @@ def test_low_eigenvalues_keep_their_digits_beside_a_huge_contact():
     d = np.arange(1.0, 21.0) ** 4
     c = np.ones(20)
     rho = 1e12
-    values, _ = rank_one(d, c, rho)
+    values, _ = modes_of_strains(d, c[None, :], np.array([rho]))
     inverse = np.diag(1.0 / d) - np.outer(c / d, c / d) / (1.0 / rho + np.sum(c**2 / d))
     expected = 1.0 / eigh(inverse, eigvals_only=True)[-1]
     assert values[0] == pytest.approx(expected, rel=1e-13)
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_modes_of_held_rows_are_those_of_stiff_springs(count):
+    """In the limit; two rigid motions among the modes, of which rows hold none, one or both."""
+    rng = np.random.default_rng(count)
+    d, rows = np.append([0.0, 0.0], np.arange(1.0, 19.0) ** 4), rng.normal(size=(count, 20))
+    rows[:, 0] = 0.0
+    values, modes = modes_held(d, rows)
+    assert np.abs(modes.T @ modes - np.eye(20 - count)).max() < 1e-14
+    assert np.abs(rows @ modes).max() < 1e-14
+    assert values[0] == 0.0
+    stiff, _ = modes_of_strains(d, rows, np.full(count, 1e16))
+    assert values == pytest.approx(stiff[: 20 - count], rel=1e-9)
 
 
 @pytest.mark.parametrize("width", [0, 1, 3, 6])

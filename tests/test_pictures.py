@@ -1,28 +1,23 @@
 """Pictures: they show something, they differ where the motion does, and they never leave half a file."""
 
-import os
 import subprocess
 import sys
-from pathlib import Path
 
 import matplotlib.image
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import vofem as vf
 from vofem.files.whole import replacing
-from vofem.io import render as render_module
 from vofem.io.pictures import axes as picture_axes
-from vofem.io.pictures import backend_matplotlib, child, histories, studio
-from vofem.io.pictures.drawing import COLORMAP, Drawing, moment_colors
 from vofem.io.pictures.layout import arrange
 from vofem.io.pictures.places import along_beam, between_masses
 from vofem.io.pictures.sketch import sketch
 from vofem.io.pictures.snapshot import snapshot
 from vofem.io.pictures.units import nice_above, nice_below, spell
-from vofem.io.plot import draw_scene, shapes, space_time, time_history
-from vofem.io.probe import Probe, probe, verdict
-from vofem.io.render import collect_history, render
+from vofem.io.plot import shapes, space_time, time_history
+from vofem.io.render import render
 
 ORANGE = np.array([0xE0, 0x7B, 0x21]) / 255.0
 
@@ -42,11 +37,6 @@ def paper():
     stop = vf.Contact(beam.at(1.0), gap=0.03, stiffness=1.0, side="below", acts_on="displacement", name="stop")
     scene = vf.Scene([beam], [stop, vf.PointLoad(beam.at(1.0), vf.Sine(0.1, 1.0))])
     return beam, vf.simulate(scene, 6.0)
-
-
-@pytest.fixture
-def no_vtk(monkeypatch):
-    monkeypatch.setattr(render_module, "remembered", lambda: Probe(False, "forced"))
 
 
 def two_beams():
@@ -81,25 +71,12 @@ def chain():
     return vf.Scene([beam, a, b, c], [*links, vf.Spring(beam.at(2.0), stiffness=10.0), vf.PointLoad(a, vf.Constant(2))])
 
 
-def test_backend_is_vtk_where_it_works_and_said_where_not(paper, tmp_path):
+def test_open_and_closed_differ(paper, tmp_path):
     _, result = paper
-    outcome = render(result, 4.0, tmp_path / "closed.png")
-    assert pixels(outcome.path).shape == (700, 1600, 3)
-    if probe().works:
-        assert (outcome.backend, outcome.message) == ("vtk", "")
-    else:
-        assert outcome.backend == "matplotlib"
-        assert probe().detail in outcome.message
-
-
-@pytest.mark.parametrize("forced", [False, True])
-def test_open_and_closed_differ(paper, tmp_path, forced, request):
-    if forced:
-        request.getfixturevalue("no_vtk")
-    _, result = paper
-    closed = pixels(render(result, 4.0, tmp_path / "closed.png").path)
-    opened = pixels(render(result, 0.75, tmp_path / "open.png").path)
+    closed = pixels(render(result, 4.0, tmp_path / "closed.png"))
+    opened = pixels(render(result, 0.75, tmp_path / "open.png"))
     for image in (closed, opened):
+        assert image.shape == (700, 1600, 3)
         assert image.std() > 0.05
         assert np.all(image[:8] == 1.0)
         assert np.all(image[:, :8] == 1.0)
@@ -111,103 +88,6 @@ def test_open_and_closed_differ(paper, tmp_path, forced, request):
     rows, columns = np.nonzero(np.all(np.abs(closed - ORANGE) < 0.03, axis=-1))
     assert rows.min() > 400
     assert columns.min() > 1300
-
-
-@pytest.mark.usefixtures("no_vtk")
-def test_fallback_names_the_packages(paper, tmp_path):
-    outcome = render(paper[1], 4.0, tmp_path / "a.png")
-    assert outcome.backend == "matplotlib"
-    assert "forced" in outcome.message
-    if sys.platform.startswith("linux"):
-        assert "libegl1" in outcome.message
-        assert "libgl1-mesa-dri" in outcome.message
-
-
-def test_a_crash_of_the_driver_does_not_reach_the_user(tmp_path):
-    """Without EGL vendors VTK ends in a segmentation fault; other platforms pass with what they have."""
-    code = (
-        "import vofem as vf; from vofem.io.render import render, probe\n"
-        "m = vf.Mass(1.0, 10.0); r = vf.simulate(vf.Scene([m], [vf.PointLoad(m, vf.Constant(1.0))]), 1.0)\n"
-        f"o = render(r, 0.5, r'{tmp_path / 'm.png'}')\n"
-        "print(o.backend, probe().works)"
-    )
-    environment = {**os.environ, "__EGL_VENDOR_LIBRARY_DIRS": str(tmp_path), "LIBGL_DRIVERS_PATH": str(tmp_path)}
-    environment.pop("DISPLAY", None)
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=False)
-    assert run.returncode == 0, run.stderr
-    backend, works = run.stdout.split()
-    assert (backend, works) in (("matplotlib", "False"), ("vtk", "True"))
-    assert pixels(tmp_path / "m.png").std() > 0.02
-
-
-def test_colours_of_moments_are_those_of_the_map():
-    from matplotlib import colormaps
-
-    assert np.max(np.abs(moment_colors(256) - colormaps[COLORMAP](np.linspace(0.0, 1.0, 256))[:, :3])) < 1e-12
-
-
-def test_a_studio_starts_one_process_for_vtk_and_trusts_what_is_remembered(monkeypatch, tmp_path):
-    """A machine that is known draws no trial picture; one on which VTK does not work starts no process for it."""
-    started = []
-
-    class Process:
-        """A process that has ended."""
-
-        stdin = stdout = None
-
-        def wait(self):
-            return -11
-
-        __enter__ = __exit__ = kill = lambda self, *_: None
-
-    def start(command, **_):
-        started.append(command[-1])
-        return Process()
-
-    forgotten = []
-    monkeypatch.setattr(child.subprocess, "Popen", start)
-    monkeypatch.setattr(studio, "forget", lambda: forgotten.append(True))
-    monkeypatch.setattr(studio, "remembered", lambda: Probe(False, "no driver"))
-    with studio.Studio() as one:
-        one.ask(Drawing((10, 10)))
-        assert not one.wait()
-    assert ["plot()" in program for program in started] == [True]
-    assert one.found == Probe(False, "no driver")
-    started.clear()
-    monkeypatch.setattr(studio, "remembered", lambda: Probe(True, "vtkWindow"))
-    with studio.Studio() as one:
-        # It said that it works, and crashed in the picture: the next process tries again.
-        one.found = Probe(True, "vtkWindow")
-        one.ask(Drawing((10, 10)))
-        assert not one.wait()
-        assert not one.wait_for_history()
-    assert ["serve('vtkWindow')" in program for program in started] == [True, False]
-    assert forgotten == [True]
-    assert "crashed" in one.found.detail
-
-
-def test_histories_of_another_process_are_those_of_this_one(tmp_path):
-    """Where that process fails, this one draws them."""
-    scene = two_masses()
-    result = vf.simulate(scene, 5.0)
-    views = histories.history_views(result, scene.bodies[0])
-    here = time_history(result, scene.bodies[0], tmp_path / "here.png").read_bytes()
-    with studio.Studio() as one:
-        there = collect_history(one, one.ask_history(views), views, tmp_path / "there.png")
-        assert there.read_bytes() == here
-        one._histories._process.kill()
-        failed = collect_history(one, Path("none"), views, tmp_path / "failed.png")
-        assert failed.read_bytes() == here
-
-
-def test_verdict_of_a_trial():
-    assert verdict(0, "vofem-probe vtkEGLRenderWindow\n", "") == Probe(True, "vtkEGLRenderWindow")
-    assert not verdict(-11, "", "warnings").works
-    assert not verdict(0, "vofem-probe blank\n", "").works
-    assert (
-        "No module named 'pyvista'"
-        in verdict(1, "", "Traceback\nModuleNotFoundError: No module named 'pyvista'\n").detail
-    )
 
 
 @pytest.mark.parametrize(
@@ -222,7 +102,7 @@ def test_verdict_of_a_trial():
 )
 def test_other_scenes_draw(build, contact, tmp_path):
     scene = build()
-    image = pixels(draw_scene(vf.equilibrium(scene), None, tmp_path / "a.png", scene=scene))
+    image = pixels(render(vf.equilibrium(scene), None, tmp_path / "a.png", scene=scene))
     assert image.std() > 0.03
     if contact is not None:
         assert (orange(image) > 200) is contact
@@ -232,16 +112,16 @@ def test_stop_above_pushes_from_above(tmp_path):
     heights = []
     for load in (-30.0, 30.0):
         scene = two_sided(load)
-        image = pixels(draw_scene(vf.equilibrium(scene), None, tmp_path / "a.png", scene=scene))
+        image = pixels(render(vf.equilibrium(scene), None, tmp_path / "a.png", scene=scene))
         heights.append(float(np.nonzero(np.all(np.abs(image - ORANGE) < 0.03, axis=-1))[0].mean()))
     assert heights[0] > heights[1] + 100
 
 
 def test_several_bodies_render(tmp_path):
     result = vf.simulate(two_beams(), 2.0)
-    outcome = render(result, 1.0, tmp_path / "a.png", size=(800, 500), magnification=1)
-    assert pixels(outcome.path).shape == (500, 800, 3)
-    assert pixels(outcome.path).std() > 0.03
+    image = pixels(render(result, 1.0, tmp_path / "a.png", size=(800, 500), magnification=1))
+    assert image.shape == (500, 800, 3)
+    assert image.std() > 0.03
 
 
 @pytest.mark.parametrize("build", [two_beams, two_masses, chain])
@@ -425,11 +305,11 @@ def test_stepping_method(tmp_path):
     (beam,) = scene.bodies
     result = vf.simulate(scene, 0.5, method="central_difference")
     assert time_history(result, beam.at(0.5), tmp_path / "a.svg").stat().st_size > 1000
-    assert orange(pixels(draw_scene(result, 0.2, tmp_path / "a.png"))) > 200
+    assert orange(pixels(render(result, 0.2, tmp_path / "a.png"))) > 200
     sparse = vf.simulate(scene, 0.5, method="central_difference", times=[0.0, 0.1, 0.2, 0.5])
-    assert orange(pixels(draw_scene(sparse, 0.2, tmp_path / "b.png"))) > 200
+    assert orange(pixels(render(sparse, 0.2, tmp_path / "b.png"))) > 200
     with pytest.raises(vf.ArgumentError, match="between the stored times"):
-        draw_scene(sparse, 0.3, tmp_path / "c.png")
+        render(sparse, 0.3, tmp_path / "c.png")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.png", "a.svg", "b.png"]
 
 
@@ -440,7 +320,6 @@ def test_unwritable_path(paper, tmp_path):
     for path in (tmp_path / "missing" / "a.png", tmp_path / "file" / "a.png", tmp_path / "folder.png"):
         for draw in (
             lambda path=path: render(result, 1.0, path),
-            lambda path=path: draw_scene(result, 1.0, path),
             lambda path=path: time_history(result, beam.at(1.0), path),
             lambda path=path: shapes(result, [1.0], path),
             lambda path=path: space_time(result, path),
@@ -453,16 +332,15 @@ def test_unwritable_path(paper, tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "folder.png"]
 
 
-@pytest.mark.usefixtures("no_vtk")
 def test_failure_half_way_leaves_the_old_file(paper, tmp_path, monkeypatch):
     path = tmp_path / "a.png"
     path.write_bytes(b"old")
 
-    def full_disk(drawing, temporary):
+    def full_disk(figure, temporary, **options):
         temporary.write_bytes(b"half")
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(backend_matplotlib, "draw", full_disk)
+    monkeypatch.setattr(Figure, "savefig", full_disk)
     with pytest.raises(vf.OutputError, match="No space left on device"):
         render(paper[1], 1.0, path)
     assert path.read_bytes() == b"old"
@@ -484,7 +362,7 @@ def test_wrong_arguments(paper, tmp_path):
     with pytest.raises(vf.ArgumentError, match="NaN"):
         render(result, float("nan"), tmp_path / "a.png")
     with pytest.raises(vf.ArgumentError, match="scene="):
-        draw_scene(vf.equilibrium(result.scene), None, tmp_path / "a.png")
+        render(vf.equilibrium(result.scene), None, tmp_path / "a.png")
     with pytest.raises(vf.ArgumentError, match="size"):
         render(result, 1.0, tmp_path / "a.png", size=(10, 10))
 

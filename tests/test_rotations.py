@@ -207,7 +207,8 @@ def test_scene_files_say_what_an_effect_acts_on(tmp_path):
 
 @pytest.mark.kernels("plain")
 def test_stored_data_and_tables_have_the_units_of_rotations(tmp_path):
-    from vofem.io.plot import draw_scene, time_history
+    from vofem.io.plot import time_history
+    from vofem.io.render import render
     from vofem.io.tables import contact_table
     from vofem.io.vtk import write_series
 
@@ -229,7 +230,7 @@ def test_stored_data_and_tables_have_the_units_of_rotations(tmp_path):
     with write_csv(run, [b.at("right")], tmp_path / "run.csv").open() as file:
         header = next(csv.reader(file))
     assert header[-2:] == ["stop force [N m]", "stop stiffness [N m/rad]"]
-    assert draw_scene(run, 0.25, tmp_path / "side.png").stat().st_size > 5000
+    assert render(run, 0.25, tmp_path / "side.png").stat().st_size > 5000
     assert time_history(run, b.at("left"), tmp_path / "history.png").stat().st_size > 5000
     assert write_series(run, tmp_path / "series.pvd").frames == 11
 

@@ -13,6 +13,8 @@ from vofem.io.pictures.snapshot import at_rest, snapshot
 
 SIZE = (1600, 700)
 
+pytestmark = pytest.mark.kernels("plain")
+
 
 def scene_of(*effects, **options):
     beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=4, supports={"left": "clamped"}, name="beam", **options)

@@ -9,7 +9,6 @@ import vofem as vf
 from vofem.cache import Cache
 from vofem.integrators.event_driven.modal_space import modal_space
 from vofem.integrators.event_driven.spectrum import Spectra
-from vofem.linalg.secular import rank_one, rank_one_less, refine
 from vofem.system import Counters
 
 METHODS = ("event_driven", "energy_conserving", "generalized_alpha", "central_difference")
@@ -29,10 +28,10 @@ def beam_on_stops(count, stiffness):
 
 
 @pytest.mark.parametrize("stiffness", [1e4, 1e7])
-def test_a_status_costs_one_update(stiffness):
+def test_a_status_is_computed_once(stiffness):
     result = vf.simulate(beam_on_stops(24, stiffness), 0.03, method="event_driven")
     assert result.counters.statuses > 30
-    assert result.counters.rank_one_updates <= 2 * result.counters.statuses
+    assert result.counters.rank_one_updates <= result.counters.statuses
     assert result.energy.balance_error < 1e-12
 
 
@@ -53,24 +52,7 @@ def test_statuses_stay_exact_after_many_closings_and_openings(stiffness):
     left = real.modes.T @ (space.stiffness[:, None] * real.modes) + stiffness * touched.T @ touched - np.diag(real.p)
     assert np.max(np.abs(real.modes.T @ real.modes - np.eye(space.size))) < 1e-13
     assert np.max(np.abs(left) / np.sqrt(np.outer(real.p, real.p))) < 1e-11
-    assert counters.rank_one_updates <= 2 * counters.statuses
-
-
-def test_a_spring_taken_away_leaves_what_was_there():
-    rng = np.random.default_rng(0)
-    d, c = np.sort(10.0 ** rng.uniform(0.0, 6.0, 30)), rng.normal(size=30)
-    values, vectors = rank_one(d, c, 1e5)
-    less, back = rank_one_less(values, vectors.T @ c, 1e5)
-    np.testing.assert_allclose(less, d, rtol=1e-7)
-    found = refine(d, np.zeros((0, 30)), np.zeros(0), vectors @ back)
-    assert found is not None
-    np.testing.assert_allclose(found[0], d, rtol=1e-14)
-    np.testing.assert_allclose(np.abs(found[1]), np.eye(30), atol=1e-13)
-
-
-def test_guesses_that_are_far_off_are_not_refined():
-    turn = np.array([[np.cos(0.3), -np.sin(0.3)], [np.sin(0.3), np.cos(0.3)]])
-    assert refine(np.array([1.0, 4.0]), np.zeros((0, 2)), np.zeros(0), turn) is None
+    assert counters.rank_one_updates <= counters.statuses
 
 
 # -- touches below the rounding of the scene -----------------------------------------------------

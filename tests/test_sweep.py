@@ -216,7 +216,10 @@ def test_points_that_take_long_travel_alone():
         ("exit", "SystemExit: 3"),
         ("number", "TypeError: the function returned 3.0, expected a dict"),
         ("object", "TypeError: the function returned 'y' of type object"),
-        ("shape", "TypeError: the function returned 'y' of shape (2,), expected 'y' of shape () as at first"),
+        (
+            "shape",
+            "TypeError: the function returned 'y': number of shape (2,), expected 'y': number of shape () as at first",
+        ),
         ("clash", "TypeError: the function returned 'kind', which is the name of a parameter"),
     ],
 )
@@ -335,6 +338,24 @@ def test_failed_rows_stay_until_they_are_to_be_tried_again(tmp_path):
     }  # fmt: skip
 
 
+@pytest.mark.parametrize("odd", ["none", 1j, ["none"]])
+def test_a_point_of_another_kind_has_failed_and_leaves_the_column_as_it_is(tmp_path, odd):
+    """Texts and complex numbers turn no column of numbers into their kind."""
+    for store in (None, tmp_path / "rows.h5", tmp_path / "rows.h5"):
+        table = vf.sweep(functions.odd_at_two, {"x": [1, 2, 3], "odd": [odd]}, executor="serial", store=store)
+        assert table["y"].dtype == float
+        assert table["y"].ravel().tolist() == pytest.approx([0.5, np.nan, 1.5], nan_ok=True)
+        (one,) = table.failed
+        assert one.point["x"] == 2
+        assert "expected 'y': number of shape () as at first" in one.error
+
+
+def test_integers_and_floats_are_one_kind():
+    table = vf.sweep(lambda x: {"y": x if x > 1 else x / 2}, {"x": [1, 2]}, executor="serial")
+    assert table["y"].tolist() == [0.5, 2.0]
+    assert table.failed == ()
+
+
 def test_a_store_opens_in_xarray(tmp_path):
     import xarray
 
@@ -346,11 +367,6 @@ def test_a_store_opens_in_xarray(tmp_path):
         assert data["series"].values.tolist() == table["series"].tolist()
         assert data["large"].values.dtype == bool
         assert data["label"].values.tolist() == ["p1", "p2", "p3"]
-
-
-def changed(monkeypatch, offset):
-    monkeypatch.setattr(functions, "OFFSET", offset)
-    return identity(functions.square)["source"]
 
 
 def test_a_changed_function_starts_anew_and_says_so(tmp_path, monkeypatch):
@@ -367,24 +383,18 @@ def test_a_changed_function_starts_anew_and_says_so(tmp_path, monkeypatch):
     assert (tmp_path / "rows.before-1.h5").read_bytes() == before
 
 
-def test_the_identity_of_a_function_covers_what_it_uses(monkeypatch):
+def test_the_identity_of_a_function_covers_what_is_bound_to_it():
     import functools
 
-    first = identity(functions.square)
-    assert identity(functions.square) == first
-    monkeypatch.setattr(functions, "shifted", lambda x: x)
-    assert identity(functions.square)["source"] != first["source"]
-    monkeypatch.undo()
-    bound = [identity(functools.partial(functions.slow_square, seconds=s))["source"] for s in (1.0, 2.0, 1.0)]
+    bound = [identity(functools.partial(functions.slow_square, seconds=s))[0]["source"] for s in (1.0, 2.0, 1.0)]
     assert bound[0] == bound[2] != bound[1]
-    scale = 2.0
-    inner = identity(lambda x: {"y": scale * x})["source"]
-    assert inner
+    inner = [identity(lambda x, scale=scale: {"y": scale * x})[0]["source"] for scale in (1.0, 2.0, 1.0)]
+    assert inner[0] == inner[2] != inner[1]
 
 
 def test_a_second_process_is_refused(tmp_path):
     store = tmp_path / "rows.h5"
-    first = store_module.SweepFile(store, identity(functions.square))
+    first = store_module.SweepFile(store, identity(functions.square)[0])
     code = f"""
 import sys
 sys.path.insert(0, {str(TESTS)!r})
@@ -464,7 +474,7 @@ def test_a_sweep_that_was_killed_goes_on_to_the_same_table(tmp_path, victim):
 
 @pytest.mark.parametrize("cut", [1, 10, 60, 120])
 def test_a_record_that_was_being_written_is_cut_off(tmp_path, cut):
-    store = store_module.SweepFile(tmp_path / "rows.h5", identity(functions.square))
+    store = store_module.SweepFile(tmp_path / "rows.h5", identity(functions.square)[0])
     table = vf.sweep(functions.square, {"x": [1, 2]}, executor="serial")
     rows = [store_module.Row({name: table[name][k] for name in table}, "", "", 0.1) for k in range(2)]
     store.add([("first", {"x": 1}, rows[0])])
@@ -472,7 +482,7 @@ def test_a_record_that_was_being_written_is_cut_off(tmp_path, cut):
     store.close()
     data = store.path.read_bytes()
     store.path.write_bytes(data[:-cut])
-    again = store_module.SweepFile(store.path, identity(functions.square))
+    again = store_module.SweepFile(store.path, identity(functions.square)[0])
     assert list(again.rows()) == ["first"]
     again.add([("second", {"x": 2}, rows[1])])
     again.close()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import importlib
 import inspect
 from collections.abc import Iterator, Mapping
 from typing import Any, TypeVar
@@ -11,7 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.errors import ArgumentError, MissingPackageError
+from vofem.errors import ArgumentError
 
 #: Largest magnitude taken for a physical quantity. Cubes and ratios of such numbers stay finite.
 HUGE = 1e60
@@ -123,32 +122,6 @@ def choice(what: str, value: Any, allowed: tuple[str, ...]) -> str:
     if isinstance(value, str) and value in allowed:
         return value
     raise ArgumentError(f"{what} is {value!r}, expected {one_of(allowed)}{nearest(value, allowed)}")
-
-
-def optional(package: str, extra: str, what: str) -> Any:
-    """Return a package that only some functions need.
-
-    Parameters
-    ----------
-    package : str
-        Name under which it is imported.
-    extra : str
-        The extra of vofem that it comes with.
-    what : str
-        The function that needs it, for the message.
-
-    Raises
-    ------
-    MissingPackageError
-        If it is not installed.
-    """
-    try:
-        return importlib.import_module(package)
-    except ImportError as error:
-        raise MissingPackageError(
-            f"{what} needs the package {package}, which cannot be imported ({error}); install it with "
-            f"python -m pip install 'vofem[{extra}]'"
-        ) from error
 
 
 def public(*classes: type) -> None:

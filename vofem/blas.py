@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import contextlib
 import sys
-import threading
 from collections.abc import Iterator
 from typing import Any
+
+from vofem.locks import Lock
 
 #: Up to this many unknowns products and factors of dense matrices are small.
 _SMALL = 400
 
 
-class _Limit:
+class _Limit(contextlib.ContextDecorator):
     """One thread for all libraries, from the first entry to the last exit, in whatever threads these are."""
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()
+        self._lock = Lock()
         self._depth = 0
         self._limiter: Any = None
         self._known: tuple[bool, Any] | None = None
@@ -49,7 +50,8 @@ class _Limit:
                 self._limiter = None
 
 
-_LIMIT = _Limit()
+#: Keeps BLAS and LAPACK to one thread: a context, or a decorator of functions whose dense matrices are mostly small.
+one_thread = _Limit()
 
 
 @contextlib.contextmanager
@@ -64,5 +66,5 @@ def blas_threads(size: int) -> Iterator[None]:
     if size > _SMALL:
         yield
         return
-    with _LIMIT:
+    with one_thread:
         yield

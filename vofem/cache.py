@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Hashable, Iterable
 from typing import TypeVar
 
 from vofem.kernels.mode import compiled
+from vofem.locks import Lock
 
 T = TypeVar("T")
 
@@ -16,7 +16,7 @@ class Cache:
 
     def __init__(self) -> None:
         self._known: dict[str, dict[Hashable, object]] = {}
-        self._lock = threading.RLock()
+        self._lock = Lock()
 
     def adopt(self, kinds: Iterable[str], other: Cache) -> None:
         """Hold values of some kinds together with another cache, from now on; what this one knew of them is dropped."""

@@ -1,23 +1,13 @@
-"""Where a user's programs keep what can be made again."""
+"""A small file of entries that processes share."""
 
 from __future__ import annotations
 
 import contextlib
 import json
 import os
-import sys
 import tempfile
 from pathlib import Path
 from typing import Any
-
-
-def user_caches(program: str) -> Path:
-    """Return the folder for caches of a program; it need not exist."""
-    if sys.platform == "win32":
-        return Path(os.environ.get("LOCALAPPDATA", Path.home() / "AppData" / "Local")) / program
-    if sys.platform == "darwin":
-        return Path.home() / "Library" / "Caches" / program
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / program
 
 
 def read_entries(file: Path) -> dict[str, Any]:

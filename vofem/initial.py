@@ -47,7 +47,7 @@ class StoredState:
     states: dict[str, tuple[Array, Array]]
     springs: dict[str, Array]
     springpots: tuple[str, ...] = ()
-    source: str = "StoredState"
+    source: str = "state of an earlier run"
 
     def state_of(self, body_name: str) -> tuple[Array, Array]:
         """Return a body's degrees of freedom and their rates, each (size,)."""

@@ -32,7 +32,6 @@ from vofem.initial import StoredState
 from vofem.integrators.base import ContactSamples, ProbeSamples, Sensitivity, Solution, Truncation
 from vofem.integrators.registry import advice
 from vofem.laws import past_of
-from vofem.persistence import store
 from vofem.scene import Scene
 from vofem.system import Counters, State
 
@@ -237,8 +236,6 @@ class Result(Shown, Motion):
 
         Raises
         ------
-        MissingPackageError
-            If pandas is not installed; it comes with the extra ``vofem[table]``.
         ArgumentError
             If an entry of `points` is not a point.
         """
@@ -257,8 +254,6 @@ class Result(Shown, Motion):
 
         Raises
         ------
-        MissingPackageError
-            If xarray is not installed; it comes with the extra ``vofem[table]``.
         ArgumentError
             If an entry of `points` is not a point.
         """
@@ -345,4 +340,7 @@ class Result(Shown, Motion):
             If the file exists and is not to be overwritten, or cannot be
             written. What was there stays as it was.
         """
-        return store().save(self, path, overwrite=overwrite, frames=frames, magnification=magnification)
+        # Late, because results know no file format.
+        from vofem.io.storage.run_file import save
+
+        return save(self, path, overwrite=overwrite, frames=frames, magnification=magnification)

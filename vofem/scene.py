@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import copy
 import inspect
-import threading
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -17,11 +16,12 @@ from vofem.effects.base_motion import BaseMotion
 from vofem.effects.contact import Contact
 from vofem.errors import ArgumentError, VofemError
 from vofem.initial import Initial, StateSource
+from vofem.locks import Lock
 from vofem.sharing import share_with_recent
 from vofem.system import State
 
 #: Threads that run one scene compile it once. A scene holds no lock of its own, so that it can be copied and pickled.
-_COMPILING = threading.RLock()
+_COMPILING = Lock()
 
 
 def as_scene(what: str, value: Any) -> Scene:

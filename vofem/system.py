@@ -12,7 +12,7 @@ from vofem.cache import Cache
 from vofem.laws import CLOSED as CLOSED
 from vofem.laws import OPEN as OPEN
 from vofem.laws import PINNED as PINNED
-from vofem.laws import ContactLaws, LawGroup, PrintedLaws
+from vofem.laws import ContactLaws, LawGroup
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix, csr_matrix
@@ -91,9 +91,8 @@ class System:
         Contacts first.
     scale : ndarray, shape (n,)
         Length that makes a degree of freedom a displacement; balances eigenproblems.
-    rotation : ndarray of bool, shape (n,), optional
-        True where a degree of freedom is a rotation, False where it is a
-        displacement; None in runs that were saved before it was known. See `rotational`.
+    rotation : ndarray of bool, shape (n,)
+        True where a degree of freedom is a rotation, False where it is a displacement.
     """
 
     mass: csc_matrix
@@ -106,7 +105,7 @@ class System:
     scale: Array
     strain: csr_matrix | None
     rigid: Array
-    rotation: NDArray[np.bool_] | None = None
+    rotation: NDArray[np.bool_]
 
     @property
     def cache(self) -> Cache:
@@ -165,33 +164,12 @@ class System:
             "static loss",
         ]
         if mine is not None and theirs is not None and np.array_equal(mine.stiffness, theirs.stiffness):
-            kinds += ["closed modes", "refined modes"]
+            kinds += ["closed modes"]
         self.cache.adopt(kinds, other.cache)
         return True
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != "_cache"}
-
-    @property
-    def rotational(self) -> NDArray[np.bool_]:
-        """Whether each degree of freedom is a rotation, shape (n,).
-
-        Where `rotation` is None, those whose `scale` is not 1 count as rotations: it is the element length for slopes.
-        """
-        return self.scale != 1.0 if self.rotation is None else self.rotation
-
-    @staticmethod
-    def from_earlier(fields: dict[str, Any]) -> dict[str, Any]:
-        """Return the fields of a system that an earlier version has saved, whose kinds of laws had a field each."""
-        if "laws" in fields:
-            return fields
-        names = ("contacts", "nonlinear", "memory", "printed", "springpots")
-        parts = {name: fields.pop(name, None) for name in names}
-        if parts["printed"] is not None:
-            from scipy.sparse import csr_matrix
-
-            parts["printed"] = PrintedLaws(csr_matrix(np.ones((1, 1))), (parts["printed"],))
-        return fields | {"laws": tuple(part for part in parts.values() if part is not None)}
 
     @property
     def size(self) -> int:
@@ -310,7 +288,7 @@ class Counters:
     eigensolves : int
         Full eigenvalue problems.
     rank_one_updates : int
-        Eigensystems that were computed from another one by closing one contact.
+        Eigensystems of the structure with some contacts closed or pinned, a rank-one term for each of these.
     statuses : int
         Distinct sets of closed contacts that were visited.
     load_evaluations : int

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -60,15 +60,6 @@ class Model:
     transform: csr_matrix | None = None
     joints: tuple[tuple[str, int], ...] = ()
     joint_rows: csr_matrix | None = None
-
-    @staticmethod
-    def from_earlier(fields: dict[str, Any]) -> dict[str, Any]:
-        """Return the fields of a model that an earlier version has saved, whose kinds of laws had rows each."""
-        if "law_rows" in fields:
-            return fields
-        names = ("contact_rows", "nonlinear_rows", "memory_rows", "springpot_rows")
-        parts = [fields.pop(name, None) for name in names]
-        return fields | {"law_rows": tuple(rows for rows in parts if rows is not None)}
 
     @property
     def contact_rows(self) -> csr_matrix | None:

@@ -11,7 +11,6 @@ import contextlib
 import io
 import os
 import re
-import threading
 import warnings
 from collections import Counter
 from pathlib import Path
@@ -21,14 +20,17 @@ import numpy as np
 
 from vofem.bodies.base import Array, IntArray
 from vofem.bodies.mesh import LineMesh, chain
-from vofem.bodies.mesh_size import check_content, check_size
 from vofem.errors import ArgumentError, MeshError
+from vofem.locks import Lock
 
 #: Extension to meshio's name of the format. Others are refused: nothing tests them.
 FORMATS = {".msh": "gmsh", ".vtu": "vtu", ".med": "med"}
 
+#: Largest file in bytes.
+_MOST = 2**29
+
 # Standard output is one for all threads; two readers must not redirect it at a time.
-_OUTPUT = threading.Lock()
+_OUTPUT = Lock()
 
 Sets = dict[str, list[IntArray]]
 
@@ -101,13 +103,13 @@ def _read(source: str, file: Path) -> Any:
         )
     if size == 0:
         raise MeshError(f"{source} is empty; the program that wrote it may have failed or not ended")
-    check_size(source, size)
+    if size > _MOST:
+        raise MeshError(
+            f"{source} has {size / 1e6:.0f} MB, expected at most {_MOST / 1e6:.0f} MB, which hold a beam of several "
+            "million nodes; it is damaged, or more than the axis of a beam is in it. Export the axis alone"
+        )
     if kind == "gmsh":
         _check_gmsh(source, file)
-    try:
-        check_content(source, file, kind)
-    except OSError as error:
-        raise MeshError(f"{source} cannot be read: {error}") from error
     printed = io.StringIO()
     with (
         _OUTPUT,
@@ -121,6 +123,11 @@ def _read(source: str, file: Path) -> Any:
             import meshio
 
             return meshio.read(file, file_format=kind)
+        except MemoryError as error:
+            raise MeshError(
+                f"{source} does not fit into memory ({error}); it is damaged, its tags have gaps, or more than the "
+                "axis of a beam is in it. Renumber the mesh (Gmsh: Renumber), or export the axis alone"
+            ) from error
         except (Exception, SystemExit) as error:
             reason = " ".join(f"{printed.getvalue()} {'' if isinstance(error, SystemExit) else error!r}".split())
             hint = ""

@@ -34,7 +34,6 @@ def _accuracy(arguments: argparse.Namespace) -> int:
     from vofem.io.plot import work_precision as draw
     from vofem.io.scene_file import load_scene, point_named
     from vofem.io.study_tables import study_table, write_study
-    from vofem.linalg.aside import apart
     from vofem.studies.accuracy import work_precision
 
     file = load_scene(arguments.scene)
@@ -53,7 +52,7 @@ def _accuracy(arguments: argparse.Namespace) -> int:
     written = [write_study(study, folder / "accuracy.csv")]
     if study.runs:
         paths = [folder / f"accuracy.{kind}" for kind in ("png", "svg")]
-        written += apart(lambda: [draw(study, path, arguments.scene.stem) for path in paths], "drawing")
+        written += [draw(study, path, arguments.scene.stem) for path in paths]
     print("\nwrote " + "\n      ".join(str(path) for path in written))
     return FINE
 

@@ -1,4 +1,4 @@
-"""``vofem doctor``: show versions, say whether pictures can be drawn on this machine."""
+"""``vofem doctor``: show versions, say whether VTK can draw on this machine."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from vofem.cli.common import FAULT, FINE, Commands
 
 def add_doctor(commands: Commands) -> None:
     """Add the command to a parser."""
-    doctor = commands.add_parser("doctor", help="show versions; say whether off-screen rendering works")
+    doctor = commands.add_parser("doctor", help="show versions; say whether VTK can draw without a window")
     doctor.set_defaults(command=_doctor)
 
 

@@ -8,15 +8,8 @@ from typing import TYPE_CHECKING
 from vofem.errors import OutputError
 
 if TYPE_CHECKING:
-    from vofem.io.pictures.drawing import Drawing
-    from vofem.io.pictures.history_figure import RunView
-    from vofem.io.pictures.studio import Studio
     from vofem.io.scenes.settings import OutputSettings
     from vofem.result import Result
-
-
-#: Seconds in which histories of an interrupted run are written, and rows of points recorded at every step.
-_SOON, _SOON_ROWS = 1.0, 100_000
 
 
 def made(folder: Path) -> Path:
@@ -28,73 +21,44 @@ def made(folder: Path) -> Path:
     return folder
 
 
-def write(result: Result, output: OutputSettings, folder: Path, studio: Studio | None) -> list[Path]:
-    """Write the histories of a run, and pictures where there is a studio for them; return what was written."""
+def write(result: Result, output: OutputSettings, folder: Path) -> list[Path]:
+    """Write the histories of a run; return what was written."""
     from vofem.io.csv_file import write_csv, write_probes
     from vofem.io.run_pictures import history_points
 
-    pictures = None if studio is None else Pictures(result, output, folder, studio)
     written = [write_csv(result, history_points(result.scene, output), folder / "histories.csv")]
     if result.recorded is not None:
         written.append(write_probes(result, folder / "probes.csv"))
-    return written if pictures is None else written + pictures.collected()
+    return written
 
 
-def write_soon(result: Result, output: OutputSettings, folder: Path) -> tuple[list[Path], list[str]]:
-    """Write histories of an interrupted run, at fewer times where all take long; return files, and what to say."""
-    from vofem.io.csv_file import write_csv_within, write_probes
-    from vofem.io.run_pictures import history_points
+def draw(result: Result, output: OutputSettings, folder: Path, snapshot: bool) -> list[Path]:
+    """Draw the pictures that a scene file asks for, and a snapshot if it is wanted; return the files.
 
-    written, said = [folder / "histories.csv"], []
-    each = write_csv_within(_SOON, result, history_points(result.scene, output), written[0])
-    if each > 1:
-        said.append(f"interrupted: {written[0].name} holds one of every {each} stored times; all would take too long")
-    if result.recorded is not None:
-        written.append(folder / "probes.csv")
-        each = 1 + result.recorded.times.size * len(result.recorded.names) // _SOON_ROWS
-        write_probes(result, written[1], each)
-        if each > 1:
-            said.append(f"interrupted: {written[1].name} holds one of every {each} steps; all would take too long")
-    return written, said
+    A snapshot that cannot be drawn is left out, and the reason is printed.
+    """
+    from vofem.io.pictures.histories import time_history
+    from vofem.io.render import render
+    from vofem.io.run_pictures import history_points, picture_times
+
+    written = []
+    points, times = history_points(result.scene, output), picture_times(result, output)
+    for k, point in enumerate(points, start=1):
+        written.append(time_history(result, point, folder / _numbered("history", k, len(points))))
+        if len(points) > 1:
+            print(f"{written[-1].name}: {point.name}")
+    for k, t in enumerate(times, start=1):
+        written.append(render(result, t, folder / _numbered("scene", k, len(times))))
+    if snapshot:
+        from vofem.io.off_screen import snapshot as drawn
+
+        try:
+            written.append(drawn(result, times[0] if times else result.times[-1], folder / "snapshot.png"))
+        except OutputError as error:
+            print(f"left out: {error}")
+    return written
 
 
-class Pictures:
-    """The pictures that a scene file asks for; other processes begin to draw them at once."""
-
-    def __init__(self, result: Result, output: OutputSettings, folder: Path, studio: Studio) -> None:
-        from vofem.io.pictures.histories import history_views
-        from vofem.io.render import sketched
-        from vofem.io.run_pictures import history_points, picture_times
-
-        self._studio = studio
-        # Of each picture: its temporary path, what it shows, its final path.
-        self._side_views: list[tuple[Path | None, Drawing, Path]] = []
-        self._histories: list[tuple[Path, list[RunView], Path]] = []
-        times = picture_times(result, output)
-        for k, t in enumerate(times):
-            goal, drawing = sketched(result, t, folder / ("scene.png" if len(times) == 1 else f"scene-{k + 1}.png"))
-            self._side_views.append((studio.ask(drawing), drawing, goal))
-        points = history_points(result.scene, output)
-        self._names = [point.name for point in points]
-        for k, point in enumerate(points):
-            views = history_views(result, point)
-            name = "history.png" if len(points) == 1 else f"history-{k + 1}.png"
-            self._histories.append((studio.ask_history(views), views, folder / name))
-
-    def collected(self) -> list[Path]:
-        """Wait for all pictures, put them in their places, say what is on them; return the files."""
-        from vofem.io.render import collect, collect_history
-
-        written = []
-        for history, name in zip(self._histories, self._names, strict=True):
-            written.append(collect_history(self._studio, *history))
-            if len(self._names) > 1:
-                print(f"{written[-1].name}: {name}")
-        message = ""
-        for side_view in self._side_views:
-            outcome = collect(self._studio, *side_view)
-            message = outcome.message or message
-            written.append(outcome.path)
-        if message:
-            print(message)
-        return written
+def _numbered(name: str, k: int, count: int) -> str:
+    """Return the name of the k-th of some pictures."""
+    return f"{name}.png" if count == 1 else f"{name}-{k}.png"

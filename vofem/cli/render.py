@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from vofem.cli.common import FINE, Commands
-from vofem.cli.output import Pictures, made
+from vofem.cli.output import draw, made
 from vofem.errors import ArgumentError
 
 
@@ -20,6 +20,7 @@ def add_render(commands: Commands) -> None:
     render.add_argument("--speed", type=float, help="seconds of the run in a second of the movie; 1 is real time")
     render.add_argument("--frames", type=int, help="number of frames, instead of --speed (150)")
     render.add_argument("--point", metavar="BODY@X", help="of histories and phase portraits")
+    render.add_argument("--snapshot", action="store_true", help="draw snapshot.png in three dimensions too, with VTK")
     render.add_argument("--times", type=float, nargs="+", default=[], metavar="T", help="of side views, in s")
     render.set_defaults(command=_render)
 
@@ -27,18 +28,15 @@ def add_render(commands: Commands) -> None:
 def _render(arguments: argparse.Namespace) -> int:
     if arguments.movie is not None:
         return _movie(arguments)
-    from vofem.io.pictures.studio import Studio
     from vofem.io.scenes.settings import OutputSettings
     from vofem.io.storage.run_file import load
 
-    with Studio() as studio:
-        result = load(arguments.run)
-        for t in arguments.times:
-            if not 0.0 <= t <= result.solution.t_end:
-                raise ArgumentError(f"--times holds {t:g}, expected times from 0 to {result.solution.t_end:g} s")
-        output = OutputSettings(pictures=tuple(arguments.times))
-        folder = made(arguments.output or Path("output") / arguments.run.stem)
-        written = Pictures(result, output, folder, studio).collected()
+    result = load(arguments.run)
+    for t in arguments.times:
+        if not 0.0 <= t <= result.solution.t_end:
+            raise ArgumentError(f"--times holds {t:g}, expected times from 0 to {result.solution.t_end:g} s")
+    folder = made(arguments.output or Path("output") / arguments.run.stem)
+    written = draw(result, OutputSettings(pictures=tuple(arguments.times)), folder, arguments.snapshot)
     print("wrote " + "\n      ".join(str(path) for path in written))
     return FINE
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,9 +15,6 @@ from vofem.errors import ArgumentError
 if TYPE_CHECKING:
     from vofem.io.scene_file import SceneFile
     from vofem.studies.steady import Branch
-
-#: Seconds in which displacements of the orbits of an interrupted branch are computed.
-_SOON = 1.0
 
 
 def add_respond(commands: Commands) -> None:
@@ -46,6 +42,7 @@ def _respond(arguments: argparse.Namespace) -> int:
     # Raises for missing arguments before any work is done.
     file.at(arguments.start)
     point, options = _point(arguments, file), _options(arguments, file)
+    assert file.respond is not None
     folder = made(arguments.output or Path("output") / arguments.scene.stem)
     saved = folder / "branch.h5"
     if saved.exists() and not arguments.overwrite:
@@ -53,61 +50,36 @@ def _respond(arguments: argparse.Namespace) -> int:
     branch = continuation(
         file.at, arguments.start, arguments.stop, progress=True if sys.stderr.isatty() else None, **options
     )
-    interrupted = any(note.startswith("interrupted at ") for note in branch.notes)
-    # The branch is written before all else. The first Ctrl-C waits for that, a second one does not.
-    with contextlib.nullcontext(bool) if interrupted else deferred_interrupts() as pressed:
-        pressed()
-        written = [branch.save(saved, overwrite=True)]
-        interrupted = pressed() or interrupted
-    try:
-        for path in _reported(arguments, file, branch, point, folder, interrupted):
+    written = []
+    # Ctrl-C waits for the file that is being written, and ends the command then. After an interrupted continuation, the
+    # numbers are written and the pictures are not.
+    with deferred_interrupts() as pressed:
+        written.append(branch.save(saved, overwrite=True))
+        interrupted = branch.interrupted
+        for path in _reported(branch, point, folder, file.respond.parameter[0], not arguments.no_pictures):
             written.append(path)
-    except KeyboardInterrupt:
-        interrupted = True
-        print("interrupted: what is not listed here is left out")
+            interrupted = interrupted or pressed()
+            if interrupted:
+                print("interrupted: what is not listed here is left out")
+                break
     print("\nwrote " + "\n      ".join(str(path) for path in written))
     return INTERRUPTED if interrupted else FINE
 
 
-def _reported(
-    arguments: argparse.Namespace, file: SceneFile, branch: Branch, point: Any, folder: Path, interrupted: bool
-) -> Iterator[Path]:
-    """Print and write what is shown of a branch, without pictures after Ctrl-C; return the files one by one."""
-    from vofem.io.branch_tables import branch_table, write_branch_within
-    from vofem.linalg.aside import apart
+def _reported(branch: Branch, point: Any, folder: Path, name: str, pictures: bool) -> Iterator[Path]:
+    """Print and write what is shown of a branch, one file after the other; return their paths."""
+    from vofem.io.branch_tables import branch_table, write_branch
 
-    assert file.respond is not None
-    name = file.respond.parameter[0]
     print(branch_table(branch, point, name))
     for note in branch.notes:
         print(f"note: {note}")
-    table = folder / "branch.csv"
-    missing = write_branch_within(_SOON if interrupted else float("inf"), branch, point, table, name)
-    yield table
-    if interrupted:
-        print("interrupted: pictures are left out")
-        if missing:
-            print(
-                f"interrupted: {table.name} holds nan for displacements of {missing} orbits; all would take too long. "
-                "branch.h5 holds all orbits"
-            )
-    elif not arguments.no_pictures:
-        # Imported there too: importing matplotlib takes as long as drawing.
-        def curve() -> Path:
-            from vofem.io.plot import response_curve
+    yield write_branch(branch, point, folder / "branch.csv", name)
+    if pictures:
+        from vofem.io.plot import multipliers, response_curve
 
-            path: Path = response_curve(branch, point, folder / "response.png", parameter=name)
-            return path
-
-        def circle() -> Path:
-            from vofem.io.plot import multipliers
-
-            path: Path = multipliers(branch, folder / "multipliers.png")
-            return path
-
-        yield apart(curve, "drawing")
+        yield response_curve(branch, point, folder / "response.png", parameter=name)
         if all(orbit.multipliers is not None for orbit in branch.orbits):
-            yield apart(circle, "drawing")
+            yield multipliers(branch, folder / "multipliers.png")
 
 
 def _options(arguments: argparse.Namespace, file: SceneFile) -> dict[str, Any]:

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from vofem.cli.common import FINE, INTERRUPTED, Commands, limits, print_method
-from vofem.cli.output import made, write, write_soon
-from vofem.cli.working import working
+from vofem.cli.output import draw, made, write
 from vofem.integrators.registry import method_names
 
 if TYPE_CHECKING:
-    from vofem.io.pictures.studio import Studio
     from vofem.io.scene_file import SceneFile
 
 
@@ -31,39 +28,32 @@ def add_run(commands: Commands) -> None:
     )
     run.add_argument("--dt", type=float, help="in s, instead of the file's")
     run.add_argument("--no-pictures", action="store_true", help="write numbers only")
+    run.add_argument("--snapshot", action="store_true", help="draw snapshot.png in three dimensions too, with VTK")
     run.add_argument("--save", type=Path, metavar="RUN", help="file .vtkhdf for the whole run; ParaView opens it too")
     run.add_argument("--overwrite", action="store_true", help="let --save replace a file")
     run.set_defaults(command=_run)
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    with contextlib.ExitStack() as stack:
-        studio = None
-        if not arguments.no_pictures:
-            from vofem.io.pictures.studio import Studio
+    from vofem.blas import blas_threads
+    from vofem.io.scene_file import load_scene
+    from vofem.simulate.explanation import explain
 
-            # The process that draws pictures starts before all else. It gets ready while this process imports what it
-            # needs and while the run takes place.
-            studio = stack.enter_context(Studio())
-        from vofem.blas import blas_threads
-        from vofem.io.scene_file import load_scene
-        from vofem.simulate.explanation import explain
+    file = load_scene(arguments.scene)
+    print(explain(file.scene, *limits(file)))
+    print_method(file, arguments.method)
+    print(flush=True)
+    # The folder is made first, so that a long run does not end because it cannot be made.
+    folder = made(arguments.output or Path("output") / arguments.scene.stem)
+    if arguments.save is not None:
+        from vofem.io.storage.run_file import check_target
 
-        file = load_scene(arguments.scene)
-        print(explain(file.scene, *limits(file)))
-        print_method(file, arguments.method)
-        print(flush=True)
-        # The folder is made first, so that a long run does not end because it cannot be made.
-        folder = made(arguments.output or Path("output") / arguments.scene.stem)
-        if arguments.save is not None:
-            from vofem.io.storage.run_file import check_target
-
-            check_target(arguments.save, arguments.overwrite)
-        stack.enter_context(blas_threads(file.scene.model.system.size))
-        return _simulated(arguments, file, folder, studio)
+        check_target(arguments.save, arguments.overwrite)
+    with blas_threads(file.scene.model.system.size):
+        return _simulated(arguments, file, folder)
 
 
-def _simulated(arguments: argparse.Namespace, file: SceneFile, folder: Path, studio: Studio | None) -> int:
+def _simulated(arguments: argparse.Namespace, file: SceneFile, folder: Path) -> int:
     """Run, print tables, write what is wanted; return the exit code."""
     from vofem.io import tables
 
@@ -71,9 +61,11 @@ def _simulated(arguments: argparse.Namespace, file: SceneFile, folder: Path, stu
     interrupted = result.interrupted
     # Forces of impacts, energies and pictures may take as long as the run, and a user who has pressed Ctrl-C does not
     # want to wait.
-    left_out = "interrupted: speeds and forces of impacts, energies and pictures are left out"
     if interrupted:
-        print(left_out, flush=True)
+        print(
+            "interrupted: speeds and forces of impacts, energies and pictures are left out; Ctrl-C ends at once",
+            flush=True,
+        )
     try:
         print(tables.counter_line(result), end="\n\n")
         print(tables.contact_tables(result, forces=not interrupted), end="\n\n", flush=True)
@@ -86,20 +78,11 @@ def _simulated(arguments: argparse.Namespace, file: SceneFile, folder: Path, stu
     for note in result.notes:
         print(f"note: {note}")
     saved: list[Path] = []
-    with (
-        working("interrupted; writing what was computed (Ctrl-C ends at once)")
-        if interrupted
-        else contextlib.nullcontext()
-    ):
-        if arguments.save is not None:
-            saved.append(result.save(arguments.save, overwrite=arguments.overwrite))
-        if interrupted:
-            written, said = write_soon(result, file.output, folder)
-        else:
-            written, said = write(result, file.output, folder, studio), []
-    for sentence in said:
-        print(sentence)
-    written = saved + written
+    if arguments.save is not None:
+        saved.append(result.save(arguments.save, overwrite=arguments.overwrite))
+    written = saved + write(result, file.output, folder)
+    if not (interrupted or arguments.no_pictures):
+        written += draw(result, file.output, folder, arguments.snapshot)
     print("\nwrote " + "\n      ".join(str(path) for path in written))
     return INTERRUPTED if interrupted else FINE
 

@@ -100,16 +100,10 @@ def _executor(address: str | None) -> Iterator[Any]:
 
 
 def _pictures(table: Sweep, folder: Path) -> list[Path]:
-    from vofem.linalg.aside import apart
-
-    def drawn() -> Path:
-        from vofem.io.pictures.sweeps import sweep_curves
-
-        path: Path = sweep_curves(table, folder / "sweep.png")
-        return path
+    from vofem.io.pictures.sweeps import sweep_curves
 
     try:
-        return [apart(drawn, "drawing")]
+        return [sweep_curves(table, folder / "sweep.png")]
     except ArgumentError as error:
         print(f"no picture: {error}")
         return []

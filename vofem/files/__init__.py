@@ -1,1 +1,1 @@
-"""Files without mechanics: written whole or not at all, locked, checked when read."""
+"""Files without mechanics: written whole or not at all, and checked when read."""

@@ -4,7 +4,7 @@ A trailer of `_MAGIC` and a CRC-32 of all that stands before it follows the
 data. It is compared before HDF5 opens the file, because HDF5 may end the
 process where it meets a damaged one. HDF5 ignores what follows its data, and
 removes the trailer when another program changes the file, which is then read
-as one of an earlier version, without the comparison.
+without the comparison.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from vofem.files.whole import impossible, replacing
 #: Object headers of this and later versions carry checksums. VTK and netCDF read them.
 _VERSIONS = ("v108", "v110")
 
-#: What every dataset with elements is written with: checked when read, and quick to compress.
-FILTERS: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True, "fletcher32": True}
+#: How every dataset with elements is compressed: quickly.
+FILTERS: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 
 _MAGIC = b"vofem crc32:"
 _TRAILER = struct.Struct(f"<{len(_MAGIC)}sI")
@@ -246,7 +246,7 @@ def _verify(place: Path) -> None:
         if magic == _MAGIC:
             sound = _checksum(file, size - _TRAILER.size) == checksum
         else:
-            # A file without a trailer, of another program or an earlier version, ends with its data.
+            # A file without a trailer, which another program has written or changed, ends with its data.
             file.seek(0)
             signature, version, width, _, _, base, _, end = _SUPERBLOCK.unpack(file.read(_SUPERBLOCK.size))
             sound = signature != _SIGNATURE or version not in (2, 3) or width != 8 or base + end >= size
@@ -274,11 +274,11 @@ def mark_format(group: h5py.Group, version: int) -> None:
     group.attrs["written_by"] = __version__
 
 
-def check_format(group: h5py.Group, known: int, cure: str = "") -> None:
-    """Raise `StorageError` if a group has a format above the last one that is known."""
-    if int(group.attrs["format"]) > known:
+def check_format(group: h5py.Group, known: int) -> None:
+    """Raise `StorageError` if a group has another format than the one that is known."""
+    if int(group.attrs["format"]) != known:
         written = f"vofem {group.attrs['written_by']} in format {group.attrs['format']}"
         raise StorageError(
-            f"{group.file.filename} was written by {written}; this is vofem {__version__}, which reads formats up to "
-            f"{known}. Update vofem{cure}"
+            f"{group.file.filename} was written by {written}, but this is vofem {__version__}, which reads format "
+            f"{known}; read it with the version that wrote it, or write it again"
         )

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem._validate import nearest, optional
+from vofem._validate import nearest
 from vofem.cards import Shown
 from vofem.errors import ArgumentError
 
@@ -64,14 +64,10 @@ class Table(Shown, Mapping[str, NDArray]):
         return [f"{name} [{unit}]" if unit else name for name, unit in self.units.items()]
 
     def to_dataframe(self) -> Any:
-        """Return a `pandas.DataFrame`; units, title and notes are in its `attrs`.
+        """Return a `pandas.DataFrame`; units, title and notes are in its `attrs`."""
+        import pandas
 
-        Raises
-        ------
-        MissingPackageError
-            If pandas is not installed; it comes with the extra ``vofem[table]``.
-        """
-        frame = optional("pandas", "table", "to_dataframe").DataFrame(self._columns)
+        frame = pandas.DataFrame(self._columns)
         frame.attrs.update(units=dict(self.units), title=self.title, notes=list(self.notes))
         return frame
 

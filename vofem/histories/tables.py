@@ -8,7 +8,6 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem._validate import optional
 from vofem.bodies.base import as_point, place_of
 from vofem.effects.two_points import units_of
 from vofem.histories.contact import ContactHistory
@@ -77,15 +76,15 @@ def named_points(what: str, scene: Scene, points: Mapping[str, Any] | Iterable[A
     return {found.name: found for found in (as_point(f"{what}: a point", point) for point in listed)}
 
 
-def history_columns(run: Tabulated, points: dict[str, Any], t: NDArray | None = None) -> dict[str, tuple[NDArray, str]]:
-    """Return values and units at times in s, or at those of the run: motion of points, force and K_eq of contacts."""
+def history_columns(run: Tabulated, points: dict[str, Any]) -> dict[str, tuple[NDArray, str]]:
+    """Return values and units at the times of a run: motion of points, force and K_eq of contacts."""
     columns: dict[str, tuple[NDArray, str]] = {}
     for name, point in points.items():
-        columns[f"{name} displacement"] = run.displacement(point, t), "m"
-        columns[f"{name} velocity"] = run.velocity(point, t), "m/s"
+        columns[f"{name} displacement"] = run.displacement(point), "m"
+        columns[f"{name} velocity"] = run.velocity(point), "m/s"
     if not run.contacts:
         return columns
-    samples = run.contact_samples if t is None else run.solution.contacts(t)
+    samples = run.contact_samples
     for name, force, stiffness in zip(run.contacts, samples.force, samples.stiffness, strict=True):
         units = units_of(run.scene.effects, name)
         columns[f"{name} force"] = force, units.force
@@ -95,7 +94,8 @@ def history_columns(run: Tabulated, points: dict[str, Any], t: NDArray | None = 
 
 def dataframe_of(run: Tabulated, points: Any, what: str = "to_dataframe") -> Any:
     """Return histories as a `pandas.DataFrame`; see `vofem.Result.to_dataframe`."""
-    pandas = optional("pandas", "table", what)
+    import pandas
+
     columns = history_columns(run, named_points(what, run.scene, points))
     for name in _ENERGIES:
         columns[f"{name} energy"] = getattr(run.energy, name), "J"
@@ -107,7 +107,8 @@ def dataframe_of(run: Tabulated, points: Any, what: str = "to_dataframe") -> Any
 
 def dataset_of(run: Tabulated, points: Any, what: str = "to_xarray") -> Any:
     """Return histories as an `xarray.Dataset`; see `vofem.Result.to_xarray`."""
-    xarray = optional("xarray", "table", what)
+    import xarray
+
     named = named_points(what, run.scene, points)
     variables: dict[str, Any] = {}
     coordinates: dict[str, Any] = {"time": ("time", run.times, {"units": "s"}), "point": list(named)}

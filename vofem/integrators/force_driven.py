@@ -16,7 +16,7 @@ E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from functools import partial
 from typing import Any
 
@@ -159,7 +159,7 @@ class _Run:
     def _snapshot(self, regime: _Regime, spans: int) -> Snapshot:
         """Return what a run goes on from, as plain data."""
         return {
-            "regime": regime,
+            "regime": astuple(regime),
             "spans": spans,
             "y": self.y,
             "output": np.vstack([self.out, self.acceleration, self.pull])[:, : self.cursor],
@@ -173,11 +173,11 @@ class _Run:
         output = saved["output"]
         self.y, self.cursor, self.longest = saved["y"], output.shape[1], saved["longest"]
         self.out[:, : self.cursor] = output[:5]
-        self.missing = tuple(saved.get("missing", self.missing))
+        self.missing = tuple(saved["missing"])
         self.acceleration[: self.cursor], self.pull[: self.cursor] = output[5], output[6]
         for name, value in vars(saved["counters"]).items():
             setattr(self.counters, name, value)
-        return saved["regime"], saved["spans"]
+        return _Regime(*saved["regime"]), saved["spans"]
 
     def _cut(self) -> float:
         """Forget the times that were not reached; return the last one that was, s."""

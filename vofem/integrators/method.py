@@ -58,11 +58,6 @@ class Method:
         Whether it is made for one law, and refuses scenes without it.
     rank : int, optional
         ``method="auto"`` takes the method of the highest rank that does not refuse the scene; never one without.
-    effort : callable, optional
-        ``effort(system, t_end, dt, tol)`` returns the seconds that a run takes at least without compiled code, by
-        which it is decided whether kernels are compiled. Without it they are.
-    compiling : float
-        Seconds of processor time that compiling the kernels of a run takes, with which `effort` is compared.
     reason : callable, optional
         Takes a `System` that the method does not refuse; returns why "auto" takes it. Without it the reason is what
         the method of the highest rank refuses.
@@ -104,6 +99,4 @@ class Method:
     conditional: bool = False
     special: bool = False
     rank: int | None = None
-    effort: Callable[[System, float, float | None, float | None], float] | None = None
-    compiling: float = 12.0
     reason: Callable[[System], str] | None = None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from vofem.integrators.effort import by_critical_steps, by_events, by_steps, nothing
 from vofem.integrators.method import Method, deferred
 from vofem.system import System
 
@@ -20,13 +19,6 @@ def _follows_the_force(system: System) -> str:
     return f"{system.driven.label} follows Eq. 22, which the applied force drives"
 
 
-#: Seconds of processor time that compiling takes: of cold less those of warm processes in
-#: `python benchmarks/start_up.py first`, which has one contact, with half as much again for methods that step in time,
-#: because several laws take twice and all laws three times as long. More digits are not needed: a run in plain Python
-#: starts again after so many seconds. With exact figures this takes at most twice the time of the better choice, and
-#: with figures that are wrong by a factor f at most 1 + f times. The speed of the machine is therefore not measured.
-_BY_EVENTS, _IMPLICIT, _EXPLICIT = 6.0, 4.0, 2.5
-
 EVENT_DRIVEN = Method(
     "event_driven",
     deferred(_EVENTS, "run"),
@@ -35,8 +27,6 @@ EVENT_DRIVEN = Method(
     steps=False,
     exact=True,
     rank=30,
-    effort=by_events,
-    compiling=_BY_EVENTS,
     reason=_is_exact,
 )
 
@@ -52,8 +42,6 @@ ENERGY_CONSERVING = Method(
     records=True,
     conserves=True,
     rank=10,
-    effort=by_steps,
-    compiling=_IMPLICIT,
 )
 
 GENERALIZED_ALPHA = Method(
@@ -63,8 +51,6 @@ GENERALIZED_ALPHA = Method(
     {"rho_infinity": 0.8, "alpha_m": None, "alpha_f": None, "gamma": None, "newmark_beta": None} | _NEARBY,
     adaptive=True,
     records=True,
-    effort=by_steps,
-    compiling=_IMPLICIT,
 )
 
 CENTRAL_DIFFERENCE = Method(
@@ -74,8 +60,6 @@ CENTRAL_DIFFERENCE = Method(
     _NEARBY,
     records=True,
     conditional=True,
-    effort=by_critical_steps,
-    compiling=_EXPLICIT,
 )
 
 FORCE_DRIVEN = Method(
@@ -84,7 +68,6 @@ FORCE_DRIVEN = Method(
     deferred(_FORCE, "refusal"),
     special=True,
     rank=20,
-    effort=nothing,
     reason=_follows_the_force,
 )
 

@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import signal
-import threading
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol
-
-from vofem.kernels.jit import compiling, runs_with_results, waiting_interrupts
-from vofem.linalg.aside import giving_up, waiting
 
 #: Plain data from which a run goes on as if it had never stopped.
 Snapshot = dict[str, Any]
@@ -31,81 +27,45 @@ class Observer(Protocol):
         """
 
 
-class Interrupts:
-    """Whether Ctrl-C was pressed in a run.
+class _Deferred:
+    """A handler of Ctrl-C that counts presses, tells them to the handler of before, and interrupts from the second on.
 
-    Attributes
-    ----------
-    presses : int
-        How often Ctrl-C was pressed.
+    The handler of before may be that of a command, which ends the process at the second press, or that of a loop around
+    this one, which ends too.
     """
 
     def __init__(self) -> None:
         self.presses = 0
+        self.before = signal.getsignal(signal.SIGINT)
 
-    def __call__(self) -> bool:
-        """Return whether Ctrl-C was pressed. A run makes the first call when it has results."""
-        if self not in runs_with_results:
-            runs_with_results.append(self)
-        return self.presses > 0
-
-    def pressed(self) -> bool:
-        """Return whether Ctrl-C was pressed, without saying that there are results."""
-        return self.presses > 0
-
-
-@contextlib.contextmanager
-def deferred_interrupts(keeps: bool = False) -> Iterator[Interrupts]:
-    """Let Ctrl-C wait for the end of a step. The context is a function that returns whether it was pressed.
-
-    A second Ctrl-C interrupts at once. So does the first one while kernels are compiled, or where they would be next,
-    and during a large eigenproblem, as long as the function has not been called: until then a run has computed nothing
-    that could be lost. Outside the main thread nothing is deferred.
-
-    Parameters
-    ----------
-    keeps : bool
-        Whether the run itself keeps its results after a `KeyboardInterrupt` with `presses` of 1. Then a large
-        eigenproblem is given up also where there are results.
-    """
-    run = Interrupts()
-    try:
-        if threading.current_thread() is not threading.main_thread():
-            yield run
-        else:
-            with _handled(run, keeps):
-                yield run
-    finally:
-        if run in runs_with_results:
-            runs_with_results.remove(run)
-
-
-@contextlib.contextmanager
-def _handled(run: Interrupts, keeps: bool) -> Iterator[None]:
-    """Let a run count presses of Ctrl-C within this block, and decide which of them interrupt at once."""
-    before = signal.getsignal(signal.SIGINT)
-
-    def gives_up() -> bool:
-        return run.pressed() and (keeps or not runs_with_results)
-
-    def handle(number: int, frame: Any) -> None:
-        run.presses += 1
-        if run.presses > 1 and callable(before):
-            # What started the run counts the presses that it hears of.
-            before(number, frame)
-        if run.presses > 1 or (waiting() and gives_up()) or compiling():
+    def __call__(self, number: int, frame: Any) -> None:
+        """Count a press."""
+        self.presses += 1
+        try:
+            if callable(self.before):
+                self.before(number, frame)
+        except KeyboardInterrupt:
+            if self.presses > 1 or isinstance(self.before, _Deferred):
+                raise
+        if self.presses > 1:
             raise KeyboardInterrupt
 
+
+@contextlib.contextmanager
+def deferred_interrupts() -> Iterator[Callable[[], bool]]:
+    """Let the first Ctrl-C wait for the end of a step; the second one interrupts at once.
+
+    The context is a function that returns whether Ctrl-C was pressed. Outside the main thread, where Python hears no
+    signals, nothing is deferred.
+    """
+    handler = _Deferred()
+    handled = True
     try:
-        signal.signal(signal.SIGINT, handle)
-    except ValueError:  # an interpreter within another program
-        yield
-        return
-    waiting_interrupts.append(run.pressed)
-    giving_up.append(gives_up)
+        signal.signal(signal.SIGINT, handler)
+    except ValueError:  # another thread, or an interpreter within another program
+        handled = False
     try:
-        yield
+        yield lambda: handler.presses > 0
     finally:
-        waiting_interrupts.remove(run.pressed)
-        giving_up.remove(gives_up)
-        signal.signal(signal.SIGINT, before if before is not None else signal.SIG_DFL)
+        if handled:
+            signal.signal(signal.SIGINT, signal.SIG_DFL if handler.before is None else handler.before)

@@ -22,7 +22,7 @@ def graded(system: System) -> bool:
 
 
 def _graded(system: System) -> bool:
-    if system.strain is None or not np.any(system.rotational):
+    if system.strain is None or not np.any(system.rotation):
         return False
     stiffness = system.stiffness.diagonal() / system.scale**2
     stiffness = stiffness[stiffness > 0.0]
@@ -36,7 +36,7 @@ def static_loss(system: System) -> float:
     solved for through the strains, which is accurate; what K leaves over of
     the load then is rounding, and its response is the error.
     """
-    if system.strain is None or not np.any(system.rotational):
+    if system.strain is None or not np.any(system.rotation):
         return 0.0
     if system.size <= _FEW and not graded(system):
         return 0.0
@@ -56,7 +56,7 @@ def _static_loss(system: System) -> float:
         root = np.linalg.cholesky(rigid.T @ (mass @ rigid))
         rigid = np.linalg.solve(root, rigid.T).T
     worst = 0.0
-    for load in [mass @ np.where(system.rotational, 0.0, 1.0), *input_rows(system)[:3]]:
+    for load in [mass @ np.where(system.rotation, 0.0, 1.0), *input_rows(system)[:3]]:
         balanced = load - mass @ (rigid @ (rigid.T @ load))
         if np.linalg.norm(balanced) <= 1e-9 * np.linalg.norm(load):
             continue

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -42,26 +40,6 @@ def write_branch(branch: Branch, point: Any, path: str | os.PathLike[str], param
     OutputError
         If the file cannot be written.
     """
-    write_branch_within(float("inf"), branch, point, path, parameter)
-    return Path(path)
-
-
-def write_branch_within(
-    seconds: float, branch: Branch, point: Any, path: str | os.PathLike[str], parameter: str = "parameter"
-) -> int:
-    """Write what `write_branch` does, with displacements of as many orbits as some seconds suffice for, evenly spread.
-
-    Parameters
-    ----------
-    seconds : float
-    branch, point, path, parameter
-        As for `write_branch`.
-
-    Returns
-    -------
-    int
-        The number of lines whose displacements are left out; they are written as nan.
-    """
     goal = target(path, (".csv",))
     place = as_point("write_branch: point", point)
     rows: list[tuple[float, float, Any, str]] = [
@@ -71,12 +49,7 @@ def write_branch_within(
     rows += [(special.place, special.value, special.orbit, special.kind) for special in branch.special]
     rows.sort(key=lambda row: row[0])
     orbits = [orbit for _, _, orbit, _ in rows]
-    extremes = np.full((len(orbits), 2), np.nan)
-    end = time.monotonic() + seconds
-    for k in _spread(len(orbits)):
-        if time.monotonic() > end:
-            break
-        extremes[k] = orbits[k].extremes(place)
+    extremes = np.array([orbit.extremes(place) for orbit in orbits]).reshape(-1, 2)
     columns: dict[str, Any] = {
         parameter: np.array([value for _, value, _, _ in rows]),
         "angular frequency [rad/s]": np.array([orbit.omega for orbit in orbits]),
@@ -87,17 +60,7 @@ def write_branch_within(
         "largest multiplier": [_largest(orbit) for orbit in orbits],
         "special": [kind for _, _, _, kind in rows],
     }
-    write_columns(columns, goal)
-    return int(np.count_nonzero(np.isnan(extremes[:, 0])))
-
-
-def _spread(count: int) -> Iterator[int]:
-    """Return the numbers below `count`, so that the first ones of them are evenly spread."""
-    stride = 1 << count.bit_length()
-    yield from range(min(count, 1))
-    while stride > 1:
-        yield from range(stride // 2, count, stride)
-        stride //= 2
+    return write_columns(columns, goal)
 
 
 def _largest(orbit: Any) -> str:

@@ -115,15 +115,10 @@ def _scene(scene: Scene) -> str:
         rows.append(("", f"and {len(scene.effects) - _LINES} more effects"))
 
     def side() -> str:
-        from PIL import Image
-
-        from vofem.io.pictures.backend_pillow import pixels
         from vofem.io.pictures.sketch import sketch
         from vofem.io.pictures.snapshot import at_rest
 
-        file = io.BytesIO()
-        Image.fromarray(pixels(sketch(at_rest(scene), _SIDE, None))).save(file, "PNG")
-        return _picture(file.getvalue())
+        return _picture(sketch(at_rest(scene), _SIDE, None).figure())
 
     return _card("Scene", rows, _drawn(side), [])
 
@@ -190,9 +185,7 @@ def _axes(draw: Callable[[Any], None]) -> str:
 
         figure = Figure(figsize=_FIGURE, dpi=_DPI, layout="constrained")
         draw(figure.subplots())
-        file = io.BytesIO()
-        figure.savefig(file, format="png")
-        return _picture(file.getvalue())
+        return _picture(figure)
 
     return _drawn(made)
 
@@ -205,5 +198,7 @@ def _drawn(make: Callable[[], str]) -> str:
         return f'<div style="color:#6b7280;font-size:85%;max-width:420px">no figure: {escape(str(error))}</div>'
 
 
-def _picture(png: bytes) -> str:
-    return f'<img alt="" src="data:image/png;base64,{base64.b64encode(png).decode()}">'
+def _picture(figure: Any) -> str:
+    file = io.BytesIO()
+    figure.savefig(file, format="png", dpi="figure")
+    return f'<img alt="" src="data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}">'

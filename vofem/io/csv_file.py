@@ -4,20 +4,14 @@ from __future__ import annotations
 
 import csv
 import os
-import time
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from vofem.errors import ArgumentError
 from vofem.files.whole import replacing, target
 from vofem.histories.tables import history_columns, named_points
 from vofem.result import Result
-
-#: Rows that are written first if time is short, and by how many times more at most the next time.
-_FIRST_ROWS, _FINER = 256, 8
 
 
 def write_csv(result: Result, points: Mapping[str, Any] | Iterable[Any], path: str | os.PathLike[str]) -> Path:
@@ -41,55 +35,18 @@ def write_csv(result: Result, points: Mapping[str, Any] | Iterable[Any], path: s
         If the file cannot be written.
     """
     goal = target(path, (".csv",))
-    return _write_histories(result, named_points("write_csv", result.scene, points), None, goal)
-
-
-def write_csv_within(
-    seconds: float, result: Result, points: Mapping[str, Any] | Iterable[Any], path: str | os.PathLike[str]
-) -> int:
-    """Write what `write_csv` does at as many of the stored times as some seconds suffice for, evenly spread.
-
-    Parameters
-    ----------
-    seconds : float
-    result, points, path
-        As for `write_csv`.
-
-    Returns
-    -------
-    int
-        How many stored times there are for each one that is written; 1 if all are.
-    """
-    goal, named = target(path, (".csv",)), named_points("write_csv", result.scene, points)
-    each, end = 1, time.monotonic() + seconds
-    while result.times.size > _FIRST_ROWS * each:
-        each *= _FINER
-    while True:
-        begun = time.monotonic()
-        _write_histories(result, named, None if each == 1 else result.times[::each], goal)
-        now = time.monotonic()
-        fits = (end - now) / max(now - begun, 1e-9)
-        if each == 1 or fits < 2.0:
-            return each
-        each //= min(_FINER, each, 2 ** int(np.log2(fits)))
-
-
-def _write_histories(result: Result, points: dict[str, Any], t: Any, goal: Path) -> Path:
-    """Write histories at some times in s, or at all stored times."""
-    columns: dict[str, Any] = {"t [s]": result.times if t is None else t}
-    found = history_columns(result, points, t)
+    columns: dict[str, Any] = {"t [s]": result.times}
+    found = history_columns(result, named_points("write_csv", result.scene, points))
     return write_columns(columns | {f"{name} [{unit}]": values for name, (values, unit) in found.items()}, goal)
 
 
-def write_probes(result: Result, path: str | os.PathLike[str], each: int = 1) -> Path:
+def write_probes(result: Result, path: str | os.PathLike[str]) -> Path:
     """Write displacement, velocity and acceleration of the points that were recorded at every step.
 
     Parameters
     ----------
     result : Result
     path : path of a .csv
-    each : int
-        One of so many steps is written.
 
     Returns
     -------
@@ -111,7 +68,7 @@ def write_probes(result: Result, path: str | os.PathLike[str], each: int = 1) ->
         columns[f"{name} displacement [m]"] = history.displacement
         columns[f"{name} velocity [m/s]"] = history.velocity
         columns[f"{name} acceleration [m/s^2]"] = history.acceleration
-    return write_columns({name: values[::each] for name, values in columns.items()}, goal)
+    return write_columns(columns, goal)
 
 
 def write_columns(columns: dict[str, Any], goal: Path) -> Path:

@@ -1,4 +1,4 @@
-"""What `vofem doctor` reports: versions, and whether pictures can be drawn off-screen."""
+"""What `vofem doctor` reports: versions, and whether VTK can draw without a window."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from importlib import metadata
 
 from vofem._version import __version__
-from vofem.io.probe import Probe, cure, probe
+from vofem.io.interactive import graphics_fault
 
 #: Distributions that vofem uses.
 REQUIRED = ("numpy", "scipy", "scikit-fem", "numba", "matplotlib", "pyvista", "vtk", "meshio", "h5py", "threadpoolctl")
@@ -22,13 +22,14 @@ class Diagnosis:
     ----------
     versions : dict of str to str or None
         Versions of packages; None for a package that is not installed.
-    rendering : Probe
+    graphics : str
+        Why VTK cannot draw without a window, and what would help; empty where it can.
     compiled : str
         Where compiled code is kept, and which methods it covers.
     """
 
     versions: dict[str, str | None]
-    rendering: Probe
+    graphics: str
     compiled: str = ""
 
     @property
@@ -47,14 +48,11 @@ class Diagnosis:
         if self.missing:
             lines += ["", f"Install what is missing: {sys.executable} -m pip install {' '.join(self.missing)}"]
         lines += ["", *self.compiled.splitlines(), ""] if self.compiled else [""]
-        if self.rendering.works:
-            lines.append(f"Off-screen rendering works ({self.rendering.detail})")
-        else:
-            lines += [
-                f"Off-screen rendering does not work: {self.rendering.detail}",
-                f"To get it, {cure()}",
-                "Until then pictures are drawn with matplotlib",
-            ]
+        lines.append(
+            f"vofem.io.snapshot does not work, all other pictures do: {self.graphics}"
+            if self.graphics
+            else "Pictures of all kinds can be drawn here"
+        )
         return "\n".join(lines)
 
 
@@ -66,7 +64,7 @@ def diagnose() -> Diagnosis:
             versions[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
             versions[name] = None
-    return Diagnosis(versions, probe(), compiled_code())
+    return Diagnosis(versions, graphics_fault(), compiled_code())
 
 
 def compiled_code() -> str:

@@ -1,44 +1,16 @@
-"""Pictures with VTK, off-screen; with matplotlib where VTK does not work."""
+"""Side views of a scene at one time."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from vofem.files.whole import replacing, target
-from vofem.io.probe import Probe, cure, prepare_environment, probe, remembered, try_out
-from vofem.linalg.aside import apart
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.statics import Equilibrium
 
-if TYPE_CHECKING:
-    from vofem.io.pictures.drawing import Drawing
-    from vofem.io.pictures.history_figure import RunView
-    from vofem.io.pictures.studio import Studio
-
-__all__ = ["Probe", "RenderOutcome", "probe", "render"]
-
-
-@dataclass(frozen=True)
-class RenderOutcome:
-    """What was drawn.
-
-    Attributes
-    ----------
-    path : Path
-    backend : str
-        "vtk" or "matplotlib".
-    message : str
-        Why matplotlib was used and how to get VTK; empty where VTK drew.
-    """
-
-    path: Path
-    backend: str
-    message: str
+__all__ = ["render"]
 
 
 def render(
@@ -49,7 +21,7 @@ def render(
     scene: Scene | None = None,
     size: tuple[int, int] = (1600, 700),
     magnification: float | None = None,
-) -> RenderOutcome:
+) -> Path:
     """Draw the side view of a scene at time t.
 
     Beams are coloured by their bending moment, which is also drawn above
@@ -62,7 +34,7 @@ def render(
     result : Result or Equilibrium
     t : float or None
         Time, s; None for an equilibrium.
-    path : path of a .png
+    path : path of a .png, .pdf or .svg
     scene : Scene, optional
         The scene of an equilibrium.
     size : tuple of int
@@ -73,7 +45,8 @@ def render(
 
     Returns
     -------
-    RenderOutcome
+    Path
+        `path`.
 
     Raises
     ------
@@ -82,67 +55,13 @@ def render(
     OutputError
         If the file cannot be written.
     """
-    goal, drawing = sketched(result, t, path, scene=scene, size=size, magnification=magnification)
-    found = remembered()
-    with replacing(goal) as temporary:
-        if found is None:
-            found = try_out(drawing, temporary)
-        elif found.works:
-            prepare_environment()
-            from vofem.io.pictures import backend_vtk
-
-            temporary.write_bytes(backend_vtk.draw(drawing))
-        if not found.works:
-            from vofem.io.pictures import backend_matplotlib
-
-            backend_matplotlib.draw(drawing, temporary)
-    return _outcome(goal, found)
-
-
-def _outcome(goal: Path, found: Probe) -> RenderOutcome:
-    if found.works:
-        return RenderOutcome(goal, "vtk", "")
-    message = f"drawn with matplotlib, because VTK does not work here: {found.detail}. To get VTK, {cure()}"
-    return RenderOutcome(goal, "matplotlib", message)
-
-
-def sketched(
-    result: Result | Equilibrium,
-    t: float | None,
-    path: str | os.PathLike[str],
-    *,
-    scene: Scene | None = None,
-    size: tuple[int, int] = (1600, 700),
-    magnification: float | None = None,
-) -> tuple[Path, Drawing]:
-    """Return where a picture goes and what is on it; parameters are those of `render`."""
+    from vofem.io.pictures.drawing import DPI
     from vofem.io.pictures.sketch import sketch
     from vofem.io.pictures.snapshot import snapshot
 
-    return target(path, (".png",)), sketch(snapshot(result, t, scene), size, magnification)
-
-
-def collect(studio: Studio, picture: Path | None, drawing: Drawing, goal: Path) -> RenderOutcome:
-    """Wait for a side view that a studio was asked for, and put it in its place; draw it here where it failed."""
-    drawn = studio.wait()
+    goal = target(path, (".png", ".pdf", ".svg"))
+    figure = sketch(snapshot(result, t, scene), size, magnification).figure()
     with replacing(goal) as temporary:
-        if drawn and picture is not None:
-            temporary.write_bytes(picture.read_bytes())
-        else:
-            from vofem.io.pictures import backend_matplotlib
-
-            apart(lambda: backend_matplotlib.draw(drawing, temporary), "drawing")
-    assert studio.found is not None
-    return _outcome(goal, studio.found)
-
-
-def collect_history(studio: Studio, picture: Path, views: Sequence[RunView], goal: Path) -> Path:
-    """Wait for histories that a studio was asked for, and put them in their place; draw them here where it failed."""
-    from vofem.io.pictures import history_figure
-
-    if not studio.wait_for_history():
-        apart(lambda: history_figure.draw(views, goal), "drawing")
-        return goal
-    with replacing(goal) as temporary:
-        temporary.write_bytes(picture.read_bytes())
+        # Of a vector format this is the resolution of the strips of moments.
+        figure.savefig(temporary, dpi=DPI if goal.suffix.lower() == ".png" else 3.0 * DPI, facecolor="white")
     return goal

@@ -5,13 +5,15 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING, Any
 
+from vofem.errors import ArgumentError
+
 if TYPE_CHECKING:
     from vofem.progress import Progress
     from vofem.result import Result
     from vofem.scene import Scene
 
 
-def load(path: str | os.PathLike[str]) -> Any:
+def load(path: str | os.PathLike[str], *, scene: Scene | None = None) -> Any:
     """Read a file that `Result.save` or `Branch.save` has written, and return the Result or the Branch.
 
     Every quantity at `times` is the same as before, to the last bit. For an
@@ -21,12 +23,16 @@ def load(path: str | os.PathLike[str]) -> Any:
 
     A file cannot hold Python functions. If the scene contained some, the file
     holds the values that the run needed of them. Whatever needs another value
-    raises `MissingCallableError`, which names the function.
+    raises `MissingCallableError`, which names the function. Bodies of classes that
+    you have written are not in the file. Give the scene again to load such a run.
 
     Parameters
     ----------
     path : path
         Name of the file.
+    scene : Scene, optional
+        The scene of the run, made again in Python. It takes the place of the scene
+        in the file.
 
     Returns
     -------
@@ -35,13 +41,21 @@ def load(path: str | os.PathLike[str]) -> Any:
     Raises
     ------
     StorageError
-        If the file is missing, of another kind, damaged, or of a newer vofem.
+        If the file is missing, of another kind, damaged, or of another format.
+    ArgumentError
+        If the scene is not the same, or the file holds a branch, which keeps its scenes.
+    MissingCallableError
+        If the run has bodies of other classes and the scene was not given.
     """
     from vofem.files.hdf5 import reading
     from vofem.io.storage import branch_file, run_file
 
     with reading(path) as file:
-        return branch_file.read(file) if branch_file.GROUP in file else run_file.read(file)
+        if branch_file.GROUP not in file:
+            return run_file.read(file, scene)
+        if scene is not None:
+            raise ArgumentError(f"load: {path} holds a branch with its scenes, expected a run; leave out scene=")
+        return branch_file.read(file)
 
 
 def resume(
@@ -61,7 +75,7 @@ def resume(
         The file that was given as ``checkpoint`` to `vofem.simulate`.
     scene : Scene, optional
         The same scene again. It is needed if the scene contains Python
-        functions, which a file cannot hold.
+        functions or bodies of your own classes, which a file cannot hold.
     progress : bool or callable, optional
         See `vofem.simulate`.
     checkpoint_every : float
@@ -74,11 +88,11 @@ def resume(
     Raises
     ------
     StorageError
-        If the file is missing, of another kind, damaged, or of a newer vofem.
+        If the file is missing, of another kind, damaged, or of another format.
     ArgumentError
         If the scene is not the same.
     MissingCallableError
-        If the scene holds callables and was not given.
+        If the scene holds callables or bodies of other classes and was not given.
     """
     from vofem.io.storage import checkpoint
 

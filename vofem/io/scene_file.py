@@ -20,7 +20,7 @@ from vofem.io.scenes.settings import OutputSettings, RespondSettings, RunSetting
 from vofem.io.scenes.writer import scene_to_toml
 from vofem.result import Result
 from vofem.scene import Scene
-from vofem.simulate import simulate
+from vofem.simulate.simulation import simulate
 
 __all__ = [
     "OutputSettings",

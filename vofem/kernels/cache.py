@@ -14,7 +14,7 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
-from vofem.folders import read_entries, user_caches, write_entry
+from vofem.folders import read_entries, write_entry
 
 #: Subpackages that contain kernels.
 _ROOMS = ("kernels", "linalg", "laws", "integrators")
@@ -55,9 +55,12 @@ def cache_folder() -> Path | None:
     It takes the first that can be written of the folder that NUMBA_CACHE_DIR names, that of the package and that of the
     user's caches.
     """
+    import platformdirs
+
     given = os.environ.get("NUMBA_CACHE_DIR")
     named = [Path(given)] if given else []
-    folders = [*named, Path(__file__).parent / "__pycache__", user_caches("numba")]
+    users = platformdirs.user_cache_path("numba", appauthor=False)
+    folders = [*named, Path(__file__).parent / "__pycache__", users]
     return next((folder for folder in folders if _writable(folder)), None)
 
 

@@ -1,13 +1,13 @@
 """The choice between compiled kernels and plain Python for a piece of work.
 
-Plain Python starts at once and is some hundred times slower. Compiled code costs the import of numba and, where it is
-not on disk, the compilation. The time that a process has already spent in plain Python on work of a kind counts too. A
-user who has repeated this work for as long as compiling takes is likely to continue.
+Plain Python starts at once and is some hundred times slower. Work begins in it, and begins anew with compiled kernels
+if it takes longer than these take to be ready. So it takes at most twice the time of the better choice. The time that a
+process has already spent in plain Python on work of a kind counts too, because somebody who repeats this work is likely
+to continue.
 """
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,11 +19,10 @@ from vofem.kernels.mode import Outgrown, decided, kernels
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-#: Seconds that numba takes to be imported, and compiled code to be read from disk.
-_IMPORTING, _READING = 0.6, 0.3
-
-#: Seconds that compiling takes where nothing else is known.
-COMPILING = 12.0
+#: Seconds of processor time after which work in plain Python is given up: about what compiling its kernels takes, and
+#: what importing numba and reading them takes where they are on disk. The speed of the machine is not measured: with
+#: figures that are wrong by a factor f, work takes at most 1 + f times the time of the better choice.
+COMPILING, READING = 4.0, 0.6
 
 _ready: set[str] = set()
 _spent: dict[str, float] = {}
@@ -51,7 +50,7 @@ class Choice:
 
     def instead(self) -> Choice:
         """Return the choice of compiled kernels, for work that has exceeded `patience` in plain Python."""
-        return choose(self.kind, float("inf"), True)
+        return choose(self.kind, True)
 
     def done(self, seconds: float) -> None:
         """Store that work of this kind was done, and the seconds of processor time that it took."""
@@ -63,22 +62,15 @@ class Choice:
             _spent[self.kind] = _spent.get(self.kind, 0.0) + seconds
 
 
-def by_need(kind: str, effort: Callable[..., float]) -> Callable[[F], F]:
-    """Let a function run kernels as plain Python if its work is small, unless the user has decided.
-
-    Parameters
-    ----------
-    kind : str
-    effort : callable
-        Returns, for the arguments of the function, the seconds that it takes in plain Python.
-    """
+def by_need(kind: str) -> Callable[[F], F]:
+    """Let a function run kernels as plain Python if its work is small, unless the user has decided."""
 
     def decorate(function: F) -> F:
         @wraps(function)
         def call(*arguments: Any, **named: Any) -> Any:
             if decided() is not None:
                 return function(*arguments, **named)
-            choice = choose(kind, effort(*arguments, **named))
+            choice = choose(kind)
             begun = time.thread_time()
             try:
                 with kernels(compiled=choice.compiled, patience=choice.patience):
@@ -95,27 +87,14 @@ def by_need(kind: str, effort: Callable[..., float]) -> Callable[[F], F]:
     return decorate
 
 
-def choose(kind: str, seconds: float, wanted: bool | None = None, compiling: float = COMPILING) -> Choice:
-    """Return the choice for a piece of work.
-
-    Parameters
-    ----------
-    kind : str
-    seconds : float
-        Least time of the work in plain Python, s.
-    wanted : bool, optional
-        Whether kernels are to be compiled, if the user has decided.
-    compiling : float
-        Seconds that compiling the kernels takes.
-    """
+def choose(kind: str, wanted: bool | None = None) -> Choice:
+    """Return the choice for work of a kind; `wanted` is whether kernels are compiled, where somebody has said so."""
     if wanted is False:
         return Choice(kind, False, False, float("inf"))
     if kind in _ready:
         return Choice(kind, True, False, float("inf"))
     on_disk = kind in kinds_on_disk()
-    cost = _READING if on_disk else compiling
-    if "numba" not in sys.modules:
-        cost += _IMPORTING
-    if wanted is None and seconds + _spent.get(kind, 0.0) <= cost:
-        return Choice(kind, False, False, cost)
+    patience = (READING if on_disk else COMPILING) - _spent.get(kind, 0.0)
+    if wanted is None and patience > 0.0:
+        return Choice(kind, False, False, patience)
     return Choice(kind, True, not on_disk, float("inf"))

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import os
+import sys
 import types
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cache, cached_property, update_wrapper
+from traceback import walk_tb
 from typing import Any, TypeVar, cast
+from weakref import WeakSet
 
 import numpy as np
 
@@ -14,6 +18,7 @@ from vofem.kernels.cache import own_name, source_stamp
 from vofem.kernels.mode import check_patience, compiled
 
 F = TypeVar("F", bound=Callable[..., Any])
+T = TypeVar("T")
 
 
 class Intrinsic:
@@ -52,29 +57,33 @@ class CompiledFunction:
     def __init__(self, function: Callable[..., Any]) -> None:
         self.py_func = function
         self._dispatcher: Any = None
+        self._callee: Any = None
         update_wrapper(self, function)
 
     @property
     def dispatcher(self) -> Any:
         """The function as numba sees it."""
         if self._dispatcher is None:
+            _MADE.add(self)
             self._dispatcher = _compiled(self.py_func)
         return self._dispatcher
 
-    @cached_property
+    @property
     def callee(self) -> Any:
         """The function as other compiled functions call it."""
-        from vofem.kernels.compiler import callee
+        if self._callee is None:
+            _MADE.add(self)
+            self._callee = _part(self.py_func) or self.dispatcher
+        return self._callee
 
-        try:
-            return callee(self.py_func)
-        except (ImportError, AttributeError):  # a numba that is built differently
-            return self.dispatcher
+    def forget(self) -> None:
+        """Forget the compiled form, to compile it anew."""
+        self._dispatcher = self._callee = None
 
     @property
     def compilations(self) -> int:
         """Number of times that the function was compiled in this process, once for every kind of arguments."""
-        called = self.__dict__.get("callee")
+        called = self._callee
         own = 0 if self._dispatcher is None else sum(self._dispatcher.stats.cache_misses.values())
         return own if called is None or called is self._dispatcher else own + len(called.signatures)
 
@@ -92,11 +101,78 @@ class CompiledFunction:
     def __call__(self, *arguments: Any) -> Any:
         """Call the compiled function, or the plain one."""
         if compiled():
-            return (self._dispatcher or self.dispatcher)(*arguments)
+            try:
+                return (self._dispatcher or self.dispatcher)(*arguments)
+            except Exception as error:
+                if not _failed_to_compile(error):
+                    raise
+            return self.dispatcher(*arguments)
         check_patience()
         # Compiled code divides by zero and overflows without a warning.
         with np.errstate(all="ignore"):
             return self.plain(*arguments)
+
+
+#: Whether kernels are compiled by `vofem.kernels.compiler`. It builds on parts of numba that may change from version to
+#: version. If it fails once, numba compiles all kernels in its own way from then on.
+_by_own_compiler = True
+
+#: Kernels that have compiled forms.
+_MADE: WeakSet[CompiledFunction] = WeakSet()
+
+
+def compiled_anyhow(work: Callable[[], T]) -> T:
+    """Return what work returns that compiles kernels; do it twice where the compiler of kernels fails."""
+    try:
+        return work()
+    except Exception as error:
+        if not _failed_to_compile(error):
+            raise
+    return work()
+
+
+def _failed_to_compile(error: Exception) -> bool:
+    """Return whether an error is one of the compiler of kernels, which is given up then.
+
+    An error within numba comes from a compilation: machine code that raises leaves no trace there.
+    """
+    inside = (frame.f_globals.get("__name__", "") for frame, _ in walk_tb(error.__traceback__))
+    if not (_by_own_compiler and any(name.split(".")[0] == "numba" for name in inside)):
+        return False
+    _give_up()
+    return True
+
+
+def _give_up() -> None:
+    """Let numba compile all kernels in its own way."""
+    global _by_own_compiler
+    _by_own_compiler = False
+    for kernel in _MADE:
+        kernel.forget()
+
+
+def _part(function: Callable[..., Any]) -> Any:
+    """Return the form of a function that only compiled functions call, or None where numba makes no such form."""
+    if _by_own_compiler:
+        try:
+            from vofem.kernels.compiler import callee
+
+            return callee(function)
+        except Exception:
+            _give_up()
+    return None
+
+
+def _entry() -> dict[str, Any]:
+    """Return options by which numba compiles functions that are called from Python."""
+    if _by_own_compiler:
+        try:
+            from vofem.kernels.compiler import entry_compiler
+
+            return {"pipeline_class": entry_compiler()}
+        except Exception:
+            _give_up()
+    return {}
 
 
 _PLAIN_GLOBALS: dict[str, dict[str, Any]] = {}
@@ -119,8 +195,6 @@ def _numba() -> Any:
     import numba
     from numba.extending import typeof_impl
 
-    _watch_compilations()
-
     @typeof_impl.register(CompiledFunction)
     def type_of(function: CompiledFunction, context: Any) -> Any:
         return numba.types.Dispatcher(function.callee)
@@ -135,57 +209,30 @@ def _numba() -> Any:
     return numba
 
 
-#: Compilations under way: that of a kernel, and those of kernels that it calls.
-_under_way: list[object] = []
-
-#: Functions that return whether Ctrl-C has been pressed and not yet been handled.
-waiting_interrupts: list[Callable[[], bool]] = []
+#: The compiler's lock where it is held for a fork.
+_held: list[Any] = []
 
 
-#: Runs that have results, which would be lost if a compilation within them were interrupted.
-runs_with_results: list[object] = []
+def _before_fork() -> None:
+    """Let compilations of other threads end: their lock would stay closed in the child."""
+    lock = getattr(sys.modules.get("numba.core.compiler_lock"), "global_compiler_lock", None)
+    if lock is not None:
+        lock.acquire()
+        _held.append(lock)
 
 
-@contextlib.contextmanager
-def interruptible() -> Iterator[None]:
-    """Let Ctrl-C end compilation within this block at once, for callers that keep their results nevertheless."""
-    kept, runs_with_results[:] = list(runs_with_results), []
-    try:
-        yield
-    finally:
-        runs_with_results[:] = kept
+def _after_fork() -> None:
+    while _held:
+        _held.pop().release()
 
 
-def compiling() -> bool:
-    """Return whether a kernel is being compiled whose compilation may be interrupted without a loss of results."""
-    return bool(_under_way) and not runs_with_results
-
-
-def _watch_compilations() -> None:
-    """Register functions with numba that report compilations to `compiling`."""
-    from numba.core import event
-
-    class Listener(event.Listener):
-        """Counts compilations that have begun and not ended; none begins after Ctrl-C."""
-
-        def on_start(self, event: Any) -> None:
-            if not runs_with_results and any(pressed() for pressed in waiting_interrupts):
-                raise KeyboardInterrupt
-            _under_way.append(event)
-
-        def on_end(self, event: Any) -> None:
-            del _under_way[-1:]
-
-    event.register("numba:compile", Listener())
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(before=_before_fork, after_in_parent=_after_fork, after_in_child=_after_fork)
 
 
 def _compiled(function: Callable[..., Any]) -> Any:
-    from vofem.kernels.compiler import entry_compiler
-
     numba = _numba()
-    options: dict[str, Any] = {"no_cfunc_wrapper": True}
-    with contextlib.suppress(ImportError, AttributeError):  # a numba that is built differently
-        options["pipeline_class"] = entry_compiler()
+    options = {"no_cfunc_wrapper": True} | _entry()
     try:
         made = numba.njit(cache=True, **options)(function)
     except RuntimeError:  # numba: "cannot cache function: no locator available"

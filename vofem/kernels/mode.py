@@ -24,11 +24,10 @@ class Outgrown(Exception):  # noqa: N818
 
 
 class _Mode(NamedTuple):
-    """How kernels run, when (by `time.thread_time`) work in plain Python gives up, and whether code is not on disk."""
+    """How kernels run, and when (by `time.thread_time`) work in plain Python gives up."""
 
     compiled: bool
     deadline: float
-    first: bool = False
 
 
 #: Decision of the environment variable VOFEM_COMPILED.
@@ -49,12 +48,6 @@ def compiled() -> bool:
     return mode is None or mode.compiled
 
 
-def first_time() -> bool:
-    """Return whether kernels are compiled here that are not on disk, so that each new one takes seconds."""
-    mode = _MODE.get()
-    return mode is not None and mode.first
-
-
 def check_patience() -> None:
     """Raise where work in plain Python has taken longer than it may.
 
@@ -68,7 +61,7 @@ def check_patience() -> None:
 
 
 @contextlib.contextmanager
-def kernels(*, compiled: bool, patience: float = float("inf"), first: bool = False) -> Iterator[None]:
+def kernels(*, compiled: bool, patience: float = float("inf")) -> Iterator[None]:
     """Run all kernels that are called within as compiled code, or as plain Python.
 
     Parameters
@@ -77,10 +70,8 @@ def kernels(*, compiled: bool, patience: float = float("inf"), first: bool = Fal
     patience : float
         Seconds of processor time after which work in plain Python ends in `Outgrown`, at the next call of a kernel. On
         a busy machine compiling would take longer too, so wall time does not count.
-    first : bool
-        Whether compiled code for this work is not on disk.
     """
-    before = _MODE.set(_Mode(compiled, time.thread_time() + patience, first))
+    before = _MODE.set(_Mode(compiled, time.thread_time() + patience))
     try:
         yield
     finally:

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.kernels.jit import CompiledFunction, Intrinsic, jit
+from vofem.kernels.jit import CompiledFunction, Intrinsic, compiled_anyhow, jit
 from vofem.kernels.mode import compiled
 from vofem.laws.group import LawGroup
 from vofem.laws.hysteretic import HystereticLaws
@@ -102,13 +102,18 @@ def _plain_address(function: Any) -> int:
 def _compiled_address(function: CompiledFunction) -> int:
     from numba import carray, cfunc, types
 
-    inner, numbers = function.dispatcher, types.CPointer(types.float64)
+    numbers = types.CPointer(types.float64)
 
-    def outer(what, parameters, count, past, size, u0, u1):  # type: ignore[no-untyped-def]
-        return inner(what, carray(parameters, (count,)), carray(past, (size,)), u0, u1)
+    def made() -> Any:
+        inner = function.dispatcher
 
-    made = cfunc(types.float64(types.int64, numbers, types.int64, numbers, types.int64, types.float64, types.float64))
-    _KEPT.append(made(outer))
+        def outer(what, parameters, count, past, size, u0, u1):  # type: ignore[no-untyped-def]
+            return inner(what, carray(parameters, (count,)), carray(past, (size,)), u0, u1)
+
+        kind = types.float64(types.int64, numbers, types.int64, numbers, types.int64, types.float64, types.float64)
+        return cfunc(kind)(outer)
+
+    _KEPT.append(compiled_anyhow(made))
     return int(_KEPT[-1].address)
 
 

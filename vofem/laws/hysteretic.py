@@ -19,7 +19,7 @@ and end force are therefore monotone functions of u1.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from vofem.kernels.jit import jit
 from vofem.laws.backbone import backbone, backbone_mean
 from vofem.laws.group import LawGroup, ListedLaws
-from vofem.laws.kinds import CALLED_WITH_PAST, HYPERBOLIC, JENKINS
+from vofem.laws.kinds import CALLED_WITH_PAST, JENKINS
 from vofem.laws.paper import no_modes, path_needed
 from vofem.laws.table import Laws
 
@@ -82,12 +82,6 @@ class HystereticLaw:
     gap: float
     parameters: Array
     unit: str = "N"
-
-    @staticmethod
-    def from_earlier(fields: dict[str, Any]) -> dict[str, Any]:
-        """Return the fields of a law that was saved by an earlier version, whose kinds were numbered from 0."""
-        kind = fields["kind"]
-        return fields | {"kind": kind + HYPERBOLIC if kind < HYPERBOLIC else kind}
 
     @property
     def group(self) -> type[LawGroup]:

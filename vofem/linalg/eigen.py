@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import SingularSystemError
-from vofem.linalg.aside import aside
+from vofem.linalg.null_space import null_space
 
 Array = NDArray[np.float64]
 
@@ -82,14 +81,93 @@ def modal_basis(mass: Any, stiffness: Any, scale: Array, rigid: Array, strain: A
             window = np.ix_(part, part)
             dense_m = mass[part][:, part].toarray() if count > 1 else mass.toarray()
             dense_k = stiffness[part][:, part].toarray() if count > 1 else stiffness.toarray()
-            solve = partial(_coupled, dense_m, dense_k, scale[part], rigid[part], largest, strain is not None)
-            values[part], shapes[window] = aside(solve, part.size)
+            values[part], shapes[window] = _coupled(
+                dense_m, dense_k, scale[part], rigid[part], largest, strain is not None
+            )
     if strain is not None:
         shapes = _refined(mass, strain, shapes, values == 0.0)
         energy = np.sum((strain @ shapes) ** 2, axis=0)
         values = np.where(values > 0.0, energy / np.sum(shapes * (mass @ shapes), axis=0), 0.0)
     order = np.argsort(values, kind="stable")
     return values[order], _orthogonal(shapes[:, order], mass)
+
+
+def modes_of_strains(squares: Array, rows: Array, springs: Array) -> tuple[Array, Array]:
+    """Return all eigenpairs of ``diag(squares) + rows' diag(springs) rows``.
+
+    The digits of low modes are in the strains ``sqrt(squares) x`` and ``sqrt(springs) rows x``. The sum of both
+    matrices has lost them beside stiff springs.
+
+    Parameters
+    ----------
+    squares : ndarray, shape (n,)
+        Not negative; 0 for rigid motions, of which those that no row touches stay rigid.
+    rows : ndarray, shape (k, n)
+    springs : ndarray, shape (k,)
+        Positive.
+
+    Returns
+    -------
+    values : ndarray, shape (n,)
+        Ascending.
+    vectors : ndarray, shape (n, n)
+        Orthonormal columns.
+    """
+    strain = np.vstack([np.diag(np.sqrt(squares)), np.sqrt(springs)[:, None] * rows])
+    return _of_strains(strain, _rigid(squares, rows))
+
+
+def modes_held(squares: Array, rows: Array) -> tuple[Array, Array]:
+    """Return all eigenpairs (m,), (n, m) of ``diag(squares)`` restricted to ``rows x = 0``, values ascending.
+
+    Parameters
+    ----------
+    squares : ndarray, shape (n,)
+    rows : ndarray, shape (n - m, n)
+        Independent.
+    """
+    free = np.linalg.qr(rows.T, mode="complete")[0][:, rows.shape[0] :]
+    values, modes = _of_strains(np.sqrt(squares)[:, None] * free, free.T @ _rigid(squares, rows))
+    return values, free @ modes
+
+
+def _rigid(squares: Array, rows: Array) -> Array:
+    """Return an orthonormal basis (n, r) of the motions without frequency that no row touches."""
+    loose = np.flatnonzero(squares == 0.0)
+    basis = np.zeros((squares.size, 0))
+    if loose.size:
+        left = null_space(rows[:, loose], np.repeat(np.linalg.norm(rows, axis=1)[:, None], loose.size, axis=1))
+        basis = np.zeros((squares.size, left.shape[1]))
+        basis[loose] = left
+    return basis
+
+
+def _of_strains(strain: Array, rigid: Array) -> tuple[Array, Array]:
+    """Return all eigenpairs of ``D'D`` for strains D (k, n), given an orthonormal basis (n, r) of its null space."""
+    from scipy.linalg import eigh
+    from scipy.sparse import identity
+
+    r, n = rigid.shape[1], strain.shape[1]
+    if not n:
+        return np.zeros(0), np.zeros((0, 0))
+
+    def refined(guess: Array) -> Array | None:
+        if r:
+            rest = guess[:, r:] - rigid @ (rigid.T @ guess[:, r:])
+            guess = np.hstack([rigid, np.linalg.qr(rest)[0]])
+        better = _refined(identity(n), strain, guess, np.arange(n) < r)
+        return None if better is guess else better
+
+    modes = refined(eigh(strain.T @ strain)[1])
+    if modes is None:
+        # Frequencies that differ by more than 1e7. A singular value decomposition takes longer and knows more digits.
+        guess = np.linalg.svd(strain, full_matrices=False)[2][::-1].T
+        modes = refined(guess)
+        modes = guess if modes is None else modes
+    squares = np.sum((strain @ modes) ** 2, axis=0) / np.sum(modes**2, axis=0)
+    squares[:r] = 0.0
+    order = np.argsort(squares, kind="stable")
+    return squares[order], np.ascontiguousarray(modes[:, order])
 
 
 def _refined(mass: Any, strain: Any, shapes: Array, rigid: NDArray[np.bool_]) -> Array:

@@ -146,47 +146,6 @@ def oscillator_changes(delta: Array, p: Array, t: Array) -> tuple[Array, Array]:
 
 
 @jit
-def oscillator_remainder(delta: float, p: float, t: float) -> tuple[float, float]:
-    """Return ``c - 1 + delta t, s - t`` of `oscillator`: the part of second order in t, accurate to all digits."""
-    if max(delta, np.sqrt(p)) * t > 0.5:
-        change, s = oscillator_change(delta, p, t)
-        return change + delta * t, s - t
-    # The series of s; that of c = s' + delta s follows.
-    before, term = t, -delta * t * t
-    total_c, total_s = 0.0, term
-    for k in range(2, 40):
-        # Here `before` and `term` are those of t^(k-1) and t^k.
-        after = -(2.0 * delta * t * k * term + p * t * t * before) / (k * (k + 1))
-        total_c += (k + 1) * after / t + delta * term if t > 0.0 else 0.0
-        total_s += after
-        before, term = term, after
-        if abs(after) + abs(before) <= 1e-19 * abs(total_s):
-            break
-    return total_c, total_s
-
-
-def oscillator_remainders(delta: Array, p: Array, t: Array) -> tuple[Array, Array]:
-    """Return `oscillator_remainder` of many oscillators (n,) at many times (m,), each of shape (n, m)."""
-    c, s = oscillator_changes(delta, p, t)
-    c += delta[:, None] * t
-    s -= t
-    short = np.maximum(delta, np.sqrt(p))[:, None] * t <= 0.5
-    d, q, h = (np.broadcast_to(part, c.shape)[short] for part in (delta[:, None], p[:, None], t))
-    before, term = h, -d * h * h
-    total_c, total_s = np.zeros_like(h), term.copy()
-    with np.errstate(invalid="ignore", divide="ignore"):
-        for k in range(2, 40):
-            after = -(2.0 * d * h * k * term + q * h * h * before) / (k * (k + 1))
-            total_c += np.where(h > 0.0, (k + 1) * after / h + d * term, 0.0)
-            total_s += after
-            before, term = term, after
-            if np.all(np.abs(after) + np.abs(before) <= 1e-19 * np.abs(total_s)):
-                break
-    c[short], s[short] = total_c, total_s
-    return c, s
-
-
-@jit
 def matrix_change(generator: Array, t: float) -> Array:
     """Return ``exp(A t) - I`` of a small matrix A, shape (n, n), by Taylor's series and squaring.
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.kernels.jit import jit, plain_form
-from vofem.linalg.exponential import half_turns, oscillator_remainder
+from vofem.linalg.exponential import half_turns
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -118,14 +118,3 @@ def oscillators_at(of: Oscillators, t: float, c: Array, s: Array) -> None:
         left = 1.0 + slower[k]
         c[k] = slower[k] + left * (turn[k] + 0.5 * faster[k])
         s[k] = left * ((sine[k] - faster[k]) / of.divisor[k] + t * of.critical[k])
-
-
-@jit
-def remainders_at(of: Oscillators, t: float, c: Array, s: Array) -> None:
-    """Change the functions of `oscillators_at` to ``c - 1 + delta t`` and ``s - t``, accurate to all digits."""
-    for k in range(c.size):
-        if max(of.delta[k], of.frequency[k]) * t > 0.5:
-            c[k] += of.delta[k] * t
-            s[k] -= t
-        else:
-            c[k], s[k] = oscillator_remainder(of.delta[k], of.p[k], t)

@@ -108,7 +108,7 @@ def _chain() -> Scene:
     return Scene(masses, effects, initial={masses[0]: (0.0, 1.0)})
 
 
-#: Scenes for methods that step in time, by what `integrators.effort.kind_of_run` says of their laws.
+#: Scenes for methods that step in time, by what `simulate.plan.kind_of_run` says of their laws.
 STEPPED: dict[str, Callable[[], Scene]] = {
     "one law": _one,
     "one law, dampers": _one_damped,

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 from vofem._validate import nearest
 from vofem.errors import MethodError
-from vofem.integrators.effort import seconds_between_breakpoints, seconds_under_tolerance
 from vofem.integrators.method import Method
 from vofem.integrators.methods import ENERGY_CONSERVING, GENERALIZED_ALPHA
 from vofem.integrators.registry import method_named, method_names, methods, ranked
+from vofem.simulate.cost import seconds_between_breakpoints, seconds_under_tolerance
 from vofem.system import System
 
 

@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from vofem.blas import blas_threads
 from vofem.errors import MethodError
 from vofem.integrators.base import ProbeRows, ProbeSamples, Solution
-from vofem.integrators.effort import kind_of_run
 from vofem.integrators.method import Method
 from vofem.integrators.registry import method_named
-from vofem.kernels.choice import Choice, choose
+from vofem.kernels.choice import choose
 from vofem.kernels.mode import Outgrown, decided, kernels
+from vofem.laws.kinds import FEWEST_IN_BAND
+from vofem.laws.table import build_laws
 from vofem.progress import Progress, RunProgress
 from vofem.result import Result
 from vofem.scene import Scene
@@ -84,7 +85,8 @@ def run_plan(
     reason = method.refusal(system)
     if reason is not None:
         raise MethodError(reason)
-    choice = _choice(method, system, plan)
+    wanted = plan.compiled if plan.compiled is not None else decided()
+    choice = choose(kind_of_run(method, system, plan.options.get("tol"), plan.probes is not None), wanted)
     while True:
         planned = replace(plan, compiled=choice.compiled)
         save = None if writer is None else writer(planned)
@@ -93,7 +95,7 @@ def run_plan(
         try:
             with (
                 RunProgress(plan.t_end, progress, save, every, first) as run_progress,
-                kernels(compiled=choice.compiled, patience=choice.patience, first=choice.first),
+                kernels(compiled=choice.compiled, patience=choice.patience),
                 blas_threads(system.size),
             ):
                 result = _run(scene, planned, None if run_progress.idle else run_progress, snapshot)
@@ -109,14 +111,32 @@ def run_plan(
 _COMPILING = "compiling {}, once on this machine"
 
 
-def _choice(method: Method, system: System, plan: Plan) -> Choice:
-    """Return the decision whether a run uses compiled kernels."""
-    wanted = plan.compiled if plan.compiled is not None else decided()
-    if method.effort is None:
-        return choose(method.name, float("inf"), wanted)
-    tol = plan.options.get("tol")
-    kind = kind_of_run(method, system, tol, plan.probes is not None)
-    return choose(kind, method.effort(system, plan.t_end, plan.dt, tol), wanted, method.compiling)
+def kind_of_run(method: Method, system: System, tol: float | None, probes: bool = False) -> str:
+    """Return what kernels a run needs, as a name that is the same for all runs that need the same ones.
+
+    Kernels of methods that step in time are compiled for the kinds of laws that a system holds, see `laws.table.Kinds`,
+    and for one, several or many laws.
+
+    Parameters
+    ----------
+    method : Method
+    system : System
+    tol : float or None
+    probes : bool
+        Whether points are recorded at every step.
+    """
+    if method.exact:
+        return f"{method.name}, damped" if system.damped else method.name
+    if not method.steps or method.special:
+        return method.name
+    with kernels(compiled=False):  # no law is called
+        laws = build_laws(system.laws)
+    count = laws.table.size
+    parts = [method.name] if tol is None else [method.name, "tol"]
+    if count:
+        parts.append("one law" if count == 1 else "several laws" if count < FEWEST_IN_BAND else "many laws")
+    parts += [name for name, present in laws.kinds._asdict().items() if present]
+    return ", ".join([*parts, "probes"] if probes else parts)
 
 
 def _run(scene: Scene, plan: Plan, observer: RunProgress | None, snapshot: dict[str, Any] | None) -> Result:

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from vofem._validate import number
 from vofem.initial import StateSource
-from vofem.persistence import store
 from vofem.progress import Progress
 from vofem.result import Result
 from vofem.scene import Scene
@@ -132,10 +131,15 @@ def simulate(
     Notes
     -----
     Ctrl-C ends a run between two steps. The part of the run that was computed is
-    returned, and a note says so. A second Ctrl-C interrupts at once, and so does
-    the first one while kernels are compiled: then nothing is returned.
+    returned, and a note says so. Ctrl-C waits for kernels that are being compiled.
+    A second Ctrl-C raises KeyboardInterrupt at once, and nothing is returned.
     """
     plan = checked_plan(scene, t_end, method, dt, tol, times, probes, options, initial, t_start, compiled)
     every = number("simulate: checkpoint_every", checkpoint_every, minimum=0)
-    writer = None if checkpoint is None else store().snapshots(checkpoint, scene)
+    writer = None
+    if checkpoint is not None:
+        # Late, because simulations know no file format.
+        from vofem.io.storage.checkpoint import checkpoint_writer
+
+        writer = checkpoint_writer(checkpoint, scene)
     return run_plan(scene, plan, progress, writer, every, None)

@@ -10,7 +10,7 @@ from vofem.kernels.choice import by_need
 from vofem.scene import Scene, as_scene
 from vofem.statics.held import check_held
 from vofem.statics.outcome import Equilibrium, StaticContact
-from vofem.statics.solver import EquilibriumSolver, effort, solver_of
+from vofem.statics.solver import EquilibriumSolver, solver_of
 from vofem.system import CLOSED, OPEN, PINNED
 
 
@@ -39,7 +39,7 @@ def equilibrium(scene: Scene, t: float = 0.0) -> Equilibrium:
     return _equilibrium(as_scene("equilibrium", scene), t)
 
 
-@by_need("statics", lambda scene, t: effort(scene.model.system))
+@by_need("statics")
 def _equilibrium(scene: Scene, t: float) -> Equilibrium:
     model = scene.model
     system = model.system

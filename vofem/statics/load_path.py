@@ -78,7 +78,7 @@ def quasi_static(scene: Scene, load_factors: ArrayLike) -> QuasiStatic:
     return _path(model, force, factors)
 
 
-@by_need("statics", lambda model, force, factors: _effort(model, factors))
+@by_need("statics")
 def _linear(model: Model, force: Array, factors: Array) -> QuasiStatic:
     from vofem.statics.solver import solver_of
 
@@ -100,7 +100,7 @@ def _driven(model: Model, forces: Array, factors: Array) -> QuasiStatic:
     return QuasiStatic(model, factors, xi[None, :], {}, springs, 0, np.zeros(0), notes)
 
 
-@by_need("statics", lambda model, force, factors: _effort(model, factors))
+@by_need("statics")
 def _path(model: Model, force: Array, factors: Array) -> QuasiStatic:
     from vofem.statics.solver import EquilibriumSolver
 
@@ -135,12 +135,6 @@ def _path(model: Model, force: Array, factors: Array) -> QuasiStatic:
                 springs[name] = SpringPath(u[j], reactions[j], energies[0, j], energies[1, j])
     notes = work_notes(factors, force @ q, taken(system, q, energies))
     return QuasiStatic(model, factors, q, contacts, springs, solver.iterations, solver.laws.state, notes)
-
-
-def _effort(model: Model, factors: Array) -> float:
-    from vofem.statics.solver import effort
-
-    return effort(model.system, factors.size)
 
 
 def _check_limit(model: Model, solver: Any, pulls: Array, factor: float, force: Array, found: bool) -> None:

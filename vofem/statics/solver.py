@@ -53,17 +53,6 @@ _MOST_CORRECTIONS = 8
 _RAMPS = (1e-6, 1e-9, 1e-12)
 
 
-#: Seconds in plain Python for a law in an equilibrium, and for an unknown where strains are factored.
-_LAW, _STRAIN = 3e-3, 5e-3
-
-
-def effort(system: System, count: int = 1) -> float:
-    """Return an estimate of the seconds that some equilibria take in plain Python."""
-    laws = sum(len(group) for group in system.laws if group.static)
-    strains = _STRAIN * system.size if system.strain is not None and system.size > _MANY_UNKNOWNS else 0.0
-    return strains + _LAW * laws * count
-
-
 def _factorize(matrix: Any) -> Any:
     """Return a function that solves with a sparse symmetric matrix."""
     from scipy.sparse.linalg import splu
@@ -93,7 +82,7 @@ def solver_of(system: System) -> Solve:
         from vofem.linalg.orthogonal import OrthogonalFactor, elimination_orders
 
         strain = system.strain if held is None else vstack([system.strain, held], format="csr")
-        factor = OrthogonalFactor(strain, elimination_orders(strain, system.rotational)[0])
+        factor = OrthogonalFactor(strain, elimination_orders(strain, system.rotation)[0])
 
         def respond(right: Array) -> Array:
             return factor.solve(right) if right.ndim == 1 else np.stack([factor.solve(b) for b in right.T], axis=1)

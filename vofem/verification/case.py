@@ -10,7 +10,7 @@ from vofem.integrators import methods as built_in
 from vofem.integrators.registry import methods
 from vofem.result import Result
 from vofem.scene import Scene
-from vofem.simulate import simulate
+from vofem.simulate.simulation import simulate
 from vofem.statics import Equilibrium, equilibrium
 from vofem.studies.steady import Branch, PeriodicOrbit, continuation, periodic
 from vofem.vibration import Modes, modes

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.integrators.event_driven.load_table import LoadTable
-from vofem.integrators.event_driven.motion import LONG, RESONANT, special_response
-from vofem.integrators.event_driven.status_table import Table, add_columns, to_modes, to_real
+from vofem.integrators.event_driven.motion import RESONANT, special_response
+from vofem.integrators.event_driven.status_table import Table, add_columns, to_modes
 from vofem.kernels.jit import jit
-from vofem.linalg.exponential import oscillator_change, oscillator_remainder
+from vofem.linalg.exponential import oscillator_change
 from vofem.linalg.vectors import fill
 
 Array = NDArray[np.float64]
@@ -136,25 +136,17 @@ def _enter_special(blocks: Blocks, e: int, k: int, exponent: complex, g1: comple
 
 
 @jit
-def _changes(
-    table: Table, s: int, omega: Array, blocks: Blocks, special: int, tau: float, remainder: bool, z: Array, v: Array
-) -> None:
-    """Write by how much the block states have changed at tau, on request without the part that is linear in tau."""
+def _changes(table: Table, s: int, omega: Array, blocks: Blocks, special: int, tau: float, z: Array, v: Array) -> None:
+    """Write by how much the block states have changed at tau."""
     for k in range(z.size):
         delta, p, z0, v0 = table.delta[s, k], table.p[s, k], blocks.z[k], blocks.v[k]
-        if remainder:
-            c, sine = oscillator_remainder(delta, p, tau)
-        else:
-            c, sine = oscillator_change(delta, p, tau)
-        z[k] = c * z0 + sine * (v0 + delta * z0)
-        v[k] = c * v0 - sine * (p * z0 + delta * v0)
-        if not remainder:
-            z[k] += blocks.rate_z[k] * tau
-            v[k] += blocks.rate_v[k] * tau
+        c, sine = oscillator_change(delta, p, tau)
+        z[k] = c * z0 + sine * (v0 + delta * z0) + blocks.rate_z[k] * tau
+        v[k] = c * v0 - sine * (p * z0 + delta * v0) + blocks.rate_v[k] * tau
     for h in range(omega.size):
         half = 0.5 * omega[h] * tau
         sine, cosine = np.sin(half), np.cos(half)
-        turned = complex(-2.0 * sine * sine, 2.0 * sine * cosine - (omega[h] * tau if remainder else 0.0))
+        turned = complex(-2.0 * sine * sine, 2.0 * sine * cosine)
         for k in range(z.size):
             z[k] += (blocks.steady_z[k, h] * turned).real
             v[k] += (blocks.steady_v[k, h] * turned).real
@@ -163,45 +155,29 @@ def _changes(
         more_z, more_v = special_response(
             table.delta[s, k], table.p[s, k], blocks.exponent[e], blocks.g1[e], blocks.g2[e], blocks.ramp[e], tau
         )
-        early = tau if remainder and not blocks.ramp[e] else 0.0
-        z[k] += more_z - early * blocks.g1[e].real
-        v[k] += more_v - early * blocks.g2[e].real
+        z[k] += more_z
+        v[k] += more_v
 
 
 @jit
 def move(
-    table: Table, s: int, omega: Array, blocks: Blocks, special: int, tau: float, velocity: Array, change: Array,
-    both: Array,
+    table: Table, s: int, omega: Array, blocks: Blocks, special: int, tau: float, change: Array, both: Array
 ) -> None:  # fmt: skip
     """Write by how much modal displacement and velocity have changed at tau, as `Motion.mode_changes` does.
 
     Parameters
     ----------
-    velocity : ndarray, shape (n,)
-        Modal velocity at the start.
     change : ndarray, shape (2, n)
         Filled.
     both : ndarray, shape (3, 2n)
         Work space.
     """
-    n = velocity.size
-    _changes(table, s, omega, blocks, special, tau, False, both[0, :n], both[0, n:])
-    if not table.mixed[s]:
-        to_modes(table, s, both[0, :n], change[0])
-        to_modes(table, s, both[0, n:], change[1])
-        return
-    fill(both[1], 0.0)
-    add_columns(both[0], table.out[s], n, 2 * n, both[1])
-    to_modes(table, s, both[1, n:], change[1])
-    quickest = table.frequency[s, n - 1]
-    for k in range(n):
-        quickest = max(quickest, table.delta[s, k])
-    short = tau * quickest < LONG
-    if short:
-        _changes(table, s, omega, blocks, special, tau, True, both[0, :n], both[0, n:])
-    add_columns(both[0], table.out[s], 0, n, both[1])
-    if short:
-        to_real(table, s, velocity, both[2, :n])
-        for k in range(n):
-            both[1, k] += both[2, k] * tau
-    to_modes(table, s, both[1, :n], change[0])
+    n = change.shape[1]
+    _changes(table, s, omega, blocks, special, tau, both[0, :n], both[0, n:])
+    part = 0
+    if table.mixed[s]:
+        fill(both[1], 0.0)
+        add_columns(both[0], table.out[s], 0, 2 * n, both[1])
+        part = 1
+    to_modes(table, s, both[part, :n], change[0])
+    to_modes(table, s, both[part, n:], change[1])

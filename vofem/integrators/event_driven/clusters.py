@@ -182,17 +182,3 @@ def add_clusters(flow: ClusterFlow, tau: Array, dz: Array, dv: Array) -> None:
                 k = flow.member[first + j]
                 dz[k, i] = change[j]
                 dv[k, i] = change[count + j]
-
-
-@jit
-def cluster_rates(flow: ClusterFlow, z: Array, v: Array) -> None:
-    """Fill in the rates at tau = 0 of the clusters' blocks, shape (n_blocks,)."""
-    for c in range(flow.rate.size):
-        start = flow.state[flow.states[c] : flow.states[c + 1]]
-        n = start.size
-        rate = flow.matrix[flow.matrices[c] : flow.matrices[c + 1]].reshape(n, n) @ start
-        first, count = flow.members[c], flow.members[c + 1] - flow.members[c]
-        for j in range(count):
-            k = flow.member[first + j]
-            z[k] = rate[j]
-            v[k] = rate[count + j]

@@ -1,11 +1,7 @@
 """Non-classical damping: complex modes, written as independent real blocks.
 
-Where eigenvalues nearly coincide, their eigenvectors are nearly dependent and
-would amplify rounding. They are replaced by an orthonormal basis of the space
-that they span. Two such modes still form a block; more form a cluster, see
-`clusters`.
-
-C. A. Bavely, G. W. Stewart, SIAM J. Numer. Anal. 16 (1979) 359, doi:10.1137/0716028.
+Where eigenvalues nearly coincide, their eigenvectors are nearly dependent and would amplify rounding. The motions that
+damping couples with them are then kept together in one cluster, see `clusters`.
 """
 
 from __future__ import annotations
@@ -16,8 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.integrators.event_driven.clusters import Cluster
-from vofem.integrators.event_driven.invariant import Group, Roots, own_modes, split, well_conditioned
-from vofem.linalg.low_rank_damping import CoupledDamping, coupled_modes
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -28,12 +22,13 @@ _ROUNDING = 2.0 * float(np.finfo(float).eps)
 #: Least frequency, over the lowest one of the other motions, by which velocities of rigid motions are scaled.
 _SLOWEST = 1e-3
 
-#: Number of motions from which on updates of complex modes are cheaper than a full eigenproblem, and the largest
-#: deviation of their rows from the inverse of their columns.
-_FEW, _LOST = 24, 1e-10
+#: Least imaginary part of a complex root over the root, and least distance of two real roots over the roots, for which
+#: they form a block.
+_APART = 1e-2
 
-#: Two coordinates form a block if the sine of the angle between a row and its rate is above this value.
-_TURNING = 1e-2
+#: Condition number of complex modes, over the square of their number, up to which they are used. A cluster loses no
+#: digits, but an evaluation takes a time of the cube of its size.
+_WELL = 10.0
 
 
 class Blocks(NamedTuple):
@@ -56,7 +51,7 @@ class Blocks(NamedTuple):
     clusters: tuple[Cluster, ...] = ()
 
 
-def damped_blocks(stiffness: Array, damping: Array, terms: CoupledDamping | None = None) -> Blocks:
+def damped_blocks(stiffness: Array, damping: Array) -> Blocks:
     """Split ``x'' + C x' + diag(k) x = f`` into blocks.
 
     Rigid motions that C does not resist have a defective double root 0. They
@@ -69,9 +64,6 @@ def damped_blocks(stiffness: Array, damping: Array, terms: CoupledDamping | None
         k, not negative.
     damping : ndarray, shape (m, m)
         C, symmetric and positive semi-definite.
-    terms : CoupledDamping, optional
-        The same C as a diagonal and a few terms, if only few terms couple motions. The complex modes then take O(m^2),
-        and not O(m^3).
     """
     m = stiffness.size
     frame, loose = _loose_motions(stiffness, damping)
@@ -83,8 +75,7 @@ def damped_blocks(stiffness: Array, damping: Array, terms: CoupledDamping | None
     out[free, free], into[free, free] = 1.0, 1.0
     clusters: list[Cluster] = []
     for part in _parts(c, loose):
-        few = terms if frame is None else None
-        inner = _part_blocks(k[part], c[np.ix_(part, part)], few and few.part(part))
+        inner = _part_blocks(k[part], c[np.ix_(part, part)])
         both = np.concatenate([part, m + part])
         delta[part], p[part] = inner.delta, inner.p
         out[np.ix_(both, both)], into[np.ix_(both, both)] = inner.out, inner.into
@@ -149,7 +140,7 @@ def _parts(damping: Array, loose: int) -> list[IntArray]:
     return parts
 
 
-def _part_blocks(k: Array, c: Array, terms: CoupledDamping | None) -> Blocks:
+def _part_blocks(k: Array, c: Array) -> Blocks:
     """Split a part without loose rigid motions, by its complex modes."""
     n = k.size
     if n == 1:
@@ -157,130 +148,47 @@ def _part_blocks(k: Array, c: Array, terms: CoupledDamping | None) -> Blocks:
         return Blocks(0.5 * c[0], k.copy(), np.eye(2), np.eye(2))
     # Velocities are divided by a frequency, so that both halves of the state have one unit.
     omega = state_scale(k, c.diagonal())
-    roots, groups = _updated(k, omega, terms), list[Group]()
-    if roots is None:
-        state = np.zeros((2 * n, 2 * n))
-        state[:n, n:] = np.diag(omega)
-        state[n:, :n] = np.diag(-k / omega)
-        state[n:, n:] = -c
-        roots, groups = split(state)
-    roots = roots.scaled(np.concatenate([1.0 / omega, np.ones(n)]))
+    state = np.zeros((2 * n, 2 * n))
+    state[:n, n:] = np.diag(omega)
+    state[n:, :n] = np.diag(-k / omega)
+    state[n:, n:] = -c
+    # From the stiffest mode to the softest one, `eig` keeps the digits of slow modes beside overdamped ones.
+    stiffest = np.argsort(-omega, kind="stable")
+    order = np.column_stack([n + stiffest, stiffest]).ravel()
     scale = np.concatenate([omega, np.ones(n)])
-    groups = [Group(group.right / scale[:, None], group.left * scale, group.motion) for group in groups]
-    roots, more = roots.taken(*_turning(roots, groups))
-    delta, p = np.zeros(n), np.zeros(n)
-    out, into = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, 2 * n))
-    at = _own_blocks(roots, delta, p, out, into)
-    clusters: list[Cluster] = []
-    for group in _even(groups + more):
-        right, left = group.right, group.left
-        size = right.shape[1] // 2
-        best = _companion(group.motion) if size == 1 else None
-        if best is not None:
-            inverse = np.array([[best[1, 1], -best[0, 1]], [-best[1, 0], best[0, 0]]]) / _determinant(best)
-            right, left = right @ inverse, best @ left
-            delta[at], p[at] = -0.5 * np.trace(group.motion), _determinant(group.motion)
-        else:
-            p[at : at + size] = np.linalg.norm(group.motion, 2) ** 2
-            clusters.append(Cluster(np.arange(at, at + size), group.motion))
-        places = [*range(at, at + size), *range(n + at, n + at + size)]
-        out[:, places], into[places] = right, left
-        at += size
-    return Blocks(delta, p, out, into, tuple(clusters))
-
-
-def _updated(k: Array, omega: Array, terms: CoupledDamping | None) -> Roots | None:
-    """Return all roots and modes of a part whose damping has few terms that couple; None where they are not certain.
-
-    Rows and columns are computed apart from each other. Whether they are each other's inverse shows whether a root was
-    lost, found twice, or is nearly defective.
-    """
-    n = k.size
-    if terms is None or n < _FEW or terms.weights.size**2 > n or not np.all(k > 0.0):
-        return None
-    found = coupled_modes(k, terms)
+    found = _independent(np.ascontiguousarray(state[np.ix_(order, order)]))
     if found is None:
+        largest = np.full(n, float(np.linalg.norm(state, 2)) ** 2)
+        return Blocks(np.zeros(n), largest, np.diag(1.0 / scale), np.diag(scale), (Cluster(np.arange(n), state),))
+    place = np.argsort(order)
+    return found._replace(out=found.out[place] / scale[:, None], into=found.into[:, place] * scale)
+
+
+def _independent(state: Array) -> Blocks | None:
+    """Split ``x' = state x``, shape (2n, 2n), into n blocks; None where its modes are nearly dependent."""
+    n = state.shape[0] // 2
+    roots, modes = np.linalg.eig(state)
+    upper, real = np.flatnonzero(roots.imag > 0.0), np.flatnonzero(roots.imag == 0.0)
+    real = real[np.argsort(roots[real].real, kind="stable")]
+    # Real roots form blocks two by two, a quick one with a slow one.
+    quick, slow = roots[real[: real.size // 2]].real, roots[real[real.size // 2 :]].real
+    a, b = roots[upper].real, roots[upper].imag
+    if np.any(b <= _APART * np.hypot(a, b)) or np.any(slow - quick <= np.sqrt(2.0) * _APART * np.hypot(slow, quick)):
         return None
-    s, x = found
-    right = np.concatenate([omega[:, None] * x, s * x])
-    # The pencil is symmetric, so that the rows hold the same vectors: (s + C) x = -k x / s.
-    left = np.concatenate([-(k / omega)[:, None] * x / s, x])
-    size = np.linalg.norm(right, axis=0)
-    modes = own_modes(s, right / size, (left / (np.sum(left * right, axis=0) / size)).T)
-    if not well_conditioned(modes):
-        return None
-    probe = np.cos(np.arange(2 * n) ** 2)
-    lost = max(
-        float(np.abs(modes.left @ (modes.right @ probe) - probe).max()),
-        float(np.abs(modes.right @ (modes.left @ probe) - probe).max()),
+    # On both columns of a complex root the motion is xi' = [[a, -b], [b, a]] xi.
+    columns = np.hstack(
+        [np.sqrt(2.0) * modes[:, upper].real, -np.sqrt(2.0) * modes[:, upper].imag, modes[:, real].real]
     )
-    return modes if lost < _LOST else None
-
-
-def _turning(roots: Roots, groups: list[Group]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return which pairs of roots form blocks of their own, and which real roots form blocks two by two."""
-    pairs = roots.pairs.imag > _TURNING * np.abs(roots.pairs)
-    real = np.ones(roots.real.size, dtype=bool)
-    if sum(group.right.shape[1] % 2 for group in groups) % 2:
-        # One group is left with an odd number of coordinates, and takes the slowest.
-        real[-1] = False
-    half = int(np.sum(real)) // 2
-    quick, slow = roots.real[:half], roots.real[half : 2 * half]
-    real[: 2 * half] = np.tile(slow - quick > np.sqrt(2.0) * _TURNING * np.hypot(slow, quick), 2)
-    return pairs, real
-
-
-def _own_blocks(roots: Roots, delta: Array, p: Array, out: Array, into: Array) -> int:
-    """Enter the blocks of pairs of roots, and of real roots two by two; return their number."""
-    m, n, half = roots.pairs.size, delta.size, roots.real.size // 2
-    a, b = roots.pairs.real, roots.pairs.imag
-    one, two = roots.right[:, :m], roots.right[:, m : 2 * m]
+    if not np.linalg.cond(columns) < _WELL * n**2:
+        return None
+    rows = np.linalg.inv(columns)
+    m, end = upper.size, upper.size + n
+    out, into = np.empty((2 * n, 2 * n)), np.empty((2 * n, 2 * n))
+    one, two, first, second = columns[:, :m], columns[:, m : 2 * m], rows[:m], rows[m : 2 * m]
     out[:, :m], out[:, n : n + m] = one + two * (a / b), -two / b
-    first, second = roots.left[:m], roots.left[m : 2 * m]
     into[:m], into[n : n + m] = first, a[:, None] * first - b[:, None] * second
-    delta[:m], p[:m] = -a, a**2 + b**2
-    quick, slow = roots.real[:half], roots.real[half:]
-    one, two = roots.right[:, 2 * m : 2 * m + half], roots.right[:, 2 * m + half :]
-    end = m + half
-    out[:, m:end] = (one * slow - two * quick) / (slow - quick)
-    out[:, n + m : n + end] = (two - one) / (slow - quick)
-    first, second = roots.left[2 * m : 2 * m + half], roots.left[2 * m + half :]
-    into[m:end] = first + second
-    into[n + m : n + end] = quick[:, None] * first + slow[:, None] * second
-    delta[m:end], p[m:end] = -0.5 * (quick + slow), quick * slow
-    return end
-
-
-def _companion(motion: Array) -> Array | None:
-    """Return rows (w, w T) that take a plane's coordinates to (z, v), as independent as they can be, or None.
-
-    None where T is nearly a multiple of the identity, so that the rows are nearly dependent.
-    """
-    rows = [np.stack([w, w @ motion]) for w in np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])]
-    best = max(rows, key=_independence)
-    return best if _independence(best) > _TURNING else None
-
-
-def _independence(rows: Array) -> float:
-    """Return the sine of the angle between two rows; 0 where one of them vanishes."""
-    size = float(np.prod(np.linalg.norm(rows, axis=1)))
-    return abs(_determinant(rows)) / size if size > 0.0 else 0.0
-
-
-def _determinant(square: Array) -> float:
-    """Return the determinant of a 2 by 2 matrix by its formula, which does not depend on the unit of time."""
-    return float(square[0, 0] * square[1, 1] - square[0, 1] * square[1, 0])
-
-
-def _even(groups: list[Group]) -> list[Group]:
-    """Return groups of even size: odd ones are joined in pairs, single real roots far apart."""
-    odd = [group for group in groups if group.right.shape[1] % 2]
-    even = [group for group in groups if not group.right.shape[1] % 2]
-    # Larger ones first, so that at most one of them takes a single root.
-    large = [group for group in odd if group.right.shape[1] > 1]
-    single = sorted((group for group in odd if group.right.shape[1] == 1), key=lambda group: group.motion[0, 0])
-    if len(large) % 2:
-        large.append(single.pop())
-    half = len(single) // 2
-    joined = [*zip(large[::2], large[1::2], strict=True), *zip(single[half:], single[:half], strict=True)]
-    return even + [first.joined(second) for first, second in joined]
+    one, two, first, second = columns[:, 2 * m : end], columns[:, end:], rows[2 * m : end], rows[end:]
+    out[:, m:n] = (one * slow - two * quick) / (slow - quick)
+    out[:, n + m :] = (two - one) / (slow - quick)
+    into[m:n], into[n + m :] = first + second, quick[:, None] * first + slow[:, None] * second
+    return Blocks(np.append(-a, -0.5 * (quick + slow)), np.append(a**2 + b**2, quick * slow), out, into)

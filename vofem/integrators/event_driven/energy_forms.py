@@ -14,15 +14,12 @@ the roots alone, so that the energy balance is an independent check.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.integrators.event_driven.energy_by_exponentials import integral, quadrature, ramp_integral
-from vofem.integrators.event_driven.fading import DENSE, Moving, free_rows
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.integrators.event_driven.motion import (
     RESONANT,
@@ -33,7 +30,6 @@ from vofem.integrators.event_driven.motion import (
     start_motion,
 )
 from vofem.integrators.event_driven.spectrum import Spectrum
-from vofem.linalg.oscillators import oscillators
 from vofem.system import CLOSED, ContactLaws
 
 Array = NDArray[np.float64]
@@ -97,8 +93,6 @@ class StatusForms:
         self.sources = np.vstack([vectors, push])
         n = spectrum.p.size
         self.slow = spectrum.p * horizon**2 < 1.0
-        # The form of the energy lost over the coordinates of each class.
-        self._losses: dict[int, Array] = {}
         local = np.asarray(spectrum.real.down(vectors.T)).T
         if spectrum.blocks is None:
             self.rows = np.hstack([np.zeros_like(local), local])
@@ -224,7 +218,7 @@ class StatusForms:
         self, forms: list[_Form], answer: _Answer, start: Array, nu: Array, segment: Integers, tau: Array
     ) -> list[Array]:
         """Return the integrals of the forms from 0 to all tau, each (n_times,)."""
-        rows, parts, losses = [], [], []
+        rows, parts = [], []
         for form in forms:
             y = self._row(form.free, nu, answer.apart)
             rows += [*y.real, *y.imag]
@@ -234,7 +228,6 @@ class StatusForms:
                 twice = self._row(ramp.astype(complex), nu[:1], answer.apart).real
             rows += [*ramp, *twice]
             if form.lost is not None:
-                losses.append(len(rows))
                 rows.append(2.0 * form.lost)
             begin = np.einsum("jnk,nk->jk", y, start), np.einsum("jnk,nk->jk", ramp, start)
             added = np.einsum("jnk,lnk->jlk", form.own, answer.steady)
@@ -243,86 +236,37 @@ class StatusForms:
             parts.append(_Steady(begin, added, less, rising))
         stacked = np.ascontiguousarray(np.transpose(rows, (2, 0, 1)))
         found = np.zeros((len(forms), tau.size))
-        for free, mine in self._split(start, stacked, losses, answer.block, segment, tau):
-            for first in range(0, mine.size, _TOGETHER):
-                at = mine[first : first + _TOGETHER]
-                found[:, at] = self._values(free, forms, parts, answer, nu, segment[at], tau[at])
+        begins = np.ascontiguousarray(start.T)
+        for first in range(0, tau.size, _TOGETHER):
+            at = slice(first, first + _TOGETHER)
+            found[:, at] = self._values(begins, stacked, forms, parts, answer, nu, segment[at], tau[at])
         if np.any(answer.apart):
             for s, own in _runs(segment):
                 for form, total in zip(forms, found, strict=True):
                     total[own] += self._apart(form, answer, start[:, s], nu, s, tau[own])
         return list(found)
 
-    def _split(
-        self, start: Array, stacked: Array, losses: list[int], lasting: Integers, segment: Integers, tau: Array
-    ) -> Iterator[tuple[_Free, Integers]]:
-        """Yield the free motion by the coordinates that still move, each with the places of its times.
+    def _values(
+        self, begins: Array, rows: Array, forms: list[_Form], parts: list[_Steady], answer: _Answer, nu: Array,
+        own: Integers, t: Array,
+    ) -> list[Array]:  # fmt: skip
+        """Return the integrals of the forms from 0 to some times, each (n_times,).
 
         Parameters
         ----------
-        start : ndarray, shape (2n, k)
+        begins : ndarray, shape (k, 2n)
             Free block states at the begins of k segments.
-        stacked : ndarray, shape (k, n_rows, 2n)
+        rows : ndarray, shape (k, n_rows, 2n)
             Rows over the block states.
-        losses : list of int
-            Places of the rows of the energy that is lost.
-        lasting : ndarray of int
-            Blocks that respond to loads from rest.
         """
-        n, spectrum = self.spectrum.p.size, self.spectrum
-        if tau.size < DENSE:
-            every, none = np.arange(2 * n), np.zeros(0, dtype=np.int64)
-            moving = Moving(every, none, oscillators(spectrum.delta, spectrum.p), np.zeros(0))
-            lost = self.lost if losses else None
-            fixed = np.zeros(stacked.shape[:2])
-            yield _Free(moving, np.ascontiguousarray(start.T), stacked, fixed, lost), np.arange(tau.size)
-            return
-        fading = spectrum.fading
-        states, stacked = fading.states(start), fading.functionals(stacked)
-        longest = np.zeros(start.shape[1])
-        np.maximum.at(longest, segment, tau)
-        chosen = fading.choose(states, segment, tau, longest, np.concatenate([lasting, n + lasting]))
-        for number in np.unique(chosen).tolist():
-            yield self._free(number, states, stacked, losses), np.flatnonzero(chosen == number)
-
-    @cached_property
-    def _whole_lost(self) -> Array:
-        """The form of the energy that is lost over all coordinates."""
-        return self.spectrum.fading.form(self.lost)
-
-    def _free(self, number: int, states: Array, stacked: Array, losses: list[int]) -> _Free:
-        """Return the free motion of a class of coordinates, and rows over it, of all segments.
-
-        What the other coordinates contribute is constant, because they have come to rest. Of the energy that is lost,
-        the form of the class alone remains, and what was in all coordinates at the start beyond this form.
-        """
-        moving = self.spectrum.fading.moving(number)
-        begin, rows = np.ascontiguousarray(states[moving.which].T), stacked[:, :, moving.which]
-        fixed, lost = np.zeros(stacked.shape[:2]), None
-        if moving.rest.size:
-            fixed = -np.einsum("krm,mk->kr", stacked[:, :, moving.rest], states[moving.rest])
-        if losses:
-            if number not in self._losses:
-                whole = self._whole_lost
-                self._losses[number] = whole[moving.which] if whole.ndim == 1 else whole[np.ix_(*2 * (moving.which,))]
-            lost = self._losses[number]
-            if moving.rest.size:
-                own, at = 2.0 * _times(lost, begin.T).T, losses[0]
-                before = 0.5 * np.einsum("km,mk->k", stacked[:, at], states)
-                rows[:, at], fixed[:, at] = own, 0.5 * np.einsum("km,km->k", own, begin) - before
-        return _Free(moving, begin, np.ascontiguousarray(rows), fixed, lost)
-
-    def _values(
-        self, free: _Free, forms: list[_Form], parts: list[_Steady], answer: _Answer, nu: Array, own: Integers, t: Array
-    ) -> list[Array]:
-        """Return the integrals of the forms from 0 to times with one class of coordinates, each (n_times,)."""
-        moving, size = free.moving, nu.size
-        change, along = np.empty((t.size, moving.which.size)), np.empty((free.rows.shape[1], t.size))
-        free_rows(moving.pairs, moving.rate, free.begin, own, t, change)
+        delta, p, size = self.spectrum.delta, self.spectrum.p, nu.size
+        change, along = np.empty((t.size, 2 * p.size)), np.empty((rows.shape[1], t.size))
         for s, mine in _runs(own):
+            z, v = free_changes(delta, p, begins[s, : p.size], begins[s, p.size :], t[mine])
             if answer.block.size:
-                self._add_special(answer.special(s, nu), moving, t[mine], change[mine])
-            along[:, mine] = free.rows[s] @ change[mine].T + free.fixed[s][:, None]
+                add_special(delta, p, *answer.special(s, nu), t[mine], z, v)
+            change[mine] = np.concatenate([z, v]).T
+            along[:, mine] = rows[s] @ change[mine].T
         turn = np.asarray(1j * nu, dtype=complex)
         wave, at, values = np.expm1(turn[:, None] * t), 0, []
         plus, minus = _of_products(nu, t)
@@ -336,22 +280,11 @@ class StatusForms:
                 value += t * (begin[1][0, own] + along[at]) - along[at + 1]
                 value += np.sum(rising[:, own] * ramp_integral(turn, t).T, axis=0).real
                 at += 2
-            if free.lost is not None and form.lost is not None:
-                value -= _squares(free.lost, change) + along[at]
+            if form.lost is not None:
+                value -= _squares(self.lost, change) + along[at]
                 at += 1
             values.append(value)
         return values
-
-    def _add_special(self, special: Special, moving: Moving, tau: Array, change: Array) -> None:
-        """Add the responses from rest to changes of the coordinates, shape (n_times, m)."""
-        block = special.block
-        z, v = np.zeros((2, block.size, tau.size))
-        alone = special._replace(block=np.arange(block.size))
-        add_special(self.spectrum.delta[block], self.spectrum.p[block], *alone, tau, z, v)
-        place = np.searchsorted(moving.which[: moving.pairs.p.size], block)
-        for k, more_z, more_v in zip(place, z, v, strict=True):
-            change[:, k] += more_z
-            change[:, moving.pairs.p.size + k] += more_v
 
     def _row(self, r: Complex, nu: Array, apart: NDArray[np.bool_]) -> Complex:
         """Return y with ``(A' + i nu) y = r`` over the blocks that are not apart, and zero over the others."""
@@ -378,7 +311,7 @@ class StatusForms:
         special = special._replace(block=np.searchsorted(keep, special.block))
 
         def power(at: Array) -> Array:
-            z, v = free_changes(delta, p, *begin, at, 0)
+            z, v = free_changes(delta, p, *begin, at)
             if special.block.size:
                 add_special(delta, p, *special, at, z, v)
             state = np.concatenate([z + begin[0][:, None], v + begin[1][:, None]])
@@ -435,28 +368,6 @@ class _Steady(NamedTuple):
     added: Complex
     less: Complex
     rising: Complex | None
-
-
-class _Free(NamedTuple):
-    """The free motion of k segments in the coordinates that still move.
-
-    Attributes
-    ----------
-    moving : Moving
-    begin : ndarray, shape (k, m)
-        Coordinates at the start.
-    rows : ndarray, shape (k, n_rows, m)
-    fixed : ndarray, shape (k, n_rows)
-        What coordinates that have come to rest contribute to the products with the rows.
-    lost : ndarray, shape (m, m) or (m,), optional
-        The form of the energy that is lost, or its diagonal.
-    """
-
-    moving: Moving
-    begin: Array
-    rows: Array
-    fixed: Array
-    lost: Array | None
 
 
 class _Form(NamedTuple):

@@ -227,7 +227,6 @@ class Follower:
         if record.segments - first >= self._segments:
             self._segments = min(2 * self._segments, MOST) if seconds < 0.5 * _SECONDS else self._segments
             self._segments = max(self._segments // 2, 1) if seconds > 2.0 * _SECONDS else self._segments
-        record.known_gaps = record.segments if reached.gaps.size else 0
         counters.steps += record.segments - first
         counters.events += record.events - first_event
         counters.gap_evaluations += int(reached.place[EVALUATIONS]) * reached.gaps.size

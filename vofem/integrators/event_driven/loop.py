@@ -17,12 +17,10 @@ from vofem.integrators.event_driven.load_table import LoadTable
 from vofem.integrators.event_driven.record import Buffers
 from vofem.integrators.event_driven.search import (
     EVALUATION_WORK,
-    TINY,
     BlockFlow,
     EventTerms,
     SearchSpace,
     exact_cut,
-    largest_term,
     march,
     search_space,
 )
@@ -134,7 +132,7 @@ def loop_space(n: int, contacts: int, harmonics: int) -> LoopSpace:
     return LoopSpace(
         search_space(n, contacts), np.empty(most, dtype=np.int64), np.empty(most, dtype=np.bool_),
         np.empty((3, most), dtype=np.complex128), np.empty((2, n, harmonics), dtype=np.complex128), np.empty((11, n)),
-        np.empty((3, 2 * n)), np.empty((6, contacts)), np.empty((contacts, harmonics), dtype=np.complex128),
+        np.empty((3, 2 * n)), np.empty((3, contacts)), np.empty((contacts, harmonics), dtype=np.complex128),
         np.empty((4, contacts, n)),
     )  # fmt: skip
 
@@ -162,7 +160,7 @@ def _fill_terms(
     for j in range(w.shape[0]):
         sign = table.sign[s, j]
         terms.start[j] = sign * reached.gaps[j]
-        level, poly, moving, rate_size = table.level[s, j], 0.0, 0.0, 0.0
+        level, poly, moving = table.level[s, j], 0.0, 0.0
         for k in range(n):
             poly += w[j, k] * blocks.poly_z[k]
             moving += w[j, k] * blocks.rate_z[k]
@@ -172,12 +170,8 @@ def _fill_terms(
                 poly += u[j, k] * blocks.poly_v[k]
                 moving += u[j, k] * blocks.rate_v[k]
                 level += laws.row_sizes[j, k] * abs(displacement[k])
-                rate_size += laws.row_sizes[j, k] * abs(reached.velocity[k])
-            terms.rate[j] = sign * inner(laws.rows[j], reached.velocity)
-            terms.rate_size[j] = rate_size
         terms.constant[j] = max(abs(level), abs(poly))
         terms.slope[j] = moving
-        terms.offset[j] = 0.0
         for h in range(count):
             steady = 0.0j
             for k in range(n):
@@ -207,7 +201,7 @@ def _keep_below(terms: EventTerms, searched: NDArray[np.bool_], count: int) -> N
     for j in range(searched.size):
         if not searched[j]:
             terms.start[j] = -size
-            terms.rate[j] = terms.rate_size[j] = terms.slope[j] = terms.constant[j] = 0.0
+            terms.slope[j] = terms.constant[j] = 0.0
             for h in range(count):
                 terms.steady[j, h] = 0.0j
 
@@ -297,22 +291,15 @@ def run_segments(
                 _copy_searched(w_size, reached.searched, less[2])
                 _copy_searched(u_size, reached.searched, less[3])
                 w, u, w_size, u_size = less[0], less[1], less[2], less[3]
-            terms = EventTerms(
-                mixed, w, u, w_size, u_size, own[0], own[1], own[2], own[3], own[4], space.steady, own[5]
-            )
+            terms = EventTerms(mixed, w, u, w_size, u_size, own[0], own[1], space.steady, own[2])
             _fill_terms(table, s, laws, blocks, omega.size, reached, start, terms)
             if not every:
                 _keep_below(terms, reached.searched, omega.size)
             flow = BlockFlow(
-                table.delta[s], table.p[s], table.frequency[s], blocks.z_start, blocks.v_start, blocks.z, blocks.v,
+                table.delta[s], table.p[s], table.frequency[s], blocks.z, blocks.v,
                 omega, blocks.block[:special], blocks.exponent[:special], blocks.g1[:special], blocks.g2[:special],
                 blocks.ramp[:special], None,
             )  # fmt: skip
-            largest = 0.0
-            for k in range(n):
-                largest = max(largest, abs(blocks.z[k]))
-            if largest < TINY and 0.0 < largest_term(terms, flow) < TINY:
-                return SPECIAL
             levels = table.levels[s, : table.level_count[s]]
             tau, evaluations = march(terms, flow, levels, duration, space.search)
             hit = _only(space.search.hits)
@@ -320,7 +307,7 @@ def run_segments(
                 return SPECIAL
             if hit < 0 and tau < duration:
                 tau = exact_cut(t, tau)
-        move(table, s, omega, blocks, special, tau, reached.velocity, change, both)
+        move(table, s, omega, blocks, special, tau, change, both)
         if hit >= 0:
             speed = 0.0
             for k in range(n):

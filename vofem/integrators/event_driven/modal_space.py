@@ -7,7 +7,6 @@ element model is no longer needed.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,8 +40,6 @@ class ModalSpace:
         Rows c.
     loads : ndarray, shape (n_loads, n)
         Modal load vectors.
-    proportional : (float, float), optional
-        a0 in 1/s and a1 in s where the diagonal part is ``a0 + a1 omega^2`` to the last bit.
     """
 
     shapes: Array
@@ -51,21 +48,11 @@ class ModalSpace:
     coupling: Array | None
     contacts: Array
     loads: Array
-    proportional: tuple[float, float] | None = None
 
     @property
     def size(self) -> int:
         """Number of modes."""
         return int(self.stiffness.size)
-
-    @cached_property
-    def coupling_terms(self) -> tuple[Array, Array] | None:
-        """Rows (k, n) and weights (k,) with ``coupling = rows' diag(weights) rows``; None where they are many."""
-        if self.coupling is None:
-            return np.zeros((0, self.size)), np.zeros(0)
-        values, vectors = np.linalg.eigh(self.coupling)
-        kept = np.abs(values) > _CLASSICAL * np.abs(values).max()
-        return (vectors[:, kept].T.copy(), values[kept]) if np.sum(kept) ** 2 <= self.size else None
 
     def damping_force(self, velocity: Array) -> Array:
         """Return ``C v`` of a modal velocity, shape (n,) or (n, n_times), without contact dampers."""
@@ -84,23 +71,20 @@ def modal_space(system: System, counters: Counters) -> ModalSpace:
     counters.eigensolves += 1
     n = squares.size
     damping, coupling = np.zeros(n), None
-    proportional: tuple[float, float] | None = (0.0, 0.0)
     if system.damped:
         counters.damping_evaluations += 1
         if system.rayleigh is not None:
             damping += system.rayleigh[0] + system.rayleigh[1] * squares
-            proportional = system.rayleigh
         if system.modal_damping is not None:
             damping += system.modal_rates(squares)
-            proportional = None
         if system.damping is not None:
             coupling = shapes.T @ (system.damping @ shapes)
             diagonal = np.diag(coupling)
             bound = _CLASSICAL * np.sqrt(np.abs(np.outer(diagonal, diagonal)))
             if np.all(np.abs(coupling - np.diag(diagonal)) <= bound):
-                damping, coupling, proportional = damping + diagonal, None, None
+                damping, coupling = damping + diagonal, None
     contacts = np.empty((0, n)) if system.contacts is None else np.asarray(system.contacts.rows @ shapes)
     loads = np.empty((0, n))
     if system.loads:
         loads = np.stack([load.vector for load in system.loads]) @ shapes
-    return ModalSpace(shapes, squares, damping, coupling, contacts, loads, proportional)
+    return ModalSpace(shapes, squares, damping, coupling, contacts, loads)

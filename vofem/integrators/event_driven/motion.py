@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.integrators.event_driven.clusters import NO_CLUSTERS, ClusterFlow, add_clusters, cluster_flow, cluster_rates
+from vofem.integrators.event_driven.clusters import NO_CLUSTERS, ClusterFlow, add_clusters, cluster_flow
 from vofem.integrators.event_driven.spectrum import Spectrum
 from vofem.kernels.jit import jit, plain_form
 from vofem.linalg.exponential import (
@@ -23,8 +23,6 @@ from vofem.linalg.exponential import (
     oscillator,
     oscillator_change,
     oscillator_changes,
-    oscillator_remainder,
-    oscillator_remainders,
     ramp_response,
 )
 
@@ -33,10 +31,6 @@ Complex = NDArray[np.complex128]
 
 #: A harmonic counts as resonant where the steady answer would exceed ten times the static one.
 RESONANT = 0.1
-
-#: Time, divided by the time scale of the fastest block, after which this block has decayed and the part of second
-#: order in time is rounding.
-LONG = 1e6
 
 
 class Special(NamedTuple):
@@ -118,7 +112,7 @@ class Motion:
 
     def free_changes(self, tau: Array) -> tuple[Array, Array]:
         """Return by how much the free parts of blocks outside clusters have changed at tau, each (m, n_times)."""
-        z, v = free_changes(self.spectrum.delta, self.spectrum.p, self.z, self.v, tau, 0)
+        z, v = free_changes(self.spectrum.delta, self.spectrum.p, self.z, self.v, tau)
         return z, v
 
     def changes(self, tau: Array) -> tuple[Array, Array]:
@@ -145,50 +139,8 @@ class Motion:
         return z, v
 
     def mode_changes(self, tau: Array) -> tuple[Array, Array]:
-        """Return by how much modal displacements and velocities have changed, each of shape (n, n_times).
-
-        In complex modes displacements after a short time are small sums of large block velocities. They are therefore
-        computed from the initial velocity and the part of second order in time, unless this part is rounding.
-        """
-        z, v = self.changes(tau)
-        spectrum, real, blocks = self.spectrum, self.spectrum.real, self.spectrum.blocks
-        if blocks is None:
-            return spectrum.to_modes(z, v, shifted=False)
-        both = blocks.out @ np.concatenate([z, v])
-        displacement = both[: z.shape[0]]
-        short = tau * max(spectrum.frequency[-1], spectrum.delta.max()) < LONG
-        if np.any(short):
-            later = np.concatenate(self._remainders(tau, z, v))
-            first = real.down(self.velocity)[:, None] * tau
-            displacement = np.where(short, first + blocks.out[: z.shape[0]] @ later, displacement)
-        return real.up(displacement), real.up(both[z.shape[0] :])
-
-    def _remainders(self, tau: Array, z: Array, v: Array) -> tuple[Array, Array]:
-        """Return what is of second order in tau of the changes (z, v), each of shape (m, n_times)."""
-        spectrum = self.spectrum
-        free_z, free_v = free_changes(spectrum.delta, spectrum.p, self.z, self.v, tau, 1)
-        if self.omega.size:
-            turned = np.expm1(1j * self.omega[:, None] * tau) - 1j * self.omega[:, None] * tau
-            free_z += (self.steady_z @ turned).real
-            free_v += (self.steady_v @ turned).real
-        if self.special.block.size:
-            rest_z, rest_v = np.zeros_like(z), np.zeros_like(v)
-            add_special(spectrum.delta, spectrum.p, *self.special, tau, rest_z, rest_v)
-            for k, g1, g2, ramp in zip(
-                self.special.block, self.special.g1, self.special.g2, self.special.ramp, strict=True
-            ):
-                if not ramp:
-                    rest_z[k] -= g1.real * tau
-                    rest_v[k] -= g2.real * tau
-            free_z += rest_z
-            free_v += rest_v
-        if self.clusters.rate.size:
-            rate_z, rate_v = np.zeros((z.shape[0], 1)), np.zeros((z.shape[0], 1))
-            cluster_rates(self.clusters, rate_z[:, 0], rate_v[:, 0])
-            member = self.clusters.member
-            free_z[member] = z[member] - (rate_z + self.poly_z[:, 1:])[member] * tau
-            free_v[member] = v[member] - (rate_v + self.poly_v[:, 1:])[member] * tau
-        return free_z, free_v
+        """Return by how much modal displacements and velocities have changed, each of shape (n, n_times)."""
+        return self.spectrum.to_modes(*self.changes(tau), shifted=False)
 
     def modes(self, tau: Array) -> tuple[Array, Array]:
         """Return modal displacements and velocities, each of shape (n, n_times)."""
@@ -374,25 +326,22 @@ def add_special(
 
 
 @jit
-def free_changes(delta: Array, p: Array, z0: Array, v0: Array, tau: Array, order: int) -> tuple[Array, Array]:
-    """Return by how much free blocks have changed, beyond the change in proportion to time if `order` is 1."""
+def free_changes(delta: Array, p: Array, z0: Array, v0: Array, tau: Array) -> tuple[Array, Array]:
+    """Return by how much free blocks have changed at all tau, each of shape (n, n_times)."""
     n, m = p.size, tau.size
     z, v = np.empty((n, m)), np.empty((n, m))
     for k in range(n):
         push, pull = p[k] * z0[k] + delta[k] * v0[k], v0[k] + delta[k] * z0[k]
         for i in range(m):
-            if order:
-                c, s = oscillator_remainder(delta[k], p[k], tau[i])
-            else:
-                c, s = oscillator_change(delta[k], p[k], tau[i])
+            c, s = oscillator_change(delta[k], p[k], tau[i])
             z[k, i] = c * z0[k] + s * pull
             v[k, i] = c * v0[k] - s * push
     return z, v
 
 
 @plain_form(free_changes)
-def _free_changes_of_all(delta: Array, p: Array, z0: Array, v0: Array, tau: Array, order: int) -> tuple[Array, Array]:
+def _free_changes_of_all(delta: Array, p: Array, z0: Array, v0: Array, tau: Array) -> tuple[Array, Array]:
     """Do what `free_changes` does, for all blocks and times at once."""
     push, pull = p * z0 + delta * v0, v0 + delta * z0
-    c, s = oscillator_remainders(delta, p, tau) if order else oscillator_changes(delta, p, tau)
+    c, s = oscillator_changes(delta, p, tau)
     return c * z0[:, None] + s * pull[:, None], c * v0[:, None] - s * push[:, None]

@@ -59,14 +59,12 @@ class Record:
     ----------
     segments, events : int
         How many rows are in use. A segment that is being computed has a row without a duration.
-    known_gaps : int
-        Number of segments, from the first one on, whose gap functions are known.
     statuses : list of ndarray of int, shape (n_contacts,)
         All contact statuses so far, in the order in which they occurred.
     """
 
     def __init__(self, size: int, contacts: int) -> None:
-        self.segments, self.events, self.known_gaps = 0, 0, 0
+        self.segments, self.events = 0, 0
         self.statuses: list[Status] = []
         self._numbers: dict[bytes, int] = {}
         rows = _FIRST_ROWS
@@ -145,10 +143,9 @@ class Record:
         parts, rows = self.buffers, slice(self.segments)
         contacts = parts.gaps.shape[1]
         table = np.array(self.statuses, dtype=np.int64).reshape(len(self.statuses), contacts)
-        gaps = parts.gaps[rows] if self.known_gaps == self.segments else None
         return Segments(
             parts.starts[rows], parts.durations[rows], table[parts.status[rows]], parts.displacement[rows],
-            parts.velocity[rows], gaps,
+            parts.velocity[rows], parts.gaps[rows],
         )  # fmt: skip
 
     def log(self, initial: Status) -> Events:
@@ -169,9 +166,7 @@ class Record:
         parts.displacement[:count], parts.velocity[:count] = segments.displacement, segments.velocity
         for k, row in enumerate(np.ascontiguousarray(segments.status, dtype=np.int64)):
             parts.status[k] = self.number(row)
-        if segments.gaps is not None:
-            parts.gaps[:count] = segments.gaps
-            self.known_gaps = count
+        parts.gaps[:count] = segments.gaps
         parts.event_time[:events], parts.event_contact[:events], parts.event_status[:events] = times, contacts, status
         self.segments, self.events = count, events
 

@@ -190,7 +190,7 @@ def two_solutions(system: System, held: Any) -> tuple[Solve, Solve]:
 
     if system.strain is not None:
         strain = system.strain if held is None else vstack([system.strain, held], format="csr")
-        first, second = elimination_orders(strain, system.rotational)
+        first, second = elimination_orders(strain, system.rotation)
         return OrthogonalFactor(strain, first).solve, OrthogonalFactor(strain, second).solve
     from scipy.sparse.linalg import splu
 

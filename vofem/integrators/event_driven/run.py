@@ -7,9 +7,6 @@ on the number of events and on the slow motion.
 
 from __future__ import annotations
 
-import time
-from contextlib import suppress
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,8 +29,6 @@ from vofem.integrators.observer import Observer, Snapshot, deferred_interrupts
 from vofem.integrators.registry import advice
 from vofem.integrators.rounding import graded
 from vofem.integrators.sampled_loads import loads_by_values
-from vofem.kernels.jit import interruptible
-from vofem.kernels.mode import first_time
 from vofem.system import Counters, State, System
 
 Array = NDArray[np.float64]
@@ -51,9 +46,6 @@ _LOSSY = 300
 _WORTH_TELLING = 1e-10
 
 MOST_EVENTS = 1_000_000
-
-#: Seconds of a first compiled run after which Ctrl-C is likely, so that the kernels for its histories are compiled too.
-_SHORT = 0.3
 
 
 def refusal(system: System) -> str | None:
@@ -186,24 +178,9 @@ def _follow(
     def snapshot() -> Snapshot:
         return solution.snapshot(follower.time, follower.status, follower.displacement, follower.velocity)
 
-    compiled, begun = not first_time(), 0.0
-    with deferred_interrupts(keeps=True) as interrupted:
+    with deferred_interrupts() as interrupted:
         while follower.time < t_end:
-            counted = vars(counters).copy()
-            try:
-                follower.advance()
-            except KeyboardInterrupt:
-                # The eigenproblem of a new status was given up. Nothing but counters has changed since the last event.
-                if interrupted.presses != 1 or not solution.record.segments:
-                    raise
-                vars(counters).update(counted)
-            if not compiled and follower.time < t_end:
-                begun = begun or time.perf_counter()
-                if time.perf_counter() - begun > _SHORT:
-                    # Ctrl-C ends this at once, and the run with it; what has been computed stays.
-                    with suppress(KeyboardInterrupt), interruptible():
-                        solution.compile_rest()
-                    compiled = True
+            follower.advance()
             if solution.counters.events > max_events:
                 raise EventStormError(_storm(system, solution, follower.time, max_events))
             cut = interrupted() and follower.time < t_end

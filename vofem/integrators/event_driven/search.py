@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from vofem.integrators.event_driven.clusters import ClusterFlow, cluster_change
 from vofem.integrators.event_driven.motion import Motion, special_response
 from vofem.kernels.jit import jit
-from vofem.linalg.exponential import half_turns, oscillator_change, oscillator_remainder
+from vofem.linalg.exponential import half_turns, oscillator_change
 from vofem.linalg.vectors import copy, fill
 
 Array = NDArray[np.float64]
@@ -44,14 +44,13 @@ _ROUNDING = 64.0 * float(np.finfo(float).eps)
 #: eigenproblem.
 _COMPLEX_ROUNDING = 16.0 * _ROUNDING
 
-
-#: Motions smaller than this are multiplied by a power of two before the search.
-TINY = 1e-100
-
 #: Order of the highest derivative computed where a function stays close to zero, and the step, over the shortest
 #: time scale, below which high derivatives are used.
 _ORDER = 9
 _SHORT = 1e-3
+
+#: Least level of rounding of an event function.
+_LEAST = float(np.finfo(float).tiny)
 
 #: Damping ratio above which a block is bounded by its two exponentials.
 _OVERDAMPED = 2.0
@@ -69,10 +68,6 @@ class EventFunctions:
         Bounds on the terms of the sums that w and u are.
     start : ndarray, shape (k,)
         Values at tau = 0.
-    rate : ndarray, shape (k,)
-        Rates at tau = 0, NaN where they are to be computed; of complex modes only.
-    rate_size : ndarray, shape (k,)
-        Bounds on the terms that the rates are summed of; of complex modes only, not used where rates are computed.
     constant : ndarray, shape (k,)
         Size of the constants from which `start` was computed.
     slope : ndarray, shape (k,)
@@ -85,8 +80,6 @@ class EventFunctions:
     w_size: Array
     u_size: Array
     start: Array
-    rate: Array
-    rate_size: Array
     constant: Array
     slope: Array
     harmonic: Complex
@@ -95,9 +88,7 @@ class EventFunctions:
 class EventTerms(NamedTuple):
     """Event functions: changes of ``w z + u v + slope tau + steady`` since start.
 
-    `mixed` says that modes are complex: for real modes u, u_size, rate and rate_size are not used. In complex
-    modes `rate` is the rate at tau = 0, a sum of terms of the size `rate_size`, and `offset` is its rounding error when
-    computed from the blocks.
+    `mixed` says that modes are complex; u and u_size are not used for real modes.
     """
 
     mixed: bool
@@ -106,9 +97,6 @@ class EventTerms(NamedTuple):
     w_size: Array
     u_size: Array
     start: Array
-    rate: Array
-    rate_size: Array
-    offset: Array
     slope: Array
     steady: Complex
     constant: Array
@@ -123,8 +111,6 @@ class BlockFlow(NamedTuple):
     delta: Array
     p: Array
     frequency: Array
-    z_start: Array
-    v_start: Array
     z0: Array
     v0: Array
     omega: Array
@@ -139,7 +125,7 @@ class BlockFlow(NamedTuple):
 class _Point(NamedTuple):
     """Work space: block states, rates, changes without the particular part, sizes of inputs' shares, phi, rate.
 
-    In complex modes the part of the changes in proportion to time is left out. `root` holds the damped frequencies in
+    `root` holds the damped frequencies in
     rad/s, 0 for blocks that do not oscillate, `turn` and `sine` the cosines of their phases less 1 and the sines.
     """
 
@@ -218,71 +204,17 @@ def next_event(functions: EventFunctions, motion: Motion, duration: float) -> tu
         steady = steady + u @ motion.steady_v
     constant = np.maximum(np.abs(functions.constant), np.abs(poly[:, 0]))
     terms = EventTerms(
-        u.shape[1] > 0, w, u, functions.w_size, functions.u_size, functions.start, functions.rate, functions.rate_size,
-        np.zeros(w.shape[0]), poly[:, 1] + functions.slope, steady, constant,
+        u.shape[1] > 0, w, u, functions.w_size, functions.u_size, functions.start,
+        poly[:, 1] + functions.slope, steady, constant,
     )  # fmt: skip
     flow = BlockFlow(
-        spectrum.delta, spectrum.p, spectrum.frequency, *motion.start, motion.z, motion.v, motion.omega,
+        spectrum.delta, spectrum.p, spectrum.frequency, motion.z, motion.v, motion.omega,
         motion.special.block, motion.special.exponent, motion.special.g1, motion.special.g2, motion.special.ramp,
         motion.clusters if motion.clusters.rate.size else None,
     )  # fmt: skip
-    factor = _raise(terms, flow)
-    if factor != 1.0:
-        terms, flow = _raised(terms, flow, factor)
     space = search_space(spectrum.p.size, w.shape[0], flow.clusters)
     tau, evaluations = march(terms, flow, spectrum.levels, duration, space)
     return tau, space.hits, evaluations
-
-
-def _raise(terms: EventTerms, flow: BlockFlow) -> float:
-    """Return a power of two that scales tiny motions to about 1, so that squares do not underflow; 1 for others."""
-    if flow.z0.size and np.abs(flow.z0).max() >= TINY:
-        return 1.0
-    size = largest_term(terms, flow)
-    return float(np.ldexp(1.0, -int(np.frexp(size)[1]))) if 0.0 < size < TINY else 1.0
-
-
-@jit
-def largest_term(terms: EventTerms, flow: BlockFlow) -> float:
-    """Return the largest magnitude of the terms of the event functions."""
-    size = _largest_state(flow.clusters)
-    for k in range(flow.z0.size):
-        size = max(size, abs(flow.z0[k]), abs(flow.v0[k]))
-    for e in range(flow.g1.size):
-        size = max(size, abs(flow.g1[e]), abs(flow.g2[e]))
-    for j in range(terms.constant.size):
-        size = max(size, terms.constant[j], abs(terms.start[j]), abs(terms.slope[j]))
-        for h in range(flow.omega.size):
-            size = max(size, abs(terms.steady[j, h]))
-    return size
-
-
-def _raised(terms: EventTerms, flow: BlockFlow, factor: float) -> tuple[EventTerms, BlockFlow]:
-    """Return the same motion, which is linear in its state and its loads, multiplied by a factor."""
-    clusters = flow.clusters
-    if clusters is not None:
-        clusters = clusters._replace(
-            state=factor * clusters.state, push=factor * clusters.push, jerk=factor * clusters.jerk
-        )
-    return (
-        terms._replace(
-            start=factor * terms.start,
-            rate=factor * terms.rate,
-            rate_size=factor * terms.rate_size,
-            slope=factor * terms.slope,
-            steady=factor * terms.steady,
-            constant=factor * terms.constant,
-        ),
-        flow._replace(
-            z_start=factor * flow.z_start,
-            v_start=factor * flow.v_start,
-            z0=factor * flow.z0,
-            v0=factor * flow.v0,
-            g1=factor * flow.g1,
-            g2=factor * flow.g2,
-            clusters=clusters,
-        ),
-    )
 
 
 @jit
@@ -301,18 +233,10 @@ def _evaluate(tau: float, terms: EventTerms, flow: BlockFlow, at: _Point) -> Non
         else:
             decay = np.expm1(-delta * tau)
             c, s = decay + at.turn[k] + decay * at.turn[k], (1.0 + decay) * at.sine[k] / at.root[k]
-        if mixed:
-            if max(delta, flow.frequency[k]) * tau > 0.5:
-                c, s = c + delta * tau, s - tau
-            else:
-                c, s = oscillator_remainder(delta, p, tau)
         dz[k] = c * z0 + s * (v0 + delta * z0)
         dv[k] = c * v0 - s * (p * z0 + delta * v0)
         z[k] = z0 + dz[k]
         v[k] = v0 + dv[k]
-        if mixed:
-            z[k] += tau * v0
-            v[k] -= tau * (p * z0 + 2.0 * delta * v0)
         zdot[k] = 0.0
         vdot[k] = 0.0
         at.z_size[k] = 0.0
@@ -322,9 +246,8 @@ def _evaluate(tau: float, terms: EventTerms, flow: BlockFlow, at: _Point) -> Non
         more_z, more_v = special_response(
             flow.delta[k], flow.p[k], flow.exponent[e], flow.g1[e], flow.g2[e], flow.ramp[e], tau
         )
-        early = tau if mixed and not flow.ramp[e] else 0.0
-        dz[k] += more_z - early * flow.g1[e].real
-        dv[k] += more_v - early * flow.g2[e].real
+        dz[k] += more_z
+        dv[k] += more_v
         z[k] += more_z
         v[k] += more_v
         at.z_size[k] += abs(more_z) + abs(more_v) * tau
@@ -337,16 +260,14 @@ def _evaluate(tau: float, terms: EventTerms, flow: BlockFlow, at: _Point) -> Non
         vdot[k] -= 2.0 * flow.delta[k] * v[k] + flow.p[k] * z[k]
     _evaluate_clusters(flow.clusters, tau, at)
     for j in range(m):
-        value = terms.start[j] + (terms.rate[j] if mixed else terms.slope[j]) * tau
-        slope = terms.slope[j] + terms.offset[j]
+        value = terms.start[j] + terms.slope[j] * tau
+        slope = terms.slope[j]
         for h in range(flow.omega.size):
             half = 0.5 * flow.omega[h] * tau
             sine, cosine = np.sin(half), np.cos(half)
             steady = terms.steady[j, h]
             turned = complex(-2.0 * sine * sine, 2.0 * sine * cosine)
             value += (steady * turned).real
-            if mixed:
-                value += steady.imag * flow.omega[h] * tau
             slope -= flow.omega[h] * (steady + steady * turned).imag
         for k in range(n):
             value += terms.w[j, k] * dz[k]
@@ -370,7 +291,7 @@ def _evaluate_clusters(clusters: ClusterFlow | None, tau: float, at: _Point) -> 
         now = start + change
         size = now.size
         matrix = clusters.matrix[clusters.matrices[c] : clusters.matrices[c + 1]].reshape(size, size)
-        rate, begin = matrix @ now, matrix @ start
+        rate = matrix @ now
         first, count = clusters.members[c], clusters.members[c + 1] - clusters.members[c]
         norm = 0.0
         for i in range(2 * count):
@@ -378,21 +299,9 @@ def _evaluate_clusters(clusters: ClusterFlow | None, tau: float, at: _Point) -> 
         for i in range(count):
             k = clusters.member[first + i]
             at.z[k], at.v[k] = now[i], now[count + i]
-            # Wherever there are clusters modes are complex.
-            at.dz[k], at.dv[k] = change[i] - tau * begin[i], change[count + i] - tau * begin[count + i]
+            at.dz[k], at.dv[k] = change[i], change[count + i]
             at.zdot[k], at.vdot[k] = rate[i], rate[count + i]
             at.z_size[k] = at.v_size[k] = np.sqrt(norm)
-
-
-@jit
-def _largest_state(clusters: ClusterFlow | None) -> float:
-    """Return the largest magnitude in the states of clusters at their start."""
-    size = 0.0
-    if clusters is None:
-        return size
-    for k in range(clusters.state.size):
-        size = max(size, abs(clusters.state[k]))
-    return size
 
 
 @jit
@@ -509,9 +418,8 @@ def _noise(
 ) -> None:  # fmt: skip
     """Compute the level below which each function is rounding of its terms up to tau.
 
-    In complex modes the terms are those of second order in tau and the rates at tau = 0. For a slow block the velocity
-    divided by the frequency is large compared with all displacements. Only the change of such a block within tau is
-    therefore counted.
+    Complex modes are summed of the velocities of blocks too. For a slow block the velocity divided by the frequency is
+    large compared with all displacements, so only the change of a block within tau is counted.
 
     Parameters
     ----------
@@ -521,27 +429,23 @@ def _noise(
     mixed = terms.mixed
     for j in range(terms.w.shape[0]):
         size = terms.constant[j] + abs(terms.slope[j]) * tau
-        if mixed:
-            size += terms.rate_size[j] * tau
         for h in range(flow.omega.size):
             size += abs(terms.steady[j, h])
         for k in range(flow.p.size):
             amplitude = min(abs(flow.z0[k]) + abs(flow.v0[k]) * tau, cap[k])
             if mixed:
                 energy = free[k]
-                # Free energy does not grow, so it bounds the second derivatives.
-                push = (2.0 * flow.delta[k] + flow.frequency[k]) * energy
-                jerk = 2.0 * flow.delta[k] * push + flow.p[k] * energy
-                amplitude = min(amplitude, 0.5 * push * tau * tau)
-                speed = min(energy, 0.5 * jerk * tau * tau)
+                # Free energy does not grow, so it bounds the rates.
+                amplitude = min(amplitude, energy * tau)
+                speed = min(energy, (2.0 * flow.delta[k] + flow.frequency[k]) * energy * tau)
                 size += terms.u_size[j, k] * (speed + at.v_size[k])
             size += terms.w_size[j, k] * (amplitude + at.z_size[k])
-        noise[j] = _ROUNDING * size + 1e-300
+        noise[j] = _ROUNDING * size + _LEAST
 
 
 @jit
-def _rate_size(j: int, terms: EventTerms, flow: BlockFlow, at: _Point) -> float:
-    """Return a bound on the terms that the rate of a function is summed of."""
+def _rate_is_rounding(j: int, terms: EventTerms, flow: BlockFlow, at: _Point) -> bool:
+    """Return whether the rate of a function is the rounding of its terms."""
     size = abs(terms.slope[j])
     for h in range(flow.omega.size):
         size += flow.omega[h] * abs(terms.steady[j, h])
@@ -549,13 +453,7 @@ def _rate_size(j: int, terms: EventTerms, flow: BlockFlow, at: _Point) -> float:
         size += terms.w_size[j, k] * abs(at.zdot[k])
         if terms.mixed:
             size += terms.u_size[j, k] * abs(at.vdot[k])
-    return size
-
-
-@jit
-def _rate_is_rounding(j: int, terms: EventTerms, flow: BlockFlow, at: _Point) -> bool:
-    """Return whether the rate of a function is the rounding of its terms."""
-    return abs(at.rate[j]) <= _ROUNDING * _rate_size(j, terms, flow, at)
+    return abs(at.rate[j]) <= _ROUNDING * size
 
 
 @jit
@@ -572,7 +470,7 @@ def _complex_rate_is_rounding(j: int, terms: EventTerms, flow: BlockFlow, at: _P
 @jit
 def _safe_time(distance: float, rate: float, curvature: float) -> float:
     """Return how long a function with this rate and curvature bound stays below `distance`."""
-    root = np.sqrt(rate * rate + 2.0 * curvature * distance)
+    root = np.hypot(rate, np.sqrt(2.0 * curvature) * np.sqrt(distance))
     if rate > 0.0:
         return 2.0 * distance / (rate + root)
     if curvature > 0.0:
@@ -604,7 +502,7 @@ def _safe_time_far(
             wave *= 1j * flow.omega[h]
             value[i] += wave.real
             size[i] += abs(wave)
-    value[1] += terms.slope[j] + terms.offset[j]
+    value[1] += terms.slope[j]
     size[1] += abs(terms.slope[j])
     work = space.blocks
     z, v, z_size, v_size = work[22], work[23], work[24], work[25]
@@ -680,7 +578,7 @@ def march(
 ) -> tuple[float, int]:
     """Return time and evaluations of `next_event`, and fill in `space.hits`.
 
-    Motions are not tiny, and `levels` are those of the spectrum.
+    `levels` are those of the spectrum.
     """
     n, m = flow.p.size, terms.w.shape[0]
     delta, p, frequency = flow.delta, flow.p, flow.frequency
@@ -696,7 +594,7 @@ def march(
     # Free energy of the blocks as sqrt(2 E), the amplitude that it allows, and the inverse of the frequency.
     free, cap, slowness = work[11], work[12], work[13]
     for k in range(n):
-        free[k] = np.sqrt(flow.v0[k] ** 2 + p[k] * flow.z0[k] ** 2)
+        free[k] = np.hypot(flow.v0[k], frequency[k] * flow.z0[k])
         cap[k] = free[k] / frequency[k] if frequency[k] > 0.0 else np.inf
         slowness[k] = 1.0 / frequency[k] if frequency[k] > 0.0 else np.inf
     noise = of_functions[2]
@@ -729,13 +627,6 @@ def march(
         for h in range(flow.omega.size):
             steady_curvature[j] += abs(terms.steady[j, h]) * flow.omega[h] ** 2
 
-    if mixed:
-        _evaluate(0.0, terms, flow, at)
-        for j in range(m):
-            if np.isnan(terms.rate[j]):
-                terms.rate[j] = at.rate[j]
-                terms.rate_size[j] = _rate_size(j, terms, flow, at)
-            terms.offset[j] = terms.rate[j] - at.rate[j]
     speed, amplitude, push, jerk = work[18], work[19], work[20], work[21]
     tau, before = 0.0, 0.0
     quickest = 0.0
@@ -765,7 +656,7 @@ def march(
         step = min(duration - tau, longest)
         # Free energy never grows; inputs make sqrt(2 E) grow at most in proportion to time.
         for k in range(n):
-            speed[k] = np.sqrt(at.v[k] ** 2 + p[k] * at.z[k] ** 2) + (g2[k] + frequency[k] * g1[k]) * step
+            speed[k] = np.hypot(at.v[k], frequency[k] * at.z[k]) + (g2[k] + frequency[k] * g1[k]) * step
             amplitude[k] = abs(at.z[k]) + (speed[k] + g1[k]) * step
             if frequency[k] > 0.0:
                 amplitude[k] = min(amplitude[k], speed[k] * slowness[k])

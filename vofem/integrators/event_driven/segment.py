@@ -49,8 +49,8 @@ class Segments(NamedTuple):
     status : ndarray of int, shape (k, n_contacts)
     displacement, velocity : ndarray, shape (k, n)
         Modal states at the start of the segments.
-    gaps : ndarray, shape (k, n_contacts), optional
-        Gap functions at the start, m; None where they are to be computed from the states.
+    gaps : ndarray, shape (k, n_contacts)
+        Gap functions at the start, m.
     """
 
     starts: NDArray[np.float64]
@@ -58,4 +58,4 @@ class Segments(NamedTuple):
     status: NDArray[np.int64]
     displacement: NDArray[np.float64]
     velocity: NDArray[np.float64]
-    gaps: NDArray[np.float64] | None = None
+    gaps: NDArray[np.float64]

@@ -34,7 +34,6 @@ from vofem.integrators.registry import advice
 from vofem.integrators.unclosed import never_closed, open_throughout
 from vofem.kernels.mode import as_it_ran, compiled, kernels
 from vofem.laws import initial_status
-from vofem.linalg.secular import rank_one
 from vofem.system import CLOSED, OPEN, PINNED, Counters, Events, State, System
 from vofem.time_functions import Piece, TimeFunction
 
@@ -150,8 +149,6 @@ class EventSolution:
         # Counters count the work of the run, not that of sampling it later.
         self._motions: dict[int, Motion] = {}
         self.load_functions, self.load_vectors = _gathered(system, space)
-        # Statuses in the order of the run, each with its first segment, whose eigensystems are still to be computed.
-        self._awaited: list[tuple[int, Status]] = []
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the solution without its last samples, which can be computed again."""
@@ -162,10 +159,7 @@ class EventSolution:
         cls, system: System, space: ModalSpace, t_end: float, times: Array, counters: Counters, notes: list[str],
         segments: Segments, events: Events,
     ) -> EventSolution:  # fmt: skip
-        """Return the solution of an earlier run; eigensystems are computed when a segment is first asked for.
-
-        They agree with those of the run to the last bit if all of them can be kept in memory.
-        """
+        """Return the solution of an earlier run; eigensystems are computed when a segment is first asked for."""
         # The modes of the file are those of all runs of this system.
         system.cache.get("modal space", None, lambda: space)
         solution = cls(system, space, t_end, times, Counters())
@@ -173,9 +167,6 @@ class EventSolution:
         record = solution.record
         record.fill(segments, events.time, events.contact, events.status)
         solution._initial = events.initial
-        if len(record.statuses) <= solution._spectra.capacity:
-            _, first = np.unique(record.status_numbers, return_index=True)
-            solution._awaited = list(zip(first.tolist(), record.statuses, strict=True))[::-1]
         return solution
 
     @cached_property
@@ -216,22 +207,12 @@ class EventSolution:
 
     def go_on(self, saved: dict[str, Any]) -> tuple[float, Status, Array, Array]:
         """Restore a snapshot of the same run; return the time and the state from which the run continues."""
-        segments, log = saved["segments"], saved["log"]
+        segments, log = Segments(*saved["segments"]), saved["log"]
         self.record.fill(segments, log[:, 0], log[:, 1].astype(np.int64), log[:, 2].astype(np.int64))
         self._initial = saved["initial"]
-        # Each eigensystem is computed from another one. The order is that of the run, so that the last bits agree.
-        for number in self.record.status_numbers:
-            self._spectra[self.record.statuses[number]]
         for name, value in vars(saved["counters"]).items():
             setattr(self.counters, name, value)
-        # Snapshots of earlier versions hold no gap functions.
-        self.gaps_now = (
-            saved["gaps"]
-            if "gaps" in saved
-            else self._gaps_at_end(self.record.segments - 1)
-            if self.system.contacts is not None
-            else None
-        )
+        self.gaps_now = saved["gaps"]
         t, status, displacement, velocity = saved["now"]
         return t, status, displacement, velocity
 
@@ -241,12 +222,6 @@ class EventSolution:
         self.t_end = t
         self.times = self.times[self.times <= t]
         self.was_cut = True
-
-    def compile_rest(self) -> None:
-        """Compile the kernels that the rest of a run and its histories need, because none is compiled after Ctrl-C."""
-        self.modal(self.segment_starts[:1])
-        if self.system.contacts is not None:
-            rank_one(np.ones(1), np.ones(1), 1.0)
 
     # -- recording --------------------------------------------------------------------------------
 
@@ -282,8 +257,6 @@ class EventSolution:
         The displacement is corrected so that contacts that have just switched are exactly at their gaps. Otherwise a
         stiff contact would turn the rounding of the displacement into energy.
         """
-        # Ctrl-C may interrupt this, so it comes before the record changes.
-        self.spectrum_of(status)
         record = self.record
         if record.segments:
             switched = np.flatnonzero((status != record.status(record.segments - 1)) & (status != PINNED))
@@ -292,9 +265,7 @@ class EventSolution:
         gaps = self.gaps_at(status, displacement)
         record.add(t, status, displacement, velocity)
         index = record.segments - 1
-        if self.system.contacts is not None:
-            record.buffers.gaps[index] = gaps
-            record.known_gaps = index + 1
+        record.buffers.gaps[index] = gaps
         self.counters.steps += 1
         return self.motion(index)
 
@@ -337,14 +308,7 @@ class EventSolution:
         They are computed as sums of changes and are therefore far more accurate than displacements. For a contact that
         has just closed or opened they are exactly 0.
         """
-        record = self.record
-        # Only a run that was saved by an earlier version has no gap functions.
-        for k in range(record.known_gaps, index + 1):
-            before, now = None if k == 0 else self._gaps_at_end(k - 1), record.status(k)
-            changed = None if k == 0 else now != record.status(k - 1)
-            record.buffers.gaps[k] = self._gaps(now, record.state(k)[0], before, changed)
-            record.known_gaps = k + 1
-        return record.buffers.gaps[index]
+        return self.record.buffers.gaps[index]
 
     def gaps_at(self, status: Status, displacement: Array) -> Array:
         """Return the gap functions at the begin of the segment that comes next, shape (n_contacts,)."""
@@ -392,15 +356,13 @@ class EventSolution:
         spectrum, count = motion.spectrum, motion.omega.size
         status, gaps = self.record.status(index), self.gap_functions(index)
         functions, plain, leads, sign = self._plain_functions(status, spectrum, count)
-        rate = sign * (self.space.contacts[plain] @ motion.velocity)
-        rate_size = self.row_sizes[plain] @ np.abs(motion.velocity)
         constant = functions.constant
         if functions.u.shape[1]:
             # Rounding from earlier segments. The search itself considers only the changes within this segment.
             constant = np.abs(constant) + self.row_sizes[plain] @ np.abs(motion.displacement)
         functions = EventFunctions(
-            functions.w, functions.u, functions.w_size, functions.u_size, sign * gaps[plain], rate, rate_size,
-            constant, functions.slope, functions.harmonic,
+            functions.w, functions.u, functions.w_size, functions.u_size, sign * gaps[plain], constant,
+            functions.slope, functions.harmonic,
         )  # fmt: skip
         pinned = status == PINNED
         if not pinned.any():
@@ -419,8 +381,6 @@ class EventSolution:
             np.vstack([functions.w_size, w_size, w_size]),
             np.vstack([u_plain_size, u_size, u_size]),
             np.concatenate([functions.start, -now, now - jump]),
-            np.concatenate([functions.rate, np.full(2 * held.size, np.nan)]),
-            np.concatenate([functions.rate_size, np.zeros(2 * held.size)]),
             np.concatenate([functions.constant, force.constant, jump - force.constant]),
             np.concatenate([functions.slope, -force.slope, force.slope]),
             np.vstack([functions.harmonic, -force.harmonic, force.harmonic]),
@@ -445,7 +405,7 @@ class EventSolution:
         laws = self.system.contacts
         if laws is None:
             none, empty = np.zeros(0), np.zeros((0, self.space.size))
-            rest = EventFunctions(empty, empty, empty, empty, none, none, none, none, none, empty.astype(complex))
+            rest = EventFunctions(empty, empty, empty, empty, none, none, none, empty.astype(complex))
             return rest, np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), none
         plain = np.flatnonzero(status != PINNED)
         sign = np.where(status[plain] == CLOSED, -1.0, 1.0)
@@ -456,8 +416,6 @@ class EventSolution:
         none = np.zeros(plain.size)
         functions = EventFunctions(
             *spectrum.rows(rows, self.row_sizes[plain]),
-            none,
-            none,
             none,
             level,
             none,
@@ -601,14 +559,12 @@ class EventSolution:
 
     def spectrum(self, index: int) -> Spectrum:
         """Return the eigensystem of a segment."""
-        self._await(index)
         return self._spectra[self.record.status(index)]
 
     @as_it_ran
     def motion(self, index: int) -> Motion:
         """Return the closed form of the motion in a segment. The ones that were computed last are kept."""
         if index not in self._motions:
-            self._await(index)
             status, (displacement, velocity) = self.record.status(index), self.record.state(index)
             spectrum = self._spectra[status]
             forcing = self._forcing(self.record.starts[index], status, spectrum)
@@ -624,14 +580,6 @@ class EventSolution:
             return 1
         # Eigensystems that `Spectra` keeps cost nothing more.
         return max(_MOST_NUMBERS // (_OVERHEAD + _EACH * size), 1) if self._spectra.all_kept else _MOST_MOTIONS
-
-    def _await(self, index: int) -> None:
-        """Compute the eigensystems of a restored run up to a segment, in the order of the run.
-
-        Each one is computed from another one, so that their last bits depend on the order.
-        """
-        while self._awaited and self._awaited[-1][0] <= index:
-            self._spectra[self._awaited.pop()[1]]
 
     def _forcing(self, t: float, status: Status, spectrum: Spectrum) -> Forcing:
         """Return the modal force of loads and of the offsets of closed contacts."""
@@ -725,11 +673,8 @@ class EventSolution:
             return none
         order = np.argsort(times, kind="stable")
         segments = np.searchsorted(record.starts, times[order], side="right") - 1
-        if gaps.size:
-            self.gap_functions(record.segments - 1)
         sample_segments(
-            self.table.arrays, slots, lambda status: self.spectrum_of(record.statuses[status]).fading,
-            np.array(self.space.contacts), loads, record.buffers, self.t_end, segments,
+            self.table.arrays, slots, np.array(self.space.contacts), loads, record.buffers, self.t_end, segments,
             times[order] - record.starts[segments], order, z.T, v.T, gaps.T,
         )  # fmt: skip
         return slots >= 0
@@ -765,7 +710,6 @@ class EventSolution:
 
     def _reactions(self, index: int) -> Reactions:
         """Return the reactions of the pinned contacts of a segment."""
-        self._await(index)
         laws, status = self.system.contacts, self.record.status(index)
         assert laws is not None
         spectrum = self._spectra[status]
@@ -870,7 +814,6 @@ class EventSolution:
             if done > index:
                 index = done
                 continue
-            self._await(index)
             status = record.status(index)
             traveller.drift(self._spectra[status], record.durations[index])
             if index + 1 < record.segments:

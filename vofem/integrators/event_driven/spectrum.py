@@ -4,10 +4,8 @@ A status becomes blocks
 
     z' = v + g1,    v' = -2 delta v - p z + g2,
 
-one per pair of roots. First the real orthogonal modes of the structure with its
-closed and pinned contacts are computed, from the modes without contacts, by one
-rank-one update or constraint per contact. Where damping couples these modes, they
-are split further by complex modes.
+one per pair of roots. First the real orthogonal modes of the structure with its closed and pinned contacts are
+computed. Where damping couples these modes, they are split further by complex modes.
 """
 
 from __future__ import annotations
@@ -22,11 +20,8 @@ from numpy.typing import NDArray
 
 from vofem.cache import Cache
 from vofem.integrators.event_driven.complex_modes import Blocks, damped_blocks, state_scale
-from vofem.integrators.event_driven.fading import Fading
 from vofem.integrators.event_driven.modal_space import ModalSpace
-from vofem.linalg.aside import aside
-from vofem.linalg.low_rank_damping import CoupledDamping
-from vofem.linalg.secular import constrain, rank_one, rank_one_less, refine
+from vofem.linalg.eigen import modes_held, modes_of_strains
 from vofem.system import CLOSED, PINNED, ContactLaws, Counters
 
 Array = NDArray[np.float64]
@@ -118,11 +113,6 @@ class Spectrum:
         count = int(np.ceil(np.log(positive[-1] / positive[0]) / np.log(_LEVEL_RATIO)))
         edges = positive[0] * _LEVEL_RATIO ** np.arange(1, min(count, 40))
         return np.unique(np.append(np.searchsorted(self.frequency, edges), self.p.size)).astype(np.int64)
-
-    @cached_property
-    def fading(self) -> Fading:
-        """Free motion in coordinates that come to rest one after the other; for spectra without clusters."""
-        return Fading(self.delta, self.p, None if self.blocks is None else self.blocks.out, self.real.p)
 
     @cached_property
     def plain(self) -> Array | None:
@@ -269,9 +259,7 @@ class Spectra:
     laws : ContactLaws, optional
     counters : Counters
     cache : Cache
-        Of the system; holds the eigensystems of earlier runs. The last bits of an eigensystem depend on the order in
-        which its contacts were closed. Eigensystems are therefore stored by that order. A run thus gives the same
-        bits, independent of earlier runs.
+        Of the system; holds the eigensystems of earlier runs.
 
     Attributes
     ----------
@@ -285,11 +273,7 @@ class Spectra:
         self._counters = counters
         self._cache = cache
         self._known: dict[bytes, Spectrum] = {}
-        self._closed: dict[bytes, tuple[tuple[int, ...], RealModes]] = {}
         self._visited: set[bytes] = set()
-        #: Whether no mode is rigid. If some are rigid, contacts are not removed by updates, because that would spoil
-        #: zero frequencies.
-        self._held = bool(np.all(space.stiffness > 0.0))
         undamped = space.coupling is None and not np.any(space.damping) and (laws is None or not np.any(laws.damping))
         matrices = 1 if undamped else 4
         self.capacity = max(8, _MOST_MEMORY // (8 * matrices * max(space.size, 1) ** 2))
@@ -306,20 +290,14 @@ class Spectra:
             if key not in self._visited:
                 self._visited.add(key)
                 self._counters.statuses += 1
-            _make_room(self._known, self.capacity)
-            order, real = self._closed_modes(status == CLOSED)
-            self._known[key] = self._cache.get(
-                "eigensystem", (order, key), lambda: self._compute(status, real), self.capacity
-            )
+            while len(self._known) >= self.capacity:
+                del self._known[next(iter(self._known))]
+            self._known[key] = self._cache.get("eigensystem", key, lambda: self._compute(status), self.capacity)
         return self._known[key]
 
-    def _compute(self, status: Status, closed: RealModes) -> Spectrum:
-        space, laws, real = self._space, self._laws, closed
-        for j in np.flatnonzero(status == PINNED):
-            real = _pin(real, space.contacts[j])
-            self._counters.rank_one_updates += 1
-        if laws is not None and np.any(status == PINNED):
-            real = _shifted(closed, real, laws.gap[status == PINNED])
+    def _compute(self, status: Status) -> Spectrum:
+        space, laws = self._space, self._laws
+        real = self._real_modes(status)
         dampers = np.zeros(0) if laws is None else laws.damping * (status == CLOSED)
         uniform = space.damping.size == 0 or bool(np.all(space.damping == space.damping[0]))
         mixed = real.modes is not None and not uniform
@@ -327,126 +305,47 @@ class Spectra:
             return Spectrum(delta=0.5 * space.damping[: real.p.size], p=real.p, real=real)
         self._counters.eigensolves += 1
         self._counters.damping_evaluations += 1
-        terms = self._damping_terms(status, real, mixed=mixed)
-        if terms is None:
-            full = np.diag(space.damping) if space.coupling is None else np.diag(space.damping) + space.coupling
-            damping = np.asarray(real.down(real.down(full).T))
-            rows = space.contacts if real.modes is None else space.contacts @ real.modes
-            damping = damping + (rows.T * dampers) @ rows
-        else:
-            damping = terms.matrix()
+        modes = np.eye(space.size) if real.modes is None else real.modes
+        damping = (modes.T * space.damping) @ modes
+        if space.coupling is not None:
+            damping = damping + modes.T @ space.coupling @ modes
+        rows = space.contacts @ modes
+        damping = damping + (rows.T * dampers) @ rows
         damping = 0.5 * (damping + damping.T)
-        blocks = aside(partial(damped_blocks, real.p, damping, terms), real.p.size)
+        blocks = damped_blocks(real.p, damping)
         return Spectrum(blocks.delta, blocks.p, real, blocks, damping)
 
-    def _damping_terms(self, status: Status, real: RealModes, *, mixed: bool) -> CoupledDamping | None:
-        """Return the damping of a status as a diagonal and a few terms; None where it is not of this form.
+    def _real_modes(self, status: Status) -> RealModes:
+        """Return the undamped modes of a status."""
+        space, laws, none = self._space, self._laws, np.zeros((0, self._space.size))
+        closed, held = status == CLOSED, status == PINNED
+        real = RealModes(space.stiffness, None, none, none)
+        if laws is not None and np.any(closed):
+            work = partial(modes_of_strains, space.stiffness, space.contacts[closed], laws.stiffness[closed])
+            found = self._cache.get("closed modes", closed.tobytes(), lambda: self._counted(work), self.capacity)
+            real = RealModes(*found, none, none)
+        return real if laws is None or not np.any(held) else self._pinned(real, space.contacts[held], laws.gap[held])
 
-        Damping in proportion to the stiffness, ``a1 K``, does not act on the springs of contacts: in the modes of the
-        status, it is a diagonal matrix minus a term with ``a1 K0`` for each closed contact.
+    def _pinned(self, closed: RealModes, pinned: Array, gap: Array) -> RealModes:
+        """Return the modes with some contacts held at their gaps.
+
+        Forces and shift solve their equations with the inverse stiffness as weight, because soft motions carry them.
+        Where the structure has no rigid motion, the reactions alone balance the shift.
         """
-        space, laws = self._space, self._laws
-        coupling = space.coupling_terms
-        if coupling is None or (mixed and space.proportional is None):
-            return None
-        rows, weights = coupling
-        own = space.damping[: real.p.size]
-        a1 = space.proportional[1] if space.proportional is not None and mixed else 0.0
-        if mixed and space.proportional is not None:
-            own = space.proportional[0] + a1 * real.p
-        if laws is not None:
-            closed = np.flatnonzero(status == CLOSED)
-            weight = laws.damping[closed] - a1 * laws.stiffness[closed]
-            rows = np.vstack([rows, space.contacts[closed[weight != 0.0]]])
-            weights = np.concatenate([weights, weight[weight != 0.0]])
-        proportional = space.proportional if mixed or real.modes is None else None
-        return CoupledDamping(own, rows if real.modes is None else rows @ real.modes, weights, proportional)
+        p, rows = closed.p, pinned if closed.modes is None else pinned @ closed.modes
+        squares, modes = self._counted(partial(modes_held, p, rows))
+        loose = p == 0.0
+        weight = 1.0 / np.where(loose, float(np.median(p[~loose])) if not loose.all() else 1.0, p)
+        gram = (rows * weight) @ rows.T
+        force = -np.linalg.solve(gram, rows @ (loose[:, None] * modes + weight[:, None] * modes * squares))
+        reaction = np.asarray(np.linalg.solve(gram, gap), dtype=float)
+        push = rows.T @ reaction
+        return RealModes(
+            squares, closed.up(modes), pinned, force, closed.up(weight * push), closed.up(np.where(loose, push, 0.0)),
+            reaction,
+        )  # fmt: skip
 
-    def _closed_modes(self, closed: NDArray[np.bool_]) -> tuple[tuple[int, ...], RealModes]:
-        """Return the modes with some contacts closed, and the changes by which they were computed.
-
-        The modes are computed from those of the nearest status that is already known in the run. A rank-one update
-        closes a contact, its reverse opens one. The reverse loses digits, so the modes are refined afterwards; where
-        refinement fails, they are computed from a status with fewer closed contacts. A change is k for contact k that
-        closes and ``-1 - k`` for contact k that opens.
-        """
-        key = closed.tobytes()
-        if key in self._closed:
-            return self._closed[key]
-        found = self._from_nearest(closed, self._held) or self._from_nearest(closed, False)
-        assert found is not None
-        _make_room(self._closed, self.capacity)
-        self._closed[key] = found
-        return found
-
-    def _from_nearest(self, closed: NDArray[np.bool_], both: bool) -> tuple[tuple[int, ...], RealModes] | None:
-        """Return changes and modes from the nearest status that is known; of those with more contacts closed if `both`.
-
-        None where modes could not be refined.
-        """
-        space, laws = self._space, self._laws
-        none = np.zeros((0, space.size))
-        path: tuple[int, ...] = ()
-        modes, nearest = RealModes(space.stiffness, None, none, none), np.zeros_like(closed)
-        fewest = int(np.sum(closed))
-        if not fewest:
-            return path, modes
-        for other, candidate in self._closed.items():
-            known = np.frombuffer(other, dtype=bool)
-            away = int(np.sum(known != closed))
-            if away < fewest and (both or not np.any(known & ~closed)):
-                (path, modes), nearest, fewest = candidate, known, away
-        for j in np.flatnonzero(closed != nearest).tolist():
-            path = (*path, j if closed[j] else -1 - j)
-            modes = self._cache.get(
-                "closed modes", path, partial(self._change, modes, j, bool(closed[j])), self.capacity
-            )
-        if not np.any(nearest & ~closed):
-            return path, modes
-        assert laws is not None
-        assert modes.modes is not None
-        gained = partial(refine, space.stiffness, space.contacts[closed], laws.stiffness[closed], modes.modes)
-        better = self._cache.get("refined modes", path, gained, self.capacity)
-        return None if better is None else (path, RealModes(*better, none, none))
-
-    def _change(self, modes: RealModes, contact: int, closes: bool) -> RealModes:
-        """Return the modes with one contact more or less closed."""
-        assert self._laws is not None
-        row, none = self._space.contacts[contact], np.zeros((0, self._space.size))
-        row = np.ascontiguousarray(row if modes.modes is None else row @ modes.modes)
-        values, vectors = (rank_one if closes else rank_one_less)(modes.p, row, float(self._laws.stiffness[contact]))
+    def _counted(self, work: Callable[[], tuple[Array, Array]]) -> tuple[Array, Array]:
+        """Return what an eigenproblem of contacts returns, and count it."""
         self._counters.rank_one_updates += 1
-        return RealModes(values, vectors if modes.modes is None else modes.modes @ vectors, none, none)
-
-
-def _make_room(known: dict[bytes, Any], limit: int) -> None:
-    """Drop the oldest entries of a dictionary until it may take one more."""
-    while len(known) >= limit:
-        del known[next(iter(known))]
-
-
-def _pin(real: RealModes, row: Array) -> RealModes:
-    """Return the modes with one more contact held at its gap."""
-    local = np.ascontiguousarray(row if real.modes is None else row @ real.modes)
-    values, vectors, force = constrain(real.p, local)
-    modes = vectors if real.modes is None else real.modes @ vectors
-    held = real.force @ vectors
-    if real.pinned.shape[0]:
-        # The part of the new row that lies along rows pinned before is already constrained by these.
-        along = np.linalg.lstsq(real.pinned.T, row, rcond=None)[0]
-        held = held - np.outer(along, force)
-    return RealModes(values, modes, np.vstack([real.pinned, row]), np.vstack([held, force]))
-
-
-def _shifted(closed: RealModes, real: RealModes, gap: Array) -> RealModes:
-    """Return the modes with the displacement that puts the pinned contacts at their gaps.
-
-    Where the structure has no rigid motion this is the static displacement, which the reactions alone balance.
-    """
-    rows = real.pinned if closed.modes is None else real.pinned @ closed.modes
-    typical = float(np.median(closed.p[closed.p > 0])) if np.any(closed.p > 0) else 1.0
-    weight = 1.0 / np.where(closed.p > 0, closed.p, typical)
-    reaction = np.asarray(np.linalg.solve((rows * weight) @ rows.T, gap), dtype=float)
-    shift = closed.up(weight * (rows.T @ reaction))
-    loose = closed.up(np.where(closed.p > 0, 0.0, rows.T @ reaction))
-    return RealModes(real.p, real.modes, real.pinned, real.force, shift, loose, reaction)
+        return work()

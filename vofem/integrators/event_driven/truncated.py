@@ -105,7 +105,7 @@ def run_truncated(
     solution.counters.eigensolves = eigensolves
     solution.counters.factorizations += 2
     kept = Truncation(vectors.shape[1], system.size, error, until, reduction.rounding)
-    return TruncatedSolution(solution, vectors, times, kept, tolerance, bool(np.any(system.rotational)))
+    return TruncatedSolution(solution, vectors, times, kept, tolerance, bool(np.any(system.rotation)))
 
 
 def _extrapolated(errors: list[float]) -> float:

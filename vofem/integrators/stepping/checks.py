@@ -58,24 +58,26 @@ def _irregular(count: int) -> Array:
 
 
 #: Columns of the record of a contact: its data, the last step, and the findings.
-_GAP, _STIFFNESS, _OFFSET, _S, _RATE, MISSED, PEAK, POWER = range(8)
+_GAP, _STIFFNESS, _OFFSET, _S, _RATE, _BEFORE, MISSED, PEAK, LOWEST, POWER, DRIFT = range(11)
 
 
 def contact_checks(laws: ContactLaws | None) -> Array:
-    """Return the record that a run keeps of every contact from step to step, shape (n_contacts, 8).
+    """Return the record that a run keeps of every contact from step to step, shape (n_contacts, 11).
 
-    Three columns hold findings. MISSED counts the closings between two steps
-    at which the contact was open. PEAK is the largest value of ``b.q - gap``
-    at a step, m. POWER is the largest power that a contact spring with an ideal
-    switch absorbed or released, W.
+    Five columns hold findings. MISSED counts the closings between two steps
+    at which the contact was open. PEAK and LOWEST are the largest and the least
+    value of ``b.q - gap`` at a step, m. POWER is the largest power that a contact
+    spring with an ideal switch absorbed or released, W. DRIFT is the sum of the
+    errors of all steps in ``b.q``, m: within a step the velocity is taken as
+    linear in time, which leaves out ``dt^3/12`` times its second derivative.
     """
     if laws is None:
-        return np.empty((0, 8))
-    table = np.zeros((len(laws), 8))
+        return np.empty((0, 11))
+    table = np.zeros((len(laws), 11))
     table[:, _GAP], table[:, _OFFSET] = laws.gap, laws.offset
     table[:, _STIFFNESS] = np.where(np.isinf(laws.resolution), laws.stiffness, 0.0)
     # No step before the first one: comparisons with NaN are false.
-    table[:, _S:MISSED], table[:, PEAK] = np.nan, -np.inf
+    table[:, _S:MISSED], table[:, PEAK], table[:, LOWEST] = np.nan, -np.inf, np.inf
     return table
 
 
@@ -84,18 +86,21 @@ def check_contacts(table: Array, u: Array, rates: Array, dt: Array, first: int, 
 
     `dt`, shape (n_rows,), holds the sizes of the steps that end there, s.
     """
-    m = table.shape[0]
-    if not m:
+    m, count = table.shape[0], last + 1 - first
+    if not m or not count:
         return
     u, rate = u[first : last + 1, :m], rates[first : last + 1, :m]
-    s = u - table[:, _GAP]
-    s0, rate0 = np.vstack([table[None, :, _S], s[:-1]]), np.vstack([table[None, :, _RATE], rate[:-1]])
+    s, h = u - table[:, _GAP], dt[first : last + 1, None]
+    s0 = np.vstack([table[None, :, _S], s[:-1]])
+    rate0 = np.vstack([table[None, :, _RATE], rate[:-1]])
+    before = np.vstack([table[None, :, _BEFORE], table[None, :, _RATE], rate[:-2]])[:count]
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         # The error of the step may be a tenth of the rise of the gap function within the step.
         turns = (rate0 > 0.0) & (rate < 0.0) & (s0 <= 0.0) & (s <= 0.0)
-        rise = 0.55 * dt[first : last + 1, None] * rate0 * (rate0 / (rate0 - rate))
-        table[:, MISSED] += np.sum(turns & (s0 + rise > 0.0), axis=0)
+        table[:, MISSED] += np.sum(turns & (s0 + 0.55 * h * rate0 * (rate0 / (rate0 - rate)) > 0.0), axis=0)
+        table[:, DRIFT] += np.nansum(h * np.abs(rate - 2.0 * rate0 + before), axis=0) / 12.0
         power = np.where(s > 0.0, np.abs(table[:, _STIFFNESS] * (u - table[:, _OFFSET]) * rate), 0.0)
-    table[:, _S], table[:, _RATE] = s[-1], rate[-1]
-    table[:, PEAK] = np.fmax(table[:, PEAK], np.max(s, axis=0))
-    table[:, POWER] = np.fmax(table[:, POWER], np.max(power, axis=0))
+        table[:, PEAK] = np.fmax(table[:, PEAK], np.max(s, axis=0))
+        table[:, LOWEST] = np.fmin(table[:, LOWEST], np.min(s, axis=0))
+        table[:, POWER] = np.fmax(table[:, POWER], np.max(power, axis=0))
+    table[:, _S], table[:, _RATE], table[:, _BEFORE] = s[-1], rate[-1], rate0[-1]

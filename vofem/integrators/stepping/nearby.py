@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import ArgumentError, VofemError
-from vofem.integrators.effort import seconds_of_steps
 from vofem.integrators.observer import deferred_interrupts
 from vofem.integrators.registry import advice
 from vofem.integrators.stepping.record import Record
@@ -44,8 +43,9 @@ _SLOWLY = 2.5
 #: Events below which no growth like that is to be expected.
 _FEWEST_EVENTS = 8
 
-#: Seconds that a second run may take unless it was asked for.
-_SECONDS = 1.0
+#: Steps times unknowns, of which a step has some for itself, that take about a second: in compiled code, and in plain
+#: Python. A second run that takes longer is made only if it was asked for.
+_WORK, _WORK_PLAIN, _OWN = 5e6, 1e5, 20
 
 
 def check_nearby(nearby: object) -> None:
@@ -79,7 +79,7 @@ def note_growth(nearby: bool | None, run: Run, out: Record, again: Callable[[Sta
     steps, events = run.counters.steps, run.counters.events
     if nearby is None:
         acts = events >= _FEWEST_EVENTS or (may_jump(laws) and kinds_of(laws.table).hysteretic is not None)
-        nearby = acts and seconds_of_steps(system, steps, compiled()) <= _SECONDS
+        nearby = acts and steps * (_OWN + system.size) <= (_WORK if compiled() else _WORK_PLAIN)
     if not nearby or not run.finished:
         return []
     known = np.flatnonzero(np.isfinite(out.q[:, 0]))

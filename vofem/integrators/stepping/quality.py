@@ -17,7 +17,7 @@ from vofem.integrators.method import Method
 from vofem.integrators.registry import advice
 from vofem.integrators.rounding import static_loss
 from vofem.integrators.stepped import step_count
-from vofem.integrators.stepping.checks import MISSED, PEAK, POWER
+from vofem.integrators.stepping.checks import DRIFT, LOWEST, MISSED, PEAK, POWER
 from vofem.integrators.stepping.energies import kinetic_energy
 from vofem.integrators.unclosed import never_closed
 from vofem.system import ContactLaws, Events, System
@@ -40,6 +40,12 @@ _COARSE = 0.5
 #: velocities are as its square root.
 _REBOUND = 4e-4
 
+#: Errors of steps, over the motion of a contact, above which there is a note.
+_DRIFT = 0.03
+
+#: Motion of a contact, over its largest distance from the gap, that may be rounding.
+_AT_REST = 1e-9
+
 #: Relative loss of static responses to rounding above which there is a note.
 _ROUNDING = 1e-6
 
@@ -56,7 +62,7 @@ class Checked:
         States at `times`.
     parts : Energies
         Energies at `times`, in the form that the method balances.
-    contacts : ndarray, shape (n_contacts, 8)
+    contacts : ndarray, shape (n_contacts, 11)
         Findings on every contact, of `checks.contact_checks`.
     missing : (float, float)
         Largest error in J of the balance of energy between chunks of steps, and its time in s; for methods that
@@ -119,6 +125,8 @@ def quality_notes(
     if laws is not None:
         if dt is not None and not coarse and not method.conserves:
             notes += _rebounds(laws, checked.contacts, scale, dt)
+        if dt is not None and not coarse:
+            notes += _drift(laws, checked, float(np.max(np.abs(total))), dt)
         notes += _missed(laws, checked.contacts[:, MISSED], dt)
     loss = static_loss(system)
     if loss > _ROUNDING:
@@ -200,6 +208,26 @@ def _rebounds(laws: ContactLaws, contacts: Array, scale: float, dt: float) -> li
         f"step: impacts on contact {laws.names[worst]!r} are not resolved by steps of {dt:.4g} s: within one its "
         f"energy changes {share[worst]:.2g} times over, and what rebounds has a wrong velocity. Choose a dt of "
         f"{0.2 * dt / share[worst]:.2g} s or less, or {advice(conserves=True)}, which loses no energy in an impact"
+    ]
+
+
+def _drift(laws: ContactLaws, checked: Checked, energy: float, dt: float) -> list[str]:
+    """Return a note where the errors of all steps together move a contact by a noticeable part of its motion.
+
+    Dampers end the effect of an error after the time in which they take twice the energy that there is.
+    """
+    lost = max(float(np.max(np.abs(checked.parts.dissipated))), 2.0 * energy)
+    peak, drift = checked.contacts[:, PEAK], checked.contacts[:, DRIFT]
+    low = checked.contacts[:, LOWEST]
+    moves = (peak > 0.0) & (peak - low > _AT_REST * np.maximum(peak, -low))
+    moved = np.where(moves, 2.0 * energy / lost * drift / np.where(moves, peak - low, 1.0), 0.0)
+    worst = int(np.argmax(moved))
+    if not moved[worst] > _DRIFT:
+        return []
+    return [
+        f"step: the errors of steps of {dt:.4g} s add up to {moved[worst]:.2g} of the motion of contact "
+        f"{laws.names[worst]!r} by the end of the run, so its later closings may be wrong or missing; reduce dt, or "
+        f"choose {advice(exact=True)} where it applies"
     ]
 
 

@@ -159,7 +159,7 @@ class Record:
         Internal variables of the laws at the last `wanted` time.
     cursor : int
         Number of times that are stored.
-    contact_checks : ndarray, shape (n_contacts, 8)
+    contact_checks : ndarray, shape (n_contacts, 11)
         What the checks of the run know of every contact, see `checks`.
     total : ndarray, shape (2 + n_pots,)
         Work of the loads, what dampers took, and the work of each springpot at the last state that is complete, J.

@@ -494,7 +494,7 @@ class Run:
 
         Where the end of the run in s is given, the record also holds what the checks of the run need.
         """
-        system, further, table = self.system, np.empty(0), np.empty((0, 8))
+        system, further, table = self.system, np.empty(0), contact_checks(None)
         if t_end is not None:
             further, table = check_times(t_end, self.dt, system.size), contact_checks(system.contacts)
         return Record(

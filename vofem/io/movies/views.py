@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.bodies.base import Point
-from vofem.io.pictures.backend_pillow import pixels
 from vofem.io.pictures.histories import closed_intervals
 from vofem.io.pictures.layout import arrange
 from vofem.io.pictures.sketch import sketch
@@ -64,7 +63,7 @@ class SideView:
     def frames(self) -> Iterator[Frame]:
         """Yield the pictures in order."""
         for state in self._states:
-            yield pixels(sketch(state, self._size, self._wanted, forces=True, title=self._title))
+            yield sketch(state, self._size, self._wanted, forces=True, title=self._title).pixels()
 
 
 def side_view(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import importlib
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -21,9 +20,6 @@ SUFFIXES = (".webp", ".gif", ".mp4")
 
 #: Shades of every colour of a picture towards white in the palette of a GIF, and colours of bending moments.
 _SHADES, _MOMENTS = 8, 64
-
-#: Bits of each colour by which the nearest one in the palette is looked up.
-_BITS = 5
 
 #: GIF counts time in hundredths of a second, and players take less than two of them for ten.
 _GIF_TICK, _GIF_FEWEST = 100.0, 2
@@ -65,8 +61,11 @@ def write(frames: Iterable[Frame], path: Path, suffix: str, fps: float) -> None:
 
 
 def _write_gif(frames: Iterator[Frame], path: Path, fps: float) -> None:
+    from PIL import Image
+
     # One palette for all frames: with palettes of their own, flat areas would flicker.
-    shown = (_indexed(frame) for frame in frames)
+    palette = _palette()
+    shown = (Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames)
     first = next(shown)
     with path.open("wb") as file:
         first.save(
@@ -75,34 +74,18 @@ def _write_gif(frames: Iterator[Frame], path: Path, fps: float) -> None:
         )  # fmt: skip
 
 
-def _indexed(frame: Frame) -> Any:
-    """Return a frame in the colours of the palette; Pillow's own search takes near colours for the nearest."""
+def _palette() -> Any:
+    """Return an image whose palette holds the colours of side views in shades towards white, and those of moments."""
+    from matplotlib import colormaps
+    from matplotlib.colors import to_rgb
     from PIL import Image
 
-    table, nearest = _palette()
-    place = frame >> (8 - _BITS)
-    image = Image.fromarray(nearest[place[..., 0], place[..., 1], place[..., 2]])
-    image.putpalette(table.astype(np.uint8).tobytes())
-    return image
-
-
-@functools.cache
-def _palette() -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
-    """Return the colours that occur in frames, shape (n, 3), and the nearest of them for the first bits of any."""
-    from matplotlib.colors import to_rgb
-
-    named = [to_rgb(name) for name in (*drawing.PALETTE, *arrows.PALETTE)]
     shades = np.linspace(0.0, 1.0, _SHADES, endpoint=False)[:, None]
-    colors = [np.ones((1, 3)), *((1.0 - shades) * np.array(color) + shades for color in named)]
-    colors.append(drawing.moment_colors(_MOMENTS))
-    table = np.round(255.0 * np.concatenate(colors)).astype(int)[:256]
-    # The colour that stands for those of equal first bits: white for white, black for black.
-    one = np.arange(2**_BITS) * 255.0 / (2**_BITS - 1)
-    nearest = np.empty((2**_BITS,) * 3, dtype=np.uint8)
-    for k, red in enumerate(one):
-        apart = (red - table[:, 0]) ** 2 + (one[:, None, None] - table[:, 1]) ** 2 + (one[:, None] - table[:, 2]) ** 2
-        nearest[k] = np.argmin(apart, axis=-1)
-    return table, nearest
+    named = [(1.0 - shades) * np.array(to_rgb(name)) + shades for name in (*drawing.PALETTE, arrows.LOAD, arrows.GLOW)]
+    moments = colormaps[drawing.COLORMAP](np.linspace(0.0, 1.0, _MOMENTS))[:, :3]
+    image = Image.new("P", (1, 1))
+    image.putpalette(np.round(255.0 * np.concatenate([np.ones((1, 3)), *named, moments])).astype(np.uint8).tobytes())
+    return image
 
 
 def _write_webp(frames: Iterator[Frame], path: Path, fps: float) -> None:

@@ -17,7 +17,6 @@ _LONG, _SHORT = 74.0, 5.0
 
 #: Colour of loads, and of the highlight behind closed contacts.
 LOAD, GLOW = "#2f6fae", "#ffec9e"
-PALETTE = (LOAD, GLOW)
 
 _UNITS = {"force": "N", "moment": "N·m", "line": "N/m"}
 

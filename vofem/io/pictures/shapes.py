@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.io.pictures.drawing import BLOCK, GROUND, Drawing, Patch
+from vofem.io.pictures.drawing import BLOCK, GROUND, Drawing, Patch, circle
 
 Array = NDArray[np.float64]
 
@@ -71,8 +71,7 @@ def guide(drawing: Drawing, x: float, y: float, half: float, span: tuple[float, 
 
 def disc(drawing: Drawing, x: float, y: float, radius: float, color: str) -> None:
     """Add a filled circle."""
-    angle = np.linspace(0.0, 2.0 * np.pi, 33)[:-1]
-    drawing.patches.append(Patch(np.stack([x + radius * np.cos(angle), y + radius * np.sin(angle)], axis=1), color))
+    drawing.patches.append(Patch(circle(x, y, radius), color))
 
 
 def spiral(drawing: Drawing, x: float, y: float, radius: float, color: str, width: float) -> None:

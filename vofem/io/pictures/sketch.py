@@ -203,7 +203,8 @@ def _beam(drawing: Drawing, layout: Layout, lane: Lane, beam: Beam, factor: floa
     drawing.strips.append(Strip(x, y - half, y + half, state.moment / factor))
     nodes = layout.along(beam, beam.nodes)
     if (nodes[-1] - nodes[0]) / beam.element_lengths.size >= 9.0 * unit:
-        drawing.dot(nodes, np.interp(nodes, x, y), INK, 7.0 * unit)
+        for place in nodes.tolist():
+            drawing.dot(place, float(np.interp(place, x, y)), INK, 7.0 * unit)
     last = len(beam.nodes) - 1
     span = (lane.axis + state.low * layout.motion, lane.axis + state.high * layout.motion)
     for node, kind in beam.supports.items():
@@ -249,9 +250,9 @@ def _joint(drawing: Drawing, layout: Layout, joint: Joint) -> None:
     if layout.lanes[joint.a.body].axis != layout.lanes[joint.b.body].axis:
         drawing.line([x for x, _ in ends], [y for _, y in ends], BLOCK, 5.0 * layout.unit)
     for x, y in ends:
-        drawing.dot(np.array([x]), np.array([y]), INK, 20.0 * layout.unit)
+        drawing.dot(x, y, INK, 20.0 * layout.unit)
         if joint.kind == "hinge":
-            drawing.dot(np.array([x]), np.array([y]), PAPER, 12.0 * layout.unit)
+            drawing.dot(x, y, PAPER, 12.0 * layout.unit)
 
 
 def _point_masses(drawing: Drawing, view: Snapshot, layout: Layout) -> None:
@@ -261,7 +262,7 @@ def _point_masses(drawing: Drawing, view: Snapshot, layout: Layout) -> None:
         state = lane.state
         eta = float(np.interp(place_of(point), state.x, state.eta)) * layout.motion
         x = float(layout.along(point.body, place_of(point))) + eta * point.body.shape.direction[0]
-        drawing.dot(np.array([x]), np.array([lane.axis + eta * point.body.shape.direction[1]]), BLOCK, 1.3 * lane.half)
+        drawing.dot(x, lane.axis + eta * point.body.shape.direction[1], BLOCK, 1.3 * lane.half)
 
 
 def _mass(drawing: Drawing, layout: Layout, lane: Lane, side: str) -> None:

@@ -30,7 +30,7 @@ MARKS = {
 _LINES = {
     True: ("-", 1.8, "stable"),
     False: ("--", 1.3, "unstable"),
-    None: (":", 1.5, "stability not known"),
+    None: (":", 1.5, "stability not decided"),
 }
 
 #: Times at which a phase portrait is drawn beside those of events.
@@ -135,7 +135,7 @@ def multipliers(orbit: PeriodicOrbit | Sequence[PeriodicOrbit] | Branch, path: W
     Raises
     ------
     ArgumentError
-        If the method that found an orbit does not compute multipliers.
+        If the multipliers of an orbit are not known.
     OutputError
         If the file cannot be written.
     """
@@ -144,7 +144,7 @@ def multipliers(orbit: PeriodicOrbit | Sequence[PeriodicOrbit] | Branch, path: W
     known = [one.multipliers for one in orbits if one.multipliers is not None]
     if not known or len(known) < len(orbits):
         raise ArgumentError(
-            "multipliers: the multipliers of an orbit are not known; orbits found by shooting have them"
+            "multipliers: the multipliers of an orbit are not known, because a law has a memory; its notes name the law"
         )
     canvas = Canvas("multipliers", goal, ax, (6.4, 5.6))
     axes = canvas.grid[0, 0]

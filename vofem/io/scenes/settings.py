@@ -14,7 +14,7 @@ from vofem.io.scenes.entry import Entry
 from vofem.io.scenes.kinds import NOT_NEGATIVE, NUMBER, POSITIVE, Choice, Count, Numbers
 from vofem.io.scenes.parts import PointByName
 from vofem.io.scenes.place import INVALID, Book, Invalid, Place
-from vofem.simulate import option_names
+from vofem.simulate.methods import option_names
 
 Array = NDArray[np.float64]
 

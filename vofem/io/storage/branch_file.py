@@ -36,7 +36,7 @@ SUFFIXES = (".h5", ".hdf")
 GROUP = "vofem_branch"
 
 #: Version of the format. It is increased when this version could not read the new files.
-FORMAT = 1
+FORMAT = 2
 
 
 def save(branch: Branch, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
@@ -50,6 +50,7 @@ def save(branch: Branch, path: str | os.PathLike[str], *, overwrite: bool = Fals
         "counters": asdict(branch.counters),
         "notes": list(branch.notes),
         "periods": int(branch.periods),
+        "interrupted": branch.interrupted,
         "orbits": _orbits(every, goal.parent),
     }
     with writing(goal, overwrite=overwrite) as blocks:
@@ -109,6 +110,7 @@ def read(file: h5py.File) -> Branch:
         BranchCounters(**record["counters"]),
         notes=record["notes"],
         periods=record["periods"],
+        interrupted=record.get("interrupted", False),
     )
 
 
@@ -116,8 +118,7 @@ def _maker(kept: dict[str, Any], k: int, folder: Path) -> Callable[[], PeriodicO
     def make() -> PeriodicOrbit:
         periods, method = int(kept["periods"][k]), kept["method"][k]
         omega, unknowns = float(kept["omega"][k]), kept["unknowns"][k]
-        # Files of earlier versions hold no truncation.
-        left_out = kept.get("truncation", {k: None})[k]
+        left_out = kept["truncation"][k]
         truncation = None if left_out is None else OrbitTruncation(*left_out)
         start = None if kept["q"] is None else State(kept["q"][k], kept["v"][k])
 

@@ -4,28 +4,26 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from vofem.assembly import Model
-from vofem.errors import ArgumentError, OutputError, StorageError
+from vofem.errors import OutputError, StorageError
 from vofem.files.hdf5 import check_format, mark_format, reading, writing
 from vofem.files.whole import impossible, target, try_to_write
-from vofem.io.storage.records import Encoder, decode
+from vofem.io.storage.records import Encoder, decode, restored_scene, scene_record
 from vofem.io.storage.tree import read_tree, write_tree
 from vofem.progress import Progress
 from vofem.result import Result
-from vofem.scene import Scene, as_scene
-from vofem.simulate import Plan, run_plan
-from vofem.system import same_matrix
+from vofem.scene import Scene
+from vofem.simulate.plan import Plan, run_plan
 
 _SUFFIXES = (".checkpoint", ".h5", ".hdf")
 
 #: Version of the format. It is increased when this version could not read the new files.
-FORMAT = 1
+FORMAT = 2
 
 
 def checkpoint_writer(path: str | os.PathLike[str], scene: Scene) -> Callable[[Plan], Callable[[dict[str, Any]], None]]:
@@ -85,7 +83,7 @@ class _Writers:
             with writing(self.goal, overwrite=True) as blocks:
                 own = blocks.file.create_group("vofem_checkpoint")
                 mark_format(own, FORMAT)
-                record = {"scene": scene, "model": scene.model, "plan": plan, "snapshot": snapshot}
+                record = {"scene": scene_record(scene), "plan": plan, "snapshot": snapshot}
                 write_tree(own.create_group("run"), record, encode)
             self.last = _identity(self.goal)
 
@@ -108,34 +106,6 @@ def resume(
         own = file["vofem_checkpoint"]
         check_format(own, FORMAT)
         record = read_tree(own["run"], decode)
-    if scene is None:
-        scene = record["scene"].compiled_as(record["model"])
-    else:
-        _check_same(as_scene("resume", scene), record["model"])
-    plan = record["plan"]
-    # In earlier versions all runs were compiled.
-    plan = replace(plan, compiled=plan.compiled is not False)
+    scene = restored_scene(record["scene"], scene, "resume", "checkpoint")
     writers = _Writers(target(path, _SUFFIXES), scene, found)
-    return run_plan(scene, plan, progress, writers, checkpoint_every, record["snapshot"])
-
-
-def _check_same(scene: Scene, model: Model) -> None:
-    """Raise where a scene has other equations than a model. Functions of time and laws in Python are not compared."""
-    mine, other = scene.model.system, model.system
-    same = (
-        mine.size == other.size
-        and all(same_matrix(getattr(mine, name), getattr(other, name)) for name in ("mass", "stiffness", "damping"))
-        and mine.rayleigh == other.rayleigh
-        and np.array_equal(mine.modal_damping, other.modal_damping)  # type: ignore[arg-type]
-        and [type(group) for group in mine.laws] == [type(group) for group in other.laws]
-        and all(
-            same_matrix(one.rows, two.rows) and np.array_equal(one.numbers(), two.numbers())
-            for one, two in zip(mine.laws, other.laws, strict=True)
-        )
-        and mine.has_load_vectors_of(other)
-    )
-    if not same:
-        raise ArgumentError(
-            "resume: the scene is another one than that of the checkpoint: masses, stiffnesses, damping, springpots, "
-            "contacts or loads differ; give the scene that the run began with, or simulate anew"
-        )
+    return run_plan(scene, record["plan"], progress, writers, checkpoint_every, record["snapshot"])

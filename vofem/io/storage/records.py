@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,28 +18,82 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.bodies import Beam, BeamPoint, Mass
-from vofem.bodies.base import Body
 from vofem.effects import Resolved
 from vofem.errors import ArgumentError, MissingCallableError
+from vofem.initial import StoredState
 from vofem.io.scenes.schema import EFFECTS
 from vofem.io.storage.stand_ins import (
-    StoredBody,
     StoredCallable,
     StoredEffect,
     StoredFunction,
     StoredLaw,
-    StoredPoint,
-    StoredState,
     name_of,
 )
 from vofem.io.storage.stored_field import StoredField
-from vofem.io.storage.tree import is_data
+from vofem.io.storage.tree import name_of_class
 from vofem.laws import LawGroup, ScalarLaw, past_of
 from vofem.polynomial import Polynomial
-from vofem.scene import Scene
-from vofem.time_functions import Arbitrary, TimeFunction
+from vofem.scene import Scene, as_scene
+from vofem.system import System, same_matrix
+from vofem.time_functions import TimeFunction
 
 Array = NDArray[np.float64]
+
+
+def scene_record(scene: Scene) -> dict[str, Any]:
+    """Return what a file keeps of a scene: its equations, and all of it where its bodies are of classes known here."""
+    model = scene.model
+    points = (point for effect in scene.effects for point in effect.points())
+    foreign = [body.label for body in scene.bodies if type(body) not in (Beam, Mass)]
+    foreign += [point.describe() for point in points if type(point) not in (BeamPoint, Mass)]
+    return {
+        "foreign": list(dict.fromkeys(foreign)),
+        "system": model.system,
+        "whole": None if foreign else {"scene": scene, "model": model},
+    }
+
+
+def restored_scene(record: Mapping[str, Any], scene: Scene | None, call: str, file: str) -> Scene:
+    """Return the scene of a file, or the given one if it has the same equations.
+
+    Functions of time and laws in Python are not compared. Messages name `call`, such as "resume", and `file`.
+
+    Raises
+    ------
+    ArgumentError
+        If the given scene has other equations.
+    MissingCallableError
+        If the scene has bodies that the file does not hold, and none is given.
+    """
+    if scene is not None:
+        if not _same_equations(as_scene(call, scene).model.system, record["system"]):
+            raise ArgumentError(
+                f"{call}: the scene is another one than that of the {file}: masses, stiffnesses, damping, springpots, "
+                "contacts or loads differ; give the scene that the run began with, or simulate anew"
+            )
+        return scene
+    if record["foreign"]:
+        raise MissingCallableError(
+            f"{call}: the run has {', '.join(record['foreign'])}, of a class of another package, which a file cannot "
+            f"hold; give the scene that the run began with: vofem.{call}(path, scene=scene)"
+        )
+    whole = record["whole"]
+    return whole["scene"].compiled_as(whole["model"])
+
+
+def _same_equations(mine: System, other: System) -> bool:
+    return (
+        mine.size == other.size
+        and all(same_matrix(getattr(mine, name), getattr(other, name)) for name in ("mass", "stiffness", "damping"))
+        and mine.rayleigh == other.rayleigh
+        and np.array_equal(mine.modal_damping, other.modal_damping)  # type: ignore[arg-type]
+        and [type(group) for group in mine.laws] == [type(group) for group in other.laws]
+        and all(
+            same_matrix(one.rows, two.rows) and np.array_equal(one.numbers(), two.numbers())
+            for one, two in zip(mine.laws, other.laws, strict=True)
+        )
+        and mine.has_load_vectors_of(other)
+    )
 
 
 class Encoder:
@@ -71,21 +125,9 @@ class Encoder:
             return "scene", self._scene(value)
         if isinstance(value, ScalarLaw) and not isinstance(value, StoredLaw):
             return "plain", self._law(value)
-        if isinstance(value, TimeFunction) and (isinstance(value, Arbitrary) or not is_data(type(value))):
+        if isinstance(value, TimeFunction) and name_of_class(type(value)) is None:
             return "plain", StoredFunction.of(value, self._times)
-        if isinstance(value, (StoredBody, StoredPoint)):
-            return None
-        if isinstance(value, (Beam, Mass)):
-            # The substitute of such a body would have no fields along the axis, which results of beams offer.
-            raise ArgumentError(
-                f"{value!r} is of a class derived from Beam or Mass, so it is no Beam and no Mass that could be made "
-                "again, and a file cannot hold it; derive from vofem.bodies.BaseBody instead"
-            )
-        if isinstance(value, Body) and not isinstance(value, type):
-            return "plain", StoredBody.of(value)
-        if callable(getattr(value, "row", None)) and hasattr(value, "body") and not isinstance(value, type):
-            return "plain", StoredPoint.of(value)
-        if callable(value) and not is_data(type(value)):
+        if callable(value) and name_of_class(type(value)) is None:
             return "plain", StoredCallable(name_of(value))
         return None
 
@@ -153,8 +195,8 @@ class Encoder:
 def _callables(effect: Any) -> str:
     """Return the names of the callables that an effect or a law holds, or the name of its class."""
     values = [value for value in vars(effect).values() if not isinstance(value, type)]
-    values += [getattr(value, field.name) for value in values if is_data(type(value)) for field in fields(value)]
-    names = [name_of(value) for value in values if callable(value) and not is_data(type(value))]
+    values += [getattr(value, field.name) for value in values if is_dataclass(value) for field in fields(value)]
+    names = [name_of(value) for value in values if callable(value) and not is_dataclass(value)]
     return ", ".join(dict.fromkeys(names)) or type(effect).__name__
 
 

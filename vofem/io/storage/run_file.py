@@ -25,18 +25,19 @@ from vofem.files.hdf5 import check_format, mark_format, reading, writing
 from vofem.files.whole import refuse_existing, target, try_to_write
 from vofem.io.scenes.writer import scene_to_toml
 from vofem.io.storage.history import read_history, write_history
-from vofem.io.storage.records import Encoder, decode
+from vofem.io.storage.records import Encoder, decode, restored_scene, scene_record
 from vofem.io.storage.solutions import has_segments, restored_solution, solution_record, write_segments
 from vofem.io.storage.tree import read_tree, write_text, write_tree
 from vofem.io.storage.vtkhdf import frame_times, write_fields
 from vofem.kernels.mode import kernels
 from vofem.result import Result
+from vofem.scene import Scene
 from vofem.simulate.start_time import model_at
 
 SUFFIXES = (".vtkhdf", ".h5", ".hdf")
 
 #: Version of the format. It is increased when this version could not read the new files.
-FORMAT = 1
+FORMAT = 2
 
 
 def save(
@@ -61,13 +62,17 @@ def save(
         own.attrs["method"] = result.method
         own.attrs["compiled"] = result.compiled
         _write_toml(own, result, goal)
-        model, solution = result.scene.model, solution_record(result.solution)
+        system, solution = result.scene.model.system, solution_record(result.solution)
         if result.solution.truncation is None:
-            # The model of the scene is written once; `load` shifts its loads by t_start again.
-            solution["system"] = model.system
-        record = {"scene": result.scene, "model": model, "solution": solution}
-        record |= {"t_start": result.t_start, "start": result.start}
-        encode = Encoder(model.system.laws, result.samples.q, result.t_start + result.times)
+            # The system of the scene is written once; `load` shifts its loads by t_start again.
+            solution["system"] = system
+        record = {
+            "scene": scene_record(result.scene),
+            "solution": solution,
+            "t_start": result.t_start,
+            "start": result.start,
+        }
+        encode = Encoder(system.laws, result.samples.q, result.t_start + result.times)
         write_tree(own.create_group("run"), record, encode)
         if has_segments(result):
             write_segments(blocks, own.create_group("segments"), result.solution)
@@ -121,24 +126,23 @@ def load(path: str | os.PathLike[str]) -> Result:
         return read(file)
 
 
-def read(file: h5py.File) -> Result:
+def read(file: h5py.File, scene: Scene | None = None) -> Result:
     """Return the Result that `Result.save` has written to a file that is open; see `vofem.load`."""
     own = _checked(file)
     history = read_history(file["history"])
     record = read_tree(own["run"], decode)
-    scene, t_start = record["scene"].compiled_as(record["model"]), record.get("t_start", 0.0)
+    scene, t_start = restored_scene(record["scene"], scene, "load", "file"), record["t_start"]
     model = model_at(scene.model, t_start)
     if "system" in record["solution"]:
         record["solution"]["system"] = model.system
-    # In earlier versions all runs were compiled.
-    compiled = bool(own.attrs.get("compiled", True))
+    compiled = bool(own.attrs["compiled"])
     with kernels(compiled=compiled):
         solution = restored_solution(
             record["solution"], own, history.samples, history.energy, history.events, history.times
         )
     result = Result(
         scene, str(own.attrs["method"]), solution, history.recorded, model=model, t_start=t_start,
-        start=record.get("start"), compiled=compiled,
+        start=record["start"], compiled=compiled,
     )  # fmt: skip
     # Samples in Ritz vectors are computed anew: sums in another order differ from the history in the last bits.
     if solution.truncation is None:
@@ -155,5 +159,5 @@ def _checked(file: h5py.File) -> h5py.Group:
     if "vofem" not in file or "format" not in file["vofem"].attrs:
         raise StorageError(f"{name} is an HDF5 file of another program, expected one that Result.save has written")
     own = file["vofem"]
-    check_format(own, FORMAT, ", or save the run again with this version")
+    check_format(own, FORMAT)
     return own

@@ -58,11 +58,8 @@ def write_segments(blocks: Blocks, group: h5py.Group, solution: Any) -> None:
     segments = solution.segments
     write_array(group, "starts", segments.starts)
     write_array(group, "durations", segments.durations)
-    rows = {"status": segments.status, "displacement": segments.displacement, "velocity": segments.velocity}
-    if segments.gaps is not None:
-        rows["gaps"] = segments.gaps
-    for name, values in rows.items():
-        write_rows(blocks, group, name, values)
+    for name in ("status", "displacement", "velocity", "gaps"):
+        write_rows(blocks, group, name, getattr(segments, name))
 
 
 def restored_solution(
@@ -82,7 +79,7 @@ def restored_solution(
         return TruncatedSolution(reduced, times=times, **record)
     sensitivity = record.pop("sensitivity")
     rows = group["segments"]
-    segments = Segments(**{name: read_array(rows[name]) for name in Segments._fields if name in rows})
+    segments = Segments(**{name: read_array(rows[name]) for name in Segments._fields})
     solution = EventSolution.restored(**record, times=times, segments=segments, events=events)
     if sensitivity is not None:
         solution.__dict__["sensitivity"] = sensitivity

@@ -1,4 +1,4 @@
-"""Substitutes in a loaded run for Python functions and for bodies of other packages, which files cannot hold.
+"""Substitutes in a loaded run for Python functions, which files cannot hold.
 
 Each substitute holds the values that the run used, and returns them. If another
 value is needed, it raises `MissingCallableError`, which names the function. The
@@ -15,26 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem.assembly import SystemBuilder
-from vofem.bodies.base import (
-    BaseBody,
-    BodyMatrices,
-    DegreesOfFreedom,
-    IntArray,
-    Point,
-    Row,
-    Shape,
-    ShapePoint,
-    place_of,
-)
-from vofem.errors import ArgumentError, MissingCallableError, VofemError
-from vofem.initial import StoredState
+from vofem.bodies.base import Point
+from vofem.errors import MissingCallableError
 from vofem.laws import SmoothLaws
 from vofem.time_functions import Piece, TimeFunction
 
 Array = NDArray[np.float64]
-
-# Files of earlier versions name `StoredState` in this module.
-__all__ = ["StoredCallable", "StoredEffect", "StoredFunction", "StoredLaw", "StoredState", "missing", "name_of"]
 
 
 def name_of(function: Any) -> str:
@@ -127,7 +113,7 @@ class StoredLaw:
     forces, energies : ndarray, shape (k,)
         Forces in N and energies in J.
     shown : str
-        Name with the class of the effect; empty in files of earlier versions, which hold nonlinear springs only.
+        Name with the class of the effect.
     """
 
     name: str
@@ -135,7 +121,7 @@ class StoredLaw:
     u: Array
     forces: Array
     energies: Array
-    shown: str = ""
+    shown: str
 
     @property
     def monotone(self) -> bool:
@@ -145,7 +131,7 @@ class StoredLaw:
     @property
     def label(self) -> str:
         """Name with the class of the effect."""
-        return self.shown or f"NonlinearSpring {self.name!r}"
+        return self.shown
 
     @property
     def group(self) -> type[SmoothLaws]:
@@ -230,157 +216,4 @@ class StoredEffect:
 
     def describe(self) -> str:
         """Return its description."""
-        return self.shown
-
-
-@dataclass(frozen=True, eq=False)
-class StoredBody(BaseBody):
-    """A body of a class of another package, stored by its numbers. It can be simulated again.
-
-    Attributes
-    ----------
-    name, kind, shown_label, shown : str
-        Name, name of its class, and what `label` and `summary` said.
-    known : DegreesOfFreedom
-    parts : BodyMatrices
-    strains : csr_matrix or ndarray, optional
-    drawn : Shape
-    quantities : dict of str to matrix
-        Its `sections`.
-    upward, rigid : ndarray
-        Its `translation` and `rigid_motions`.
-    """
-
-    name: str
-    kind: str
-    shown_label: str
-    shown: str
-    known: DegreesOfFreedom
-    parts: BodyMatrices
-    strains: Any
-    drawn: Shape
-    quantities: dict[str, Any]
-    upward: Array
-    rigid: Array
-
-    @classmethod
-    def of(cls, body: Any) -> StoredBody:
-        """Return the substitute for a body."""
-        shape = body.shape
-        return cls(
-            body.name, type(body).__name__, body.label, body.summary(), body.degrees_of_freedom, body.matrices(),
-            body.strain_rows(), shape, dict(body.sections()), body.translation(), body.rigid_motions(),
-        )  # fmt: skip
-
-    @property
-    def size(self) -> int:
-        """Number of degrees of freedom."""
-        return int(self.known.x.size)
-
-    @property
-    def degrees_of_freedom(self) -> DegreesOfFreedom:
-        """Place and kind of every degree of freedom."""
-        return self.known
-
-    @property
-    def shape(self) -> Shape:
-        """How the body lies and moves."""
-        return self.drawn
-
-    @property
-    def label(self) -> str:
-        """Kind and name of the body that was saved."""
-        return self.shown_label
-
-    def summary(self) -> str:
-        """Return the line that the saved body gave for `explain`."""
-        return self.shown
-
-    def matrices(self) -> BodyMatrices:
-        """Return mass, stiffness, damping and supports."""
-        return self.parts
-
-    def strain_rows(self) -> Any:
-        """Return D with ``K = D'D``, or None."""
-        return self.strains
-
-    def sections(self) -> dict[str, Any]:
-        """Return what else is known along the shape."""
-        return self.quantities
-
-    def translation(self) -> Array:
-        """Return the unit displacement upward."""
-        return self.upward
-
-    def rigid_motions(self) -> Array:
-        """Return the motions without strain."""
-        return self.rigid
-
-    def interpolate(self, field: Any, what: str) -> Array:
-        """Refuse: only the class of the body knows how."""
-        raise missing(f"{what} of {self.label}", self.kind, "start from an outcome, or build the scene in Python")
-
-    def at(self, where: float | str) -> ShapePoint:
-        """Return a point at a place of the shape; others are known to the class of the body only."""
-        point = super().at(where)
-        if not np.any(np.isclose(self.shape.x, point.x, rtol=1e-9, atol=1e-12)):
-            raise missing(
-                f"{self.label} at x = {point.x:g} m", self.kind, "give a point of the body that was simulated"
-            )
-        return point
-
-    def resolve(self, point: Point) -> Row:
-        """Return the row of a point of the body that was simulated, or of one at a place of the shape."""
-        return point.row() if point.body.size == self.size else super().resolve(point)
-
-
-@dataclass(frozen=True, eq=False)
-class StoredPoint:
-    """A point of a class that no file can name, by its rows.
-
-    Attributes
-    ----------
-    body : Body
-    name, shown : str
-        Its name, and what `describe` said.
-    x : float
-        Place on the axis of the body, m.
-    indices, weights : ndarray
-        Entries of the row of its displacement.
-    slope : tuple of ndarray, optional
-        Indices and weights of the row of its slope.
-    """
-
-    body: Any
-    name: str
-    shown: str
-    x: float
-    indices: IntArray
-    weights: Array
-    slope: tuple[IntArray, Array] | None
-
-    @classmethod
-    def of(cls, point: Any) -> StoredPoint:
-        """Return the substitute for a point."""
-        row = point.row()
-        try:
-            turned = point.slope_row()
-        except VofemError:
-            turned = None
-        slope = None if turned is None else (turned.indices, turned.weights)
-        x = place_of(point)
-        return cls(point.body, point.name, point.describe(), x, row.indices, row.weights, slope)
-
-    def row(self) -> Row:
-        """Return the row of the displacement."""
-        return Row(self.indices, self.weights)
-
-    def slope_row(self) -> Row:
-        """Return the row of the slope."""
-        if self.slope is None:
-            raise ArgumentError(f"{self.shown} has no rotation")
-        return Row(*self.slope)
-
-    def describe(self) -> str:
-        """Return the description of the saved point."""
         return self.shown

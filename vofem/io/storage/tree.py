@@ -1,10 +1,11 @@
 """Nested data in an HDF5 group, and back bit for bit.
 
-What may be nested: dicts, lists, tuples, dataclasses and named tuples of this
-package, sparse matrices, arrays of numbers, numbers, strings, None. The nest
-is one text (JSON) in the dataset ``tree``; every array is a dataset beside it,
-named by its path. An object that occurs twice is written once, and is one
-object again when read; arrays are not looked at for that.
+What may be nested: dicts, lists, tuples, sparse matrices, arrays of numbers,
+numbers, strings, None, and data classes of this package that have a name in
+`NAMES`. A named tuple is written as a tuple. The nest is one text (JSON) in
+the dataset ``tree``; every array is a dataset beside it, named by its path. If
+two fields hold the same object, both hold one object after reading. Arrays are
+stored once for each field.
 """
 
 from __future__ import annotations
@@ -12,8 +13,8 @@ from __future__ import annotations
 import dataclasses
 import json
 import re
-import zlib
 from collections.abc import Callable
+from functools import cache
 from importlib import import_module
 from typing import Any
 
@@ -31,6 +32,69 @@ Decode = Callable[[str, Any], Any]
 
 _PARTS = ("data", "indices", "indptr")
 _SPARSE = ("csr_matrix", "csc_matrix", "csr_array", "csc_array")
+
+#: Name of every data class that a file may hold. Files know classes by these names only, so a class may be moved or
+#: renamed; then its place here changes.
+NAMES = {
+    "approximated": "vofem.time_functions.approximated:Approximated",
+    "called_law": "vofem.laws.called:CalledLaw",
+    "constant": "vofem.time_functions.base:Constant",
+    "contacts": "vofem.laws.contact:ContactLaws",
+    "counters": "vofem.system:Counters",
+    "exponential_order": "vofem.fractional.laws:ExponentialOrder",
+    "hysteretic_law": "vofem.laws.hysteretic:HystereticLaw",
+    "hysteretic_laws": "vofem.laws.hysteretic:HystereticLaws",
+    "linear_level": "vofem.laws.paper:LinearLevel",
+    "linear_softening": "vofem.effects.softening:LinearSoftening",
+    "load": "vofem.system:Load",
+    "mesh": "vofem.bodies.mesh:LineMesh",
+    "modes": "vofem.integrators.event_driven.modal_space:ModalSpace",
+    "model": "vofem.assembly.model:Model",
+    "piece": "vofem.time_functions.piece:Piece",
+    "plan": "vofem.simulate.plan:Plan",
+    "polynomial": "vofem.polynomial:Polynomial",
+    "printed_law": "vofem.laws.paper:PrintedLaw",
+    "printed_laws": "vofem.laws.paper:PrintedLaws",
+    "probe_rows": "vofem.integrators.base:ProbeRows",
+    "pulse": "vofem.time_functions.named:Pulse",
+    "ramp": "vofem.time_functions.named:Ramp",
+    "samples": "vofem.integrators.base:Samples",
+    "scaled": "vofem.time_functions.base:Scaled",
+    "sensitivity": "vofem.integrators.base:Sensitivity",
+    "shifted": "vofem.time_functions.shifted:Shifted",
+    "shifted_order": "vofem.laws.springpot:ShiftedOrder",
+    "sine": "vofem.time_functions.named:Sine",
+    "smooth_laws": "vofem.laws.smooth:SmoothLaws",
+    "spring_samples": "vofem.integrators.base:SpringSamples",
+    "springpot_law": "vofem.laws.springpot:SpringpotLaw",
+    "springpot_laws": "vofem.laws.springpot:SpringpotLaws",
+    "state": "vofem.system:State",
+    "stored_callable": "vofem.io.storage.stand_ins:StoredCallable",
+    "stored_effect": "vofem.io.storage.stand_ins:StoredEffect",
+    "stored_field": "vofem.io.storage.stored_field:StoredField",
+    "stored_function": "vofem.io.storage.stand_ins:StoredFunction",
+    "stored_law": "vofem.io.storage.stand_ins:StoredLaw",
+    "stored_state": "vofem.initial:StoredState",
+    "sum": "vofem.time_functions.base:Sum",
+    "system": "vofem.system:System",
+    "tabulated": "vofem.time_functions.tabulated:Tabulated",
+    "tabulated_order": "vofem.fractional.laws:TabulatedOrder",
+    "truncation": "vofem.integrators.base:Truncation",
+}
+
+_NAMES_OF = {place: name for name, place in NAMES.items()}
+
+
+def name_of_class(kind: type) -> str | None:
+    """Return the name of a class in files, or None if a file cannot hold its objects."""
+    return _NAMES_OF.get(f"{kind.__module__}:{kind.__qualname__}")
+
+
+@cache
+def class_named(name: str) -> Any:
+    """Return the class that a name in `NAMES` stands for, imported when it is first needed."""
+    module, _, qualified = NAMES[name].partition(":")
+    return getattr(import_module(module), qualified)
 
 
 def write_tree(group: h5py.Group, value: Any, encode: Encode = lambda value: None) -> None:
@@ -59,26 +123,23 @@ def read_tree(group: h5py.Group, decode: Decode | None = None) -> Any:
     Raises
     ------
     StorageError
-        If the text of the group is damaged.
+        If the group names a class that is not in `NAMES`, or other fields than the class has.
     """
     return _Reader(group, decode or _no_tags).value(json.loads(read_text(group, "tree")))
 
 
 def write_text(group: h5py.Group, name: str, text: str) -> None:
-    """Write a text as a dataset with a checksum."""
-    group.create_dataset(name, data=text, dtype=h5py.string_dtype()).attrs["crc32"] = zlib.crc32(text.encode())
+    """Write a text as a dataset."""
+    group.create_dataset(name, data=text, dtype=h5py.string_dtype())
 
 
 def read_text(group: h5py.Group, name: str) -> str:
-    """Return a text, checked."""
-    raw = group[name][()]
-    if zlib.crc32(raw) != int(group[name].attrs["crc32"]):
-        raise StorageError(f"{group.file.filename} is damaged: {group.name}/{name} has a wrong checksum; take a copy")
-    return str(raw.decode())
+    """Return a text."""
+    return str(group[name][()].decode())
 
 
 def write_array(group: h5py.Group, name: str, array: NDArray) -> h5py.Dataset:
-    """Write an array, compressed and with checksums where it has elements."""
+    """Write an array, compressed where it has elements."""
     flipped = array.ndim > 1 and array.flags.f_contiguous and not array.flags.c_contiguous
     data = array.T if flipped else array
     dataset = group.create_dataset(name, data=data, **(FILTERS if data.ndim and data.size else {}))
@@ -111,14 +172,15 @@ class _Writer:
         if id(value) in self._known:
             return {"same": self._known[id(value)][0]}
         found = self._encode(value)
-        if found is not None or is_data(type(value)):
+        named = name_of_class(type(value))
+        if found is not None or named is not None:
             number = len(self._known)
             self._known[id(value)] = number, value
             if found is not None:
                 return {"tag": found[0], "number": number, "of": self.node(found[1], path)}
-            fields = {name: self.node(getattr(value, name), f"{path}.{name}") for name in _field_names(type(value))}
-            name = f"{type(value).__module__}:{type(value).__qualname__}"
-            return {"data": name, "number": number, "fields": fields}
+            names = [field.name for field in dataclasses.fields(value)]
+            fields = {name: self.node(getattr(value, name), f"{path}.{name}") for name in names}
+            return {"data": named, "number": number, "fields": fields}
         if type(value) is complex:
             return {"complex": [value.real, value.imag]}
         if type(value) is dict:
@@ -127,8 +189,9 @@ class _Writer:
                 for k, (key, part) in enumerate(value.items())
             ]
             return {"dict": pairs}
-        if type(value) in (list, tuple):
-            return {type(value).__name__: [self.node(part, f"{path}.{k}") for k, part in enumerate(value)]}
+        if isinstance(value, tuple) or type(value) is list:
+            kind = "tuple" if isinstance(value, tuple) else "list"
+            return {kind: [self.node(part, f"{path}.{k}") for k, part in enumerate(value)]}
         if type(value).__name__ in _SPARSE:
             parts = {
                 name: self._array(getattr(value, name), f"{path}.{name}") for name in ("data", "indices", "indptr")
@@ -176,7 +239,7 @@ class _Reader:
             parts = [self.value(part) for part in content]
             return parts if kind == "list" else tuple(parts)
         if kind == "data":
-            made = _rebuilt(content, {name: self.value(part) for name, part in node["fields"].items()})
+            made = self._made(content, {name: self.value(part) for name, part in node["fields"].items()})
             return self._known.setdefault(node["number"], made)
         if kind == "sparse" and content in _SPARSE:
             import scipy.sparse
@@ -185,91 +248,23 @@ class _Reader:
             return getattr(scipy.sparse, content)((data, indices, indptr), shape=tuple(node["shape"]), copy=False)
         raise StorageError(f"{self._group.file.filename} holds {kind!r}, which this version of vofem does not know")
 
+    def _made(self, name: str, values: dict[str, Any]) -> Any:
+        """Return an object of a class in `NAMES` with the given fields."""
+        file = self._group.file.filename
+        if name not in NAMES:
+            raise StorageError(f"{file} holds {name!r}, which is no kind of data that this version of vofem knows")
+        kind = class_named(name)
+        wanted = [field.name for field in dataclasses.fields(kind)]
+        if set(wanted) != set(values):
+            raise StorageError(
+                f"{file} holds {name!r} with the fields {', '.join(values)}, expected {', '.join(wanted)}; it is "
+                "damaged, or was written by another version of vofem: read it with the version that wrote it"
+            )
+        made = object.__new__(kind)
+        for field, value in values.items():
+            object.__setattr__(made, field, value)
+        return made
+
 
 def _no_tags(tag: str, value: Any) -> Any:
     raise StorageError(f"{tag!r} is no kind of data that is known here; it was written by another vofem")
-
-
-def is_data(kind: type) -> bool:
-    """Return whether a class of this package is plain data: a dataclass or a named tuple."""
-    named = issubclass(kind, tuple) and hasattr(kind, "_fields")
-    return kind.__module__.startswith("vofem.") and (dataclasses.is_dataclass(kind) or named)
-
-
-def _field_names(kind: Any) -> tuple[str, ...]:
-    return kind._fields if issubclass(kind, tuple) else tuple(field.name for field in dataclasses.fields(kind))
-
-
-#: Former and present names of classes that have moved and cannot be imported from their former module.
-_MOVED = {
-    "vofem.memory.laws:MemoryLaw": "vofem.laws.hysteretic:HystereticLaw",
-    "vofem.memory.laws:PrintedLaw": "vofem.laws.paper:PrintedLaw",
-    "vofem.memory.laws:LinearLevel": "vofem.laws.paper:LinearLevel",
-    "vofem.memory.springpot:SpringpotLaw": "vofem.laws.springpot:SpringpotLaw",
-    "vofem.system:NonlinearLaws": "vofem.laws.smooth:SmoothLaws",
-    "vofem.system:MemoryLaws": "vofem.laws.hysteretic:HystereticLaws",
-    "vofem.system:SpringpotLaws": "vofem.laws.springpot:SpringpotLaws",
-    "vofem.integrators.stepping.record:Trail": "vofem.integrators.stepping.record:LastStep",
-    "vofem.laws.springpot:History": "vofem.laws.springpot_steps:SpringpotState",
-    "vofem.integrators.generalized_alpha:_State": "vofem.integrators.generalized_alpha.step:State",
-    "vofem.integrators.central_difference:_State": "vofem.integrators.central_difference.step:State",
-}
-
-
-#: Former and present names of fields of states.
-_RENAMED = {"memory": "internal", "told": "totals"}
-
-
-#: Former module, or package of modules, of the functions of time.
-_FUNCTIONS = "vofem.effects.time_functions"
-
-
-def class_named(name: str) -> type:
-    """Return the data class of this package that a file names as ``module:class``; a file can name nothing else.
-
-    The module is the one that held the class when the file was written. It
-    hands the class on if that has moved since, or `_MOVED` says where it is.
-
-    Raises
-    ------
-    StorageError
-        For any other name.
-    """
-    module, _, qualified = _MOVED.get(name, name).partition(":")
-    if module.startswith(_FUNCTIONS) or module == "vofem.effects.approximated":
-        module = "vofem.time_functions"
-    if re.fullmatch(r"vofem(\.[a-z]\w*)+", module) and qualified.isidentifier():
-        try:
-            kind = getattr(import_module(module), qualified, None)
-        except ModuleNotFoundError:
-            kind = None
-        if isinstance(kind, type) and kind.__name__ == qualified and is_data(kind):
-            return kind
-    raise StorageError(f"{name!r} is no class that a file may name")
-
-
-def _defaults(kind: Any) -> dict[str, Any]:
-    if issubclass(kind, tuple):
-        return dict(kind._field_defaults)
-    return {field.name: field.default for field in dataclasses.fields(kind) if field.default is not dataclasses.MISSING}
-
-
-def _rebuilt(name: str, fields: dict[str, Any]) -> Any:
-    """Return an object of a data class of this package; fields that came later have their defaults."""
-    kind = class_named(name)
-    if hasattr(kind, "from_earlier"):
-        fields = kind.from_earlier(fields)
-    wanted = _field_names(kind)
-    fields = {field if field in wanted else _RENAMED.get(field, field): value for field, value in fields.items()}
-    fields = {field: value for field, value in _defaults(kind).items() if field not in fields} | fields
-    if set(wanted) != set(fields):
-        raise StorageError(
-            f"{name} has the fields {', '.join(fields)} in this file and {', '.join(wanted)} in this "
-            "version of vofem; read it with the version that wrote it"
-        )
-    if issubclass(kind, tuple):
-        return kind(*(fields[field] for field in _field_names(kind)))
-    made = object.__new__(kind)
-    for field, value in fields.items():
-        object.__setattr__(made, field, value)
-    return made

@@ -16,7 +16,7 @@ from vofem.integrators.registry import without_second_run
 from vofem.kernels.mode import compiled
 from vofem.result import Result
 from vofem.scene import Scene, as_scene
-from vofem.simulate import simulate
+from vofem.simulate.simulation import simulate
 from vofem.studies.accuracy.exact import Exact, Question, exact, rounding
 from vofem.studies.accuracy.quantities import Observed, compare, observe
 from vofem.studies.accuracy.spread import spread

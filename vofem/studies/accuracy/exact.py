@@ -13,7 +13,7 @@ from vofem.integrators.methods import ENERGY_CONSERVING, EVENT_DRIVEN
 from vofem.kernels.mode import compiled
 from vofem.result import Result
 from vofem.scene import Scene
-from vofem.simulate import simulate
+from vofem.simulate.simulation import simulate
 from vofem.studies.accuracy.quantities import Observed, observe
 from vofem.studies.accuracy.scaled import scaled
 

@@ -57,11 +57,6 @@ class BifurcationDiagram:
         runs = f"{self.values.size} values x {periods} periods; starts {', '.join(self.samples)}"
         return f"<BifurcationDiagram: {runs}; points {', '.join(self.points)}; {len(self.failed)} failed>"
 
-    @property
-    def looks(self) -> dict[str, Array]:
-        """The former name of `samples`."""
-        return self.samples
-
     def _of(self, kind: int, point: Any, start: str) -> Array:
         choice("BifurcationDiagram: start", start, tuple(self.samples))
         name = self.points[0] if point is None else name_of(point)

@@ -12,7 +12,7 @@ from vofem._validate import whole
 from vofem.errors import ArgumentError
 from vofem.initial import StoredState
 from vofem.scene import Scene
-from vofem.simulate import simulate
+from vofem.simulate.simulation import simulate
 from vofem.studies.steady.loads import load_period
 
 Array = NDArray[np.float64]

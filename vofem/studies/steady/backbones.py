@@ -17,13 +17,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import array, whole
-from vofem.errors import ArgumentError, ConvergenceError, MethodError
-from vofem.integrators.event_driven.flow import Start, flow, modes_of
+from vofem.blas import one_thread
+from vofem.errors import ArgumentError, ConvergenceError, EventStormError, MethodError
+from vofem.integrators.event_driven.flow import Start, flow, modal_state, modes_of
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.laws import CLOSED, OPEN, ContactLaws
+from vofem.result import Result
 from vofem.scene import Scene, as_scene
 from vofem.studies.steady.arclength import LostCurveError, until_positive
 from vofem.studies.steady.branch import Branch, BranchCounters, Orbits
+from vofem.studies.steady.condensed import GOOD, Condensed, condensed_result, reduced
 from vofem.studies.steady.counters import Work
 from vofem.studies.steady.newton import direction
 from vofem.studies.steady.orbit import PeriodicOrbit
@@ -37,6 +40,9 @@ _STEPS, _TOLERANCE, _ROUNDING = 12, 1e-14, 1e-11
 
 #: First, largest and least step of the logarithm of the energy.
 _FIRST, _LARGEST, _LEAST = 0.02, 0.3, 1e-6
+
+#: Number of vectors of a large system for each mode below the one that is followed.
+_EACH_MODE = 4
 
 #: First fraction of the contacts' stiffness if contacts touch at rest, and the factor by which it grows.
 _SOFT, _HARDER = 1e-3, 2.0
@@ -74,15 +80,16 @@ class _Level:
 
     dof: int
 
-    def of(self, system: System, space: ModalSpace, z: Array) -> tuple[float, Array]:
-        """Return the level of a modal displacement at rest and its derivative, shape (n,)."""
+    def of(self, search: _Search, z: Array, *, linear: bool = False) -> tuple[float, Array]:
+        """Return the level of a modal displacement at rest and its derivative, (n,), without contacts if `linear`."""
+        system, space = search.system, search.space
         if self.dof >= 0:
-            row = space.shapes[self.dof]
+            row = search.shapes[self.dof]
             value = float(row @ z)
             return abs(value), row * np.sign(value)
         energy, slope = 0.5 * float(space.stiffness @ z**2), space.stiffness * z
         laws = system.contacts
-        if laws is not None:
+        if laws is not None and not linear:
             s = space.contacts @ z - laws.gap
             status = np.where(s > 0.0, CLOSED, OPEN)
             energy += float(laws.closed_potential(s, status))
@@ -90,6 +97,7 @@ class _Level:
         return energy, slope
 
 
+@one_thread
 def backbone(
     scene: Scene, mode: int, energies: ArrayLike | None = None, *, amplitudes: ArrayLike | None = None
 ) -> Branch:
@@ -133,9 +141,10 @@ def backbone(
     system = scene.model.system
     _check(scene, system)
     work = Work()
-    space = modes_of(system, work.runs)
-    number = _mode_number(space, whole("backbone: mode", mode))
-    search = _Search(system, space, work)
+    mode = whole("backbone: mode", mode)
+    few = reduced(system, _EACH_MODE * mode)
+    search = _Search(system if few is None else few.system, work, few)
+    number = _mode_number(search.space, mode, system)
     found: dict[float, _Rest] = {}
     now, kind = search.linear(number, float(levels.min()), amplitudes is not None)
     failed: ConvergenceError | None = None
@@ -146,6 +155,7 @@ def backbone(
             failed = error
             break
         found[level] = now
+    search, found = search.settled(found, kind)
     levels = np.array([level for level in levels.tolist() if level in found])
     counters = BranchCounters(points=levels.size, flows=work.flows, eigensolves=work.runs.eigensolves)
     orbits = [search.orbit(scene, found[level]) for level in levels.tolist()]
@@ -160,7 +170,7 @@ def backbone(
 
 def _check(scene: Scene, system: System) -> None:
     """Raise where a scene is not conservative."""
-    reason = shooting_refusal(scene, all_modes=True)
+    reason = shooting_refusal(scene)
     if reason is not None:
         raise MethodError(f"backbone: {reason.split('. Use ')[0].split('; use')[0]}")
     what = ""
@@ -177,24 +187,62 @@ def _check(scene: Scene, system: System) -> None:
         )
 
 
-def _mode_number(space: ModalSpace, mode: int) -> int:
+def _mode_number(space: ModalSpace, mode: int, system: System) -> int:
     vibrations = np.flatnonzero(space.stiffness > 0.0)
     if mode > vibrations.size:
+        every = system.size - system.rigid.shape[1]
+        few = "" if vibrations.size == every else f", of which {vibrations.size} vectors are taken"
         raise ArgumentError(
-            f"backbone: mode is {mode}, and the scene has {vibrations.size} vibration modes; 1 is the lowest"
+            f"backbone: mode is {mode}, and the scene has {every} vibration modes{few}; 1 is the lowest"
         )
     return int(vibrations[mode - 1])
 
 
 class _Search:
-    """Finds free oscillations of a system."""
+    """Finds free oscillations of a system, or of a large one in a few vectors."""
 
-    def __init__(self, system: System, space: ModalSpace, work: Work) -> None:
-        self.system, self.space, self.work = system, space, work
+    def __init__(self, system: System, work: Work, few: Condensed | None = None) -> None:
+        self.system, self.work, self.few = system, work, few
+        self.space: ModalSpace = modes_of(system, work.runs)
+        #: Displacements of all degrees of freedom in modes, shape (N, n).
+        self.shapes: Array = self.space.shapes if few is None else few.vectors @ self.space.shapes
+        self.rotation = system.rotation if few is None else few.full.rotation
+        #: Relative change of the oscillations by doubling the vectors.
+        self.change: float | None = None
 
     def energy(self, z: Array) -> float:
         """Return the energy of a displacement at rest, J."""
-        return _Level(-1).of(self.system, self.space, z)[0]
+        return _Level(-1).of(self, z)[0]
+
+    def state(self, z: Array) -> State:
+        """Return the state at rest over all degrees of freedom."""
+        q: Array = self.shapes @ z
+        return State(q, np.zeros(q.size))
+
+    def settled(self, found: dict[float, _Rest], kind: _Level) -> tuple[_Search, dict[float, _Rest]]:
+        """Return the oscillations in so many vectors that twice as many change them little."""
+        search = self
+        while found and search.few is not None:
+            more = search.few.more()
+            finer_system = None if more is None else reduced(search.few.full, more)
+            if finer_system is None:
+                break
+            finer, better, change = _Search(finer_system.system, self.work, finer_system), {}, 0.0
+            for level, one in found.items():
+                state = search.state(one.z)
+                in_finer = modal_state(finer.system, finer.space, finer_system.project(state))[0]
+                try:
+                    better[level] = finer.solved(_Rest(in_finer, one.half), kind, level)
+                except ConvergenceError:
+                    return search, found
+                apart = search.few.change(state, finer.state(better[level].z))
+                change = max(change, apart, abs(better[level].half / one.half - 1.0))
+            search.change = change
+            if change <= GOOD:
+                break
+            search, found = finer, better
+            search.change = change
+        return search, found
 
     def linear(self, number: int, level: float, by_amplitude: bool) -> tuple[_Rest, _Level]:
         """Return a linear oscillation of a mode that touches no contact, or else one in which the contacts close."""
@@ -210,10 +258,10 @@ class _Search:
             shape *= -1.0 if along[first] > 0.0 else 1.0
         dof = -1
         if by_amplitude:
-            sizes = np.where(self.system.rotational, 0.0, np.abs(space.shapes[:, number]))
+            sizes = np.where(self.rotation, 0.0, np.abs(self.shapes[:, number]))
             dof = int(np.argmax(sizes))
         kind = _Level(dof)
-        unit, _ = kind.of(replace_contacts(self.system, None), space, shape)
+        unit, _ = kind.of(self, shape, linear=True)
         size = level / unit if by_amplitude else float(np.sqrt(level / unit))
         start = _Rest(size * shape, np.pi / frequency)
         if laws is None:
@@ -234,7 +282,7 @@ class _Search:
         while True:
             laws = self.system.contacts
             assert laws is not None
-            softer = _Search(replace_contacts(self.system, laws.scaled(share)), self.space, self.work)
+            softer = _Search(replace_contacts(self.system, laws.scaled(share)), self.work, self.few)
             try:
                 found = softer.solved(now, kind, level)
             except ConvergenceError:
@@ -251,7 +299,7 @@ class _Search:
 
     def path(self, now: _Rest, kind: _Level, level: float) -> _Rest:
         """Return the oscillation at a level, followed from another one."""
-        here, goal = np.log(kind.of(self.system, self.space, now.z)[0]), np.log(level)
+        here, goal = np.log(kind.of(self, now.z)[0]), np.log(level)
         before: tuple[float, Array] | None = None
         step = _FIRST
         if goal <= here + 1e-15:
@@ -284,7 +332,7 @@ class _Search:
         """Return the oscillation at a level beyond a place where the backbone turns in its level, by arclength."""
 
         def level_of(y: Array) -> float:
-            return kind.of(self.system, self.space, y[:-1])[0] / level - 1.0
+            return kind.of(self, y[:-1])[0] / level - 1.0
 
         towards = now.y - before[1] if before is not None else now.y * np.append(np.ones(self.space.size), 0.0)
         try:
@@ -293,7 +341,7 @@ class _Search:
             guess = first + (last - first) * a / (a - b)
             return self.solved(_Rest(guess[:-1], float(guess[-1])), kind, level)
         except ConvergenceError as lost:
-            here = kind.of(self.system, self.space, now.z)[0]
+            here = kind.of(self, now.z)[0]
             beyond = f"{error}; and beyond that level {lost}"
             if isinstance(lost, LostCurveError):
                 top, end = (level * (1.0 + level_of(y)) for y in (lost.farthest, lost.last))
@@ -315,7 +363,7 @@ class _Search:
             if not np.all(np.isfinite(y)) or y[-1] <= 0.0:
                 break
             speeds, slopes = self.speeds(y)
-            value, slope = kind.of(self.system, self.space, y[:n])
+            value, slope = kind.of(self, y[:n])
             residual = np.append(speeds, value / level - 1.0)
             error = float(np.max(np.abs(residual)))
             if error < best:
@@ -347,8 +395,12 @@ class _Search:
         n = self.space.size
         begin = np.zeros((2 * n, n))
         begin[:n] = np.eye(n)
-        one = flow(self.system, Start(0.0, y[:n], np.zeros(n)), float(y[-1]), derivative=begin, counters=self.work.runs)
+        start = Start(0.0, y[:n], np.zeros(n))
         self.work.flows += 1
+        try:
+            one = flow(self.system, start, float(y[-1]), derivative=begin, counters=self.work.runs)
+        except EventStormError as error:
+            raise ConvergenceError(str(error)) from error
         assert one.monodromy is not None
         _, speed = one.sizes
         slopes = np.concatenate([one.monodromy[n:], one.rate(at_start=False)[n:, None]], axis=1) / speed
@@ -369,7 +421,14 @@ class _Search:
         assert full.monodromy is not None
         size_z, size_v = full.sizes
         residual = max(np.linalg.norm(full.displacement - z) / size_z, np.linalg.norm(full.velocity) / size_v)
-        state = State(space.shapes @ z, np.zeros(space.shapes.shape[0]))
+        state, few, change = self.state(z), self.few, self.change
+        left_out = None if few is None else few.truncation(period, change)
+
+        def result() -> Result:
+            if few is None:
+                return orbit_result(scene, state, period)
+            return condensed_result(scene, few, state, period, change)
+
         return PeriodicOrbit(
             scene,
             "shooting",
@@ -377,7 +436,9 @@ class _Search:
             1,
             multipliers=np.linalg.eigvals(full.monodromy).astype(complex),
             residual=float(residual),
-            result=lambda: orbit_result(scene, state, period),
+            result=result,
+            truncation=left_out,
+            notes=() if left_out is None else (left_out.what,),
             unknowns=np.concatenate([z, np.zeros(n)]),
             start=state,
             autonomous=True,
@@ -395,11 +456,10 @@ def _far(a: Array, b: Array) -> bool:
     return cosine < 0.9
 
 
-def replace_contacts(system: System, contacts: ContactLaws | None) -> System:
-    """Return a system with other contacts, or without any; it shares nothing that was computed."""
+def replace_contacts(system: System, contacts: ContactLaws) -> System:
+    """Return a system with other contacts and the same modes; it shares nothing else that was computed."""
     laws: list[Any] = [group for group in system.laws if group is not system.contacts]
-    changed = replace(system, laws=tuple(laws if contacts is None else [contacts, *laws]))
-    if contacts is not None:
-        known = system.cache.get("modal space", None, lambda: None)
-        changed.cache.get("modal space", None, lambda: known)
+    changed = replace(system, laws=(contacts, *laws))
+    known = system.cache.get("modal space", None, lambda: None)
+    changed.cache.get("modal space", None, lambda: known)
     return changed

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem._validate import number
+from vofem.blas import one_thread
 from vofem.cards import Shown
 from vofem.errors import ArgumentError
-from vofem.persistence import store
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.special import SpecialPoint
 
@@ -40,6 +40,8 @@ class BranchCounters:
         The same for the first orbit.
     eigensolves : int
         Full eigenvalue problems of the structure.
+    check_flows : int
+        Flows over orbits in which no event is ignored, with which orbits are checked.
     """
 
     points: int = 0
@@ -48,6 +50,7 @@ class BranchCounters:
     rejected_flows: int = 0
     search_flows: int = 0
     eigensolves: int = 0
+    check_flows: int = 0
 
 
 class Source(Protocol):
@@ -87,7 +90,8 @@ class Orbits(Sequence[PeriodicOrbit]):
             return [self[k] for k in range(*index.indices(len(self)))]
         k = range(len(self))[index]
         if k not in self._known:
-            self._known[k] = self._makers[k]()
+            with one_thread:
+                self._known[k] = self._makers[k]()
         return self._known[k]
 
     def __iter__(self) -> Iterator[PeriodicOrbit]:
@@ -110,6 +114,8 @@ class Branch(Shown):
         Sentences that a user should read, such as why the branch ended.
     periods : int
         Number of periods of the loads after which an orbit repeats.
+    interrupted : bool
+        Whether Ctrl-C was pressed while the branch was followed; then it may end before its interval does.
     """
 
     def __init__(
@@ -121,6 +127,7 @@ class Branch(Shown):
         *,
         notes: Sequence[str] = (),
         periods: int = 1,
+        interrupted: bool = False,
         source: Source | None = None,
     ) -> None:
         self.values = np.asarray(values, dtype=float)
@@ -129,6 +136,7 @@ class Branch(Shown):
         self.counters = counters
         self.notes = list(notes)
         self.periods = periods
+        self.interrupted = interrupted
         self._source = source
 
     def __len__(self) -> int:
@@ -183,6 +191,7 @@ class Branch(Shown):
                 f"{what} is told of free oscillations, those of vofem.backbone; these orbits are forced"
             )
 
+    @one_thread
     def at(self, value: float) -> list[PeriodicOrbit]:
         """Return all orbits of the branch at exactly this value of the parameter, in the order of the branch.
 
@@ -196,6 +205,7 @@ class Branch(Shown):
         """
         return self._finder("at").at(number("at: value", value))
 
+    @one_thread
     def switch(self, special: SpecialPoint) -> Branch:
         """Return the branch that leaves at a special point.
 
@@ -250,4 +260,7 @@ class Branch(Shown):
         OutputError
             If the file exists and is not to be overwritten, or cannot be written.
         """
-        return store().save_branch(self, path, overwrite=overwrite)
+        # Late, because studies know no file format.
+        from vofem.io.storage.branch_file import save
+
+        return save(self, path, overwrite=overwrite)

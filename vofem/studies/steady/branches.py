@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from vofem._validate import choice, number, whole
+from vofem.blas import one_thread
 from vofem.errors import ArgumentError
 from vofem.progress import Progress
 from vofem.scene import Scene
@@ -19,6 +20,7 @@ from vofem.studies.steady.sheets import branch_of
 from vofem.studies.steady.steady_state import first_orbit
 
 
+@one_thread
 def continuation(
     build: Callable[[float], Scene],
     start: float,

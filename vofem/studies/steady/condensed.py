@@ -163,6 +163,11 @@ def condensed(full: System, count: int, earlier: Condensed | None) -> Condensed:
     return Condensed(full, own, vectors, _reduction(full).rounding)
 
 
+def reduced(full: System, least: int = 0) -> Condensed | None:
+    """Return a system in the first number of vectors, or in more; None where all modes are used."""
+    return condensed(full, max(first_count(full), least), None) if condensable(full) else None
+
+
 #: What `System.cache` holds for all systems of the same matrices, contact rows and load vectors.
 _KIND = "vectors of orbits"
 
@@ -222,6 +227,6 @@ def condensed_result(scene: Scene, few: Condensed, state: State, duration: float
     assert isinstance(solution, EventSolution)
     left_out = few.truncation(duration, error)
     kept = Truncation(few.vectors.shape[1], few.full.size, left_out.error, duration, few.rounding)
-    lifted = TruncatedSolution(solution, few.vectors, times, kept, GOOD, bool(np.any(few.full.rotational)))
+    lifted = TruncatedSolution(solution, few.vectors, times, kept, GOOD, bool(np.any(few.full.rotation)))
     lifted.notes[0] = f"truncation: {left_out.what}"
     return Result(scene, "event_driven", lifted, start=state)

@@ -15,19 +15,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem._validate import number, whole
+from vofem.blas import one_thread
 from vofem.errors import ArgumentError, MethodError
 from vofem.integrators.event_driven.flow import Start, flow, modal_state, modes_of
-from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.scene import Scene, as_scene
+from vofem.studies.steady.condensed import Condensed, condensed, reduced, slowest_decay
 from vofem.studies.steady.loads import load_period
 from vofem.studies.steady.shooting import shooting_refusal
-from vofem.system import Counters, System
+from vofem.system import Counters, State, System
 
 Array = NDArray[np.float64]
 
 #: Stretches of time where no load sets a period, and at least; parts of the run from whose exponents the error is
 #: estimated.
 _STRETCHES, _LEAST, _PARTS = 400, 32, 16
+
+#: Relative difference of exponents in few and in twice as many vectors that is small enough, beside their errors.
+_ALIKE = 1e-4
 
 
 @dataclass(frozen=True)
@@ -44,14 +48,18 @@ class LyapunovExponents:
         halves of the run if that is larger.
     t_end, skip : float
         The arguments of `lyapunov`, in s.
+    notes : tuple of str
+        What was left out of a large system.
     """
 
     exponents: Array
     error: Array
     t_end: float
     skip: float
+    notes: tuple[str, ...] = ()
 
 
+@one_thread
 def lyapunov(scene: Scene, t_end: float, *, count: int = 1, skip: float = 0.0) -> LyapunovExponents:
     """Return the largest Lyapunov exponents of a motion of a scene, from its initial state.
 
@@ -86,18 +94,45 @@ def lyapunov(scene: Scene, t_end: float, *, count: int = 1, skip: float = 0.0) -
     if skip >= t_end:
         raise ArgumentError(f"lyapunov: skip is {skip:g} s, expected a time before t_end = {t_end:g} s")
     system = scene.model.system
-    reason = shooting_refusal(scene, all_modes=True)
+    reason = shooting_refusal(scene)
     if reason is not None:
         raise MethodError(f"lyapunov: {reason.split('; ')[0]}")
     if count > 2 * system.size:
         raise ArgumentError(f"lyapunov: count is {count}, and the scene has {2 * system.size} exponents")
-    counters = Counters()
-    space = modes_of(system, counters)
     times = np.concatenate([[0.0], _stretches(system, skip, t_end)])
-    growth = _growth(scene, space, times, count)
+    few = reduced(system, count)
+    found = _exponents(scene, system if few is None else few.system, few, times, count, skip)
+    if few is None:
+        return LyapunovExponents(*found, t_end, skip)
+    change, more = np.inf, few.more()
+    while more is not None and change > 1.0:
+        finer = condensed(system, more, None)
+        after = _exponents(scene, finer.system, finer, times, count, skip)
+        with np.errstate(invalid="ignore"):
+            apart = np.nan_to_num(np.abs(after[0] - found[0]), nan=0.0)
+        # Two runs of a chaotic motion differ by their statistical errors.
+        change = float(np.max(apart / (after[1] + found[1] + _ALIKE * np.abs(after[0]) + _ALIKE / t_end)))
+        few, found, more = finer, after, finer.more()
+    lowest = few.lowest_left_out
+    note = (
+        f"{few.vectors.shape[1]} vectors, static responses and the lowest modes, stand for {system.size} degrees of "
+        f"freedom; modes above {lowest:.4g} rad/s are left out, whose exponents are at most "
+        f"{-slowest_decay(system, lowest):.3g} 1/s"
+    )
+    if change > 1.0:
+        note += ". With half as many vectors the exponents differ by more than their errors: trust them less"
+    return LyapunovExponents(*found, t_end, skip, (note,))
+
+
+def _exponents(
+    scene: Scene, system: System, few: Condensed | None, times: Array, count: int, skip: float
+) -> tuple[Array, Array]:
+    """Return exponents and their standard errors, in few vectors where these are given."""
+    start = scene.initial_state()
+    growth = _growth(system, start if few is None else few.project(start), times, count)
     counted = times[1:] > skip * (1.0 + 1e-12)
     begins = float(times[:-1][counted][0])
-    return LyapunovExponents(*_estimated(growth[counted], np.diff(times)[counted], begins, t_end), t_end, skip)
+    return _estimated(growth[counted], np.diff(times)[counted], begins, float(times[-1]))
 
 
 def _stretches(system: System, skip: float, t_end: float) -> Array:
@@ -116,10 +151,11 @@ def _stretches(system: System, skip: float, t_end: float) -> Array:
     return np.concatenate([lead, whole_steps[whole_steps < t_end], [t_end]])
 
 
-def _growth(scene: Scene, space: ModalSpace, times: Array, count: int) -> Array:
+def _growth(system: System, initial: State, times: Array, count: int) -> Array:
     """Return logarithms of the growth of perturbations over stretches of time, shape (n_stretches, count)."""
-    n, system = space.size, scene.model.system
-    z, v = modal_state(system, space, scene.initial_state())
+    space = modes_of(system, Counters())
+    n = space.size
+    z, v = modal_state(system, space, initial)
     positive = space.stiffness[space.stiffness > 0.0]
     typical = float(positive[0]) if positive.size else 1.0
     # Displacements and velocities are compared by energy.

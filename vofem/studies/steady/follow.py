@@ -56,6 +56,9 @@ _AGAIN = 1e-2
 #: Difference of two orbits, over the size of the motion, and of their values, over the interval, that are one.
 _SAME = 1e-7
 
+#: Largest change of an orbit over its period, as a share of its motion, and what rounding may be magnified to in it.
+_CLOSES, _ROUNDED = 1e-8, 1e-14
+
 #: Largest distance of a grazing from a point, in steps, and largest relative height of an extreme that is checked.
 _FARTHEST, _NEAR = 4.0, 0.3
 
@@ -94,12 +97,15 @@ class Track:
         The steps from each point to the next; None if the two have no common coordinates.
     marks : list of Mark
     notes : list of str
+    interrupted : bool
+        Whether Ctrl-C was pressed.
     """
 
     points: list[Point] = field(default_factory=list)
     steps: list[Step | None] = field(default_factory=list)
     marks: list[Mark] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    interrupted: bool = False
 
 
 class Follower:
@@ -132,6 +138,8 @@ class Follower:
         self._over = False
         self._leaving_another = False
         self._begun = 0
+        #: Change over its period of the last orbit that was refused because it does not repeat.
+        self._refused: float | None = None
 
     # -- counting -------------------------------------------------------------------------------------
 
@@ -186,6 +194,7 @@ class Follower:
                 track.notes.append(f"the branch was followed for {self.most} points; raise max_points to go on")
                 break
             if report is not None and report(now.value):
+                track.interrupted = True
                 track.notes.append(f"interrupted at {now.value:.9g}: what was found until then is here")
                 break
             after = self._advanced(now, step)
@@ -198,17 +207,15 @@ class Follower:
                     continue
                 step *= _SHRINK
                 if step < LEAST:
-                    track.notes.append(
-                        f"the branch was lost at {now.value:.12g}: Newton's method does not converge for the smallest "
-                        "step; the motion beyond may chatter or touch two contacts at once"
-                    )
+                    track.notes.append(f"the branch was lost at {now.value:.12g}: {self._why_lost()}")
                     break
                 continue
-            failures = 0
+            failures, self._refused = 0, None
             now, step = after
         else:
             # What comes after the branch, such as pictures, is to hear of it too.
             if report is not None and report(now.value):
+                track.interrupted = True
                 track.notes.append(f"interrupted at {now.value:.9g}, the end of the branch")
         self.counters.points = len(track.points)
         track.marks.sort(key=lambda mark: mark.place)
@@ -228,6 +235,8 @@ class Follower:
         if after is None:
             return None
         if isinstance(chart, EventChart) and chart.rate(after.problem, after.y[:-1]) <= 0.0:
+            return None
+        if not self._repeats(after):
             return None
         if signature(chart, after.evaluation) != signature(chart, now.evaluation):
             return self._changed(now, after, step)
@@ -271,6 +280,46 @@ class Follower:
         if tangent @ towards < refused:
             return None
         return Point(chart, y, problem, evaluation, scales, by_value, tangent)
+
+    def _repeats(self, point: Point, grazing: Point | None = None) -> bool:
+        """Return whether an orbit closes under one flow over its period in which no event is ignored.
+
+        In coordinates at events some events are ignored. Where a force jumps, the flow changes like a root at a
+        grazing, and rounding of the state alone decides whether an orbit beside it touches: these are not refused.
+        """
+        problem = point.problem
+        if not isinstance(problem, Shooting) or point.chart is ORIGIN:
+            return True
+        begun = self.family.work.flows
+        try:
+            plain = problem.evaluate(point.unknowns(), derivative=False)
+            point.change = plain.error
+            if plain.error <= _CLOSES or (grazing is not None and _jumps(problem, _grazed(grazing))):
+                return True
+            matrix = problem.evaluate(point.unknowns()).monodromy / problem.scales[:, None] * problem.scales
+        except ConvergenceError:
+            return False
+        finally:
+            done = self.family.work.flows - begun
+            self.counters.check_flows += done
+            self._flows_counted += done
+        if plain.error <= _ROUNDED * np.linalg.norm(matrix):
+            return True
+        self._refused = plain.error
+        return False
+
+    def _why_lost(self) -> str:
+        """Return why no further orbit was found."""
+        if self._refused is None:
+            return (
+                "Newton's method does not converge for the smallest step; the motion beyond may chatter or touch two "
+                "contacts at once"
+            )
+        return (
+            f"what was found beyond does not repeat, but changes by {self._refused:.1e} of the motion over its period, "
+            "so it is no orbit; a contact may begin or cease to touch there. Try to continue from an orbit beyond, "
+            "found with vofem.periodic"
+        )
 
     def _take(self, step: Step | None, point: Point | None = None) -> None:
         """Add a point to the branch, and the special points on the way to it."""
@@ -319,6 +368,10 @@ class Follower:
         """Add a crossing. A branch over several periods ends where its orbits repeat earlier."""
         kind, at = crossing.kind, crossing.point
         problem = at.problem
+        if not self._repeats(at):
+            self._over = True
+            self.track.notes.append(f"the branch was lost at {step.first.value:.12g}: {self._why_lost()}")
+            return
         if kind == "shorter":
             shortest = problem.shortest_period(at.unknowns(), at.evaluation)
             kind = "period_doubling" if shortest * 2 == problem.periods else "branch_point"
@@ -371,6 +424,8 @@ class Follower:
                 return None
             last = self.point(now.chart, y, now.tangent, evaluation)
         except ConvergenceError:
+            return None
+        if not self._repeats(last):
             return None
         self._take(Step(now, last))
         self._over = True
@@ -552,6 +607,8 @@ class Follower:
             outside = before(self.family, self.interval, at)
             several = _may_split(at)
             first = None if several else beyond(self.family, self.interval, at)
+            if not self._repeats(outside, at):
+                return None
         except ConvergenceError:
             return None
         finally:
@@ -576,6 +633,8 @@ class Follower:
             if at is None or self._signed(at, at) == self._signed(now, at):
                 return None
             outside = before(self.family, self.interval, at)
+            if not self._repeats(outside, at):
+                return None
             if _may_split(at):
                 self._take(None, outside)
                 self._graze(at, outside)

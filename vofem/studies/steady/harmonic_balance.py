@@ -18,6 +18,7 @@ harmonics of the force beyond H, which are known.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -28,17 +29,20 @@ from vofem.errors import ArgumentError, ConvergenceError, MethodError, SingularS
 from vofem.integrators.event_driven.flow import share_modes
 from vofem.integrators.methods import ENERGY_CONSERVING
 from vofem.laws.rows import all_rows
+from vofem.linalg.eigen import eigenvalues
 from vofem.result import Result
 from vofem.scene import Scene
-from vofem.simulate import simulate
+from vofem.simulate.simulation import simulate
+from vofem.studies.steady.condensed import slowest_decay
 from vofem.studies.steady.counters import Work
 from vofem.studies.steady.harmonic_solution import HarmonicMotion, harmonic_result
 from vofem.studies.steady.law_path import PASSES, LawPaths, nonlinear_groups
 from vofem.studies.steady.linear_rest import FULL, Attached, LinearRest, linear_laws
 from vofem.studies.steady.load_series import load_series
 from vofem.studies.steady.loads import LoadPeriod, load_period
-from vofem.studies.steady.orbit import OrbitTruncation, PeriodicOrbit
+from vofem.studies.steady.orbit import DECIDED, OrbitTruncation, PeriodicOrbit
 from vofem.studies.steady.trigonometric import basis, to_complex, to_real
+from vofem.studies.steady.variation import monodromy
 from vofem.system import System
 
 Array = NDArray[np.float64]
@@ -58,6 +62,9 @@ _TRANSIENT, _STEPS = 60, 200
 
 #: Relative difference of harmonics below which an orbit repeats before its end.
 _REPEATS = 1e-7
+
+#: Share of the largest modulus above which the change of a multiplier is looked at, and the factor from it to a bound.
+_LEADING, _SAFETY = 0.5, 3.0
 
 #: Smallest step on the way from the linear response to the laws' full strength, and iterations of one.
 _SMALLEST, _TRIES = 1.0 / 16.0, 12
@@ -369,13 +376,30 @@ class HarmonicBalance:
                 f"{label} still changes after {PASSES} cycles of this motion, as laws that harden under cyclic loads "
                 "do; the orbit is that after as many cycles"
             )
-        motion = self._motion(forces)
+        motion, reason = self._motion(forces), self._undecided()
+        if reason is not None:
+            notes.append(reason)
+
+        @cache
+        def known() -> Complex | None:
+            return self._multipliers(motion)
+
+        def doubt() -> float:
+            """Return a bound from the change of leading multipliers by the harmonics beyond those of the unknowns."""
+            kept = motion.coefficients[:, : self.harmonics + 1]
+            few, many = self._multipliers(HarmonicMotion(self.system, self.rest, self.laws, kept, self.omega)), known()
+            if few is None or many is None:
+                return np.inf
+            leading = many[np.abs(many) >= _LEADING * np.abs(many).max()]
+            return float(max(DECIDED, _SAFETY * np.abs(leading[:, None] - few).min(axis=1).max()))
+
         return PeriodicOrbit(
             self.scene,
             "harmonic_balance",
             self.loads.omega,
             self.periods,
-            multipliers=None,
+            multipliers=known,
+            decided=doubt,
             residual=evaluation.error,
             result=lambda: harmonic_result(self.scene, motion, tuple(notes)),
             truncation=truncation,
@@ -405,6 +429,29 @@ class HarmonicBalance:
             right = self._series[:, k] @ self.load_modes - forces[:, k] @ self.law_modes
             modal[:, k] = self._answer(k, right[:, None])[:, 0]
         return HarmonicMotion(self.system, self.rest, self.laws, modal, self.omega)
+
+    def _undecided(self) -> str | None:
+        """Return why multipliers of the motions are not computed, or None."""
+        with_past = [group for group in self.system.laws if group.linear]
+        label = with_past[0].labels[0] if with_past else self.laws.with_past()
+        if label is not None:
+            return f"stability is not decided, because the force of {label} depends on the past of its motion"
+        rest, system = self.rest, self.system
+        lowest = float(np.sqrt(rest.squares.max(initial=0.0)))
+        if rest.squares.size < system.size and slowest_decay(system, lowest) <= 0.0:
+            return (
+                f"stability is not decided, because vibrations above {lowest:.3g} rad/s are left out and do not decay"
+            )
+        return None
+
+    def _multipliers(self, motion: HarmonicMotion) -> Complex | None:
+        """Return the Floquet multipliers of a motion; None where they are not computed."""
+        if self._undecided() is not None:
+            return None
+        rows = all_rows(self.groups)
+        series = np.zeros((0, 1)) if rows is None else motion.along(rows)
+        tangents = [self.laws.tangent(j, series[j], self.omega) for j in range(self.laws.size)]
+        return eigenvalues(monodromy(self.rest, self.law_modes, tangents, self.omega, self.harmonics))
 
     def shortest_period(self, unknowns: Array, evaluation: HarmonicEvaluation) -> int:
         """Return after how many periods of the loads a solution first repeats: `periods` or a divisor of it."""

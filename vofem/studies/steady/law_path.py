@@ -8,6 +8,7 @@ followed from turning point to turning point, until they repeat.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -56,6 +57,25 @@ class LawForce:
     force: Array
     slope: Array | None
     settled: bool = True
+
+
+@dataclass(frozen=True)
+class LawTangent:
+    """The tangent of one law along a periodic motion.
+
+    Attributes
+    ----------
+    cuts : ndarray, shape (n_cuts,)
+        Angles in [0, 2 pi) at which the tangent jumps.
+    jumps : list of (float, float)
+        Angles at which the force jumps too, and the jump over the modulus of the coordinate's rate there, N s/m.
+    at : callable
+        Returns stiffness in N/m and damping in N s/m at angles, shape (2, n).
+    """
+
+    cuts: Array
+    jumps: list[tuple[float, float]]
+    at: Callable[[Array], Array]
 
 
 @dataclass
@@ -142,6 +162,54 @@ class LawPaths:
         else:
             _smooth(self._laws, j, *self._law_of[j], series, total)
         return LawForce(total.force, total.slope if derivative else None, settled)
+
+    def with_past(self) -> str | None:
+        """Return the label of the first law whose force depends on the past, or None."""
+        for record, (group, index) in zip(self._laws.table, self._law_of, strict=True):
+            if record["end"] > record["start"]:
+                return group.labels[index]
+        return None
+
+    def tangent(self, j: int, series: Array, omega: float) -> LawTangent:
+        """Return the tangent of law j, whose force does not depend on the past, along a motion."""
+        laws, (group, index) = self._laws, self._law_of[j]
+        if kinks(laws, j):
+            return _tangent_between_kinks(laws, j, omega, series)
+
+        def at(angles: Array) -> Array:
+            stiffness = curve(group, laws, j, index, basis(angles, series.size // 2) @ series, True)[1]
+            return np.stack([stiffness, np.zeros(angles.size)])
+
+        return LawTangent(np.zeros(0), [], at)
+
+
+def _tangent_between_kinks(laws: Laws, j: int, omega: float, series: Array) -> LawTangent:
+    """Return the tangent of a law with kinks."""
+    harmonics = series.size // 2
+    begin, end = _stretches(series)
+    damping = float(laws.table[j]["damping"])
+    levels = kinks(laws, j)
+    edges = [np.mod(_crossings(series, begin, end, level), _TURN) for level in levels]
+    moved = []
+    spring, damper = jumps(laws, j)
+    for angle in edges[0].tolist() if spring or damper else []:
+        speed = omega * float(basis(np.array([angle]), harmonics)[0] @ rate(series))
+        moved.append((angle, (spring + damper * speed) / abs(speed)))
+
+    def at(angles: Array) -> Array:
+        functions = basis(angles, harmonics)
+        along = functions @ series
+        found = np.zeros((2, angles.size))
+        acts = along > levels[0]
+        if np.any(acts):
+            u, speed = along[acts], omega * (functions[acts] @ rate(series))
+            force, tangent = np.empty(u.size), np.empty(u.size)
+            forces_along(laws, j, u, force, tangent)
+            share, change = switched_on(laws, j, u) if damping else (np.zeros(u.size), np.zeros(u.size))
+            found[0, acts], found[1, acts] = tangent + damping * change * speed, damping * share
+        return found
+
+    return LawTangent(np.unique(np.concatenate(edges)), moved, at)
 
 
 def panels(low: float, high: float, harmonics: int) -> tuple[Array, Array]:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import array
+from vofem.blas import one_thread
 from vofem.errors import ArgumentError, MethodError
 from vofem.lookup import rows_over
 from vofem.scene import Scene, as_scene
@@ -58,6 +59,7 @@ class FrequencyResponse:
         parts = [self._rest.response(w, self._forces)[:, 0] for w in self.omega.tolist()]
         return np.stack(parts, axis=1)
 
+    @one_thread
     def displacement(self, point: Any) -> Complex:
         """Return the complex displacement of a point, shape (n_frequencies,).
 
@@ -78,6 +80,7 @@ class FrequencyResponse:
         return np.asarray((rows @ self._rest.vectors) @ self._modal)[0]
 
 
+@one_thread
 def frequency_response(scene: Scene, frequencies: ArrayLike, closed: Sequence[Any] = ()) -> FrequencyResponse:
     """Return the linear response to the scene's harmonic loads; all contacts are open except the named ones.
 

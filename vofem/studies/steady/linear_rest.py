@@ -193,6 +193,11 @@ class LinearRest:
         other.columns = np.concatenate([self.columns, np.asarray(part.rows @ self.vectors).T], axis=1)
         return other
 
+    @property
+    def dashpots(self) -> tuple[Array, Array]:
+        """Directions in modes and rates of the dampers that couple modes, shapes (m, k) and (k,)."""
+        return self.columns[:, : self._dashpots], self._rates if self._dashpots else np.zeros(0)
+
     def dissipation(self, rates: Array) -> Array:
         """Return the power in W that dashpots and material damping dissipate at modal velocities (m, n_times)."""
         power = self.damping @ rates**2

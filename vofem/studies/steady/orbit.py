@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem._validate import whole
+from vofem.blas import one_thread
 from vofem.cards import Shown
 from vofem.initial import StoredState
 from vofem.lookup import rows_over
@@ -82,8 +83,8 @@ class PeriodicOrbit(Shown):
         Angular frequency of the loads in rad/s; for a free oscillation its own angular frequency.
     periods : int
         Number of periods of the loads after which the orbit repeats.
-    multipliers : ndarray of complex, optional
-        Floquet multipliers over the whole orbit, in any order; None if the method does not compute them.
+    multipliers : ndarray of complex, or callable that returns it, optional
+        Floquet multipliers over the whole orbit, in any order; None if they are not known.
     residual : float
         The error with which the orbit closes: the largest difference between the states at its two ends, divided by the
         size of the motion. Displacements and velocities are compared separately.
@@ -109,8 +110,6 @@ class PeriodicOrbit(Shown):
     ----------
     method, omega, periods, residual, truncation, notes, unknowns, start
         As above.
-    multipliers : ndarray of complex, optional
-        Floquet multipliers by decreasing modulus; None if the method does not compute them.
     """
 
     def __init__(
@@ -120,7 +119,7 @@ class PeriodicOrbit(Shown):
         omega: float,
         periods: int,
         *,
-        multipliers: Complex | None,
+        multipliers: Complex | Callable[[], Complex | None] | None,
         residual: float,
         result: Callable[[], Result],
         truncation: OrbitTruncation | None = None,
@@ -133,7 +132,7 @@ class PeriodicOrbit(Shown):
     ) -> None:
         self._scene, self.method = scene, method
         self.omega, self.periods = float(omega), int(periods)
-        self.multipliers: Complex | None = None if multipliers is None else by_modulus(multipliers)
+        self._multipliers = multipliers
         self.residual = float(residual)
         self.truncation = truncation
         self.notes = list(notes)
@@ -148,11 +147,17 @@ class PeriodicOrbit(Shown):
         times = f" over {self.periods} periods of the loads" if self.periods > 1 else ""
         return f"PeriodicOrbit({self.method}, omega = {self.omega:.9g} rad/s{times}, {self.stability})"
 
+    @cached_property
+    def multipliers(self) -> Complex | None:
+        """Floquet multipliers by decreasing modulus; None if they are not known. Some are computed when first asked."""
+        with one_thread:
+            found = self._multipliers() if callable(self._multipliers) else self._multipliers
+        return None if found is None else by_modulus(found)
+
     @property
     def stability(self) -> str:
         """A sentence about the stability."""
-        unclear = "stability not decided" if self.multipliers is not None else "stability not known"
-        return {True: "stable", False: "unstable", None: unclear}[self.stable]
+        return {True: "stable", False: "unstable", None: "stability not decided"}[self.stable]
 
     @property
     def scene(self) -> Scene:
@@ -169,7 +174,8 @@ class PeriodicOrbit(Shown):
         """Whether small perturbations die out.
 
         None if this is not decided. This is so if multipliers are not known, or if the largest one lies on the unit
-        circle within rounding, as at special points and in conservative scenes.
+        circle within rounding, as at special points and in conservative scenes, or by harmonic balance within the error
+        of the harmonics that are left out.
         """
         if not isinstance(self._stable, Unknown):
             return self._stable
@@ -179,15 +185,17 @@ class PeriodicOrbit(Shown):
         if self.autonomous and size.size:
             size = np.delete(size, int(np.argmin(np.abs(self.multipliers - 1.0))))
         most = float(np.max(size, initial=0.0))
-        if abs(most - 1.0) > _NEAR:
+        if abs(most - 1.0) > _NEAR and self.method == "shooting":
             return most < 1.0
-        margin = DECIDED if self._decided is None else self._decided()
+        with one_thread:
+            margin = DECIDED if self._decided is None else self._decided()
         return None if abs(most - 1.0) <= margin else most < 1.0
 
     @cached_property
     def result(self) -> Result:
         """The `Result` over the whole orbit: 1001 equal times, both ends included, from t = 0 of the loads on."""
-        return self._make()
+        with one_thread:
+            return self._make()
 
     # -- as the start of a run ------------------------------------------------------------------------
 
@@ -216,6 +224,7 @@ class PeriodicOrbit(Shown):
 
     # -- what is measured of it -----------------------------------------------------------------------
 
+    @one_thread
     def extremes(self, point: Any) -> tuple[float, float]:
         """Return the least and the largest displacement of a point in m, found between samples.
 
@@ -260,6 +269,7 @@ class PeriodicOrbit(Shown):
         least, largest = self.extremes(point)
         return 0.5 * (largest - least)
 
+    @one_thread
     def harmonics(self, point: Any, count: int) -> Complex:
         """Return the Fourier coefficients of a point's displacement.
 

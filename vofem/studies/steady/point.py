@@ -45,6 +45,8 @@ class Point:
         Derivative of the residual with respect to the parameter.
     tangent : ndarray, shape (n + 1,)
         Direction of the branch in scaled coordinates, of length 1.
+    change : float, optional
+        Change of the state over one ordinary flow, where this differs from `evaluation`, over the size of the motion.
     """
 
     chart: Any
@@ -54,6 +56,7 @@ class Point:
     scales: Array
     by_value: Array
     tangent: Array
+    change: float | None = None
 
     @property
     def value(self) -> float:
@@ -63,6 +66,7 @@ class Point:
     def orbit(self) -> PeriodicOrbit:
         """Return the orbit."""
         orbit: PeriodicOrbit = self.chart.orbit(self.problem, self.y[:-1], self.evaluation)
+        orbit.residual = orbit.residual if self.change is None else self.change
         return orbit
 
     def unknowns(self) -> Array:

@@ -43,6 +43,7 @@ def branch_of(track: Track, family: Family, walker: Follower) -> Branch:
         walker.counters,
         notes=track.notes,
         periods=family.periods,
+        interrupted=track.interrupted,
         source=source,
     )
 

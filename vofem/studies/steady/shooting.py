@@ -348,18 +348,18 @@ class Shooting:
 _REPEATS = 1e-7
 
 
-def shooting_refusal(scene: Scene, *, all_modes: bool = False) -> str | None:
-    """Return why shooting cannot treat a scene, in all modes where these are needed, and what can, or None."""
+def shooting_refusal(scene: Scene) -> str | None:
+    """Return why shooting cannot treat a scene, and what can, or None."""
     system = scene.model.system
     reason = refusal(system)
     if reason is not None:
         why = reason.split(". Use ")[0].rstrip(".")
         return f"{why}; shooting needs what event_driven needs. Use method='harmonic_balance'"
-    if system.size > MOST_UNKNOWNS and (all_modes or not condensable(system)):
-        few = "" if all_modes else " where many contacts, loads or dashpots act"
+    if system.size > MOST_UNKNOWNS and not condensable(system):
         return (
-            f"the scene has {system.size} degrees of freedom, shooting takes at most {MOST_UNKNOWNS}{few}; use fewer "
-            "elements, or method='harmonic_balance', whose unknowns are those of the laws alone"
+            f"the scene has {system.size} degrees of freedom, shooting takes at most {MOST_UNKNOWNS} where many "
+            "contacts, loads or dashpots act; use fewer elements, or method='harmonic_balance', whose unknowns are "
+            "those of the laws alone"
         )
     return None
 

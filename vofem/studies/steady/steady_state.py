@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from vofem._validate import choice, whole
+from vofem.blas import one_thread
 from vofem.errors import ConvergenceError
 from vofem.scene import Scene, as_scene
 from vofem.studies.steady.condensed import GOOD
@@ -22,6 +23,7 @@ from vofem.studies.steady.shooting import Shooting
 _SLOW = 1e-3
 
 
+@one_thread
 def periodic(
     scene: Scene,
     *,

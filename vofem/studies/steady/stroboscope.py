@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem._validate import number, whole
+from vofem.blas import one_thread
 from vofem.errors import ArgumentError
 from vofem.result import Result
 
@@ -40,15 +41,18 @@ class PoincareSection:
     def __repr__(self) -> str:
         return f"PoincareSection({len(self)} samples, one every {self.period:.9g} s)"
 
+    @one_thread
     def displacement(self, point: Any) -> Array:
         """Return the displacements of a point in m, shape (n_samples,)."""
         return self.result.displacement(point, self.times)
 
+    @one_thread
     def velocity(self, point: Any) -> Array:
         """Return the velocities of a point in m/s, shape (n_samples,)."""
         return self.result.velocity(point, self.times)
 
 
+@one_thread
 def poincare(result: Result, period: float, *, phase: float = 0.0, skip: int = 0) -> PoincareSection:
     """Return stroboscopic samples of a run: its states at one phase of every period.
 

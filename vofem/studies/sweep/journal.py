@@ -18,6 +18,7 @@ import numpy as np
 
 from vofem.errors import OutputError
 from vofem.files.hdf5 import end_of_data
+from vofem.studies.sweep.content import node_of, value_of
 from vofem.studies.sweep.worker import Row
 
 _MAGIC = b"vofem row:"
@@ -105,7 +106,7 @@ def _encode(entries: Sequence[Entry]) -> bytes:
         if row.values is not None:
             arrays = [[name, value.dtype.str, list(value.shape)] for name, value in row.values.items()]
             blocks += [np.ascontiguousarray(value).tobytes() for value in row.values.values()]
-        described.append([key, point_text(point), row.error, row.traceback, row.seconds, arrays])
+        described.append([key, node_of(point), row.error, row.traceback, row.seconds, arrays])
     text = json.dumps(described).encode()
     return struct.pack("<Q", len(text)) + text + b"".join(blocks)
 
@@ -123,18 +124,5 @@ def _decode(payload: bytes) -> list[Entry]:
                 count = int(np.prod(shape, dtype=int))
                 values[name] = np.frombuffer(payload, dtype, count, at).reshape(shape).copy()
                 at += count * dtype.itemsize
-        entries.append((key, json.loads(point), Row(values, error, traceback, seconds)))
+        entries.append((key, value_of(point), Row(values, error, traceback, seconds)))
     return entries
-
-
-def point_text(point: dict[str, Any]) -> str:
-    """Return a point as a text in JSON, for people and for the columns of parameters."""
-    return json.dumps(point, default=_plain)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    if isinstance(value, (set, frozenset)):
-        return sorted(value, key=repr)
-    return repr(value)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from vofem.errors import ArgumentError
-from vofem.studies.sweep.content import NoContentError, content, digest
+from vofem.studies.sweep.content import NoContentError, digest, node_of
 
 
 @dataclass(frozen=True)
@@ -109,12 +109,13 @@ def _plain(value: Any) -> Any:
 
 
 def _key(row: dict[str, Any]) -> str:
+    nodes = {}
     for name, value in row.items():
         try:
-            content(value)
+            nodes[name] = node_of(value)
         except NoContentError as error:
             raise ArgumentError(
                 f"sweep: {name!r} is an object of type {error}, expected numbers, texts, arrays, or lists of these; "
                 "make other objects inside the function, from such values"
             ) from None
-    return digest(content(row))
+    return digest(nodes)

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
 import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import filelock
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.errors import StorageError
+from vofem.errors import OutputError, StorageError
 from vofem.files.hdf5 import FILTERS, end_of_data, writing
-from vofem.files.lock import FileLock
-from vofem.files.whole import target
-from vofem.studies.sweep.journal import Entry, Journal, point_text
+from vofem.files.whole import target, try_to_write
+from vofem.studies.sweep.content import node_of, value_of
+from vofem.studies.sweep.journal import Entry, Journal
 from vofem.studies.sweep.sweep import agreeing, columns_of
 from vofem.studies.sweep.worker import RESERVED, Row
 
@@ -61,7 +64,7 @@ class SweepFile:
         self._entries: dict[str, Entry] = {}
         self._journal: Journal | None = None
         self._pending = 0
-        self._lock = FileLock(self.path)
+        self._lock = _locked(self.path)
         try:
             self._open()
         except BaseException:
@@ -152,7 +155,30 @@ class SweepFile:
         """Let other processes open the file."""
         if self._journal is not None:
             self._journal.close()
+        # Windows does not remove open files; there the next process takes over the file that is left.
+        with contextlib.suppress(OSError):
+            os.unlink(self._lock.lock_file)
         self._lock.release()
+
+
+def _locked(path: Path) -> filelock.BaseFileLock:
+    """Return a lock on the file ``NAME.lock``, which names this process. The lock ends with the process."""
+    try_to_write(path)
+    lock = filelock.FileLock(path.with_name(path.name + ".lock"), thread_local=False)
+    try:
+        lock.acquire(blocking=False)
+        Path(lock.lock_file).write_text(f"process {os.getpid()}")
+    except filelock.Timeout:
+        holder = Path(lock.lock_file).read_text()
+        raise OutputError(
+            f"{path} is being written by another process ({holder}); wait until that one has ended, or give another "
+            "file"
+        ) from None
+    except OSError as error:
+        raise OutputError(
+            f"{path} cannot be written: {error.strerror or error}; check the folder {path.parent}"
+        ) from error
+    return lock
 
 
 def _write_table(file: h5py.File, identity: dict[str, str], entries: Sequence[Entry]) -> None:
@@ -165,7 +191,7 @@ def _write_table(file: h5py.File, identity: dict[str, str], entries: Sequence[En
     scale.make_scale("sweep_row")
     present = np.array([row.values is not None for row in rows], dtype=bool)
     _variable(file, "sweep_key", np.array([key for key, _, _ in entries], dtype=str), scale)
-    _variable(file, "sweep_point", np.array([point_text(point) for _, point, _ in entries], dtype=str), scale)
+    _variable(file, "sweep_point", np.array([json.dumps(node_of(point)) for _, point, _ in entries], dtype=str), scale)
     _variable(file, "sweep_failed", ~present, scale)
     _variable(file, "sweep_error", np.array([row.error for row in rows], dtype=str), scale)
     _variable(file, "sweep_traceback", np.array([row.traceback for row in rows], dtype=str), scale)
@@ -231,7 +257,7 @@ def _read(path: Path) -> tuple[dict[str, str], list[Entry]]:
     for k, key in enumerate(texts["key"]):
         values = None if lost[k] else {name: column[k] for name, column in columns.items()}
         row = Row(values, texts["error"][k], texts["traceback"][k], float(seconds[k]))
-        entries.append((key, json.loads(texts["point"][k]), row))
+        entries.append((key, value_of(json.loads(texts["point"][k])), row))
     return identity, entries
 
 

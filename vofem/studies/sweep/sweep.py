@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem._validate import nearest, optional
+from vofem._validate import nearest
 from vofem.errors import ArgumentError
 from vofem.studies.sweep.points import Points
 from vofem.studies.sweep.worker import RESERVED, Row
@@ -128,9 +128,10 @@ class Sweep(Mapping[str, NDArray]):
 
         Its dimensions are the parameters of a grid, or ``point`` with the
         parameters as coordinates beside it. Further dimensions of a quantity
-        are named ``NAME_0``, ``NAME_1`` and so on. Needs the extra ``[table]``.
+        are named ``NAME_0``, ``NAME_1`` and so on.
         """
-        xarray = optional("xarray", "table", "to_xarray")
+        import xarray
+
         grid = self.points.axes is not None
         dims = self.points.names if grid else ("point",)
         if grid:
@@ -146,9 +147,10 @@ class Sweep(Mapping[str, NDArray]):
     def to_dataframe(self) -> Any:
         """Return a `pandas.DataFrame` with one row a point; the last column holds the errors.
 
-        Quantities that are arrays are kept as arrays, one in each cell. Needs the extra ``[table]``.
+        Quantities that are arrays are kept as arrays, one in each cell.
         """
-        pandas = optional("pandas", "table", "to_dataframe")
+        import pandas
+
         columns: dict[str, Any] = {
             name: list(_array([row[name] for row in self.points.rows])) for name in self.points.names
         }
@@ -180,12 +182,12 @@ def sweep_of(points: Points, rows: Sequence[Row], counters: dict[str, int]) -> S
 
 
 def agreeing(rows: Sequence[Row]) -> list[Row]:
-    """Return the rows; those whose names or shapes differ from the first row are marked as failed."""
-    pattern: dict[str, tuple[int, ...]] | None = None
+    """Return the rows; those whose names, shapes or kinds differ from the first row are marked as failed."""
+    pattern: dict[str, str] | None = None
     result = []
     for row in rows:
         if row.values is not None:
-            found = {name: value.shape for name, value in row.values.items()}
+            found = {name: f"{_kind(value)} of shape {value.shape}" for name, value in row.values.items()}
             if pattern is None:
                 pattern = found
             elif found != pattern:
@@ -227,5 +229,10 @@ def _array(values: Sequence[Any]) -> NDArray:
     return objects
 
 
-def _shapes(pattern: dict[str, tuple[int, ...]]) -> str:
-    return ", ".join(f"{name!r} of shape {shape}" for name, shape in pattern.items()) or "nothing"
+def _kind(value: NDArray) -> str:
+    """Return what an array holds; of one kind are numbers that numpy can hold in one array without a change."""
+    return {"U": "text", "c": "complex number"}.get(value.dtype.kind, "number")
+
+
+def _shapes(pattern: dict[str, str]) -> str:
+    return ", ".join(f"{name!r}: {found}" for name, found in pattern.items()) or "nothing"

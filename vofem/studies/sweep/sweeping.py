@@ -52,9 +52,10 @@ def sweep(
     store : path, optional
         An HDF5 file to which every row is written as soon as it is computed.
         After an interruption the same call computes the missing rows and gives
-        the same table. Rows are valid for the source of the function and of the
-        functions of its module that it calls. If this source has changed, the
-        old file is renamed, and a note says so.
+        the same table. Rows are valid for what the function reaches: the source of
+        functions and classes of your own files, and the content of data and
+        scenes. If this has changed, the old file is renamed, and a note says so.
+        Objects whose content cannot be known are named in a note.
     progress : bool or callable, optional
         Whether a progress bar is shown on the standard error stream; None shows
         it on a terminal. A function is called with the numbers of points that
@@ -110,7 +111,8 @@ def sweep(
         return run_sweep(task, table, engine, None, progress)
     from vofem.studies.sweep.store import SweepFile
 
-    file = SweepFile(store, identity(function, bool(compiled)))
+    own, unknown = identity(function, bool(compiled))
+    file = SweepFile(store, own)
     try:
         if retry_failed:
             file.forget_failed()
@@ -120,4 +122,9 @@ def sweep(
             file.finish(table.keys)
     finally:
         file.close()
+    if unknown:
+        file.notes.append(
+            f"the store cannot notice whether this has changed since its rows were computed: {', '.join(unknown)}; if "
+            "it has, remove the store. Numbers, arrays, scenes and objects that pickle can copy are noticed"
+        )
     return outcome.with_notes(file.notes)

@@ -22,7 +22,7 @@ from vofem.effects import (
     Spring,
 )
 from vofem.scene import Scene
-from vofem.simulate import simulate
+from vofem.simulate.simulation import simulate
 from vofem.verification.case import (
     ALPHA,
     CENTRAL,

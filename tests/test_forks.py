@@ -1,0 +1,109 @@
+"""A process that is forked while other threads run vofem computes as well, and does not wait for their locks."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+
+import pytest
+
+import vofem as vf
+from vofem.locks import Lock
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")
+
+
+def histories():
+    mass = vf.Mass(1.0, stiffness=1.0)
+    stop = vf.Contact(mass, gap=0.5, stiffness=30.0, side="above", acts_on="penetration", name="stop")
+    scene = vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(1.0, 0.8))])
+    result = vf.simulate(scene, 5.0, compiled=False)
+    return result.displacement(mass)[-1], result.contacts["stop"].force[-1]
+
+
+def in_child(work, seconds=30.0):
+    """Return the exit code of a forked process that works; the number of a signal, negative, where it hangs."""
+    child = os.fork()
+    if child == 0:
+        code = 1
+        try:
+            code = work()
+        finally:
+            os._exit(code)
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        found, status = os.waitpid(child, os.WNOHANG)
+        if found:
+            return os.waitstatus_to_exitcode(status)
+        time.sleep(0.01)
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    return -signal.SIGKILL
+
+
+def test_children_of_a_process_with_threads_compute():
+    expected = histories()
+    over = threading.Event()
+
+    def repeat():
+        while not over.is_set():
+            histories()
+
+    threads = [threading.Thread(target=repeat) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    try:
+        codes = [in_child(lambda: int(histories() != expected)) for _ in range(20)]
+    finally:
+        over.set()
+        for thread in threads:
+            thread.join()
+    assert codes == [0] * 20
+
+
+def test_locks_that_another_thread_holds_are_open_in_a_child():
+    lock, held, over = Lock(), threading.Event(), threading.Event()
+
+    def hold():
+        with lock:
+            held.set()
+            over.wait(60.0)
+
+    def enter():
+        with lock, lock:
+            return 0
+
+    thread = threading.Thread(target=hold)
+    thread.start()
+    held.wait()
+    try:
+        assert in_child(enter, 5.0) == 0
+    finally:
+        over.set()
+        thread.join()
+
+
+def test_a_fork_waits_for_a_compilation_of_another_thread():
+    from numba.core.compiler_lock import global_compiler_lock
+
+    held, done = threading.Event(), []
+
+    def compile_long():
+        with global_compiler_lock:
+            held.set()
+            time.sleep(0.5)
+            done.append("compiled")
+
+    def enter():
+        with global_compiler_lock:
+            return len(done)
+
+    thread = threading.Thread(target=compile_long)
+    thread.start()
+    held.wait()
+    assert in_child(enter, 10.0) == 1
+    thread.join()
+    with global_compiler_lock:  # open again in this process
+        pass

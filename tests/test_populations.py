@@ -1,0 +1,45 @@
+"""Some scenes of the population whose branches are quick: they arrive, repeat, and list the same points both ways."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from populations import REPEATS, SAME, Outcome, away, both_ways, differing, drawn, end_of, followed
+
+import vofem as vf
+
+#: A chain of four masses, a chain of two, a simply supported beam, and a guided one.
+SEEDS = (0, 22, 7, 11)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_branch_of_the_population(seed):
+    case = drawn(seed)
+    found = both_ways(case)
+    assert [one.end for one in found] == ["other end"] * 2
+    assert max(found[0].away + found[1].away) <= REPEATS
+    assert differing(case, *found) <= SAME
+    assert found[0].special
+
+
+def test_a_seed_gives_the_same_scene_again():
+    one, other = drawn(14), drawn(14)
+    assert (one.title, one.start, one.stop) == (other.title, other.start, other.stop)
+    described = [[effect.describe() for effect in case.build(5.0).effects] for case in (one, other)]
+    assert described[0] == described[1]
+
+
+def test_what_a_population_calls_false_and_different():
+    """The checks themselves: an orbit that is none, an unequal list, a limit of time."""
+    case = drawn(0)
+    orbit = vf.periodic(case.build(case.start))
+    assert away(orbit) < 1e-12
+    orbit.start.q[0] *= 1.01
+    assert away(orbit) > 1e-4
+    size = max(case.start, case.stop)
+    one, other = (Outcome("other end", special=[("fold", value)]) for value in (1.0, 1.0 + 1e-6))
+    assert differing(case, one, other) == pytest.approx(1e-6 / size)
+    assert differing(case, one, Outcome("other end", special=[("grazing", 1.0)])) == np.inf
+    assert followed(case, case.start, case.stop, patience=0.05).end == "limit"
+    branch = vf.continuation(case.build, case.start, case.stop, max_points=3)
+    assert end_of(branch, case.start, case.stop)[0] == "limit"
