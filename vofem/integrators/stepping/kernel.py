@@ -409,21 +409,22 @@ def _react(
     """Find the reactions of a step through the compliance; return the Newton steps, 0 where no law acts, or -1.
 
     On entry ``work.found`` holds a guess of the reactions, and ``work.free`` what ``b_j.x`` is without those that are
-    not in ``work.held``. Coordinates of the laws, or their rates in explicit steps, are affine in ``b_j.x``.
+    not in ``work.held``. Coordinates of the laws, or their rates in explicit steps, are affine in ``b_j.x``; from here
+    on `free` and `y` hold these.
     """
     y, free, found, force, slope, change, move = (
         work.y, work.free, work.found, work.force, work.slope, work.change, work.move,
     )  # fmt: skip
-    m, per_u, per_r = y.size, 0.0 if way.explicit else per_y, per_y if way.explicit else 0.0
-    origin = work.rate if way.explicit else work.base
+    m, reach, acts = y.size, per_y * weight, False
     for i in range(m):
+        free[i] = (work.rate[i] if way.explicit else work.base[i]) + per_y * free[i]
         for j in range(m):
             if work.held[j] != 0.0:
-                free[i] += weight * compliance[i, j] * work.held[j]
-    acts = False
+                free[i] += reach * compliance[i, j] * work.held[j]
     for j in range(m):
-        u, r = work.base[j] + per_u * free[j], work.rate[j] + per_r * free[j]
-        force[j] = force_over(laws, others, j, way, u0[j], u, r, before[j])
+        force[j] = force_over(
+            laws, others, j, way, u0[j], work.base[j] if way.explicit else free[j], free[j], before[j]
+        )
         acts = acts or force[j] != 0.0
     if not acts or way.explicit:
         fill(found, 0.0)
@@ -435,12 +436,12 @@ def _react(
             y[j], change[j] = free[j], 0.0
             for i in range(m):
                 if found[i] != 0.0:
-                    y[j] -= weight * compliance[j, i] * found[i]
+                    y[j] -= reach * compliance[j, i] * found[i]
             if way.explicit:
                 # Forces are known but for dampers, which are linear in the rate.
                 slope[j] = 0.0 if others is None else damper_over(laws, j, way, u0[j], work.base[j], 1.0)
             else:
-                force[j], slope[j] = respond(laws, others, j, way, u0[j], work.base[j] + per_u * y[j], before[j])
+                force[j], slope[j] = respond(laws, others, j, way, u0[j], y[j], before[j])
             if not np.isfinite(force[j]):
                 return -1
             off, size_of = max(off, abs(force[j] - found[j])), max(size_of, abs(force[j]) + abs(found[j]))
@@ -452,18 +453,18 @@ def _react(
             change[i] = force[i] - found[i]
             work.solution[e] = change[i]
             for f in range(size):
-                coupling = per_y * weight * compliance[i, work.active[f]]
-                work.matrix[e, f] = slope[i] * coupling + (1.0 if e == f else 0.0)
+                coupling = slope[i] * (reach * compliance[i, work.active[f]])
+                work.matrix[e, f] = coupling + (1.0 if e == f else 0.0)
         _eliminate(work.matrix, work.solution, size)
         # Rounding in a steep law can keep the last digits from converging, so the tolerance grows with each step.
         still, rounded = True, True
         for j in range(m):
-            move[j], scale = 0.0, abs(origin[j] + per_y * free[j])
+            move[j], scale = 0.0, abs(free[j])
             for e in range(size):
                 i = work.active[e]
-                move[j] -= weight * compliance[j, i] * work.solution[e]
-                scale += abs(per_y * weight * compliance[j, i] * found[i])
-            still = still and abs(per_y * move[j]) <= 4.0 * _EPS * scale
+                move[j] -= reach * compliance[j, i] * work.solution[e]
+                scale += abs(reach * compliance[j, i] * found[i])
+            still = still and abs(move[j]) <= 4.0 * _EPS * scale
             # In a law much stiffer than the structure, the rounding of u may be the largest error of its force.
             noise = 4.0 * _EPS * (abs(force[j]) + abs(found[j]) + slope[j] * scale)
             rounded = rounded and abs(force[j] - found[j]) <= noise
@@ -480,9 +481,7 @@ def _react(
                 total = 0.0
                 for e in range(m):
                     if move[e] != 0.0:
-                        z = y[e] + length * move[e]
-                        u, r = work.base[e] + per_u * z, work.rate[e] + per_r * z
-                        there = force_over(laws, others, e, way, u0[e], u, r, before[e])
+                        there = force_over(laws, others, e, way, u0[e], y[e] + length * move[e], 0.0, before[e])
                         total += move[e] * (there - found[e] - length * change[e])
                 if halving == 0 and total <= 0.0:
                     break
