@@ -372,7 +372,7 @@ def test_ritz_vectors_of_joined_beams():
 
 def test_a_run_of_joined_beams_with_an_iwan_law_in_rotation_resumes_to_the_last_bit(tmp_path, monkeypatch):
     # Looks at the outcome every few steps.
-    monkeypatch.setattr("vofem.integrators.stepping.march._CHUNK_WORK", 2000)
+    monkeypatch.setattr("vofem.integrators.stepping.run._CHUNK_WORK", 2000)
     a, b, hinge = gerber()
     knee = vf.IwanSpring(
         b.at("left"), a.at("right"), of="rotation", elongation=[0.001, 0.004], force=[0.05, 0.08], name="knee"
