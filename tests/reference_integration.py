@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import cholesky, eigh, expm, solve_triangular
+from scipy.linalg import cholesky, eigh, eigvalsh, expm, solve_triangular
 
 import vofem as vf
 from vofem import time_functions
@@ -78,7 +78,10 @@ def matrices(system):
         C = C + system.rayleigh[0] * M + system.rayleigh[1] * K
     if system.modal_damping is not None:
         squares, shapes = eigh(K, M)
-        omega = np.sqrt(np.where(squares > 1e-10 * max(squares[-1], 1e-300), squares, 0.0))
+        # Rigid motions are counted where all unknowns have a stiffness of one: a soft mode beside stiff ones is none.
+        scale = np.sqrt(np.where(np.diag(K) > 0.0, np.diag(K), 1.0))
+        rigid = int(np.sum(eigvalsh(K / np.outer(scale, scale)) < 1e-10))
+        omega = np.sqrt(np.where(np.arange(squares.size) < rigid, 0.0, np.maximum(squares, 0.0)))
         C = C + M @ shapes @ np.diag(2.0 * system.modal_damping * omega) @ shapes.T @ M
     return M, C, K
 

@@ -5,10 +5,7 @@ from __future__ import annotations
 import io
 import os
 import signal
-import subprocess
 import sys
-import textwrap
-import time
 
 import numpy as np
 import pytest
@@ -171,26 +168,6 @@ def test_a_newer_format_is_refused(tmp_path, monkeypatch):
         vf.resume(path)
 
 
-def test_a_full_disk_ends_the_run_and_leaves_the_last_checkpoint(tmp_path, monkeypatch):
-    small_steps(monkeypatch, 6000)
-    beam, scene = scene_of()
-    path = tmp_path / "run.checkpoint"
-    real, count = module.write_tree, []
-
-    def fails_at_the_fourth(*arguments):
-        count.append(1)
-        if len(count) == 4:
-            raise OSError(28, "No space left on device")
-        real(*arguments)
-
-    monkeypatch.setattr(module, "write_tree", fails_at_the_fourth)
-    with pytest.raises(vf.OutputError, match="No space left"):
-        vf.simulate(scene, 12.0, checkpoint=path, checkpoint_every=0.0, **RUNS["energy_conserving"])
-    monkeypatch.setattr(module, "write_tree", real)
-    assert [entry.name for entry in tmp_path.iterdir()] == ["run.checkpoint"]
-    same(vf.simulate(scene, 12.0, **RUNS["energy_conserving"]), vf.resume(path), beam)
-
-
 @pytest.mark.parametrize("kind", RUNS)
 def test_interruption_returns_what_was_computed(kind, monkeypatch):
     small_steps(monkeypatch, 6000)
@@ -215,40 +192,6 @@ def test_interruption_returns_what_was_computed(kind, monkeypatch):
     count = result.times.size
     assert result.displacement(beam.at(1.0)) == pytest.approx(whole.displacement(beam.at(1.0))[:count], abs=1e-9)
     assert result.energy.total == pytest.approx(whole.energy.total[:count], rel=1e-6, abs=1e-12)
-
-
-def test_killed_at_any_moment(tmp_path):
-    """kill -9 while checkpoints are written as fast as they can be: the file is whole, and the outcome the same."""
-    path = tmp_path / "run.checkpoint"
-    program = textwrap.dedent(f"""
-        import vofem as vf
-        mass = vf.Mass(1.0, stiffness=1.0, name="mass")
-        stop = vf.Contact(mass, gap=0.1, stiffness=50.0, side="above", acts_on="penetration", name="stop")
-        scene = vf.Scene([mass], [stop], {{mass: (0.0, 1.0)}})
-        vf.simulate(scene, 1.0, dt=1e-1, method="energy_conserving", compiled=True)
-        print("ready", flush=True)
-        vf.simulate(scene, 1000.0, dt=1e-3, times=[0.0, 1000.0], method="energy_conserving",
-                    checkpoint={str(path)!r}, checkpoint_every=0.0, compiled=True)
-    """)
-    for delay in (0.3, 0.7):
-        path.unlink(missing_ok=True)
-        process = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True)
-        assert process.stdout.readline() == "ready\n"
-        limit = time.monotonic() + 60.0
-        while not path.exists() and time.monotonic() < limit:
-            time.sleep(0.01)
-        time.sleep(delay)
-        process.kill()
-        process.wait()
-        result = vf.resume(path)
-        mass = vf.Mass(1.0, stiffness=1.0, name="mass")
-        stop = vf.Contact(mass, gap=0.1, stiffness=50.0, side="above", acts_on="penetration", name="stop")
-        whole = vf.simulate(
-            vf.Scene([mass], [stop], {mass: (0.0, 1.0)}), 1000.0, dt=1e-3, times=[0.0, 1000.0],
-            method="energy_conserving",
-        )  # fmt: skip
-        assert result.displacement(mass)[-1] == whole.displacement(mass)[-1]
-        assert np.array_equal(result.contacts["stop"].closings, whole.contacts["stop"].closings)
 
 
 def test_progress(monkeypatch):

@@ -19,6 +19,7 @@ from vofem.folders import read_entries, write_entry
 from vofem.integrators.methods import BUILT_IN
 from vofem.io import doctor
 from vofem.kernels import cache as jit_cache
+from vofem.kernels.cache import read_entries, write_entry
 from vofem.kernels.mode import kernels
 from vofem.progress import RunProgress
 from vofem.simulate import ahead

@@ -14,8 +14,9 @@ import pytest
 
 import vofem as vf
 from vofem.files import whole as files
-from vofem.files.hdf5 import GuardedFile
+from vofem.files.whole import replacing
 from vofem.io.csv_file import write_csv
+from vofem.io.plot import time_history
 from vofem.io.vtk import write_series
 
 pytestmark = pytest.mark.kernels("plain")
@@ -45,55 +46,19 @@ def only(path):
     return [other.name for other in path.parent.iterdir()] == [path.name]
 
 
-class Failing:
-    """A file whose writes fail from the k-th on, half of the bytes of that one written."""
-
-    def __init__(self, file, k):
-        self._file, self._left, self.count = file, k, 0
-
-    def __getattr__(self, name):
-        return getattr(self._file, name)
-
-    def write(self, data):
-        self.count += 1
-        if self.count < self._left:
-            return self._file.write(data)
-        if self.count == self._left and len(data) > 1:
-            return self._file.write(data[: len(data) // 2])
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+def replace_text(path, text, **options):
+    with replacing(path, **options) as temporary:
+        temporary.write_text(text)
 
 
-def test_every_write_may_fail(results, old, monkeypatch):
-    path, before = old
-    opened = []
-    begin = GuardedFile.__init__
-
-    def failing_from(k):
-        def init(self, name):
-            begin(self, name)
-            self._file = Failing(self._file, k)
-            opened.append(self._file)
-
-        return init
-
-    monkeypatch.setattr(GuardedFile, "__init__", failing_from(10**9))
-    results[1].save(path, overwrite=True)
-    assert np.array_equal(vf.load(path).times, results[1].times)
-    path.write_bytes(before)
-    total = opened[-1].count
-    assert total > 100
-    message = r"run.vtkhdf cannot be written: No space left on device; make room in"
-    for k in [*range(1, 8), *range(8, total - 5, 11), *range(total - 5, total + 1)]:
-        monkeypatch.setattr(GuardedFile, "__init__", failing_from(k))
-        with pytest.raises(vf.OutputError, match=message):
-            results[1].save(path, overwrite=True)
-        assert path.read_bytes() == before
-        assert only(path)
+def no_links(*_arguments):
+    raise OSError(errno.EPERM, os.strerror(errno.EPERM))
 
 
 @pytest.mark.parametrize("name", ["fsync", "replace", "open"])
-def test_every_step_of_the_replacement_may_fail(name, results, old, monkeypatch):
-    path, before = old
+def test_every_step_of_the_replacement_may_fail(name, tmp_path, monkeypatch):
+    path = tmp_path / "file"
+    path.write_text("before")
 
     def fail(*_arguments, **_options):
         raise OSError(errno.EIO, os.strerror(errno.EIO))
@@ -101,9 +66,36 @@ def test_every_step_of_the_replacement_may_fail(name, results, old, monkeypatch)
     with monkeypatch.context() as patched:
         patched.setattr(files.os, name, fail)
         with pytest.raises(vf.OutputError, match="Input/output error"):
-            results[1].save(path, overwrite=True)
-    assert path.read_bytes() == before
+            replace_text(path, "after", overwrite=True)
+    assert path.read_text() == "before"
     assert only(path)
+
+
+def test_every_writer_leaves_all_or_nothing(results, old, tmp_path, monkeypatch):
+    """Where the disk does not take a file, what was there stays, and nothing else remains."""
+    result, (ball,) = results[1], results[1].scene.bodies
+    mass = vf.Mass(1.0, stiffness=1.0, damping=0.1, name="m")
+    driven = vf.Scene([mass], [vf.PointLoad(mass, vf.Sine(1.0, 1.0))])
+    branch = vf.continuation(lambda omega: driven.replace(driven.effects[0], f=vf.Sine(1.0, omega)), 0.5, 0.6)
+
+    def full(*_arguments):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(files.os, "fsync", full)
+    for write in (
+        lambda: result.save(old[0], overwrite=True),
+        lambda: branch.save(tmp_path / "branch.h5"),
+        lambda: vf.simulate(result.scene, 1.0, checkpoint=tmp_path / "run.checkpoint", checkpoint_every=0.0),
+        lambda: vf.dump_scene(result.scene, tmp_path / "scene.toml"),
+        lambda: write_csv(result, [ball], tmp_path / "run.csv"),
+        lambda: write_series(result, tmp_path / "run.pvd"),
+        lambda: time_history(result, ball, tmp_path / "run.png"),
+        lambda: vf.sweep(lambda x: {"y": x}, {"x": [1.0]}, executor="serial", store=tmp_path / "rows.h5"),
+    ):
+        with pytest.raises(vf.OutputError, match="No space left on device; make room in"):
+            write()
+        assert old[0].read_bytes() == old[1]
+        assert only(old[0])
 
 
 def test_an_interrupt_leaves_nothing_behind(results, old, monkeypatch):
@@ -131,39 +123,20 @@ def test_a_file_that_exists_is_kept(results, old):
 
 
 @pytest.mark.parametrize("links", [True, False])
-def test_a_file_that_appears_meanwhile_is_kept(links, results, tmp_path, monkeypatch):
+def test_a_file_that_appears_meanwhile_is_kept(links, tmp_path, monkeypatch):
     """Also where the file system knows no hard links."""
-    path = tmp_path / "run.vtkhdf"
-    sync = os.fsync
-
-    def appear(descriptor):
-        path.write_bytes(b"of another process")
-        sync(descriptor)
-
-    def no_links(*_arguments):
-        raise OSError(errno.EPERM, os.strerror(errno.EPERM))
-
-    monkeypatch.setattr(files.os, "fsync", appear)
     if not links:
         monkeypatch.setattr(files.os, "link", no_links)
-    with pytest.raises(vf.OutputError, match="exists already"):
-        results[0].save(path)
-    assert path.read_bytes() == b"of another process"
-    assert only(path)
+    replace_text(tmp_path / "file", "new", overwrite=False)
+    assert (tmp_path / "file").read_text() == "new"
+    (tmp_path / "file").unlink()
+    with pytest.raises(vf.OutputError, match="exists already"), replacing(tmp_path / "file", overwrite=False):
+        (tmp_path / "file").write_text("of another process")
+    assert (tmp_path / "file").read_text() == "of another process"
+    assert only(tmp_path / "file")
 
 
-def test_without_links_a_new_file_is_renamed(results, tmp_path, monkeypatch):
-    def no_links(*_arguments):
-        raise OSError(errno.ENOTSUP, os.strerror(errno.ENOTSUP))
-
-    monkeypatch.setattr(files.os, "link", no_links)
-    path = tmp_path / "run.vtkhdf"
-    results[0].save(path)
-    assert np.array_equal(vf.load(path).times, results[0].times)
-    assert only(path)
-
-
-def test_a_folder_that_cannot_be_forced_to_disk_is_no_error(results, tmp_path, monkeypatch):
+def test_a_folder_that_cannot_be_forced_to_disk_is_no_error(tmp_path, monkeypatch):
     sync = os.fsync
 
     def only_files(descriptor):
@@ -172,8 +145,8 @@ def test_a_folder_that_cannot_be_forced_to_disk_is_no_error(results, tmp_path, m
         sync(descriptor)
 
     monkeypatch.setattr(files.os, "fsync", only_files)
-    results[0].save(tmp_path / "run.vtkhdf")
-    assert vf.load(tmp_path / "run.vtkhdf").times.size == 5
+    replace_text(tmp_path / "file", "new")
+    assert (tmp_path / "file").read_text() == "new"
 
 
 def test_places_that_cannot_be_written(results, tmp_path, monkeypatch):
@@ -238,7 +211,7 @@ began = time.perf_counter()
 results[0].save(path, overwrite=True)
 duration = time.perf_counter() - began
 seen, leftovers = set(), 0
-for turn in range(21):
+for turn in range(7):
     inlet, outlet = os.pipe()
     child = os.fork()
     if child == 0:
@@ -266,7 +239,7 @@ print(sorted(seen), leftovers)
     out = run_script(body, tmp_path)
     assert out.startswith("[1.0, 2.0] ")
     # The kills did hit writers at work.
-    assert int(out.split()[-1]) >= 10
+    assert int(out.split()[-1]) >= 3
 
 
 def test_a_limit_on_the_size_of_files(tmp_path):
@@ -344,7 +317,7 @@ def flipped(path, before, count):
 def test_flipped_bytes_are_found(old):
     """No byte can change without being noticed, and HDF5, which a damaged file may crash, does not see the file."""
     path, before = old
-    for _ in flipped(path, before, 150):
+    for _ in flipped(path, before, 40):
         with pytest.raises(vf.StorageError, match=r"run.vtkhdf is damaged: its checksum .* undamaged copy"):
             vf.load(path)
 
@@ -388,7 +361,7 @@ def test_flipped_bytes_of_a_checkpoint_are_found(tmp_path):
     with pytest.raises(RuntimeError):
         vf.simulate(scene, 20.0, times=times, checkpoint=path, checkpoint_every=0.0, progress=lose_power)
     before = path.read_bytes()
-    for _ in flipped(path, before, 150):
+    for _ in flipped(path, before, 40):
         with pytest.raises(vf.StorageError, match=r"run.checkpoint is damaged: its checksum .* undamaged copy"):
             vf.resume(path)
     path.write_bytes(before)

@@ -89,6 +89,22 @@ def test_cantilever_in_closed_form(elements, tolerance):
     assert abs(vf.frequency_response(scene, [0.0]).displacement(beam.at(1.0))[0] - 1.0 / 3.0) < 1e-10
 
 
+def test_loads_as_the_scene_has_them():
+    """The amplitude in m and the phase are those of a long run, in which the transient has died out."""
+    a, b = vf.Mass(1.0, stiffness=2.0, damping=0.8), vf.Mass(2.0, stiffness=1.0, damping=1.2)
+    effects = [vf.Spring(a, b, stiffness=1.0), vf.PointLoad(a, vf.Sine(0.3, frequency=0.2, phase=0.7)),
+               vf.PointLoad(b, vf.Sine(-2.0, frequency=0.2, phase=0.1))]  # fmt: skip
+    scene = vf.Scene([a, b], effects)
+    response = vf.frequency_response(scene, [0.2], loads="scene").displacement(a)[0]
+    times = np.linspace(200.0, 220.0, 101)
+    run = vf.simulate(scene, 220.0, times=times).displacement(a)
+    np.testing.assert_allclose(run, np.imag(response * np.exp(1j * 0.4 * np.pi * times)), atol=1e-9)
+    unit = vf.frequency_response(scene, [0.2]).displacement(a)[0]
+    assert response == pytest.approx(unit * 0.3 * np.exp(0.7j), rel=1e-13)
+    with pytest.raises(vf.ArgumentError, match="loads is 'all', expected"):
+        vf.frequency_response(scene, [0.2], loads="all")
+
+
 def test_loads_act_together_in_the_ratio_of_their_amplitudes():
     a, b = vf.Mass(1.0, stiffness=2.0), vf.Mass(2.0, stiffness=1.0)
     loads = [

@@ -90,44 +90,27 @@ def test_an_interrupted_run_writes_what_was_computed(tmp_path):
     np.testing.assert_array_equal(times, np.arange(times.size))
 
 
-def test_ctrl_c_while_a_file_is_written_leaves_no_part_of_it(tmp_path):
-    (tmp_path / "free.toml").write_text(BALL)
+@pytest.mark.parametrize("presses", [1, 2])
+def test_a_file_is_whole_or_absent(tmp_path, presses):
+    """The first press waits for the file that is being written, the second one ends the process."""
+    (tmp_path / "free.toml").write_text(BALL.replace("1000001", "300001"))
     folder = tmp_path / "output" / "free"
-    process = started(tmp_path, COMMAND, "run", "free.toml", "--no-pictures")
-    while not list(folder.glob(".vofem-*")):
-        assert process.poll() is None, process.communicate()
-        time.sleep(0.01)
-    process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=60.0)
-    assert (process.returncode, errors) == (130, "vofem: interrupted\n")
-    assert list(folder.iterdir()) == []
-
-
-def test_a_second_ctrl_c_ends_the_process_and_leaves_no_part_of_a_file(tmp_path):
-    """The first press waits for a step that never ends."""
-    program = (
-        HEARS + "import time, types\nfrom pathlib import Path\nfrom vofem.files.whole import replacing\n"
-        "from vofem.integrators.observer import deferred_interrupts\n"
-        "def endless(argv):\n"
-        "    with replacing(Path('histories.csv')) as temporary, deferred_interrupts() as pressed:\n"
-        "        temporary.write_text('half')\n"
-        "        print('writing', flush=True)\n"
-        "        while True:\n            time.sleep(0.01)\n"
-        "            if pressed():\n                print('pressed', flush=True)\n"
-        "sys.modules['vofem.cli.program'] = types.SimpleNamespace(run_command=endless)\n"
-        "sys.exit(cli.script())"
-    )
-    goal = tmp_path / "histories.csv"
-    goal.write_text("whole")
-    process = started(tmp_path, program)
-    for said in ("writing\n", "pressed\n"):
-        assert process.stdout.readline() == said
-        assert len(list(tmp_path.iterdir())) == 2
+    process = started(tmp_path, COMMAND, "run", "free.toml")
+    for _ in range(presses):
+        while not list(folder.glob(".vofem-*")):
+            assert process.poll() is None, process.communicate()
+            time.sleep(0.01)
         process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=30.0)
-    assert (process.returncode, errors) == (130, "vofem: interrupted\n")
-    assert list(tmp_path.iterdir()) == [goal]
-    assert goal.read_text() == "whole"
+        time.sleep(0.1)
+    _, errors = process.communicate(timeout=60.0)
+    assert process.returncode == 130
+    if presses == 1:
+        (file,) = folder.iterdir()
+        assert (errors, file.name) == ("", "histories.csv")
+        assert file.read_text().splitlines()[-1].startswith("1000000.0,")
+    else:
+        assert errors == "vofem: interrupted\n"
+        assert list(folder.iterdir()) == []
 
 
 # -- commands, in this process --------------------------------------------------------------------

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -114,6 +116,43 @@ def test_contacts_between_two_steps(gap, expected):
     result = vf.simulate(scene, 30.0, method="energy_conserving", dt=0.01)
     assert len(told(result, "contacts: 5 closings shorter than a step, the first of contact 'stop'")) == expected
     assert len(told(result, "contacts:")) == expected
+
+
+@pytest.mark.parametrize(("load", "expected"), [
+    (vf.Sine(1.0, 0.0, 0.5), "a Sine of PointLoad .* has the frequency 0 and is the constant 0.479"),
+    (2.0 * (vf.Sine(1.0, frequency=0.0) + vf.Constant(1.0)), "has the frequency 0"),
+    (vf.Tabulated([0.0, 0.5], [0.0, 3.0]), "ends at 0.5 s with the value 3, which the load keeps until"),
+    (vf.Tabulated([0.0, 0.5, 0.6], [0.0, 3.0, 3.0]), None), (vf.Tabulated([0.0, 0.5], [2.0, 0.0]), None),
+    (vf.Tabulated([0.0, 1.0], [0.0, 3.0]), None), (vf.Sine(1.0, 2.0), None), (vf.Constant(1.0), None),
+])  # fmt: skip
+def test_loads_that_are_hardly_meant(load, expected):
+    mass = vf.Mass(1.0, stiffness=1.0, damping=0.1)
+    result = vf.simulate(vf.Scene([mass], [vf.PointLoad(mass, load)]), 1.0)
+    notes = told(result, "scene:")
+    assert len(notes) == (expected is not None)
+    assert all(re.search(expected, note) for note in notes)
+
+
+@pytest.mark.parametrize(("ratio", "expected"), [(2.0, 1), ([0.02, 3.0], 1), (0.02, 0), (1.0, 0)])
+def test_damping_in_percent(ratio, expected):
+    mass = vf.Mass(1.0, stiffness=1.0)
+    result = vf.simulate(vf.Scene([mass], [vf.ModalDamping(ratio)], {mass: (1.0, 0.0)}), 1.0)
+    assert len(told(result, "scene: ModalDamping of")) == expected
+
+
+@pytest.mark.parametrize(("damper", "expected"), [
+    ({}, 1), ({"damping": 0.1}, 0), ({"stop": 0.1}, 0), ({"modal": 0.02}, 0),
+])  # fmt: skip
+def test_branches_without_damping(damper, expected):
+    def build(omega):
+        mass = vf.Mass(1.0, stiffness=1.0, damping=damper.get("damping", 0.0))
+        stop = vf.Contact(mass, gap=0.8, stiffness=3.0, damping=damper.get("stop", 0.0), side="above",
+                          acts_on="penetration", name="stop")  # fmt: skip
+        more = [vf.ModalDamping(damper["modal"])] if "modal" in damper else []
+        return vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(0.5, omega)), *more])
+
+    branch = vf.continuation(build, 3.0, 2.9)
+    assert sum(note.startswith("scene: nothing damps the motion") for note in branch.notes) == expected
 
 
 @pytest.mark.parametrize(("elements", "expected"), [(100, 0), (4000, 1)])

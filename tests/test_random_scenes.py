@@ -87,10 +87,12 @@ def faults(scene, t_end, budget=40_000):
         # Events at a speed that is rounding are no matter: their forces are too.
         fastest = (abs(laws.rows) @ np.max(np.abs(result.samples.v), axis=1))[j] + 1e-300
         speeds = np.abs((laws.rows @ result.solution.sample(ours).v)[j]) if ours.size else ours
-        ours = ours[speeds > 1e-11 * fastest]
         theirs = [event for event in reference.events if event.contact == j and event.rate > 1e-11 * fastest]
         size = np.max(np.abs(result.samples.q)) + abs(laws.gap[j])
         slack = [1e-8 * t_end + 1e-9 * size / max(event.rate, 1e-300) for event in theirs]
+        # From rest at the gap a contact closes without speed; the reference sees it later, at some speed.
+        met = [np.any(np.abs(time - np.array([e.time for e in theirs])) <= np.array(slack)) for time in ours]
+        ours = ours[(speeds > 1e-11 * fastest) | np.array(met, dtype=bool)]
         clear = [event.time for event, s in zip(theirs, slack, strict=True) if event.time + s < limit]
         count = int(np.sum(ours < limit))
         if len(clear) > count or int(np.sum(ours < limit - max(slack, default=0.0) - 1e-8 * t_end)) > len(theirs):
@@ -117,11 +119,12 @@ def test_random_scenes_against_an_independent_integration(seed):
 # jumping force in the rounding of its gap (101344, 100844), energy lost in pinning (100601), many events (5772), and
 # openings of a contact between two points of a beam that drifts on dashpots, all missed: 4e-13 m deep they were taken
 # for rounding of the drift (300139). A mode whose decay rate is rounding, beside what a damper takes from it (34).
+# Of the reference: a soft mode that it took for a rigid motion (7000545), and a closing from rest (7000465).
 @pytest.mark.parametrize(
     "seed",
     [
         5772, 6317, 1500, 100536, 101044, 100559, 101131, 100065, 100898, 101378, 100283, 101344, 100844, 100601,
-        300139, 34,
+        300139, 34, 7000545, 7000465,
     ],
 )  # fmt: skip
 def test_scenes_that_once_went_wrong(seed):

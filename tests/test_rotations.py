@@ -219,7 +219,7 @@ def test_stored_data_and_tables_have_the_units_of_rotations(tmp_path):
         group = file["history"]
         assert group["spring_elongation"].attrs["units"] == "rad"
         assert group["spring_force"].attrs["units"] == "N m"
-        assert group["contact_stiffness"].attrs["units"] == "N m rad-1"
+        assert group["contact_stiffness"].attrs["units"] == "N m/rad"
         assert group["contact_gap_function"].attrs["units"] == "rad"
     loaded = vf.load(path)
     assert np.array_equal(loaded.contacts["stop"].gap_function, run.contacts["stop"].gap_function)

@@ -390,34 +390,35 @@ def test_frames(tmp_path):
             result.save(tmp_path / "other.vtkhdf", frames=bad)
 
 
-def test_the_history_follows_netcdf(tmp_path):
-    """Dimension scales with netCDF's numbers and names, and groups that keep the order of creation."""
-    result = ran("beam-displacement")
-    result.save(tmp_path / "run.vtkhdf")
-    with h5py.File(tmp_path / "run.vtkhdf") as file:
-        history = file["history"]
-        for group in (file["/"], history):
-            flags = group.id.get_create_plist().get_link_creation_order()
-            assert flags & h5py.h5p.CRT_ORDER_TRACKED
-        scales = [name for name, item in history.items() if item.attrs.get("CLASS") == b"DIMENSION_SCALE"]
-        assert scales == ["time", "dof", "probe", "contact", "event", "support"]
-        assert [int(history[name].attrs["_Netcdf4Dimid"]) for name in scales] == list(range(len(scales)))
-        assert history["dof"].attrs["NAME"].decode() == f"This is a netCDF dimension but not a netCDF variable.{50:10d}"
-        for name, item in history.items():
-            if name not in scales:
-                attached = [item.dims[axis][0].name.rpartition("/")[2] for axis in range(item.ndim)]
-                assert [history[scale].shape[0] for scale in attached] == list(item.shape)
-        assert history["time"].attrs["units"] == "s"
-        tip = result.scene.bodies[0].at(1.0)
-        assert [text.decode() for text in history["probe"][()]] == ["beam@1.0"]
-        assert np.array_equal(history["probe_displacement"][:, 0], result.displacement(tip))
-        assert np.array_equal(history["contact_stiffness"][:, 0], result.contacts["stop"].stiffness)
-        assert np.array_equal(history["event_time"], result.solution.events.time)
-        assert np.array_equal(history["energy_work"], result.energy.work)
-        assert np.array_equal(history["reaction_moment"][:, 0], result.reaction(result.scene.bodies[0], "left").moment)
-        last = [k for k, (x, kind) in enumerate(zip(history["dof_x"], history["dof_kind"], strict=True))
-                if (x, kind) == (1.0, 0)]  # fmt: skip
-        assert np.array_equal(history["q"][:, last[0]], result.displacement(tip))
+@pytest.mark.parametrize("name", ["beam-displacement", "everything", "masses-steps"])
+def test_the_history_in_a_file_is_that_of_to_xarray(name, tmp_path):
+    import xarray
+
+    result = ran(name)
+    path = result.save(tmp_path / "run.vtkhdf", frames=1)
+    with xarray.open_dataset(path, group="history", engine="h5netcdf") as stored:
+        data = result.to_xarray()
+        xarray.testing.assert_allclose(stored.drop_dims("dof"), data, rtol=1e-12, atol=1e-15)
+        assert {key: part.attrs for key, part in stored.drop_dims("dof").items()} == {
+            key: part.attrs for key, part in data.items()
+        }
+        assert stored.displacement.dims == ("time", "point")
+        assert (stored.time.units, stored.velocity.units) == ("s", "m/s")
+        for point in points_of_interest(result.scene):
+            moved = stored.displacement.sel(point=point.name)
+            assert np.allclose(moved, result.displacement(point), rtol=1e-12, atol=1e-16)
+        for contact, history in result.contacts.items():
+            for what in ("stiffness", "force", "closed"):
+                assert np.array_equal(stored[f"contact_{what}"].sel(contact=contact), getattr(history, what))
+        assert np.array_equal(stored.event_time, result.solution.events.time)
+        assert np.array_equal(stored.work_energy, result.energy.work)
+        if name == "beam-displacement":
+            beam = result.scene.bodies[0]
+            held = stored.sel(support="beam@0.0")
+            assert np.array_equal(held.reaction_moment, result.reaction(beam, "left").moment)
+            last = np.flatnonzero((stored.dof_x == 1.0) & (stored.dof_kind == 0))[0]
+            assert stored.dof_body[last] == "beam"
+            assert np.array_equal(stored.q[:, last], result.displacement(beam.at(1.0)))
 
 
 # -- nested data ------------------------------------------------------------------------------------

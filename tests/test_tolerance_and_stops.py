@@ -271,3 +271,26 @@ def test_smooth_motion_keeps_the_quintic():
     ends = [np.array([[np.sin(a)], [np.cos(a)], [-np.sin(a)]]) for a in (1.4, 1.4 + h)]
     found = interpolated(t / h, h, *ends)[0]
     assert np.max(np.abs(found - np.sin(1.4 + t))) < 1e-6
+
+
+@pytest.mark.kernels("plain")
+@pytest.mark.parametrize("law", ["bilinear", "iwan", "resolved"])
+@pytest.mark.parametrize("load", ["pulse", "hump", "ramp"])
+def test_a_break_away_after_a_long_rest_is_not_jumped_over(law, load):
+    """At rest nothing moves, so errors are zero and steps grow; a short load then makes the slider slip."""
+    force = {
+        "pulse": vf.Pulse(3.0, 4.5, 0.02), "ramp": vf.Tabulated([0.0, 3.0, 6.0], [0.0, 0.9, 1.2]),
+        "hump": vf.Tabulated([0.0, 4.48, 4.5, 4.52, 6.0], [0.0, 0.0, 3.0, 0.0, 0.0]),
+    }[load]  # fmt: skip
+    mass = vf.Mass(1.0, damping=20.0)
+    effect = {
+        "bilinear": lambda: vf.BilinearSpring(mass, stiffness=100.0, linear_limit=0.01, hardening=0.01),
+        "iwan": lambda: vf.IwanSpring(mass, elongation=[0.01, 0.02, 4.0], force=[0.9, 1.0, 1.2]),
+        "resolved": lambda: vf.Contact(mass, gap=1e-3, stiffness=100.0, side="above", acts_on="penetration",
+                                       switch=vf.Resolved(1e4)),
+    }[law]()  # fmt: skip
+    scene = vf.Scene([mass], [effect, vf.Spring(mass, stiffness=0.1), vf.PointLoad(mass, force)])
+    times = np.linspace(0.0, 6.0, 61)
+    right = vf.simulate(scene, 6.0, method="energy_conserving", dt=2e-3, times=times).displacement(mass)
+    result = vf.simulate(scene, 6.0, method="energy_conserving", tol=0.01, times=times)
+    assert np.abs(result.displacement(mass) - right).max() < 0.02 * np.abs(right).max()

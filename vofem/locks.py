@@ -46,7 +46,7 @@ def _renew() -> None:
         kinds = [kind for module in modules for kind in vars(module).values() if isinstance(kind, type)]
         for part in [part for kind in kinds for part in vars(kind).values()]:
             if isinstance(part, functools.cached_property):
-                part.lock = threading.RLock()  # type: ignore[attr-defined]
+                vars(part)["lock"] = threading.RLock()
 
 
 if hasattr(os, "register_at_fork"):

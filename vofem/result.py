@@ -244,8 +244,10 @@ class Result(Shown, Motion):
     def to_xarray(self, points: Mapping[str, Any] | Iterable[Any] | None = None) -> Any:
         """Return histories as an `xarray.Dataset` over time, point and contact, with units as attributes.
 
-        Its variables are displacement, velocity and acceleration of points; force, stiffness (K_eq), gap function and
-        closed state of contacts; and energies.
+        Its variables are displacement, velocity and acceleration of points; status, force, stiffness (K_eq), gap
+        function and closed state of contacts; elongation, force and energies of hysteretic springs; energies; contact
+        events; reactions of supports; and the motion of probes. A saved run holds the same variables in the group
+        ``history``, with all degrees of freedom.
 
         Parameters
         ----------

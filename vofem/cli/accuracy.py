@@ -6,8 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from vofem.cli.common import FINE, Commands
-from vofem.cli.output import made
+from vofem.cli.common import FINE, Commands, made
 from vofem.errors import ArgumentError
 from vofem.integrators.registry import method_names
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from vofem.cli.common import FINE, Commands
-from vofem.cli.output import draw, made
+from vofem.cli.common import FINE, Commands, draw, made
 from vofem.errors import ArgumentError
 
 
@@ -36,7 +35,7 @@ def _render(arguments: argparse.Namespace) -> int:
         if not 0.0 <= t <= result.solution.t_end:
             raise ArgumentError(f"--times holds {t:g}, expected times from 0 to {result.solution.t_end:g} s")
     folder = made(arguments.output or Path("output") / arguments.run.stem)
-    written = draw(result, OutputSettings(pictures=tuple(arguments.times)), folder, arguments.snapshot)
+    written = list(draw(result, OutputSettings(pictures=tuple(arguments.times)), folder, arguments.snapshot))
     print("wrote " + "\n      ".join(str(path) for path in written))
     return FINE
 

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vofem.cli.common import FINE, INTERRUPTED, Commands, limits, print_method
-from vofem.cli.output import draw, made, write
+from vofem.cli.common import FINE, INTERRUPTED, Commands, draw, limits, made, print_method, write
 from vofem.integrators.registry import method_names
 
 if TYPE_CHECKING:
@@ -55,6 +54,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 def _simulated(arguments: argparse.Namespace, file: SceneFile, folder: Path) -> int:
     """Run, print tables, write what is wanted; return the exit code."""
+    from vofem.integrators.observer import deferred_interrupts
     from vofem.io import tables
 
     result = file.simulate(**_changes(arguments, file))
@@ -77,12 +77,20 @@ def _simulated(arguments: argparse.Namespace, file: SceneFile, folder: Path) -> 
         print("interrupted: what is not printed yet and pictures are left out", flush=True)
     for note in result.notes:
         print(f"note: {note}")
-    saved: list[Path] = []
-    if arguments.save is not None:
-        saved.append(result.save(arguments.save, overwrite=arguments.overwrite))
-    written = saved + write(result, file.output, folder)
-    if not (interrupted or arguments.no_pictures):
-        written += draw(result, file.output, folder, arguments.snapshot)
+    written: list[Path] = []
+    # Ctrl-C waits for the files of numbers, or for the picture that is being drawn.
+    with deferred_interrupts() as pressed:
+        if arguments.save is not None:
+            written.append(result.save(arguments.save, overwrite=arguments.overwrite))
+        written += write(result, file.output, folder)
+        interrupted = interrupted or pressed()
+        if not (interrupted or arguments.no_pictures):
+            for path in draw(result, file.output, folder, arguments.snapshot):
+                written.append(path)
+                interrupted = pressed()
+                if interrupted:
+                    print("interrupted: pictures that are not listed here are left out")
+                    break
     print("\nwrote " + "\n      ".join(str(path) for path in written))
     return INTERRUPTED if interrupted else FINE
 

@@ -8,8 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vofem.cli.common import FAULT, FINE, INTERRUPTED, Commands
-from vofem.cli.output import made
+from vofem.cli.common import FAULT, FINE, INTERRUPTED, Commands, made
 from vofem.errors import ArgumentError
 
 if TYPE_CHECKING:

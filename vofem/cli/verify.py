@@ -7,8 +7,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from vofem.cli.common import FAULT, FINE, Commands
-from vofem.cli.output import made
+from vofem.cli.common import FAULT, FINE, Commands, made
 from vofem.errors import ArgumentError
 from vofem.integrators.registry import method_names
 

@@ -154,7 +154,8 @@ class ContactStatistics:
     work_per_impact : float
         `work` divided by `count`, J.
     absorbed : float
-        The part of `work` that is not returned within the window, J.
+        Energy that the contact takes for good in the window, J. What it stores at the ends of the window is no part
+        of it.
     absorbed_rate : float
         `absorbed` divided by the length of the window, W.
     error : float
@@ -257,6 +258,14 @@ class ImpactRecord:
             return np.full(times.size, np.nan), np.full(times.size, np.nan)
         return samples.along(row, "q")[0] - laws.gap[index], samples.along(row, "v")[0]
 
+    def _stored(self, times: Array) -> Array:
+        """Return the energy in J that the contact stores at some times, of the same shape."""
+        laws = self._laws
+        # All others are open.
+        u = np.repeat(laws.gap[:, None] - 1.0, times.size, axis=1)
+        u[self._index] = laws.gap[self._index] + self._rate_at(times)[0]
+        return laws.potential(u)
+
     def _speeds(self) -> tuple[Array, Array]:
         """Return the speeds at which the gap closes and opens, each of shape (n,)."""
         span = self.span
@@ -300,7 +309,8 @@ class ImpactRecord:
             parts: Parts = self._touches.parts((begin, end))
             found = self._touches.integrals(parts)
             impulse, square = float(found.force.sum()), float(found.square.sum())
-            work, absorbed = float(found.pressed.sum()), float(found.work.sum())
+            stored = self._stored(np.array([begin, end]))
+            work, absorbed = float(found.pressed.sum()), float(found.work.sum() - stored[1] + stored[0])
             peaks = self._touches.peaks(parts)
             peak = float(peaks[np.argmax(np.abs(peaks))]) if peaks.size else 0.0
         return ContactStatistics(

@@ -3,48 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem.bodies.base import as_point, place_of
 from vofem.effects.two_points import units_of
-from vofem.histories.contact import ContactHistory
-from vofem.histories.energy import Energy
 from vofem.histories.impacts import window_of
-from vofem.histories.run import Run
 from vofem.histories.table import Table
+from vofem.histories.variables import ENERGIES, Tabulated, histories
 from vofem.scene import Scene
 from vofem.system import CLOSED, OPEN, PINNED
 
 Array = NDArray[np.float64]
 
 
-class Tabulated(Run, Protocol):
-    """A run as its tables see it."""
-
-    scene: Scene
-
-    @property
-    def contacts(self) -> Mapping[str, ContactHistory]:
-        """Contact histories by name."""
-
-    @property
-    def energy(self) -> Energy:
-        """Energies at the run's times."""
-
-    def displacement(self, point: Any, t: Any = None) -> Array:
-        """Return the displacement of a point in m, shape (n_times,) or (len(t),)."""
-
-    def velocity(self, point: Any, t: Any = None) -> Array:
-        """Return the velocity of a point in m/s, shape (n_times,) or (len(t),)."""
-
-
 #: Points that are chosen where none are named.
 MOST = 6
-
-_ENERGIES = ("kinetic", "strain", "contact", "dissipated", "work")
 
 _STATUS = {OPEN: "opens", CLOSED: "closes", PINNED: "is pinned"}
 
@@ -97,7 +73,7 @@ def dataframe_of(run: Tabulated, points: Any, what: str = "to_dataframe") -> Any
     import pandas
 
     columns = history_columns(run, named_points(what, run.scene, points))
-    for name in _ENERGIES:
+    for name in ENERGIES:
         columns[f"{name} energy"] = getattr(run.energy, name), "J"
     values = {f"{name} [{unit}]": part for name, (part, unit) in columns.items()}
     frame = pandas.DataFrame(values, index=pandas.Index(run.times, name="t [s]"))
@@ -105,32 +81,13 @@ def dataframe_of(run: Tabulated, points: Any, what: str = "to_dataframe") -> Any
     return frame
 
 
-def dataset_of(run: Tabulated, points: Any, what: str = "to_xarray") -> Any:
+def dataset_of(run: Tabulated, points: Any) -> Any:
     """Return histories as an `xarray.Dataset`; see `vofem.Result.to_xarray`."""
     import xarray
 
-    named = named_points(what, run.scene, points)
-    variables: dict[str, Any] = {}
-    coordinates: dict[str, Any] = {"time": ("time", run.times, {"units": "s"}), "point": list(named)}
-    for kind, unit in (("displacement", "m"), ("velocity", "m/s"), ("acceleration", "m/s^2")):
-        values = np.array([getattr(run, kind)(point) for point in named.values()]).reshape(len(named), run.times.size)
-        variables[kind] = ("point", "time"), values, {"units": unit}
-    if run.contacts:
-        units = {name: units_of(run.scene.effects, name) for name in run.contacts}
-        coordinates |= {
-            "contact": list(run.contacts),
-            "force_unit": ("contact", [one.force for one in units.values()]),
-        }
-        plain = len({one.force for one in units.values()}) == 1
-        first = next(iter(units.values()))
-        for kind, unit in (("force", first.force), ("stiffness", first.stiffness), ("gap_function", first.coordinate)):
-            values = np.array([getattr(history, kind) for history in run.contacts.values()])
-            variables[f"contact_{kind}"] = ("contact", "time"), values, {"units": unit} if plain else {}
-        closed = np.array([history.closed for history in run.contacts.values()])
-        variables["contact_closed"] = ("contact", "time"), closed
-    for name in _ENERGIES:
-        variables[f"{name}_energy"] = "time", getattr(run.energy, name), {"units": "J"}
-    return xarray.Dataset(variables, coordinates, {"notes": "\n".join(run.solution.notes)})
+    found = histories(run, named_points("to_xarray", run.scene, points))
+    variables = {name: (variable.dims, variable.at(), variable.attributes) for name, variable in found.items()}
+    return xarray.Dataset(variables, attrs={"notes": "\n".join(run.solution.notes)})
 
 
 def events_of(run: Tabulated) -> Table:

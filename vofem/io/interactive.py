@@ -159,8 +159,8 @@ def _add(plotter: Any, mesh: Any, shown: str, limit: float) -> list[tuple[Any, A
                 part, scalars=shown, cmap=COLORMAP, clim=(-limit, limit), line_width=14.0, point_size=26.0,
                 render_points_as_spheres=True, render_lines_as_tubes=True,
                 scalar_bar_args={
-                    "title": f"{shown.replace('_', ' ')} [{_UNITS.get(shown, '-')}]", "vertical": False,
-                    "position_x": 0.3, "position_y": 0.88, "width": 0.4, "height": 0.09,
+                    "title": f"{shown.replace('_', ' ')} [{_UNITS.get(shown, '-')}]\n", "vertical": False,
+                    "position_x": 0.3, "position_y": 0.84, "width": 0.4, "height": 0.13, "fmt": "%.3g",
                 },
             )  # fmt: skip
         else:

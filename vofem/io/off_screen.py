@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vofem._validate import number
 from vofem.errors import ArgumentError
@@ -17,13 +19,16 @@ from vofem.studies.steady import PeriodicOrbit
 #: Times by which the magnification and the scale of colours of a run are chosen.
 _TIMES = 61
 
+#: The direction to the eye, the direction that is up, and the shares of width and height that the structure may fill.
+_VIEW, _UP, _FILLED = (-0.35, 0.3, 1.0), (0.0, 1.0, 0.0), (0.85, 0.6)
+
 
 def snapshot(
     subject: Result | PeriodicOrbit,
     t: float,
     path: str | os.PathLike[str],
     *,
-    size: tuple[int, int] = (1200, 800),
+    size: tuple[int, int] = (1200, 600),
     magnification: float | None = None,
     scalars: str | None = None,
 ) -> Path:
@@ -69,10 +74,20 @@ def snapshot(
     rest.points = rest.points - frames.magnification * rest.point_data["deflection"]
     plotter.add_mesh(rest, color="white", line_width=3.0, point_size=8.0)
     plotter.add_text(f"t = {t:.4g} s", position="upper_right", font_size=9)
-    plotter.view_vector((-0.6, 0.6, 1.0), viewup=(0.0, 1.0, 0.0))
+    _frame(plotter, np.vstack([parts[0][0].points, rest.points]), size)
     try:
         with replacing(goal) as temporary, without_warnings():
             plotter.screenshot(temporary)
     finally:
         plotter.close()
     return goal
+
+
+def _frame(plotter: Any, points: NDArray[np.float64], size: tuple[int, int]) -> None:
+    """Look at points (n, 3) from the front left, a little from above, so that they fill the picture of this size."""
+    plotter.view_vector(_VIEW, viewup=_UP, render=False)
+    plotter.enable_parallel_projection()
+    right = np.cross(_UP, _VIEW)
+    up = np.cross(_VIEW, right)
+    width, height = (np.ptp(points @ (axis / np.linalg.norm(axis))) for axis in (right, up))
+    plotter.camera.parallel_scale = 0.5 * max(height / _FILLED[1], width * size[1] / size[0] / _FILLED[0], 1e-9)

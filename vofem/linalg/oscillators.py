@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.kernels.jit import jit, plain_form
-from vofem.linalg.exponential import half_turns
+from vofem.linalg.exponential import half_turns, oscillator_changes
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -118,3 +118,40 @@ def oscillators_at(of: Oscillators, t: float, c: Array, s: Array) -> None:
         left = 1.0 + slower[k]
         c[k] = slower[k] + left * (turn[k] + 0.5 * faster[k])
         s[k] = left * ((sine[k] - faster[k]) / of.divisor[k] + t * of.critical[k])
+
+
+def free_rows(of: Oscillators, starts: Array, own: Integers, t: Array) -> Array:
+    """Return by how much the free motions that begin in some states have changed, shape (n_times, 2n).
+
+    Parameters
+    ----------
+    starts : ndarray, shape (k, 2n)
+        Displacements and velocities at the start.
+    own, t : ndarray, shape (n_times,)
+        Row of `starts` for each time, and times from the start, s.
+    """
+    change = np.empty((t.size, starts.shape[1]))
+    _fill_rows(of, np.ascontiguousarray(starts), own, t, change)
+    return change
+
+
+@jit
+def _fill_rows(of: Oscillators, starts: Array, own: Integers, t: Array, change: Array) -> None:
+    n = of.p.size
+    c, s = np.empty((2, n))
+    for i in range(t.size):
+        start, row = starts[own[i]], change[i]
+        oscillators_at(of, t[i], c, s)
+        for k in range(n):
+            z0, v0 = start[k], start[n + k]
+            row[k] = c[k] * z0 + s[k] * (v0 + of.delta[k] * z0)
+            row[n + k] = c[k] * v0 - s[k] * (of.p[k] * z0 + of.delta[k] * v0)
+
+
+@plain_form(_fill_rows)
+def _fill_rows_at_once(of: Oscillators, starts: Array, own: Integers, t: Array, change: Array) -> None:
+    n = of.p.size
+    c, s = (part.T for part in oscillator_changes(of.delta, of.p, t))
+    z0, v0 = starts[own, :n], starts[own, n:]
+    change[:, :n] = c * z0 + s * (v0 + of.delta * z0)
+    change[:, n:] = c * v0 - s * (of.p * z0 + of.delta * v0)

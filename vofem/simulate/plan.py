@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.blas import blas_threads
+from vofem.doubtful import doubtful
 from vofem.errors import MethodError
 from vofem.integrators.base import ProbeRows, ProbeSamples, Solution
 from vofem.integrators.method import Method
@@ -142,6 +143,7 @@ def _run(scene: Scene, plan: Plan, observer: RunProgress | None, snapshot: dict[
         arguments["probes"] = plan.probes
     solution = method.run(model.system, start, plan.t_end, plan.times, observer=observer, resume=snapshot, **arguments)
     solution.notes.extend(unresolved_contacts(model.system))
+    solution.notes.extend(doubtful(scene.model.system, plan.t_start + plan.t_end))
     if method.exact and "tol" not in plan.options:
         solution.notes.extend(cheaper(model.system, plan.t_end))
     if plan.forgotten and snapshot is None:

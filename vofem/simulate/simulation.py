@@ -91,11 +91,11 @@ def simulate(
         Seconds of wall time between two checkpoints.
     compiled : bool, optional
         Whether the numerical kernels run as machine code (True) or as plain
-        Python (False). Results agree to rounding. Without it, plain Python is
-        taken for small work. Machine code is taken if it exists already, or if
-        the work is worth compiling, which takes up to a minute once on a
-        machine. `Result.compiled` says what was taken. Give it if two processes
-        must return the same bits.
+        Python (False). Results agree to rounding. Without it, a run begins in
+        plain Python. If it lasts for some seconds, it begins anew with machine
+        code, which takes up to a minute to compile once on a machine.
+        `Result.compiled` says what was taken. Give it if two processes must
+        return the same bits.
     **options
         Options of the method. For event_driven: ``max_events`` (default 1e6), the
         largest number of events; ``pin_fraction`` (1e-7), the fraction of the gap

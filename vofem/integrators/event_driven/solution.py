@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cached_property, wraps
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -26,7 +26,7 @@ from vofem.integrators.event_driven.pinned import Reactions, may_pin, reactions,
 from vofem.integrators.event_driven.record import Record
 from vofem.integrators.event_driven.sampling import sample_segments
 from vofem.integrators.event_driven.search import EventFunctions
-from vofem.integrators.event_driven.segment import Segment, Segments
+from vofem.integrators.event_driven.segment import Segments
 from vofem.integrators.event_driven.sensitivity import Perturbation
 from vofem.integrators.event_driven.spectrum import Spectra, Spectrum
 from vofem.integrators.event_driven.status_table import MOST_MODES, StatusTable
@@ -38,7 +38,7 @@ from vofem.system import CLOSED, OPEN, PINNED, Counters, Events, State, System
 from vofem.time_functions import Piece, TimeFunction
 
 if TYPE_CHECKING:
-    from vofem.integrators.event_driven.energy_forms import StatusForms
+    from vofem.integrators.event_driven.energy import Loads, StatusForms
 
 Array = NDArray[np.float64]
 F = TypeVar("F", bound=Callable[..., Any])
@@ -774,14 +774,9 @@ class EventSolution:
             gaps[:, mine] = self.gap_functions(index)[contact] + changes
         return np.asarray(laws.stiffness[contact] * (gaps + laws.gap[contact] - laws.offset[contact]))
 
-    def _segment(self, index: int, wanted: Status, tau: Array) -> Segment:
-        """Return a segment with the numbers of some times that lie in it, and these times in s from its start."""
-        record, pieces = self.record, self.load_pieces(self.record.starts[index])
-        return Segment(record.durations[index], record.status(index), self.motion(index), pieces, wanted, tau)
-
-    def _forms(self, index: int, damped: bool) -> StatusForms | None:
+    def _forms(self, index: int) -> StatusForms | None:
         """Return the forms of work and dissipation of a segment's status, which are kept with its eigensystem."""
-        from vofem.integrators.event_driven.energy_forms import StatusForms
+        from vofem.integrators.event_driven.energy import StatusForms
 
         spectrum, status = self.spectrum(index), self.record.status(index)
         if spectrum.plain is not None:
@@ -793,13 +788,22 @@ class EventSolution:
             push = self.offset_force(status)
             if spectrum.real.shift_force is not None:
                 push = push + spectrum.real.shift_force
-            forms = StatusForms(
-                self.space, self.system.contacts, status, spectrum, self.load_vectors, push, self.t_end, damped
-            )  # fmt: skip
+            forms = StatusForms(spectrum, self.load_vectors, push, self.t_end)
             if self.space.size <= _FEW_MODES:
                 kept.clear()
                 kept[key] = forms
         return forms
+
+    def _driven(self, count: int) -> Iterator[tuple[NDArray[np.int64], Loads]]:
+        """Yield the first segments in groups, and their loads."""
+        from vofem.integrators.event_driven.energy import groups_of
+
+        starts, whole = self.record.starts, self._load_table
+        for first in range(0, count, count if whole is not None else _ROWS):
+            mine = np.arange(first, min(first + (count if whole is not None else _ROWS), count))
+            table = whole or load_table(self.load_functions, np.append(starts[mine], self.t_end))
+            assert table is not None
+            yield from groups_of(self.record, table, mine)
 
     @cached_property
     @_evaluation
@@ -849,16 +853,16 @@ class EventSolution:
         system, space = self.system, self.space
         z, v, s = self._trajectory(times)
         contact, work, dissipated = np.zeros((3, times.size))
-        damped = system.damped
-        pinning = None
+        damped, pinning = system.damped, None
         if system.contacts is not None:
             contact = system.contacts.closed_potential(s, status_at(self.events, times))
             damped = damped or bool(np.any(system.contacts.damping > 0))
             pinning = self._lost_in_pinning()
         if (damped or system.loads or pinning is not None) and times.size:
+            visits = self.visit(times)
             work_and_dissipation(
-                space, system.contacts, self.load_vectors, self.record, lambda index: self._forms(index, damped),
-                self._segment, self._load_table, self.visit(times), damped, pinning, work, dissipated,
+                space, system.contacts, self.load_vectors, self.record, self._forms, self.motion,
+                self._driven(visits[-1][0] + 1), visits, pinning, work, dissipated,
             )  # fmt: skip
         kinetic, strain = 0.5 * _sums_of_squares(v, np.ones(space.size)), 0.5 * _sums_of_squares(z, space.stiffness)
         return Energies(kinetic, strain, contact, dissipated, work)

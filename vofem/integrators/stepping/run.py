@@ -224,10 +224,16 @@ class Run:
 
     # -- loads ------------------------------------------------------------------------------------------
 
-    def nodal(self, first: int, count: int, dt: float) -> Forcing:
-        """Return the loads of steps of one size by what stands for their values at the ends."""
-        mean, second = self.over.nodal(first, count + 1, dt)
+    def nodal(self, first: int, count: int, dt: float, known: Array | None = None) -> Forcing:
+        """Return the loads of steps of one size by what stands for their values at the ends.
+
+        Those at the beginning of the first step, shape (2 n_loads,), may be known from the steps before.
+        """
+        begin = 0 if known is None else 1
+        mean, second = self.over.nodal(first + begin, count + 1 - begin, dt)
         values = np.concatenate([mean, -0.5 * dt**2 * second]).T
+        if known is not None:
+            values = np.vstack([known, values])
         if first == 0 and not self.scheme.explicit:
             values[0, : self.at_start.size] = self.at_start
         return Forcing(values, np.empty((0, self.vectors.shape[0])))
@@ -529,9 +535,11 @@ class EqualSteps(Run):
     ----------
     done : int
         Steps that were taken. Where laws act by means there is one beyond the end.
+    nodes : ndarray, optional
+        What stands for the loads' values at the end of the last step.
     """
 
-    place = (*Run.place, "done")
+    place = (*Run.place, "done", "nodes")
     dt: float
 
     def __init__(
@@ -542,6 +550,7 @@ class EqualSteps(Run):
         self._most = int(np.clip(work // max(system.size, 1), 1, _MOST_STEPS))
         beyond = 1 if scheme.mean else 0
         self.dt, self.steps_in_all, self.done = dt, steps + beyond, 0
+        self.nodes: Array | None = None
         room, longest = min(self._most, steps + beyond), (steps + beyond + scheme.explicit) * dt
         super().__init__(system, start, counters, t_end, method, scheme, room, dt, longest)
         self.begin(dt)
@@ -567,7 +576,11 @@ class EqualSteps(Run):
             # An explicit step needs the orders of the step after it too.
             pots = self.past.over(dt, (np.arange(first, first + count + scheme.explicit, dtype=float) + 0.5) * dt)
         t = np.arange(first + 1, first + count + 1, dtype=float) * dt
-        forcing = self.moments(self.over.steps(first, count, dt), dt) if scheme.mean else self.nodal(first, count, dt)
+        if scheme.mean:
+            forcing = self.moments(self.over.steps(first, count, dt), dt)
+        else:
+            forcing = self.nodal(first, count, dt, self.nodes)
+            self.nodes = forcing.values[-1]
         with self.kicked(path):
             solves = self.steps(path, dt, t, forcing, pots)
             if self.taken:

@@ -22,6 +22,9 @@ Array = NDArray[np.float64]
 BEAM_HALF, MASS_HALF, BAR, SPRING_ROOM, PAD, MOTION = 26.0, 34.0, 18.0, 74.0, 10.0, 170.0
 HEADER, SCALE_BAND, DIAGRAMS, SIDES = 74.0, 112.0, 150.0, (190.0, 210.0)
 
+#: Factor by which bodies shrink step by step where they do not fit.
+_SHRINK = 0.85
+
 
 def is_line(body: Body) -> bool:
     """Return whether a body is drawn as a line, not as a block."""
@@ -135,9 +138,9 @@ def arrange(view: Snapshot, size: tuple[int, int], magnification: float | None) 
     lower = (SCALE_BAND if beams and not view.title else 40.0) * full
     upper = size[1] - HEADER * full
     room = upper - lower - (DIAGRAMS * full if bending else 0.0)
-    unit, chosen = _choose(view, order, _rows(view, order, shifts), room, full, scale, magnification)
-    motion = chosen * scale
     rows = _rows(view, order, shifts)
+    unit, chosen = _choose(view, rows, room, full, scale, magnification)
+    motion = chosen * scale
     needs = _needs(view, order, unit)
     heights, total = _heights(needs, rows, view, motion, unit)
     axes = [heights[rows[need.body]] for need in needs]
@@ -156,29 +159,22 @@ def arrange(view: Snapshot, size: tuple[int, int], magnification: float | None) 
 
 
 def _choose(
-    view: Snapshot,
-    order: list[Body],
-    rows: dict[Body, int],
-    room: float,
-    full: float,
-    scale: float,
-    wanted: float | None,
+    view: Snapshot, rows: dict[Body, int], room: float, full: float, scale: float, wanted: float | None
 ) -> tuple[float, float]:
-    """Return the unit and the magnification: bodies shrink only if the motion would be invisible otherwise."""
-    fallback: tuple[float, float] | None = None
-    for unit in full * 0.85 ** np.arange(14):
-        needs = _needs(view, order, float(unit))
-        chosen = _magnify(needs, rows, view, room, float(unit), scale, wanted)
-        if chosen is None:
-            continue
-        fallback = fallback or (float(unit), chosen)
-        size = max(max(need.down, need.up) for need in needs)
-        if wanted is not None or size == 0.0 or size * chosen * scale >= 0.35 * MOTION * full:
-            return float(unit), chosen
-        if unit < 0.5 * full:
-            break
-    # None: more bodies than a picture of this size can show clearly.
-    return fallback or (float(full) * 0.1, wanted or 1.0)
+    """Return unit and magnification: the largest bodies beside which the motion can be seen, then the largest motion.
+
+    `wanted` is the magnification that the user asks for; otherwise it is 1, 2 or 5 times a power of ten.
+    """
+    size = scale * max(max(need.down, need.up) for need in _needs(view, list(rows), 1.0))
+    fixed = wanted or (None if size else 1.0)
+    for unit in (full * _SHRINK ** np.arange(14)).tolist():
+        needs = _needs(view, list(rows), unit)
+        for share in (1.0, 0.5):
+            chosen = fixed or nice_below(share * MOTION * unit / size)
+            if _heights(needs, rows, view, chosen * scale, unit)[1] <= room:
+                return unit, chosen
+    # More bodies than a picture of this size can show clearly.
+    return 0.1 * full, fixed or 1.0
 
 
 def _pairs(view: Snapshot) -> list[tuple[Link, Body, Body]]:
@@ -304,25 +300,3 @@ def _heights(
             apart = max(apart, low.half + high.half + spring)
         axes.append(axes[-1] + apart)
     return axes, axes[-1] + merged[-1].extent(True, motion, unit)
-
-
-def _magnify(
-    needs: list[_Needs],
-    rows: dict[Body, int],
-    view: Snapshot,
-    room: float,
-    unit: float,
-    scale: float,
-    wanted: float | None,
-) -> float | None:
-    """Return the largest 1, 2 or 5 times a power of ten that fits, or None where it would show nothing."""
-    size = max(max(need.down, need.up) for need in needs)
-    if wanted is not None or size == 0.0:
-        chosen = 1.0 if wanted is None else wanted
-        return chosen if _heights(needs, rows, view, chosen * scale, unit)[1] <= room else None
-    chosen = nice_below(MOTION * unit / (size * scale))
-    while _heights(needs, rows, view, chosen * scale, unit)[1] > room:
-        chosen = nice_below(chosen * 0.99)
-        if chosen * scale * size < 0.2 * MOTION * unit:
-            return None
-    return chosen

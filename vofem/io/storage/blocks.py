@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import h5py
@@ -22,47 +22,20 @@ def block_slices(count: int, row_bytes: int) -> Iterator[slice]:
         yield slice(start, min(start + step, count))
 
 
-def empty_dataset(group: h5py.Group, name: str, shape: tuple[int, ...], dtype: Any) -> h5py.Dataset:
-    """Return a new dataset of rows, in chunks of whole rows as far as these fit."""
-    dtype = np.dtype(dtype)
-    if not all(shape):
-        return group.create_dataset(name, shape=shape, dtype=dtype)
+def chunks(shape: tuple[int, ...], itemsize: int) -> tuple[int, ...]:
+    """Return the shape of a chunk of an array without zeros in its shape: whole rows as far as these fit."""
     inner = list(shape[1:])
     if inner:
-        inner[0] = min(inner[0], max(1, _CHUNK // dtype.itemsize))
-    rows = max(1, _CHUNK // (dtype.itemsize * int(np.prod(inner, dtype=np.int64))))
-    chunks = (min(shape[0], rows), *inner)
-    return group.create_dataset(name, shape=shape, dtype=dtype, chunks=chunks, **FILTERS)
+        inner[0] = min(inner[0], max(1, _CHUNK // itemsize))
+    rows = max(1, _CHUNK // (itemsize * int(np.prod(inner, dtype=np.int64))))
+    return (min(shape[0], rows), *inner)
 
 
-def write_columns(blocks: Blocks, group: h5py.Group, name: str, values: NDArray) -> h5py.Dataset:
-    """Write values of shape (n, n_times) as a dataset (n_times, n)."""
-    dataset = stream_columns(blocks, group, name, values.shape, values.dtype, lambda part: values[:, part])
-    # An array of one row or column is contiguous in both orders.
-    dataset.attrs["fortran"] = bool(values.flags.f_contiguous and not values.flags.c_contiguous)
-    return dataset
-
-
-def stream_columns(
-    blocks: Blocks, group: h5py.Group, name: str, shape: tuple[int, ...], dtype: Any, of: Callable[[slice], NDArray]
-) -> h5py.Dataset:
-    """Write values of shape (n, n_times), which a function gives for a slice of times, as a dataset (n_times, n)."""
-    dataset = empty_dataset(group, name, shape[::-1], dtype)
-    if all(shape):
-        for part in block_slices(shape[1], shape[0] * dataset.dtype.itemsize):
-            dataset[part] = of(part).T
-            blocks.flush()
-    return dataset
-
-
-def read_columns(dataset: h5py.Dataset) -> NDArray:
-    """Return values of shape (n, n_times), in the order in memory that they had."""
-    order: Any = "F" if dataset.attrs["fortran"] else "C"
-    values = np.empty(dataset.shape[::-1], dtype=dataset.dtype, order=order)
-    if values.size:
-        for part in block_slices(dataset.shape[0], dataset.shape[1] * dataset.dtype.itemsize):
-            values[:, part] = dataset[part].T
-    return values
+def empty_dataset(group: h5py.Group, name: str, shape: tuple[int, ...], dtype: Any) -> h5py.Dataset:
+    """Return a new dataset, to be written by rows."""
+    dtype = np.dtype(dtype)
+    filters = {"chunks": chunks(shape, dtype.itemsize), **FILTERS} if all(shape) else {}
+    return group.create_dataset(name, shape=shape, dtype=dtype, **filters)
 
 
 def write_rows(blocks: Blocks, group: h5py.Group, name: str, rows: NDArray) -> None:

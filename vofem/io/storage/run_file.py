@@ -76,7 +76,7 @@ def save(
         write_tree(own.create_group("run"), record, encode)
         if has_segments(result):
             write_segments(blocks, own.create_group("segments"), result.solution)
-        write_history(blocks, file.create_group("history", track_order=True), result)
+        write_history(blocks, result)
         write_fields(blocks, file.create_group("VTKHDF"), result, times, magnification)
     return goal
 

@@ -7,6 +7,7 @@ from typing import Any
 
 from vofem._validate import choice, number, whole
 from vofem.blas import one_thread
+from vofem.doubtful import undamped
 from vofem.errors import ArgumentError
 from vofem.progress import Progress
 from vofem.scene import Scene
@@ -97,5 +98,5 @@ def continuation(
     with branch_progress(interval, progress) as report:
         track = walker.follow(walker.begin(found.unknowns, start), report=report)
     counters.eigensolves = family.work.runs.eigensolves
-    track.notes[:0] = notes
+    track.notes[:0] = [*notes, *undamped(problem.scene.model.system)]
     return branch_of(track, family, walker)

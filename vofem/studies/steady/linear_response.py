@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem._validate import array
+from vofem._validate import array, choice
 from vofem.blas import one_thread
 from vofem.errors import ArgumentError, MethodError
 from vofem.lookup import rows_over
@@ -24,7 +24,7 @@ Complex = NDArray[np.complex128]
 
 
 class FrequencyResponse:
-    """The linear response of a scene to its harmonic loads, of which the first one has unit amplitude.
+    """The linear response of a scene to its harmonic loads, as they are or per unit of the first one.
 
     Attributes
     ----------
@@ -63,9 +63,10 @@ class FrequencyResponse:
     def displacement(self, point: Any) -> Complex:
         """Return the complex displacement of a point, shape (n_frequencies,).
 
-        Under the load ``F sin(omega t + phase)`` the displacement is ``F Im(H exp(i (omega t + phase)))`` where H is
-        the value that is returned. The modulus of H is the amplitude per unit of the load, and its angle is the phase
-        by which the displacement leads the load.
+        With ``loads="unit"``, under the load ``F sin(omega t + phase)``, the displacement is
+        ``F Im(H exp(i (omega t + phase)))`` where H is the value that is returned. The modulus of H is the amplitude
+        per unit of the load, and its angle is the phase by which the displacement leads the load. With
+        ``loads="scene"`` the displacement is ``Im(H exp(i omega t))``, and the modulus of H is the amplitude in m.
 
         Parameters
         ----------
@@ -74,19 +75,22 @@ class FrequencyResponse:
         Returns
         -------
         ndarray of complex
-            The response H in m per unit of the load's amplitude.
+            The response H: in m/N for forces, m/(N/m) for line loads and so on with ``loads="unit"``, and in m with
+            ``loads="scene"``.
         """
         rows = rows_over(self.scene.model, self.scene.bodies, [point])
         return np.asarray((rows @ self._rest.vectors) @ self._modal)[0]
 
 
 @one_thread
-def frequency_response(scene: Scene, frequencies: ArrayLike, closed: Sequence[Any] = ()) -> FrequencyResponse:
+def frequency_response(
+    scene: Scene, frequencies: ArrayLike, closed: Sequence[Any] = (), *, loads: str = "unit"
+) -> FrequencyResponse:
     """Return the linear response to the scene's harmonic loads; all contacts are open except the named ones.
 
     Loads that are `Sine` act at each of the given frequencies, and their own frequency is ignored. Constant loads are
     left out. Several harmonic loads act together: the ratios of their amplitudes and the differences of their phases
-    are kept, and the first load has unit amplitude. A contact that is held closed acts by its stiffness and its damper.
+    are kept. A contact that is held closed acts by its stiffness and its damper.
 
     Parameters
     ----------
@@ -95,6 +99,9 @@ def frequency_response(scene: Scene, frequencies: ArrayLike, closed: Sequence[An
         Frequencies in Hz, not negative.
     closed : sequence of str or Contact
         Contacts that are held closed; all others are open.
+    loads : {"unit", "scene"}
+        "unit": the response per unit of the first load, in m/N for a force, whatever its amplitude and phase.
+        "scene": the response in m to the loads as the scene has them.
 
     Returns
     -------
@@ -122,7 +129,9 @@ def frequency_response(scene: Scene, frequencies: ArrayLike, closed: Sequence[An
                 f"{what}: {group.labels[0]} is not linear; put a Spring of its tangent there, or follow the response "
                 "with vofem.periodic and vofem.continuation"
             )
-    force = _force(what, system)
+    force, unit = _force(what, system)
+    if choice(f"{what}: loads", loads, ("unit", "scene")) == "unit":
+        force = force / unit
     chosen = contact_indices(what, system, closed)
     attached = linear_laws(what, system)
     if chosen:
@@ -137,21 +146,21 @@ def frequency_response(scene: Scene, frequencies: ArrayLike, closed: Sequence[An
     return FrequencyResponse(scene, values, rest, modal, counters)
 
 
-def _force(what: str, system: System) -> Complex:
-    """Return the harmonic load vector, in units of the first harmonic load, shape (n,)."""
+def _force(what: str, system: System) -> tuple[Complex, complex]:
+    """Return the harmonic load vector, shape (n,), and the amplitude ``a exp(i phase)`` of the first harmonic load."""
     total, unit = np.zeros(system.size, dtype=complex), 0.0j
     for load in system.loads:
         amplitude = _amplitude(what, load.name, as_time_function(load.function))
         if amplitude == 0.0:
             continue
         unit = unit or amplitude
-        total += load.vector * (amplitude / unit)
+        total += load.vector * amplitude
     if unit == 0.0:
         raise ArgumentError(
             f"{what}: the scene has no harmonic load, so nothing excites it; add one such as PointLoad(point, "
             "Sine(1.0, omega=1.0)), whose own frequency does not matter"
         )
-    return total
+    return total, unit
 
 
 def _amplitude(what: str, name: str, function: Any) -> complex:

@@ -1,0 +1,210 @@
+"""The histories of a run as named variables with units, for xarray and for files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.bodies.base import Body
+from vofem.effects.two_points import units_of
+from vofem.histories.contact import ContactHistory
+from vofem.histories.energy import Energy
+from vofem.histories.reaction import Reaction
+from vofem.histories.run import Run
+from vofem.histories.spring import SpringHistory
+from vofem.integrators.base import ProbeSamples
+from vofem.lookup import rows_over
+from vofem.scene import Scene
+from vofem.system import CLOSED
+
+Array = NDArray[np.float64]
+
+#: All rows of a variable.
+ALL = slice(None)
+
+#: For every quantity of a point: its name, its name in `Samples`, its unit.
+MOTION = (("displacement", "q", "m"), ("velocity", "v", "m/s"), ("acceleration", "a", "m/s^2"))
+
+ENERGIES = ("kinetic", "strain", "contact", "dissipated", "work")
+
+
+class Tabulated(Run, Protocol):
+    """A run as its tables see it."""
+
+    scene: Scene
+
+    @property
+    def contacts(self) -> Mapping[str, ContactHistory]:
+        """Contact histories by name."""
+
+    @property
+    def springs(self) -> Mapping[str, SpringHistory]:
+        """Histories of hysteretic springs by name."""
+
+    @property
+    def recorded(self) -> ProbeSamples | None:
+        """Motion of the points that were recorded at every step."""
+
+    @property
+    def energy(self) -> Energy:
+        """Energies at the run's times."""
+
+    def reaction(self, body: Any, where: Any, t: Any = None) -> Reaction:
+        """Return the force and the moment of a support, each (n_times,)."""
+
+    def displacement(self, point: Any, t: Any = None) -> Array:
+        """Return the displacement of a point in m, shape (n_times,) or (len(t),)."""
+
+    def velocity(self, point: Any, t: Any = None) -> Array:
+        """Return the velocity of a point in m/s, shape (n_times,) or (len(t),)."""
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One variable; its first dimension is time, or what it is counted by.
+
+    Attributes
+    ----------
+    dims : tuple of str
+        Names of the dimensions.
+    source : ndarray, or callable
+        The values, or a function that returns those of a slice of rows.
+    attributes : dict
+        Unit and description, as netCDF calls them.
+    """
+
+    dims: tuple[str, ...]
+    source: NDArray | Callable[[slice], NDArray]
+    attributes: dict[str, Any] = field(default_factory=dict)
+
+    def at(self, rows: slice = ALL) -> NDArray:
+        """Return the values of some rows."""
+        return self.source(rows) if callable(self.source) else self.source[rows]
+
+
+def histories(run: Tabulated, points: dict[str, Any]) -> dict[str, Variable]:
+    """Return everything along a run, with the motion of some points, by the names of xarray and of files."""
+    events = run.solution.events
+    found = {"time": Variable(("time",), run.times, {"units": "s", "long_name": "time"})}
+    if points:
+        found |= _motion(run, points)
+    if run.contacts:
+        found |= _contacts(run)
+    if run.springs:
+        found |= _springs(run)
+    for name in ENERGIES:
+        found[f"{name}_energy"] = Variable(("time",), getattr(run.energy, name), {"units": "J"})
+    for name, values, words in (
+        ("time", events.time, {"units": "s"}),
+        ("contact", events.contact, {"long_name": "number of the contact"}),
+        ("status", events.status, {"long_name": "status entered: 0 open, 1 closed, 2 pinned"}),
+    ):
+        found[f"event_{name}"] = Variable(("event",), values, words)
+    return found | _reactions(run) | _recorded(run)
+
+
+def _motion(run: Tabulated, points: dict[str, Any]) -> dict[str, Variable]:
+    rows = rows_over(run.model, run.scene.bodies, points.values())
+    found = {"point": Variable(("point",), np.array(list(points)))}
+    for name, of, unit in MOTION:
+        found[name] = Variable(("time", "point"), _moved(run, points, rows, name, of), {"units": unit})
+    return found
+
+
+def _moved(run: Tabulated, points: dict[str, Any], rows: Any, name: str, of: str) -> Callable[[slice], NDArray]:
+    def at(part: slice) -> NDArray:
+        if part == ALL:
+            # The run computes what these points need only.
+            return np.stack([getattr(run, name)(point) for point in points.values()], axis=1)
+        return np.asarray(rows @ getattr(run.samples, of)[:, part]).T
+
+    return at
+
+
+def _contacts(run: Tabulated) -> dict[str, Variable]:
+    samples, laws = run.contact_samples, run.model.system.contacts
+    assert laws is not None
+    units = [units_of(run.scene.effects, name) for name in run.contacts]
+    force, stiffness, length = (
+        _common([getattr(u, what) for u in units]) for what in ("force", "stiffness", "coordinate")
+    )
+
+    def gap_function(part: slice) -> NDArray:
+        if part == ALL:
+            return run.samples.along(laws.rows, "q").T - laws.gap
+        return np.asarray(laws.rows @ run.samples.q[:, part]).T - laws.gap
+
+    over = ("time", "contact")
+    return {
+        "contact": Variable(("contact",), np.array(list(run.contacts))),
+        "force_unit": Variable(("contact",), np.array([u.force for u in units]), {"long_name": "unit of the force"}),
+        "contact_initial_status": Variable(("contact",), run.solution.events.initial),
+        "contact_status": Variable(over, samples.status.T, {"long_name": "0 open, 1 closed, 2 pinned"}),
+        "contact_closed": Variable(over, lambda part: samples.status.T[part] == CLOSED),
+        "contact_stiffness": Variable(over, samples.stiffness.T, {"units": stiffness, "long_name": "K_eq"}),
+        "contact_force": Variable(
+            over, samples.force.T, {"units": force, "long_name": "positive pushes the bodies apart"}
+        ),
+        "contact_gap_function": Variable(over, gap_function, {"units": length, "long_name": "penetration"}),
+    }
+
+
+def _springs(run: Tabulated) -> dict[str, Variable]:
+    springs = list(run.springs.values())
+    units = [units_of(run.scene.effects, spring.name) for spring in springs]
+    found = {
+        "spring": Variable(("spring",), np.array([spring.name for spring in springs])),
+        "spring_unit": Variable(("spring",), np.array([u.force for u in units]), {"long_name": "unit of the force"}),
+    }
+    for what, unit in (
+        ("elongation", _common([u.coordinate for u in units])),
+        ("force", _common([u.force for u in units])),
+        ("stored", "J"),
+        ("dissipated", "J"),
+    ):
+        values = np.stack([getattr(spring, what) for spring in springs], axis=1)
+        found[f"spring_{what}"] = Variable(("time", "spring"), values, {"units": unit})
+    return found
+
+
+def _reactions(run: Tabulated) -> dict[str, Variable]:
+    held = [(body, x) for body in run.scene.bodies for x in _supported_places(body)]
+    if not held:
+        return {}
+    parts = [run.reaction(body, x) for body, x in held]
+    over = ("time", "support")
+    return {
+        "support": Variable(("support",), np.array([f"{body.name}@{x!r}" for body, x in held])),
+        "reaction_force": Variable(over, np.stack([part.force for part in parts], axis=1), {"units": "N"}),
+        "reaction_moment": Variable(over, np.stack([part.moment for part in parts], axis=1), {"units": "N m"}),
+    }
+
+
+def _supported_places(body: Body) -> list[float]:
+    """Return the places of supports in m, ascending."""
+    x = body.degrees_of_freedom.x[body.matrices().supported]
+    return [float(place) for place in np.unique(x[~np.isnan(x)])]
+
+
+def _recorded(run: Tabulated) -> dict[str, Variable]:
+    """Return what was recorded at every step, which has times of its own."""
+    record = run.recorded
+    if record is None:
+        return {}
+    found = {
+        "recorded_time": Variable(("recorded_time",), record.times, {"units": "s", "long_name": "time of every step"}),
+        "recorded": Variable(("recorded",), np.array(record.names), {"long_name": "points recorded at every step"}),
+    }
+    for name, of, unit in MOTION:
+        values = getattr(record, of).T
+        found[f"recorded_{name}"] = Variable(("recorded_time", "recorded"), values, {"units": unit})
+    return found
+
+
+def _common(units: Sequence[str]) -> str:
+    """Return the unit of several things, or those that occur where it depends on the thing."""
+    return " or ".join(dict.fromkeys(units))
