@@ -15,7 +15,6 @@ from scenes import paper_beam
 
 import vofem as vf
 from vofem.cli import FAULT, main
-from vofem.folders import read_entries, write_entry
 from vofem.integrators.methods import BUILT_IN
 from vofem.io import doctor
 from vofem.kernels import cache as jit_cache
