@@ -229,6 +229,36 @@ def _plain_between(into: Array, x: Array, part: float, y: Array) -> None:
 
 
 @jit
+def _predict(q0: Array, v0: Array, a0: Array, q1: Array, v1: Array, dt: float, bend: float, turn: float) -> None:
+    """Let ``q1 = q0 + dt v0 + bend a0`` and ``v1 = v0 + turn a0``."""
+    for i in range(q0.size):
+        q1[i] = q0[i] + dt * v0[i] + bend * a0[i]
+        v1[i] = v0[i] + turn * a0[i]
+
+
+@plain_form(_predict)
+def _plain_predict(q0: Array, v0: Array, a0: Array, q1: Array, v1: Array, dt: float, bend: float, turn: float) -> None:
+    q1[:] = q0 + dt * v0 + bend * a0
+    v1[:] = v0 + turn * a0
+
+
+@jit
+def _correct(q1: Array, v1: Array, a0: Array, a1: Array, x: Array, bend: float, turn: float, part: float) -> None:
+    """Add ``bend x`` to q1 and ``turn x`` to v1, and let ``a1 = (1 - part) a0 + part x``."""
+    for i in range(q1.size):
+        q1[i] += bend * x[i]
+        v1[i] += turn * x[i]
+        a1[i] = (1.0 - part) * a0[i] + part * x[i]
+
+
+@plain_form(_correct)
+def _plain_correct(q1: Array, v1: Array, a0: Array, a1: Array, x: Array, bend: float, turn: float, part: float) -> None:
+    q1 += bend * x
+    v1 += turn * x
+    a1[:] = (1.0 - part) * a0 + part * x
+
+
+@jit
 def _difference(into: Array, factor: float, x: Array, y: Array) -> None:
     """Let ``into = factor (x - y)``."""
     for i in range(into.size):
@@ -305,9 +335,7 @@ def advance(
         if mean:
             _sum(p, v0, half, a0)
         else:
-            _sum(q1, q0, dt, v0)
-            _sum(q1, q1, dt * dt * numbers.cqa, a0)
-            _sum(v1, v0, dt * numbers.cva, a0)
+            _predict(q0, v0, a0, q1, v1, dt, dt * dt * numbers.cqa, dt * numbers.cva)
             for j in range(m):
                 work.base[j], work.rate[j] = dot(rows, j, q1), dot(rows, j, v1)
         if pots is not None:
@@ -332,8 +360,11 @@ def advance(
                 for j in range(m):
                     work.base[j] = u0[j] + dt * dot(rows, j, p)
             else:
-                _between(some, q0, b, q1)
-                subtract_product(stiffness, some, right)
+                if b < 1.0:
+                    _between(some, q0, b, q1)
+                    subtract_product(stiffness, some, right)
+                else:
+                    subtract_product(stiffness, q1, right)
                 if damped:
                     _between(some, v0, b, v1)
                     subtract_product(damping, some, right)
@@ -344,6 +375,17 @@ def advance(
                 for j in range(m):
                     work.held[j] = found[j]
                     subtract_row(rows, j, weight * found[j], right)
+            if explicit and others is None:
+                # Forces are known before the acceleration.
+                for j in range(m):
+                    found[j] = force_over(laws, None, j, way, u0[j], work.base[j], 0.0, 0.0)
+                    if found[j] != 0.0:
+                        if not np.isfinite(found[j]):
+                            return k, solves
+                        subtract_row(rows, j, found[j], right)
+                copy(right, x)
+                solve(factored, x)
+                break
             copy(right, x)
             solve(factored, x)
             if m > 0 and (solved or again == 0):
@@ -378,9 +420,7 @@ def advance(
             _between(v1, v0, 2.0, p)
             _difference(a1, 1.0 / dt, v1, v0)
         else:
-            _sum(q1, q1, dt * dt * numbers.cqw, x)
-            _sum(v1, v1, dt * numbers.cvw, x)
-            _between(a1, a0, 1.0 / (1.0 - numbers.alpha_m), x)
+            _correct(q1, v1, a0, a1, x, dt * dt * numbers.cqw, dt * numbers.cvw, 1.0 / (1.0 - numbers.alpha_m))
         for j in range(m):
             chunk.u[k + 1, j] = dot(rows, j, q1)
             chunk.reaction[k + 1, j] = found[j]

@@ -44,12 +44,12 @@ class Path:
     turns : ndarray of bool, shape (n_rows,)
         Whether a contact that acts closes or opens in these steps.
     out : ndarray, shape (n_rows, n)
-        Accelerations at the times; where laws act by means `Chunk.a` holds the means over the steps.
+        Accelerations at the times: `Chunk.a`, but for methods whose accelerations lag. Not where laws act by means.
     filled : int
         The last row that is known.
     """
 
-    def __init__(self, rows: int, n: int, laws: Laws, pots: int, means: bool) -> None:
+    def __init__(self, rows: int, n: int, laws: Laws, pots: int, lags: bool) -> None:
         m = laws.table.size
         q, v, a = np.zeros((3, rows, n))
         u, reaction, damper = np.zeros((3, rows, m))
@@ -59,7 +59,7 @@ class Path:
         self.t, self.dt, self.work, self.dissipated = np.zeros((4, rows))
         self.absorbed, self.pull = np.zeros((2, rows, pots))
         self.turns = np.zeros(rows, dtype=bool)
-        self.out = self.chunk.a if means else np.zeros((rows, n))
+        self.out = np.zeros((rows, n)) if lags else self.chunk.a
         self.filled = 0
 
     @property
@@ -104,7 +104,11 @@ class Switches:
     """
 
     def __init__(self, laws: ContactLaws | None, rows: Any, status: IntArray) -> None:
-        self.laws, self._sizes = laws, None if laws is None else abs(rows[: status.size])
+        self.laws, self._sizes, self._columns = laws, None, np.zeros(0, dtype=np.int64)
+        if laws is not None:
+            sizes = abs(rows[: status.size])
+            self._columns = np.unique(sizes.indices)
+            self._sizes = sizes[:, self._columns]
         self.status, self.size = status.copy(), 0.0
         self.log: list[Array] = []
 
@@ -115,7 +119,8 @@ class Switches:
             return
         first = path.filled - count
         s = path.chunk.u[first : path.filled + 1, :m] - laws.gap
-        sizes = (self._sizes @ np.abs(path.chunk.q[first + 1 : path.filled + 1].T)).T + np.abs(laws.gap)
+        q = path.chunk.q[first + 1 : path.filled + 1, self._columns]
+        sizes = (self._sizes @ np.abs(q).T).T + np.abs(laws.gap)
         sizes = np.maximum.accumulate(np.append(self.size, sizes))
         self.size = float(sizes[-1])
         noise = _ROUNDING * sizes[1:].reshape(-1, m)
@@ -182,6 +187,7 @@ class Record:
         self.cursor, self.contact_checks, self.total = 0, table, np.zeros(2 + pots)
         self.points: list[Array] = []
         self._begun, self._laws, self._rows = False, laws, rows
+        self._contacts, self._columns = rows, None
         self._names = () if probes is None else probes.names
         self._points = None if probes is None else probes.rows[:, order]
 
@@ -253,7 +259,10 @@ class Record:
         count = self.contact_checks.shape[0]
         if not count:
             return np.empty((last + 1, 0))
-        return np.asarray((self._rows[:count] @ chunk.v[: last + 1].T).T)
+        if self._columns is None:
+            self._columns = np.unique(self._rows[:count].indices)
+            self._contacts = self._rows[:count][:, self._columns]
+        return np.asarray((self._contacts @ chunk.v[: last + 1, self._columns].T).T)
 
     def _store_start(self, path: Path, a: Array) -> None:
         """Store the state at t = 0 at all times that are not later."""

@@ -74,6 +74,11 @@ class Scheme(NamedTuple):
         """Whether the displacement at the end of a step does not depend on forces there."""
         return self.beta == 0.0
 
+    @property
+    def lags(self) -> bool:
+        """Whether the accelerations of the method belong to times before the ends of steps."""
+        return not self.mean and self.alpha_m != self.alpha_f
+
     def numbers(self, dt: float) -> Numbers:
         """Return the numbers of a step size in s."""
         am, af, gamma, beta, mean = self
@@ -174,7 +179,7 @@ class Run:
                 counters.history_terms = max(counters.history_terms, past.terms)
                 self.past = past
         pots = 0 if self.past is None else self.past.count
-        self.path = Path(room + 2, system.size, laws, pots, scheme.mean)
+        self.path = Path(room + 2, system.size, laws, pots, scheme.lags)
         status = np.empty(0, dtype=np.int64)
         if system.contacts is not None:
             status = initial_status(system.contacts, start.q, start.v)
@@ -351,20 +356,21 @@ class Run:
         rows = slice(first + 1, first + count + 1)
         way = u[1:] - u[:-1]
         path.work[rows], path.dissipated[rows] = 0.0, 0.0
-        rate = 0.5 * (v[1:] + v[:-1])
-        if self.vectors.size:
-            values = forcing.values
-            if scheme.mean:
-                if np.any(forcing.first):
-                    rate = rate - forcing.first @ known.shift
-                    inertia = np.einsum("ke,ke->k", a[1:] @ known.inertia.T, forcing.first)
-                    path.work[rows] = dt * inertia
-                path.work[rows] += dt * np.einsum("ke,ke->k", rate @ known.loads.T, values)
-            else:
-                mean = 0.5 * (values[1:] + values[:-1])
-                path.work[rows] = np.einsum("ke,ke->k", (q[1:] - q[:-1]) @ known.loads.T, mean)
+        if self.vectors.size and scheme.mean:
+            along = v @ known.loads.T
+            along = 0.5 * (along[1:] + along[:-1])
+            if np.any(forcing.first):
+                along -= forcing.first @ (known.shift @ known.loads.T)
+                path.work[rows] = dt * np.einsum("ke,ke->k", a[1:] @ known.inertia.T, forcing.first)
+            path.work[rows] += dt * np.einsum("ke,ke->k", along, forcing.values)
+        elif self.vectors.size:
+            along, mean = q @ known.loads.T, 0.5 * (forcing.values[1:] + forcing.values[:-1])
+            path.work[rows] = np.einsum("ke,ke->k", along[1:] - along[:-1], mean)
         if self._lossy is not None:
             if scheme.mean:
+                rate = 0.5 * (v[1:] + v[:-1])
+                if np.any(forcing.first):
+                    rate -= forcing.first @ known.shift
                 path.dissipated[rows] = dt * np.einsum("ki,ki->k", rate, (self._lossy @ rate.T).T)
             else:
                 pull = (self._lossy @ v.T).T
@@ -382,9 +388,11 @@ class Run:
             mine = slice(self.past.row, self.past.row + self.past.count)
             mean = 0.5 * (reaction[1:, mine] + reaction[:-1, mine]) if scheme.explicit else pots[1:, :, 0]
             path.absorbed[rows] = mean * way[:, mine]
-        if not scheme.mean:
-            # The accelerations of the method lag.
-            path.out[rows] = a[1:] + (scheme.alpha_f - scheme.alpha_m) * (a[1:] - a[:-1])
+        if scheme.lags:
+            out = path.out[rows]
+            np.subtract(a[1:], a[:-1], out=out)
+            out *= scheme.alpha_f - scheme.alpha_m
+            out += a[1:]
         path.filled += count
         self.switches.step_on(path, count, self.t_end)
 

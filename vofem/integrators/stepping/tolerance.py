@@ -106,7 +106,7 @@ class StepDoubling(StepSizeControl, Run):
             system, start, counters, t_end, method, scheme, 2 * _CHUNK + 2, self.tick, t_end + 2.0 * self.largest
         )
         laws = self.equations.laws
-        self.aside = Path(2, system.size, laws, self.path.pull.shape[1], scheme.mean)
+        self.aside = Path(2, system.size, laws, self.path.pull.shape[1], scheme.lags)
         self.weight = system.scale[self.order]
         self.period = self.over.period(t_end)
         self.steps_taken, self.coarsest, self.beyond, self.fineness = 0, 0.0, False, fineness
