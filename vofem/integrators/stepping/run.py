@@ -41,7 +41,7 @@ IntArray = NDArray[np.int64]
 _SPOILT = 1e-3
 
 #: Entries of states that one call of a kernel advances: some milliseconds of work.
-_CHUNK_WORK = 50_000
+_CHUNK_WORK = 200_000
 
 #: The same in plain Python.
 _PLAIN_WORK = 10_000
@@ -247,6 +247,11 @@ class Run:
         """Return the loads of steps of one size by their moments, shape (3, n_loads, steps)."""
         return Forcing(np.concatenate([moments[0], -0.5 * dt**2 * moments[2]]).T, moments[1].T)
 
+    def _acting(self, values: Array) -> int:
+        """Return how many of the vectors in `Loaded.loads` act: slow loads move nothing within steps."""
+        count = self.vectors.shape[0]
+        return 2 * count if np.any(values[:, count:]) else count
+
     # -- the start --------------------------------------------------------------------------------------
 
     def begin(self, dt: float) -> None:
@@ -329,7 +334,9 @@ class Run:
         values, n = forcing.values, self.system.size
         force = shift = np.empty((0, n))
         if self.vectors.size:
-            force = (values if self.scheme.mean else b * values[1:] + (1.0 - b) * values[:-1]) @ known.loads
+            count = self._acting(values)
+            values = values if self.scheme.mean else b * values[1:] + (1.0 - b) * values[:-1]
+            force = values[:, :count] @ known.loads[:count]
             if np.any(forcing.first):
                 shift = forcing.first @ known.shift
         chunk, size = path.steps(t.size), known.size
@@ -364,7 +371,9 @@ class Run:
                 path.work[rows] = dt * np.einsum("ke,ke->k", a[1:] @ known.inertia.T, forcing.first)
             path.work[rows] += dt * np.einsum("ke,ke->k", along, forcing.values)
         elif self.vectors.size:
-            along, mean = q @ known.loads.T, 0.5 * (forcing.values[1:] + forcing.values[:-1])
+            acting = self._acting(forcing.values)
+            along = q @ known.loads[:acting].T
+            mean = 0.5 * (forcing.values[1:, :acting] + forcing.values[:-1, :acting])
             path.work[rows] = np.einsum("ke,ke->k", along[1:] - along[:-1], mean)
         if self._lossy is not None:
             if scheme.mean:
@@ -523,8 +532,7 @@ class Run:
             "status": self.switches.status,
             "size": self.switches.size,
             "place": {name: getattr(self, name) for name in self.place},
-            "history": None if self.past is None else self.past.y,
-        }
+        } | ({} if self.past is None else {"history": self.past.y})
 
     def restore(self, saved: dict[str, Any]) -> None:
         """Set the run to a saved state."""
