@@ -187,7 +187,11 @@ class Record:
         self.cursor, self.contact_checks, self.total = 0, table, np.zeros(2 + pots)
         self.points: list[Array] = []
         self._begun, self._laws, self._rows = False, laws, rows
-        self._contacts, self._columns = rows, None
+        self._contacts = rows[: table.shape[0]] if len(table) else None
+        self._columns = np.zeros(0, dtype=np.int64)
+        if self._contacts is not None:
+            self._columns = np.unique(self._contacts.indices)
+            self._contacts = self._contacts[:, self._columns]
         self._names = () if probes is None else probes.names
         self._points = None if probes is None else probes.rows[:, order]
 
@@ -256,12 +260,8 @@ class Record:
 
     def _rates(self, chunk: Chunk, last: int) -> Array:
         """Return the rates of the contacts in the first rows of a path, shape (last + 1, n_contacts)."""
-        count = self.contact_checks.shape[0]
-        if not count:
+        if self._contacts is None:
             return np.empty((last + 1, 0))
-        if self._columns is None:
-            self._columns = np.unique(self._rows[:count].indices)
-            self._contacts = self._rows[:count][:, self._columns]
         return np.asarray((self._contacts @ chunk.v[: last + 1, self._columns].T).T)
 
     def _store_start(self, path: Path, a: Array) -> None:
