@@ -105,21 +105,6 @@ class Size(NamedTuple):
     band: Array | None
 
 
-class Kinds(NamedTuple):
-    """What there is beside contacts with ideal switches: True, or None so that compiled code leaves it out.
-
-    Attributes
-    ----------
-    others : True or None
-        Dampers, or laws that are no contacts with ideal switches.
-    past : True or None
-        Laws with internal variables.
-    """
-
-    others: bool | None
-    past: bool | None
-
-
 class Chunk(NamedTuple):
     """States before and after some steps, one a row; the first row is given, and `advance` fills the others.
 
@@ -302,8 +287,10 @@ def advance(
     equations : Equations
     numbers, factored, compliance, band
         The fields of `Size`.
-    others, past
-        The fields of `Kinds`.
+    others : True or None
+        None where all laws are contacts with ideal switches and without dampers.
+    past : True or None
+        None where no law has internal variables.
     pots : Springpots or None
     force : ndarray, shape (steps, n)
         Loads in the balance of every step; no rows where there are none.
