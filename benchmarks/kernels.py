@@ -98,7 +98,7 @@ def step_time(system: System, start: State, method: str, limit: float) -> float:
         return time.perf_counter() - begin
 
     # Looking for the critical step takes longer than thousands of steps; it is known here.
-    with mock.patch("vofem.integrators.central_difference.critical_step", return_value=limit):
+    with mock.patch("vofem.integrators.stepping.methods.critical_step", return_value=limit):
         run(2)
         base = min(run(_SHORT) for _ in range(3))
         # As many steps as make the work, by what some take.

@@ -162,7 +162,7 @@ def pairs(system: System, method: str, dt: float, steps: int) -> tuple[float, fl
         q = loop.run(count)
         return time.perf_counter() - begin, q
 
-    with mock.patch("vofem.integrators.central_difference.critical_step", return_value=1.1 * dt):
+    with mock.patch("vofem.integrators.stepping.methods.critical_step", return_value=1.1 * dt):
         # The same motion, or the loop is no measure. The loop takes the values of the load, vofem its moments over
         # steps: from rest after 20 steps they differ by up to some percent.
         (_, mine), (_, other) = ours(short), theirs(short)

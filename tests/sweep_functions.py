@@ -58,6 +58,19 @@ def odd_at_two(x, odd):
     return {"y": odd if x == 2 else x / 2}
 
 
+def stops_at(x, folder):
+    """Be stopped at the thirteenth point, until there is a file."""
+    if x == 12 and not Path(folder, "go").exists():
+        raise KeyboardInterrupt
+    return {"y": x}
+
+
+def ratio(x, n):
+    if x == 2:
+        raise ValueError("no such x")
+    return {"y": x / n, "label": f"{x} of {n}"}
+
+
 def trouble(kind):
     """Do what a function of a user may do."""
     if kind == "raise":

@@ -7,8 +7,7 @@ import pytest
 
 import vofem as vf
 from vofem.integrators.event_driven import follow, solution, status_table, tangent
-from vofem.integrators.event_driven.flow import IgnoredEvents, Start, flow, modes_of
-from vofem.integrators.event_driven.load_table import load_table
+from vofem.integrators.event_driven.flow import Start, flow, modes_of
 from vofem.kernels.mode import kernels
 from vofem.linalg.exponential import half_turns
 from vofem.system import Counters
@@ -162,31 +161,27 @@ def test_results_do_not_depend_on_the_memory_for_statuses(monkeypatch):
         assert mine == pytest.approx(other, abs=1e-13)
 
 
-def flow_of(scene, **options):
+def flow_of(scene):
     system = scene.model.system
     with kernels(compiled=True):
         space = modes_of(system, Counters())
         numbers = np.random.default_rng(3)
         start = Start(0.3, 0.02 * numbers.normal(size=space.size) / (1.0 + space.stiffness), np.zeros(space.size))
-        return flow(system, start, 12.0, derivative=np.eye(2 * space.size), **options)
+        return flow(system, start, 12.0, derivative=np.eye(2 * space.size))
 
 
-@pytest.mark.parametrize(
-    "windows", [[], [IgnoredEvents(0, 1.0, 2.0), IgnoredEvents(0, 9.0, np.inf)]], ids=["all", "windows"]
-)
-def test_flows_are_those_of_steps_in_python(windows, monkeypatch):
+def test_flows_are_those_of_steps_in_python(monkeypatch):
     build = SCENES["beam, damped"][0]
     counts = counted(monkeypatch)
-    by_loop = flow_of(build(), ignored=windows)
+    by_loop = flow_of(build())
     assert counts["steps"] == 0
     monkeypatch.setattr(follow, "MOST_MODES", 0)
-    by_steps = flow_of(build(), ignored=windows)
+    by_steps = flow_of(build())
     assert counts["steps"] >= 4
     assert len(by_loop.events) == len(by_steps.events) > 1
     for mine, other in zip(by_loop.events, by_steps.events, strict=True):
         assert (mine.contact, mine.before, mine.after) == (other.contact, other.before, other.after)
         assert mine.time == pytest.approx(other.time, rel=1e-11)
-        assert not any(window.start <= mine.time < window.stop for window in windows)
     assert by_loop.displacement == pytest.approx(by_steps.displacement, abs=1e-11)
     assert by_loop.velocity == pytest.approx(by_steps.velocity, abs=1e-10)
     assert by_loop.monodromy == pytest.approx(by_steps.monodromy, abs=1e-9 * np.abs(by_steps.monodromy).max())
@@ -215,27 +210,6 @@ def test_half_turns_keep_all_digits():
         exact = -2.0 * np.sin(half) ** 2, 2.0 * np.sin(half) * np.cos(half)
         for mine, other in zip((turn, sine), exact, strict=True):
             assert np.all(np.abs(mine - other) <= 2e-15 * np.abs(other) + 1e-19)
-
-
-FUNCTIONS = [
-    vf.Tabulated([0.1, 0.5, 0.9], [1.0, -2.0, 3.0]),
-    2.0 * vf.Tabulated([0.0, 0.4], [1.0, 5.0]) - vf.Ramp(3.0, 0.2, 0.7),
-    vf.Pulse(2.0, 0.3, 0.2) + 1.5,
-    vf.Sine(2.0, 5.0, 0.3) + vf.Ramp(1.0, 0.6),
-    vf.Sine(1.0, 3.0) + vf.Sine(0.5, 7.0, 1.0),
-]
-
-
-@pytest.mark.parametrize("function", FUNCTIONS, ids=str)
-def test_tables_of_loads_are_the_functions(function):
-    edges = np.array([0.0, *np.unique(function.breakpoints(1.0)), 1.0])
-    table = load_table([function], edges)
-    for k, (left, right) in enumerate(itertools.pairwise(edges)):
-        t = np.linspace(left, right, 7)[:-1]
-        value = table.constant[k, 0] + table.slope[k, 0] * (t - left)
-        for h in range(table.counts[k]):
-            value = value + (table.amplitude[k, 0, h] * np.exp(1j * table.omega[k, h] * (t - left))).real
-        assert value == pytest.approx(function(t), rel=1e-13, abs=1e-13)
 
 
 def test_large_tables_of_loads_are_left_to_python(monkeypatch):

@@ -152,9 +152,7 @@ def test_contacts_agree_with_shooting_as_harmonics_grow(law, order, last):
         errors.append(np.abs(orbit.result.displacement(mass) - exact.result.displacement(mass)).max())
     assert errors[-1] < last
     assert order[0] < -np.polyfit(np.log(counts), np.log(errors), 1)[0] < order[1]
-    # Multipliers need the speed at which the contact closes, whose harmonics fall one power slower.
-    expected = {"penetration": 1e-6, "displacement": 2e-2}[law]
-    assert orbit.multipliers == pytest.approx(exact.multipliers, abs=expected)
+    assert np.abs(orbit.multipliers - exact.multipliers).max() < 10.0 * last
     assert orbit.stable
     found, known = (one.result.contacts["stop"].closings for one in (orbit, exact))
     np.testing.assert_allclose(found, known, atol=1e-4)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import signal
 import subprocess
@@ -17,6 +18,7 @@ import sweep_functions as functions
 
 import vofem as vf
 from vofem.blas import blas_threads
+from vofem.io import plot
 from vofem.studies.sweep import SweepInterrupted, journal, schedule
 from vofem.studies.sweep import store as store_module
 from vofem.studies.sweep.identity import identity
@@ -300,7 +302,59 @@ def test_ctrl_c_gives_what_was_computed():
     assert isinstance(caught.value, KeyboardInterrupt)
     assert caught.value.sweep.counters["computed"] >= 1
     assert caught.value.sweep["y"][0] == 0.0
-    assert caught.value.sweep.failed[-1].error.startswith("Interrupted")
+    assert caught.value.sweep.failed == ()
+    # Points that were handed over together with the one that was stopped are lost with it.
+    missing = caught.value.sweep.missing
+    assert missing[-2:] == (2, 3)
+    assert caught.value.sweep.errors()[2] == "not computed: the sweep was stopped before"
+    assert f"stopped by Ctrl-C after {4 - len(missing)} of 4 points" in str(caught.value)
+    assert f"{len(missing)} not computed" in repr(caught.value.sweep)
+
+
+def test_ctrl_c_says_how_many_points_are_stored_and_how_to_go_on(tmp_path):
+    points, store = {"x": list(range(30))}, tmp_path / "rows.h5"
+    function = functools.partial(functions.stops_at, folder=str(tmp_path))
+    with pytest.raises(
+        SweepInterrupted, match=r"which are kept in .*rows\.h5; the same call computes the rest"
+    ) as caught:
+        vf.sweep(function, points, executor="serial", store=store)
+    assert len(caught.value.sweep.missing) == 30 - caught.value.sweep.counters["computed"]
+    assert not any("failed" in note for note in caught.value.sweep.notes)
+    (tmp_path / "go").touch()
+    table = vf.sweep(function, points, executor="serial", store=store)
+    assert table.counters["stored"] == caught.value.sweep.counters["computed"] > 0
+    assert table["y"].tolist() == points["x"]
+
+
+@pytest.mark.parametrize(
+    "points", [{"x": [3, 1, 2], "n": [5, 4]}, [{"x": 1, "n": 2}, {"x": 2, "n": 5}, {"x": 1, "n": 3}]]
+)
+def test_a_store_is_loaded_without_its_function(tmp_path, points):
+    store = tmp_path / "rows.h5"
+    table = vf.sweep(functions.ratio, points, executor="serial", store=store)
+    loaded = vf.load(store)
+    assert same(loaded, table)
+    assert loaded.points == table.points
+    assert [str(one) for one in loaded.failed] == [str(one) for one in table.failed]
+    assert loaded.seconds.tolist() == table.seconds.tolist()
+    assert loaded.to_xarray().equals(table.to_xarray())
+    if table.points.axes is not None:
+        plot.sweep_curves(loaded, tmp_path / "curves.png")
+
+
+def test_a_store_is_loaded_while_it_is_written(tmp_path):
+    store = tmp_path / "rows.h5"
+
+    def function(x):
+        try:
+            return {"rows": len(vf.load(store).points.rows)}
+        except vf.StorageError as error:
+            return {"rows": 0 if "holds no row yet" in str(error) else -1}
+
+    table = vf.sweep(function, {"x": list(range(5))}, executor="serial", store=store)
+    assert table["rows"][0] == 0
+    assert table["rows"][-1] > 0
+    assert table.failed == ()
 
 
 def test_progress_is_told_to_a_function():
@@ -350,6 +404,32 @@ def test_a_point_of_another_kind_has_failed_and_leaves_the_column_as_it_is(tmp_p
         assert "expected 'y': number of shape () as at first" in one.error
 
 
+def test_mean_and_confidence_over_random_records():
+    """Against the closed form, and against how often an interval of 90 % holds the true mean."""
+
+    def function(case, seed):
+        if seed == 3 and case == 1:
+            raise ValueError("no record")
+        return {"y": np.random.default_rng(1000 * case + seed).normal(case, 2.0, size=400), "z": float(seed), "t": "a"}
+
+    table = vf.sweep(function, {"case": [1, 2], "seed": list(range(8))}, executor="serial")
+    mean, width = table.mean("y", over="seed"), table.confidence("y", over="seed", level=0.9)
+    assert mean.shape == width.shape == (2, 400)
+    np.testing.assert_allclose(mean[1], table["y"][1].mean(axis=0), rtol=1e-14)
+    # Student's factor for seven degrees of freedom and 90 %.
+    np.testing.assert_allclose(width[1], 1.894579 * table["y"][1].std(axis=0, ddof=1) / np.sqrt(8.0), rtol=1e-6)
+    inside = np.abs(mean - np.array([[1.0], [2.0]])) <= width
+    assert 0.86 < inside.mean() < 0.94
+    assert table.mean("z", over="seed").tolist() == [25.0 / 7.0, 3.5]
+    assert table.mean("z") == pytest.approx(53.0 / 15.0)
+    assert np.isnan(table.confidence("z", over="case")[3])
+    for wrong in ({"name": "t"}, {"name": "z", "over": "sed"}, {"name": "w"}):
+        with pytest.raises(vf.ArgumentError):
+            table.mean(**wrong)
+    with pytest.raises(vf.ArgumentError, match=r"level is 95, expected a probability between 0 and 1"):
+        table.confidence("z", level=95)
+
+
 def test_integers_and_floats_are_one_kind():
     table = vf.sweep(lambda x: {"y": x if x > 1 else x / 2}, {"x": [1, 2]}, executor="serial")
     assert table["y"].tolist() == [0.5, 2.0]
@@ -384,8 +464,6 @@ def test_a_changed_function_starts_anew_and_says_so(tmp_path, monkeypatch):
 
 
 def test_the_identity_of_a_function_covers_what_is_bound_to_it():
-    import functools
-
     bound = [identity(functools.partial(functions.slow_square, seconds=s))[0]["source"] for s in (1.0, 2.0, 1.0)]
     assert bound[0] == bound[2] != bound[1]
     inner = [identity(lambda x, scale=scale: {"y": scale * x})[0]["source"] for scale in (1.0, 2.0, 1.0)]
@@ -438,8 +516,6 @@ def started(script, folder, count):
 
 @pytest.mark.parametrize("victim", ["main", "worker"])
 def test_a_sweep_that_was_killed_goes_on_to_the_same_table(tmp_path, victim):
-    import functools
-
     folder, store = tmp_path / "calls", tmp_path / "rows.h5"
     folder.mkdir()
     script = tmp_path / "study.py"

@@ -65,10 +65,12 @@ def main(step: float, harmonics: int) -> None:
     # Half the mean square of all harmonics, as NLvib draws it.
     metric = np.sqrt((series[:, 0] ** 2 + np.sum(series[:, 1:] ** 2, axis=1)) / 2.0)
     peak = int(np.argmax(metric))
-    turns = int(np.sum(np.diff(np.sign(np.diff(omega))) != 0))
+    turning = omega[1:-1][np.diff(np.sign(np.diff(omega))) != 0]
+    turns = int(turning.size)
     told = {
         "step": step, "harmonics": harmonics, "seconds": seconds, "processor_seconds": used, "points": len(points),
         "tried": len(tried), "from": float(omega[0]), "to": float(omega[-1]), "turns": turns,
+        "folds": [float(turning.min()), float(turning.max())] if turns else None,
         "peak": float(metric[peak]), "peak_omega": float(omega[peak]),
     }  # fmt: skip
     print(json.dumps(told), file=out, flush=True)

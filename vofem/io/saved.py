@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vofem.errors import ArgumentError
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def load(path: str | os.PathLike[str], *, scene: Scene | None = None) -> Any:
-    """Read a file that `Result.save` or `Branch.save` has written, and return the Result or the Branch.
+    """Read a file that `Result.save`, `Branch.save` or `vofem.sweep` has written.
 
     Every quantity at `times` is the same as before, to the last bit. For an
     event-driven run this also holds at other times, on a machine with the same
@@ -36,7 +37,8 @@ def load(path: str | os.PathLike[str], *, scene: Scene | None = None) -> Any:
 
     Returns
     -------
-    Result or Branch
+    Result, Branch or Sweep
+        Of the store of a sweep its table, with all rows that are stored. The function is not in the file.
 
     Raises
     ------
@@ -49,7 +51,11 @@ def load(path: str | os.PathLike[str], *, scene: Scene | None = None) -> Any:
     """
     from vofem.files.hdf5 import reading
     from vofem.io.storage import branch_file, run_file
+    from vofem.studies.sweep.store import holds_sweep, stored_sweep
 
+    # Behind the table of a store there are rows that are not in it yet, which no other file has.
+    if holds_sweep(path):
+        return stored_sweep(Path(path))
     with reading(path) as file:
         if branch_file.GROUP not in file:
             return run_file.read(file, scene)

@@ -12,13 +12,12 @@ from __future__ import annotations
 import threading
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import EventStormError
-from vofem.integrators.event_driven.follow import Follower, IgnoredEvents
+from vofem.integrators.event_driven.follow import Follower
 from vofem.integrators.event_driven.modal_space import ModalSpace, modal_space
 from vofem.integrators.event_driven.pinned import PIN_FRACTION
 from vofem.integrators.event_driven.solution import EventSolution
@@ -26,9 +25,6 @@ from vofem.integrators.event_driven.status_table import MOST_MODES
 from vofem.integrators.event_driven.tangent import Event, Tangent, acceleration
 from vofem.kernels.mode import compiled
 from vofem.system import Counters, State, System
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 Array = NDArray[np.float64]
 Status = NDArray[np.int64]
@@ -170,7 +166,6 @@ def flow(
     stop: float,
     *,
     derivative: Array | None = None,
-    ignored: Sequence[IgnoredEvents] = (),
     counters: Counters | None = None,
     most_events: int = MOST_EVENTS,
 ) -> Flow:
@@ -185,7 +180,6 @@ def flow(
         Absolute time in s.
     derivative : ndarray, shape (2n, k), optional
         Perturbations at the start whose growth is computed; the identity for the monodromy matrix.
-    ignored : sequence of IgnoredEvents
     counters : Counters, optional
         Work is counted here.
     most_events : int
@@ -210,9 +204,9 @@ def flow(
         solution.begin_at(status, displacement, start.touching)
     tangent = None if derivative is None else Tangent(space, system.contacts, derivative[:n], derivative[n:])
     _share_table(solution)
-    edges = [t, *_stops(system, t, stop, ignored)]
+    edges = [t, *_stops(system, t, stop)]
     follower = Follower(
-        solution, edges, t, status, displacement, velocity, PIN_FRACTION, most_events, ignored
+        solution, edges, t, status, displacement, velocity, PIN_FRACTION, most_events
     )  # fmt: skip
     while follower.time < stop:
         follower.advance()
@@ -239,10 +233,9 @@ def _share_table(solution: EventSolution) -> None:
         solution.table = table
 
 
-def _stops(system: System, start: float, stop: float, ignored: Sequence[IgnoredEvents]) -> list[float]:
+def _stops(system: System, start: float, stop: float) -> list[float]:
     """Return the times at which a segment ends in any case, the last of which is the stop."""
     breaks = [b for load in system.loads for b in load.function.breakpoints(stop)]
-    breaks += [t for window in ignored for t in (window.start, window.stop)]
     return [*(float(t) for t in np.unique([b for b in breaks if start < b < stop])), stop]
 
 
@@ -301,7 +294,6 @@ def _with_rows(system: System, known: ModalSpace) -> ModalSpace:
 __all__ = [
     "Flow",
     "FlowEvent",
-    "IgnoredEvents",
     "Start",
     "flow",
     "modal_state",

@@ -8,8 +8,6 @@ them depends on the motion alone, so that a run that is continued from a snapsho
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
@@ -30,7 +28,7 @@ from vofem.integrators.event_driven.loop import (
     loop_space,
     run_segments,
 )
-from vofem.integrators.event_driven.search import EventFunctions, exact_cut, next_event
+from vofem.integrators.event_driven.search import exact_cut, next_event
 from vofem.integrators.event_driven.solution import EventSolution
 from vofem.integrators.event_driven.status_table import MOST_MODES
 from vofem.kernels.mode import compiled
@@ -41,22 +39,6 @@ Status = NDArray[np.int64]
 
 #: Segments in the first call of the compiled loop; seconds that a call may take; segments and events in any call.
 FIRST_CALL, _SECONDS, MOST = 64, 0.1, 100_000
-
-
-@dataclass(frozen=True)
-class IgnoredEvents:
-    """A contact whose events are ignored between two times, so that it keeps its status.
-
-    Attributes
-    ----------
-    contact : int
-    start, stop : float
-        Absolute times in s between which events are ignored.
-    """
-
-    contact: int
-    start: float
-    stop: float
 
 
 class Follower:
@@ -78,7 +60,6 @@ class Follower:
         See `pinned`.
     most_events : int
         Number of events after which `advance` returns, so that the caller can stop.
-    ignored : sequence of IgnoredEvents
 
     Attributes
     ----------
@@ -90,7 +71,7 @@ class Follower:
 
     def __init__(
         self, solution: EventSolution, edges: ArrayLike, time: float, status: Status, displacement: Array,
-        velocity: Array, pin_fraction: float, most_events: int, ignored: Sequence[IgnoredEvents] = (),
+        velocity: Array, pin_fraction: float, most_events: int,
     ) -> None:  # fmt: skip
         self.solution = solution
         self.time, self.status, self.displacement, self.velocity = time, status, displacement, velocity
@@ -98,7 +79,6 @@ class Follower:
         self._edges = np.asarray(edges, dtype=float)
         self._stop = 0
         self._pin_fraction, self._most_events = pin_fraction, most_events
-        self._ignored = tuple(ignored)
         self._segments = FIRST_CALL
         self._in_loop = compiled() and solution.space.size <= MOST_MODES
 
@@ -123,7 +103,7 @@ class Follower:
         tau, duration = stop - t, stop - t
         entered = None
         if solution.system.contacts is not None:
-            functions, owner, entering = self._searched(*solution.event_functions(motion))
+            functions, owner, entering = solution.event_functions(motion)
             if owner.size:
                 tau, hits, evaluations = next_event(functions, motion, duration)
                 solution.counters.gap_evaluations += evaluations * len(solution.system.contacts)
@@ -137,17 +117,6 @@ class Follower:
             self.status = solution.enter(
                 self.time, self.status, entered, self.displacement, self.velocity, self._pin_fraction
             )
-
-    def _searched(
-        self, functions: EventFunctions, owner: NDArray[np.int64], entering: Status
-    ) -> tuple[EventFunctions, NDArray[np.int64], Status]:
-        """Return event functions without those of contacts whose events are ignored at this time."""
-        out = [window.contact for window in self._ignored if window.start <= self.time < window.stop]
-        if not out:
-            return functions, owner, entering
-        kept = ~np.isin(owner, out)
-        parts = {field.name: getattr(functions, field.name)[kept] for field in fields(functions)}
-        return EventFunctions(**parts), owner[kept], entering[kept]
 
     # -- in compiled code -------------------------------------------------------------------------
 
@@ -175,8 +144,7 @@ class Follower:
     @cached_property
     def _reached(self) -> Reached:
         n, contacts = self.solution.space.contacts.shape[1], self.solution.space.contacts.shape[0]
-        searched = np.ones(contacts, dtype=bool)
-        return Reached(np.zeros(1), np.zeros(6, dtype=np.int64), np.zeros(n), np.zeros(n), np.zeros(contacts), searched)
+        return Reached(np.zeros(1), np.zeros(6, dtype=np.int64), np.zeros(n), np.zeros(n), np.zeros(contacts))
 
     @cached_property
     def _space(self) -> LoopSpace:
@@ -204,18 +172,12 @@ class Follower:
         reached.place[SLOT], reached.place[SWITCHED] = slot, changed[0] if changed else -1
         reached.place[SEGMENTS], reached.place[EVENTS], reached.place[EVALUATIONS] = record.segments, record.events, 0
         reached.gaps[:] = solution.gaps_at(self.status, self.displacement)
-        until = np.inf
-        reached.searched[:] = True
-        for window in self._ignored:
-            if window.start <= self.time < window.stop:
-                reached.searched[window.contact] = False
-            until = min([t for t in (window.start, window.stop, until) if t > self.time], default=np.inf)
         first, first_event, begun = record.segments, record.events, time.perf_counter()
         record.make_room(1, 1)
         while True:
             reason = run_segments(
                 solution.table.arrays, self._laws, self._loads, reached, record.buffers, self._space, solution.t_end,
-                until, self._segments, self._most_events,
+                self._segments, self._most_events,
             )  # fmt: skip
             self.calls += 1
             record.segments, record.events = int(reached.place[SEGMENTS]), int(reached.place[EVENTS])

@@ -26,7 +26,7 @@ from vofem.integrators.event_driven.search import (
 )
 from vofem.integrators.event_driven.status_table import Table, to_blocks
 from vofem.kernels.jit import jit
-from vofem.linalg.vectors import copy, fill, inner
+from vofem.linalg.vectors import copy, inner
 from vofem.system import CLOSED, OPEN
 
 Array = NDArray[np.float64]
@@ -84,8 +84,6 @@ class Reached(NamedTuple):
         Modal state at this time.
     gaps : ndarray, shape (n_contacts,)
         Gap functions, m.
-    searched : ndarray of bool, shape (n_contacts,)
-        Contacts whose events are searched; those of the others are ignored.
     """
 
     time: Array
@@ -93,7 +91,6 @@ class Reached(NamedTuple):
     displacement: Array
     velocity: Array
     gaps: Array
-    searched: NDArray[np.bool_]
 
 
 class LoopSpace(NamedTuple):
@@ -111,7 +108,6 @@ class LoopSpace(NamedTuple):
     both : ndarray, shape (3, 2n)
     terms : ndarray, shape (6, n_contacts)
     steady : ndarray of complex, shape (n_contacts, n_harmonics)
-    rows : ndarray, shape (4, n_contacts, n)
     """
 
     search: SearchSpace
@@ -123,7 +119,6 @@ class LoopSpace(NamedTuple):
     both: Array
     terms: Array
     steady: NDArray[np.complex128]
-    rows: Array
 
 
 def loop_space(n: int, contacts: int, harmonics: int) -> LoopSpace:
@@ -133,7 +128,6 @@ def loop_space(n: int, contacts: int, harmonics: int) -> LoopSpace:
         search_space(n, contacts), np.empty(most, dtype=np.int64), np.empty(most, dtype=np.bool_),
         np.empty((3, most), dtype=np.complex128), np.empty((2, n, harmonics), dtype=np.complex128), np.empty((11, n)),
         np.empty((3, 2 * n)), np.empty((3, contacts)), np.empty((contacts, harmonics), dtype=np.complex128),
-        np.empty((4, contacts, n)),
     )  # fmt: skip
 
 
@@ -183,39 +177,6 @@ def _fill_terms(
 
 
 @jit
-def _copy_searched(values: Array, searched: NDArray[np.bool_], into: Array) -> None:
-    """Copy the rows of contacts whose events are searched, and set the others to zero."""
-    for j in range(searched.size):
-        if searched[j]:
-            copy(values[j], into[j])
-        else:
-            fill(into[j], 0.0)
-
-
-@jit
-def _keep_below(terms: EventTerms, searched: NDArray[np.bool_], count: int) -> None:
-    """Let event functions of contacts with ignored events stay where they are, below zero; their rows are zero."""
-    size = 0.0
-    for j in range(searched.size):
-        size = max(size, abs(terms.start[j]))
-    for j in range(searched.size):
-        if not searched[j]:
-            terms.start[j] = -size
-            terms.slope[j] = terms.constant[j] = 0.0
-            for h in range(count):
-                terms.steady[j, h] = 0.0j
-
-
-@jit
-def _all(flags: NDArray[np.bool_]) -> bool:
-    """Return whether all are true."""
-    count = 0
-    for j in range(flags.size):
-        count += flags[j]
-    return count == flags.size
-
-
-@jit
 def _only(hits: NDArray[np.bool_]) -> int:
     """Return the one that is true, -1 where none is and -2 where several are."""
     found = -1
@@ -230,7 +191,7 @@ def _only(hits: NDArray[np.bool_]) -> int:
 @jit
 def run_segments(
     table: Table, laws: Laws, loads: LoadTable, reached: Reached, out: Buffers, space: LoopSpace, horizon: float,
-    until: float, segments: int, events: int,
+    segments: int, events: int,
 ) -> int:  # fmt: skip
     """Follow a run from segment to segment; return why it stops, see `DONE` and what follows it.
 
@@ -244,27 +205,25 @@ def run_segments(
         Work space.
     horizon : float
         Longest time in s for which a motion is computed.
-    until : float
-        A time in s at which the loop stops before the end of the run.
     segments : int
         Number of segments after which the loop returns `PAUSED`. It also returns after `_CALL_WORK`.
     events : int
         Largest number of events in the whole run.
     """
     n, m = reached.displacement.size, laws.gap.size
-    place, intervals, every = reached.place, loads.constant.shape[0], _all(reached.searched)
+    place, intervals = reached.place, loads.constant.shape[0]
     modes, waves, answers = space.modes, space.waves, space.answers
     blocks = Blocks(
         modes[0], modes[1], modes[2], modes[3], modes[4], modes[5], modes[6], modes[7], waves[0], waves[1],
         space.block, answers[0], answers[1], answers[2], space.ramp,
     )  # fmt: skip
-    start, change, both, own, less = modes[8], modes[9:], space.both, space.terms, space.rows
+    start, change, both, own = modes[8], modes[9:], space.both, space.terms
     most_evaluations = place[EVALUATIONS] + _CALL_WORK // (n + EVALUATION_WORK)
     for _ in range(segments):
         if place[EVALUATIONS] > most_evaluations:
             return PAUSED
         t = reached.time[0]
-        if t >= loads.edges[intervals] or t >= until:
+        if t >= loads.edges[intervals]:
             return DONE
         while loads.edges[place[INTERVAL] + 1] <= t:
             place[INTERVAL] += 1
@@ -285,16 +244,8 @@ def run_segments(
             mixed = table.mixed[s]
             w, w_size = table.w[s], table.w_size[s]
             u, u_size = table.u[s] if mixed else w, table.u_size[s] if mixed else w_size
-            if not every:
-                _copy_searched(w, reached.searched, less[0])
-                _copy_searched(u, reached.searched, less[1])
-                _copy_searched(w_size, reached.searched, less[2])
-                _copy_searched(u_size, reached.searched, less[3])
-                w, u, w_size, u_size = less[0], less[1], less[2], less[3]
             terms = EventTerms(mixed, w, u, w_size, u_size, own[0], own[1], space.steady, own[2])
             _fill_terms(table, s, laws, blocks, omega.size, reached, start, terms)
-            if not every:
-                _keep_below(terms, reached.searched, omega.size)
             flow = BlockFlow(
                 table.delta[s], table.p[s], table.frequency[s], blocks.z, blocks.v,
                 omega, blocks.block[:special], blocks.exponent[:special], blocks.g1[:special], blocks.g2[:special],

@@ -567,7 +567,7 @@ class EventSolution:
         if index not in self._motions:
             status, (displacement, velocity) = self.record.status(index), self.record.state(index)
             spectrum = self._spectra[status]
-            forcing = self._forcing(self.record.starts[index], status, spectrum)
+            forcing = self.forcing(self.record.starts[index], status)
             if len(self._motions) >= self._most_motions():
                 del self._motions[next(iter(self._motions))]
             self._motions[index] = start_motion(spectrum, displacement, velocity, forcing, self.t_end)
@@ -581,9 +581,9 @@ class EventSolution:
         # Eigensystems that `Spectra` keeps cost nothing more.
         return max(_MOST_NUMBERS // (_OVERHEAD + _EACH * size), 1) if self._spectra.all_kept else _MOST_MOTIONS
 
-    def _forcing(self, t: float, status: Status, spectrum: Spectrum) -> Forcing:
+    def forcing(self, t: float, status: Status) -> Forcing:
         """Return the modal force of loads and of the offsets of closed contacts."""
-        space = self.space
+        space, spectrum = self.space, self._spectra[status]
         constant, slope = np.zeros(space.size), np.zeros(space.size)
         harmonics: dict[float, NDArray[np.complex128]] = {}
         for vector, piece in zip(self.load_vectors, self.load_pieces(t), strict=True):
@@ -713,7 +713,7 @@ class EventSolution:
         laws, status = self.system.contacts, self.record.status(index)
         assert laws is not None
         spectrum = self._spectra[status]
-        forcing = self._forcing(self.record.starts[index], status, spectrum)
+        forcing = self.forcing(self.record.starts[index], status)
         return reactions(self.space, laws, status, spectrum, forcing)
 
     def _contact_force(self, times: Array, v: Array, s: Array) -> Array:

@@ -101,7 +101,7 @@ class Tangent:
         """Follow the free motion of a status for a duration in s."""
         z, v = spectrum.to_blocks(self.z, self.v, shifted=False)
         delta, p = spectrum.delta[:, None], spectrum.p[:, None]
-        c, s = (part[:, None] for part in _oscillators(spectrum.delta, spectrum.p, duration))
+        c, s = (part[:, None] for part in oscillators(spectrum.delta, spectrum.p, duration))
         after_z, after_v = c * z + s * (v + delta * z), c * v - s * (p * z + delta * v)
         if spectrum.plain is not None:
             assert spectrum.blocks is not None
@@ -180,7 +180,8 @@ def _onto(rows: Array, vectors: Array) -> Array:
 
 
 @jit
-def _oscillators(delta: Array, p: Array, t: float) -> tuple[Array, Array]:
+def oscillators(delta: Array, p: Array, t: float) -> tuple[Array, Array]:
+    """Return `oscillator` of many oscillators, each of shape (n,)."""
     c, s = np.empty(p.size), np.empty(p.size)
     for k in range(p.size):
         c[k], s[k] = oscillator(delta[k], p[k], t)

@@ -25,7 +25,8 @@ def sweep_curves(
 ) -> Any:
     """Draw quantities of a sweep over its parameters.
 
-    A grid of one parameter gives curves, and a grid of two parameters gives maps. There is one panel for each quantity.
+    A grid of one parameter gives curves, and a grid of two parameters gives maps, the first parameter along x. There is
+    one panel for each quantity.
     Points that failed are left blank.
 
     Parameters
@@ -82,11 +83,19 @@ def _curve(figure: Any, axes: Any, sweep: Sweep, name: str, units: Mapping[str, 
 
 
 def _map(figure: Any, axes: Any, sweep: Sweep, name: str, units: Mapping[str, str]) -> None:
+    rows: Any
+    columns: Any
     (first, rows), (second, columns) = (sweep.points.axes or {}).items()
     values = np.ma.masked_invalid(np.asarray(sweep[name], dtype=float))
-    image = axes.pcolormesh(columns, rows, values, shading="nearest", cmap="viridis")
+    x, y = np.argsort(rows), np.argsort(columns)
+    rows, columns, values = np.asarray(rows)[x], np.asarray(columns)[y], values[x][:, y]
+    image = axes.pcolormesh(rows, columns, values.T, shading="nearest", cmap="viridis")
     axes.grid(False)
-    axes.set(xlabel=_named(second, units), ylabel=_named(first, units))
+    axes.set(xlabel=_named(first, units), ylabel=_named(second, units))
+    # Cells reach half a distance beyond the outermost points, where nothing was computed.
+    for limits, series in ((axes.set_xlim, rows), (axes.set_ylim, columns)):
+        if min(series) < max(series):
+            limits(min(series), max(series))
     figure.colorbar(image, ax=axes, label=_named(name, units))
 
 

@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.errors import ConvergenceError
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.point import Interval, Point, corrected, derivative_by_value, tangent_at
 
 Array = NDArray[np.float64]
 
 #: `Evaluation.error` that the orbits reach with which special points are located.
-EXACT = 1e-13
+EXACT = 1e-14
 
 
 @dataclass
@@ -62,7 +63,14 @@ def between(family: Family, step: Step, share: float) -> tuple[Array, Any, Array
     # The orbit is found on the plane at this share.
     guess = guess + normal * (normal @ (start + t * secant - guess))
     by_value = (1.0 - t) * first.by_value + t * last.by_value
-    return corrected(family, first.chart, guess * scales, scales, normal, by_value, tolerance=EXACT)
+    try:
+        return corrected(family, first.chart, guess * scales, scales, normal, by_value, tolerance=EXACT)
+    except ConvergenceError:
+        nodes = first.chart.nodes(first.evaluation)
+        if nodes is None:
+            raise
+    nodes = (1.0 - t) * nodes + t * first.chart.nodes(last.evaluation)
+    return corrected(family, first.chart, guess * scales, scales, normal, by_value, tolerance=EXACT, nodes=nodes)
 
 
 def point_between(family: Family, step: Step, interval: Interval, share: float, *, tangent: bool = True) -> Point:

@@ -41,7 +41,7 @@ class BranchCounters:
     eigensolves : int
         Full eigenvalue problems of the structure.
     check_flows : int
-        Flows over orbits in which no event is ignored, with which orbits are checked.
+        Ordinary flows with which orbits are checked.
     """
 
     points: int = 0

@@ -15,9 +15,12 @@ class Work:
     ----------
     flows : int
         Evaluations of the equations. For shooting these are flows over one orbit, with or without monodromy matrix.
+    checks : int
+        Flows over orbits that are known, with which these are checked.
     runs : Counters
         Work of these evaluations.
     """
 
     flows: int = 0
+    checks: int = 0
     runs: Counters = field(default_factory=Counters)

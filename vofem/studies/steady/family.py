@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 from vofem.errors import ArgumentError
 from vofem.scene import Scene
@@ -13,7 +14,7 @@ from vofem.studies.steady.problem import OrbitProblem
 from vofem.studies.steady.rebuild import recompiled
 
 #: Problems that are kept, by the value of the parameter.
-_KEPT = 4
+_KEPT = 8
 
 
 @dataclass
@@ -42,7 +43,7 @@ class Family:
     _known: dict[float, OrbitProblem] = field(default_factory=dict)
     _latest: OrbitProblem | None = None
 
-    def at(self, value: float) -> OrbitProblem:
+    def at(self, value: float) -> Any:
         """Return the equations at a value of the parameter."""
         value = float(value)
         known = self._known.get(value)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -12,27 +12,17 @@ from numpy.typing import NDArray
 from vofem.errors import ConvergenceError
 from vofem.studies.steady.between import Step
 from vofem.studies.steady.branch import BranchCounters
-from vofem.studies.steady.charts import ORIGIN, EventChart, at_phase
 from vofem.studies.steady.crossings import Crossing, crossings, hidden
-from vofem.studies.steady.events import chart_at, extremes, phases, signature, slowest, switches
 from vofem.studies.steady.family import Family
-from vofem.studies.steady.grazing import (
-    Touch,
-    before,
-    beyond,
-    grazing,
-    margin_around,
-    phases_like,
-    touch_of_extreme,
-    touch_of_phase,
-)
-from vofem.studies.steady.point import Interval, Point, corrected, derivative_by_value, tangent_at
+from vofem.studies.steady.point import ORIGIN, Interval, Point, corrected, derivative_by_value, tangent_at
 from vofem.studies.steady.shooting import Shooting
+from vofem.studies.steady.signature import Signature
+from vofem.studies.steady.touching import Passage, ending, passage, signature_at
 
 Array = NDArray[np.float64]
 
 #: First, largest and least step in scaled coordinates.
-FIRST, LARGEST, LEAST = 0.01, 0.1, 1e-9
+FIRST, LARGEST, LEAST = 0.01, 0.1, 1e-10
 
 #: Cosine of the angle between successive tangents below which a step is rejected, and the desired angle in rad.
 _REFUSED, _AIM = np.cos(np.radians(25.0)), np.radians(8.0)
@@ -43,24 +33,11 @@ _CORNER, _SHORT = np.cos(np.radians(80.0)), 1e-4
 #: Factors by which a step may change.
 _SHRINK, _GROW = 0.4, 2.0
 
-#: Relative rate of the slowest event below which the coordinates at this event are used, and the rate above which the
-#: usual ones are used again.
-_ENTER, _LEAVE = 0.1, 0.25
-
 #: Number of points from which on it is checked whether a branch is closed.
 _LOOP = 12
 
 #: Share of the last step of a closed branch before its first orbit in which a special point is that of this orbit.
 _AGAIN = 1e-2
-
-#: Difference of two orbits, over the size of the motion, and of their values, over the interval, that are one.
-_SAME = 1e-7
-
-#: Largest change of an orbit over its period, as a share of its motion, and what rounding may be magnified to in it.
-_CLOSES, _ROUNDED = 1e-8, 1e-14
-
-#: Largest distance of a grazing from a point, in steps, and largest relative height of an extreme that is checked.
-_FARTHEST, _NEAR = 4.0, 0.3
 
 
 @dataclass
@@ -94,7 +71,7 @@ class Track:
     ----------
     points : list of Point
     steps : list of Step or None
-        The steps from each point to the next; None if the two have no common coordinates.
+        The steps from each point to the next; None if both are one orbit in other coordinates.
     marks : list of Mark
     notes : list of str
     interrupted : bool
@@ -138,8 +115,7 @@ class Follower:
         self._over = False
         self._leaving_another = False
         self._begun = 0
-        #: Change over its period of the last orbit that was refused because it does not repeat.
-        self._refused: float | None = None
+        self._why = ""
 
     # -- counting -------------------------------------------------------------------------------------
 
@@ -153,21 +129,19 @@ class Follower:
 
     def point(self, chart: Any, y: Array, towards: Array, evaluation: Any = None) -> Point:
         """Return a point with its tangent on the side of a direction in scaled coordinates."""
-        problem = self.family.at(y[-1])
-        evaluation = chart.evaluate(problem, y[:-1]) if evaluation is None else evaluation
-        scales = np.append(chart.scales(problem, evaluation), self.interval.size)
-        by_value = derivative_by_value(self.family, self.interval, chart, y, evaluation)
-        tangent = tangent_at(evaluation, by_value, scales, towards)
-        if tangent @ towards < 0.0:
-            tangent = -tangent
-        return Point(chart, y, problem, evaluation, scales, by_value, tangent)
+        return point_at(self.family, self.interval, chart, y, towards, evaluation)
 
     def begin(self, unknowns: Array, value: float) -> Point:
         """Return the first point, heading for the far end of the interval."""
-        y = np.append(unknowns, value)
+        problem = self.family.at(value)
+        chart, y = signature_at(problem, unknowns) if isinstance(problem, Shooting) else (ORIGIN, unknowns)
+        y = np.append(y, value)
         towards = np.zeros(y.size)
         towards[-1] = 1.0 if self.interval.stop > self.interval.start else -1.0
-        return self.point(ORIGIN, y, towards)
+        evaluation = chart.evaluate(problem, y[:-1])
+        scales = np.append(chart.scales(problem, evaluation), self.interval.size)
+        y, evaluation, _ = corrected(self.family, chart, y, scales, towards, np.zeros(y.size - 1))
+        return self.point(chart, y, towards, evaluation)
 
     # -- the walk -------------------------------------------------------------------------------------
 
@@ -187,8 +161,7 @@ class Follower:
         track.points.append(first)
         self._count("flows")
         self._leaving_another = leaving
-        now, step = first if leaving else self._recharted(first, None), min(step, self.largest)
-        failures = 0
+        now, step = first, min(step, self.largest)
         while not self._over:
             if len(track.points) >= self.most:
                 track.notes.append(f"the branch was followed for {self.most} points; raise max_points to go on")
@@ -200,17 +173,14 @@ class Follower:
             after = self._advanced(now, step)
             if after is None:
                 self._count("rejected_flows")
-                failures += 1
-                passed = self._near_grazing(now, step) if failures > 1 else None
-                if passed is not None:
-                    now, step, failures = passed, min(step, FIRST), 0
-                    continue
                 step *= _SHRINK
                 if step < LEAST:
-                    track.notes.append(f"the branch was lost at {now.value:.12g}: {self._why_lost()}")
+                    track.notes.append(
+                        f"the branch was lost at {now.value:.12g}: Newton's method does not converge for the smallest "
+                        f"step{self._why}; the motion beyond may chatter or touch two contacts at once"
+                    )
                     break
                 continue
-            failures, self._refused = 0, None
             now, step = after
         else:
             # What comes after the branch, such as pictures, is to hear of it too.
@@ -225,40 +195,106 @@ class Follower:
         """Return the next point and step, or None where the step was too long."""
         chart = now.chart
         guess = now.y + (step * now.tangent + 0.5 * step**2 * self._bend(now)) * now.scales
-        if isinstance(chart, EventChart) and chart.rate(now.problem, guess[:-1]) <= 0.0:
-            return self._leaving(now, guess, step)
         try:
-            y, evaluation, by_value = corrected(self.family, chart, guess, now.scales, now.tangent, now.by_value)
+            y, evaluation, by_value = self._corrected(now, guess, step)
             after = self._accepted(now, y, evaluation, by_value, step)
-        except ConvergenceError:
-            return None
-        if after is None:
-            return None
-        if isinstance(chart, EventChart) and chart.rate(after.problem, after.y[:-1]) <= 0.0:
-            return None
-        if not self._repeats(after):
-            return None
-        if signature(chart, after.evaluation) != signature(chart, now.evaluation):
-            return self._changed(now, after, step)
-        end = self.interval.beyond(after.value)
+            if after is None:
+                return self._ending(now, step)
+            passed = None
+            if isinstance(chart, Signature):
+                passed = passage(self.family, self.interval, now, after)
+        except (ConvergenceError, np.linalg.LinAlgError) as error:
+            self._why = f" ({error})"
+            return self._ending(now, step)
+        last = after if passed is None else passed.before
+        end = self.interval.beyond(last.value)
         if end is not None:
-            return self._last(now, after, end)
+            return self._last(now, last, end)
         angle = float(np.arccos(np.clip(now.tangent @ after.tangent, -1.0, 1.0)))
-        self._take(Step(now, after))
-        if self._over or self._closed(now, after):
-            return after, step
+        self._take(Step(now, last))
+        if self._over or self._closed(now, last):
+            return last, step
+        if passed is not None:
+            return self._beyond(passed, step)
         factor = float(np.clip(_AIM / max(angle, 1e-3), 0.5, _GROW))
-        return self._recharted(after, now), min(step * factor, self.largest)
+        return self._recentred(after), min(step * factor, self.largest)
+
+    def _ending(self, now: Point, step: float) -> tuple[Point, float] | None:
+        """Pass a grazing ahead that no step reaches, because several touches end there at once."""
+        if not isinstance(now.chart, Signature):
+            return None
+        try:
+            passed = ending(self.family, self.interval, now)
+        except (ConvergenceError, np.linalg.LinAlgError):
+            return None
+        if passed is None or self.interval.beyond(passed.at.value) is not None:
+            return None
+        if passed.before is not now:
+            self._take(Step(now, passed.before))
+        return (passed.before, step) if self._over else self._beyond(passed, step)
+
+    def _beyond(self, passed: Passage, step: float) -> tuple[Point, float]:
+        """Continue beyond a change of the signature."""
+        laws = passed.before.problem.system.contacts
+        assert laws is not None
+        place = float(len(self.track.points) - 1)
+        for contact in passed.grazed:
+            self.track.marks.append(Mark("grazing", passed.at, place, laws.names[contact]))
+        if passed.after is None:
+            names = " and ".join(repr(laws.names[contact]) for contact in passed.grazed)
+            self.track.notes.append(
+                f"the branch ends at {passed.at.value:.12g}, where contacts {names} are grazed by one orbit. With "
+                "forces that jump, as those of acts_on='displacement', orbits that touch one of them or all may begin "
+                "there: follow those that you want from a value beyond, with guess="
+            )
+            self._over = True
+            return passed.before, step
+        self._take(None, passed.after)
+        return passed.after, min(step, FIRST)
+
+    def _recentred(self, now: Point) -> Point:
+        """Return a point with its anchor away from all switches."""
+        if not isinstance(now.chart, Signature):
+            return now
+        found = now.chart.recentred(now.problem, now.y[:-1], now.tangent * now.scales)
+        if found is None:
+            return now
+        chart, y, towards = found
+        y = np.append(y, now.value)
+        evaluation = chart.evaluate(now.problem, y[:-1])
+        scales = np.append(chart.scales(now.problem, evaluation), self.interval.size)
+        towards = towards / scales
+        return self.point(chart, y, towards / np.linalg.norm(towards), evaluation)
 
     def _bend(self, now: Point) -> Array:
         """Return the change of the tangent along the branch, from the step that led to a point; zero without one."""
-        before = self._earlier(Step(now, now))
-        if before is None:
+        before = self.track.steps[-1] if self.track.steps else None
+        if before is None or before.last is not now:
             return np.zeros_like(now.tangent)
         length = float(np.linalg.norm((now.y - before.first.y) / now.scales))
         tangent = before.first.tangent * before.first.scales / now.scales
         change = now.tangent - tangent / np.linalg.norm(tangent)
         return np.asarray(change / length) if length > 0.0 else np.zeros_like(change)
+
+    def _corrected(self, now: Point, guess: Array, step: float) -> tuple[Array, Any, Array]:
+        """Return the orbit near a guess; where that fails, from states at the switches that are predicted too."""
+        common = self.family, now.chart, guess, now.scales, now.tangent, now.by_value
+        try:
+            return corrected(*common)
+        except ConvergenceError:
+            nodes = self._ahead(now, step)
+            if nodes is None or not nodes.size:
+                raise
+            return corrected(*common, nodes=nodes)
+
+    def _ahead(self, now: Point, step: float) -> Array | None:
+        """Return approximate states at the switches of the next orbit, from the last two orbits."""
+        before = self.track.steps[-1] if self.track.steps else None
+        nodes: Array | None = now.chart.nodes(now.evaluation)
+        if nodes is None or before is None or before.last is not now:
+            return nodes
+        earlier = now.chart.nodes(before.first.evaluation)
+        return np.asarray(nodes + step / max(before.length, 1e-300) * (nodes - earlier))
 
     def _accepted(self, now: Point, y: Array, evaluation: Any, by_value: Array, step: float) -> Point | None:
         """Return a corrected point, or None where the branch has turned too far.
@@ -274,52 +310,14 @@ class Follower:
         towards /= np.linalg.norm(towards)
         secant = (y - now.y) / now.scales
         if secant @ now.tangent < refused * np.linalg.norm(secant):
+            self._why = " (the branch turns too far in one step)"
             return None
         by_value = derivative_by_value(self.family, self.interval, chart, y, evaluation)
         tangent = tangent_at(evaluation, by_value, scales, towards)
         if tangent @ towards < refused:
+            self._why = " (the branch turns too far in one step)"
             return None
         return Point(chart, y, problem, evaluation, scales, by_value, tangent)
-
-    def _repeats(self, point: Point, grazing: Point | None = None) -> bool:
-        """Return whether an orbit closes under one flow over its period in which no event is ignored.
-
-        In coordinates at events some events are ignored. Where a force jumps, the flow changes like a root at a
-        grazing, and rounding of the state alone decides whether an orbit beside it touches: these are not refused.
-        """
-        problem = point.problem
-        if not isinstance(problem, Shooting) or point.chart is ORIGIN:
-            return True
-        begun = self.family.work.flows
-        try:
-            plain = problem.evaluate(point.unknowns(), derivative=False)
-            point.change = plain.error
-            if plain.error <= _CLOSES or (grazing is not None and _jumps(problem, _grazed(grazing))):
-                return True
-            matrix = problem.evaluate(point.unknowns()).monodromy / problem.scales[:, None] * problem.scales
-        except ConvergenceError:
-            return False
-        finally:
-            done = self.family.work.flows - begun
-            self.counters.check_flows += done
-            self._flows_counted += done
-        if plain.error <= _ROUNDED * np.linalg.norm(matrix):
-            return True
-        self._refused = plain.error
-        return False
-
-    def _why_lost(self) -> str:
-        """Return why no further orbit was found."""
-        if self._refused is None:
-            return (
-                "Newton's method does not converge for the smallest step; the motion beyond may chatter or touch two "
-                "contacts at once"
-            )
-        return (
-            f"what was found beyond does not repeat, but changes by {self._refused:.1e} of the motion over its period, "
-            "so it is no orbit; a contact may begin or cease to touch there. Try to continue from an orbit beyond, "
-            "found with vofem.periodic"
-        )
 
     def _take(self, step: Step | None, point: Point | None = None) -> None:
         """Add a point to the branch, and the special points on the way to it."""
@@ -335,7 +333,12 @@ class Follower:
                 if self._over:
                     break
             earlier = track.steps[-1] if track.steps else None
-            if earlier is not None and not self._over and base > self._begun:
+            if (
+                earlier is not None
+                and not self._over
+                and base > self._begun
+                and earlier.first.chart is step.first.chart
+            ):
                 self._look_between(earlier, step, base)
             if self._leaving_another:
                 # The special point at which the branch begins is near its first step.
@@ -357,21 +360,10 @@ class Follower:
         for crossing in after:
             self._mark(crossing, step, base)
 
-    def _earlier(self, step: Step) -> Step | None:
-        """Return the step that ends where another one begins, in the same coordinates, or None."""
-        before = self.track.steps[-1] if self.track.steps else None
-        if before is None or before.last.y is not step.first.y or type(before.last.chart) is not type(step.first.chart):
-            return None
-        return before
-
     def _mark(self, crossing: Crossing, step: Step, base: int) -> None:
         """Add a crossing. A branch over several periods ends where its orbits repeat earlier."""
         kind, at = crossing.kind, crossing.point
         problem = at.problem
-        if not self._repeats(at):
-            self._over = True
-            self.track.notes.append(f"the branch was lost at {step.first.value:.12g}: {self._why_lost()}")
-            return
         if kind == "shorter":
             shortest = problem.shortest_period(at.unknowns(), at.evaluation)
             kind = "period_doubling" if shortest * 2 == problem.periods else "branch_point"
@@ -390,7 +382,8 @@ class Follower:
         points = self.track.points
         if len(points) < _LOOP:
             return False
-        scales = np.append(ORIGIN.scales(now.problem, now.evaluation), self.interval.size)
+        own = now.chart.scales(now.problem, now.evaluation)[: now.problem.size]
+        scales = np.append(own, self.interval.size)
 
         def place(point: Point) -> Array:
             return np.asarray(np.append(point.unknowns(), point.value) / scales)
@@ -420,292 +413,23 @@ class Follower:
         normal[-1] = 1.0
         try:
             y, evaluation, _ = corrected(self.family, now.chart, guess, now.scales, normal, now.by_value)
-            if signature(now.chart, evaluation) != signature(now.chart, now.evaluation):
-                return None
             last = self.point(now.chart, y, now.tangent, evaluation)
+            if isinstance(now.chart, Signature) and passage(self.family, self.interval, now, last) is not None:
+                return None
         except ConvergenceError:
-            return None
-        if not self._repeats(last):
             return None
         self._take(Step(now, last))
         self._over = True
         return last, 0.0
 
-    # -- coordinates ----------------------------------------------------------------------------------
 
-    def _recharted(self, now: Point, earlier: Point | None) -> Point:
-        """Return a point in the coordinates that suit it: those of its slowest event where that is slow."""
-        if not isinstance(now.problem, Shooting):
-            return now
-        flow, problem = now.evaluation.flow, now.problem
-        chart = now.chart
-        if isinstance(chart, EventChart):
-            mine = [p for p in phases(problem, chart, flow) if p.time == flow.start.time and p.contact == chart.contact]
-            if mine and mine[0].rate < _LEAVE:
-                margin = min(0.4 * mine[0].earlier / problem.duration, 0.25)
-                return replace(now, chart=replace(chart, margin=margin))
-        phase = slowest(problem, chart, flow)
-        slow = phase is not None and phase.rate < _ENTER
-        if not slow:
-            if not isinstance(chart, EventChart):
-                return now if chart is ORIGIN else replace(now, chart=ORIGIN)
-            return self._moved(now, earlier, ORIGIN, now.unknowns())
-        assert phase is not None
-        if isinstance(chart, EventChart) and phase.contact == chart.contact and phase.time == flow.start.time:
-            return now
-        new, y = chart_at(problem, flow, chart, phase)
-        if len(new.switching) > 1 and _jumps(problem, new.switching):
-            # Derivatives along the event of one contact would miss that the other one moves.
-            return now
-        return self._moved(now, earlier, new, y)
-
-    def _moved(self, now: Point, earlier: Point | None, chart: Any, y: Array) -> Point:
-        """Return a point in other coordinates, its tangent on the side away from an earlier point."""
-        problem = now.problem
-        try:
-            evaluation = chart.evaluate(problem, y)
-            if evaluation.error > 1e-8:
-                return now
-            scales = np.append(chart.scales(problem, evaluation), self.interval.size)
-            whole = np.append(y, now.value)
-            towards = np.zeros(whole.size)
-            known = None if earlier is None else self._coordinates(chart, earlier, float(y[0]))
-            if known is not None and earlier is not None:
-                towards = (whole - np.append(known, earlier.value)) / scales
-            if not np.any(towards):
-                towards[-1] = now.tangent[-1]
-            if not np.any(towards):
-                return now
-            moved = self.point(chart, whole, towards / np.linalg.norm(towards), evaluation)
-        except ConvergenceError:
-            return now
-        finally:
-            self._count("flows")
-        return moved
-
-    def _joined(self, now: Point, after: Point) -> Step | None:
-        """Return the step to a point in the coordinates of that point; None where the other one has none of these."""
-        chart = ORIGIN if not isinstance(after.chart, EventChart) else after.chart
-        if now.chart is chart:
-            return Step(now, after)
-        y = self._coordinates(chart, now, float(after.y[0]))
-        if y is None:
-            return None
-        towards = (after.y - np.append(y, now.value)) / after.scales
-        if not np.any(towards):
-            return None
-        try:
-            moved = self.point(chart, np.append(y, now.value), towards / np.linalg.norm(towards))
-        except ConvergenceError:
-            return None
-        return Step(moved, after) if moved.evaluation.error <= 1e-8 else None
-
-    def _coordinates(self, chart: Any, point: Point, phase: float) -> Array | None:
-        """Return the coordinates of a point in a chart, near a phase; None where it has no such event."""
-        problem, flow = point.problem, point.evaluation.flow
-        if not isinstance(chart, EventChart):
-            return point.unknowns()
-        if isinstance(point.chart, EventChart) and point.chart.contact == chart.contact:
-            return point.y[:-1]
-        turn = 2.0 * np.pi * problem.periods
-        best, found = 0.2 * turn, None
-        for other in phases(problem, point.chart, flow):
-            if other.contact != chart.contact or other.status != chart.after[chart.contact]:
-                continue
-            angle = other.time * problem.loads.omega
-            away = abs((angle - phase + 0.5 * turn) % turn - 0.5 * turn)
-            if away < best:
-                best, found = away, other
-        if found is None:
-            return None
-        _, y = chart_at(problem, flow, point.chart, found)
-        y[0] = phase + (y[0] - phase + 0.5 * turn) % turn - 0.5 * turn
-        return y
-
-    # -- grazings -------------------------------------------------------------------------------------
-
-    def _leaving(self, now: Point, guess: Array, step: float) -> tuple[Point, float] | None:
-        """Pass the grazing at which the event of the coordinates vanishes."""
-        chart = now.chart
-        here, there = chart.rate(now.problem, now.y[:-1]), chart.rate(now.problem, guess[:-1])
-        target = now.y + here / (here - there) * (guess - now.y)
-        problem = self.family.at(target[-1])
-        if here <= 0.0 or there >= here:
-            return None
-        time, state = chart.point(problem, target[:-1])
-        mine = [t for t, contact, *_ in switches(chart, now.evaluation.flow) if contact == chart.contact]
-        margin = margin_around(now.problem, mine[2:], now.evaluation.flow.start.time)
-        own = [p for p in phases(now.problem, chart, now.evaluation.flow) if p.contact == chart.contact]
-        also = phases_like(now, min(own, key=lambda phase: phase.rate)) if own else ()
-        touch = Touch(problem, float(target[-1]), chart.contact, time, state, chart.before, margin, also)  # type: ignore[arg-type]
-        return self._passed_out(now, touch, step)
-
-    def _changed(self, now: Point, after: Point, step: float) -> tuple[Point, float] | None:
-        """Pass a grazing between two points with different events."""
-        counts = [dict(pair for pair in signature(p.chart, p.evaluation) or () if pair[1] > 0) for p in (now, after)]
-        contacts = {j for count in counts for j in count if counts[0].get(j, 0) != counts[1].get(j, 0)}
-        appear = {counts[1].get(j, 0) > counts[0].get(j, 0) for j in contacts}
-        if len(appear) != 1:
-            return None
-        appears = appear.pop()
-        owner = after if appears else now
-        own = [p for p in phases(owner.problem, owner.chart, owner.evaluation.flow) if p.contact in contacts]
-        own = [p for p in own if p.stop - p.time < p.earlier]
-        if not own:
-            return None
-        touch = touch_of_phase(owner, min(own, key=lambda phase: phase.rate))
-        if appears:
-            return self._passed_in(now, touch, step)
-        return self._passed_out(now, touch, step)
-
-    def _near_grazing(self, now: Point, step: float) -> Point | None:
-        """Return a point beyond a grazing that is near, where the branch does not go on without one."""
-        if not isinstance(now.problem, Shooting):
-            return None
-        near = [e for e in extremes(now.problem, now.evaluation.flow) if e.size < _NEAR]
-        for extreme in near[:2]:
-            touch = touch_of_extreme(now, extreme.contact, extreme.time, extreme.status)
-            found = self._passed_in(now, touch, max(step, FIRST))
-            if found is not None:
-                return found[0]
-        return None
-
-    def _located(self, now: Point, touch: Touch, step: float) -> Point | None:
-        """Return a grazing, where it lies ahead and within reach."""
-        try:
-            at = grazing(self.family, self.interval, touch)
-        except ConvergenceError:
-            return None
-        here, there = now.unknowns(), at_phase(at.problem, at.evaluation.flow, 0.0)
-        n = here.size // 2
-        origin = ORIGIN.scales(now.problem, now.evaluation)
-        away = np.append((there - here) / origin, (at.value - now.value) / self.interval.size)
-        if np.linalg.norm(away) > _FARTHEST * step or n == 0:
-            return None
-        if now.chart is ORIGIN and away @ now.tangent < -1e-3 * np.linalg.norm(away):
-            return None
-        return None if self._passed_before(at, there, origin) else at
-
-    def _passed_before(self, at: Point, state: Array, scales: Array) -> bool:
-        """Return whether the branch has come through a grazing already: then going on from it would lead back.
-
-        Only one branch continues from a grazing, so a branch can return to this orbit only if it is closed.
-        """
-        for mark in self.track.marks:
-            if mark.kind != "grazing" or abs(mark.point.value - at.value) > _SAME * self.interval.size:
-                continue
-            if np.max(np.abs((mark.point.unknowns() - state) / scales), initial=0.0) <= _SAME:
-                return True
-        return False
-
-    def _passed_in(self, now: Point, touch: Touch, step: float) -> tuple[Point, float] | None:
-        """Continue with a contact that begins to touch."""
-        at = self._located(now, touch, step)
-        try:
-            if at is None or self._signed(at, at) != self._signed(now, at):
-                return None
-            outside = before(self.family, self.interval, at)
-            several = _may_split(at)
-            first = None if several else beyond(self.family, self.interval, at)
-            if not self._repeats(outside, at):
-                return None
-        except ConvergenceError:
-            return None
-        finally:
-            self._count("refinement_flows")
-        end = self.interval.beyond(at.value)
-        if end is not None:
-            return None
-        self._take(self._joined(now, outside), outside)
-        if self._over:
-            return outside, step
-        self._graze(at, outside)
-        if first is None:
-            self._ends_there(at)
-            return outside, step
-        self._take(None, first)
-        return first, min(step, FIRST)
-
-    def _passed_out(self, now: Point, touch: Touch, step: float) -> tuple[Point, float] | None:
-        """Continue without a contact that has just stopped touching."""
-        at = self._located(now, touch, step)
-        try:
-            if at is None or self._signed(at, at) == self._signed(now, at):
-                return None
-            outside = before(self.family, self.interval, at)
-            if not self._repeats(outside, at):
-                return None
-            if _may_split(at):
-                self._take(None, outside)
-                self._graze(at, outside)
-                self._ends_there(at)
-                return outside, step
-            last = beyond(self.family, self.interval, at)
-        except ConvergenceError:
-            return None
-        finally:
-            self._count("refinement_flows")
-        if self.interval.beyond(at.value) is not None:
-            return None
-        inside = replace(last, tangent=-last.tangent)
-        same = isinstance(now.chart, EventChart) and now.chart.contact == last.chart.contact
-        if same:
-            # The same phase of the loads, counted from the same period.
-            turn = 2.0 * np.pi * now.problem.periods
-            shift = np.round((now.y[0] - inside.y[0]) / turn) * turn
-            moved = inside.y.copy()
-            moved[0] += shift
-            inside = replace(inside, y=moved)
-            if inside.tangent @ now.tangent < 0.0:
-                return None
-        self._take(Step(now, inside) if same else self._joined(now, inside), inside)
-        if self._over:
-            return inside, step
-        away = replace(outside, tangent=-outside.tangent)
-        self._take(None, away)
-        self._graze(at, away)
-        return replace(away, chart=ORIGIN), min(step, FIRST)
-
-    @staticmethod
-    def _signed(point: Point, at: Point) -> Any:
-        """Return how often contacts close in an orbit, without the contacts that graze together at another orbit."""
-        return signature(point.chart, point.evaluation, [contact for contact, _ in at.chart.also])
-
-    def _ends_there(self, at: Point) -> None:
-        """End the branch at a grazing of several contacts."""
-        laws = at.problem.system.contacts
-        assert laws is not None
-        names = " and ".join(repr(laws.names[contact]) for contact in _grazed(at))
-        self.track.notes.append(
-            f"the branch ends at {at.value:.12g}, where contacts {names} are grazed by one orbit. With forces that "
-            "jump, as those of acts_on='displacement', orbits that touch one of them or all may begin there: follow "
-            "those that you want from a value beyond, with guess="
-        )
-        self._over = True
-
-    def _graze(self, at: Point, shown: Point) -> None:
-        laws = at.problem.system.contacts
-        assert laws is not None
-        place = float(len(self.track.points) - 1)
-        for contact in _grazed(at):
-            self.track.marks.append(Mark("grazing", shown, place, laws.names[contact]))
-
-
-def _grazed(at: Point) -> list[int]:
-    """Return the contacts that an orbit grazes."""
-    return [at.chart.contact, *(contact for contact, _ in at.chart.also)]
-
-
-def _may_split(at: Point) -> bool:
-    """Return whether several branches may continue from a grazing: one of several contacts with a force that jumps.
-
-    Where no force jumps the flow has a continuous derivative, and there is one branch.
-    """
-    contacts = _grazed(at)
-    return len(contacts) > 1 and _jumps(at.problem, contacts)
-
-
-def _jumps(problem: Any, contacts: list[int]) -> bool:
-    """Return whether the force of one of some contacts jumps."""
-    laws = problem.system.contacts
-    return bool(np.any(laws.jump[contacts] & (laws.gap[contacts] > 0.0)))
+def point_at(family: Family, interval: Interval, chart: Any, y: Array, towards: Array, evaluation: Any = None) -> Point:
+    """Return a point with its tangent on the side of a direction in scaled coordinates."""
+    problem = family.at(y[-1])
+    evaluation = chart.evaluate(problem, y[:-1]) if evaluation is None else evaluation
+    scales = np.append(chart.scales(problem, evaluation), interval.size)
+    by_value = derivative_by_value(family, interval, chart, y, evaluation)
+    tangent = tangent_at(evaluation, by_value, scales, towards)
+    if tangent @ towards < 0.0:
+        tangent = -tangent
+    return Point(chart, y, problem, evaluation, scales, by_value, tangent)

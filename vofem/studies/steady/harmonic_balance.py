@@ -42,7 +42,7 @@ from vofem.studies.steady.load_series import load_series
 from vofem.studies.steady.loads import LoadPeriod, load_period
 from vofem.studies.steady.orbit import DECIDED, OrbitTruncation, PeriodicOrbit
 from vofem.studies.steady.trigonometric import basis, to_complex, to_real
-from vofem.studies.steady.variation import monodromy
+from vofem.studies.steady.variation import monodromy, with_rates
 from vofem.system import System
 
 Array = NDArray[np.float64]
@@ -451,6 +451,8 @@ class HarmonicBalance:
         rows = all_rows(self.groups)
         series = np.zeros((0, 1)) if rows is None else motion.along(rows)
         tangents = [self.laws.tangent(j, series[j], self.omega) for j in range(self.laws.size)]
+        known = motion.coefficients.shape[1] - 1
+        tangents = with_rates(tangents, self.rest, self.law_modes, self.omega, known)
         return eigenvalues(monodromy(self.rest, self.law_modes, tangents, self.omega, self.harmonics))
 
     def shortest_period(self, unknowns: Array, evaluation: HarmonicEvaluation) -> int:

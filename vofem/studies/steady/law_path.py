@@ -67,14 +67,15 @@ class LawTangent:
     ----------
     cuts : ndarray, shape (n_cuts,)
         Angles in [0, 2 pi) at which the tangent jumps.
-    jumps : list of (float, float)
-        Angles at which the force jumps too, and the jump over the modulus of the coordinate's rate there, N s/m.
+    jumps : ndarray, shape (n_jumps, 4)
+        Angles at which the force jumps too, the coordinate's rate there (m/s), and the jumps of the spring (N) and of
+        the damper (N s/m) as the coordinate rises.
     at : callable
         Returns stiffness in N/m and damping in N s/m at angles, shape (2, n).
     """
 
     cuts: Array
-    jumps: list[tuple[float, float]]
+    jumps: Array
     at: Callable[[Array], Array]
 
 
@@ -180,7 +181,7 @@ class LawPaths:
             stiffness = curve(group, laws, j, index, basis(angles, series.size // 2) @ series, True)[1]
             return np.stack([stiffness, np.zeros(angles.size)])
 
-        return LawTangent(np.zeros(0), [], at)
+        return LawTangent(np.zeros(0), np.zeros((0, 4)), at)
 
 
 def _tangent_between_kinks(laws: Laws, j: int, omega: float, series: Array) -> LawTangent:
@@ -190,11 +191,10 @@ def _tangent_between_kinks(laws: Laws, j: int, omega: float, series: Array) -> L
     damping = float(laws.table[j]["damping"])
     levels = kinks(laws, j)
     edges = [np.mod(_crossings(series, begin, end, level), _TURN) for level in levels]
-    moved = []
-    spring, damper = jumps(laws, j)
-    for angle in edges[0].tolist() if spring or damper else []:
-        speed = omega * float(basis(np.array([angle]), harmonics)[0] @ rate(series))
-        moved.append((angle, (spring + damper * speed) / abs(speed)))
+    moved = np.zeros((edges[0].size if any(jumps(laws, j)) else 0, 4))
+    if moved.size:
+        moved[:, 0], moved[:, 1] = edges[0], omega * (basis(edges[0], harmonics) @ rate(series))
+        moved[:, 2:] = jumps(laws, j)
 
     def at(angles: Array) -> Array:
         functions = basis(angles, harmonics)

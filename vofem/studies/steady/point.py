@@ -24,8 +24,40 @@ _STEPS, _GROWTH = 8, 10.0
 #: Step of the parameter by which derivatives are taken, in terms of the interval and of the value.
 _DIFFERENCE, _LEAST = 1e-6, 1e-9
 
+#: Number of switches above which derivatives are taken along known states at the switches, so that changes do not grow.
+_MANY = 16
+
 #: Change of the parameter, as a share of a step, above which it is used to compute the derivative.
 _TELLING = 1e-2
+
+
+@dataclass(frozen=True)
+class OriginChart:
+    """The unknowns of the problem as coordinates."""
+
+    def evaluate(self, problem: Any, y: Array, *, derivative: bool = True, nodes: None = None) -> Any:
+        """Return the equations."""
+        return problem.evaluate(y, derivative=derivative)
+
+    def nodes(self, evaluation: Any, moved: Array | None = None) -> None:
+        """Return nothing: an orbit is not divided into segments."""
+        return
+
+    def scales(self, problem: Any, evaluation: Any) -> Array:
+        """Return sizes of the unknowns: those of the motion."""
+        return np.asarray(problem.scales * max(evaluation.size, np.finfo(float).tiny))
+
+    def unknowns(self, problem: Any, y: Array, evaluation: Any) -> Array:
+        """Return the unknowns."""
+        return y
+
+    def orbit(self, problem: Any, y: Array, evaluation: Any) -> PeriodicOrbit:
+        """Return the orbit."""
+        orbit: PeriodicOrbit = problem.orbit(y, evaluation)
+        return orbit
+
+
+ORIGIN = OriginChart()
 
 
 @dataclass
@@ -45,8 +77,6 @@ class Point:
         Derivative of the residual with respect to the parameter.
     tangent : ndarray, shape (n + 1,)
         Direction of the branch in scaled coordinates, of length 1.
-    change : float, optional
-        Change of the state over one ordinary flow, where this differs from `evaluation`, over the size of the motion.
     """
 
     chart: Any
@@ -56,7 +86,6 @@ class Point:
     scales: Array
     by_value: Array
     tangent: Array
-    change: float | None = None
 
     @property
     def value(self) -> float:
@@ -66,7 +95,6 @@ class Point:
     def orbit(self) -> PeriodicOrbit:
         """Return the orbit."""
         orbit: PeriodicOrbit = self.chart.orbit(self.problem, self.y[:-1], self.evaluation)
-        orbit.residual = orbit.residual if self.change is None else self.change
         return orbit
 
     def unknowns(self) -> Array:
@@ -98,13 +126,26 @@ class Interval:
 
 
 def derivative_by_value(family: Family, interval: Interval, chart: Any, y: Array, evaluation: Any) -> Array:
-    """Return the derivative of the residual with respect to the parameter, by a difference, shape (n,)."""
+    """Return the derivative of the residual with respect to the parameter, by differences, shape (n,).
+
+    Scenes are built for values inside the interval only, unless the value itself lies outside.
+    """
     value = float(y[-1])
     step = max(_DIFFERENCE * interval.size, _LEAST * abs(value))
-    if value > 0.5 * (interval.start + interval.stop):
-        step = -step
-    after = chart.evaluate(family.at(value + step), y[:-1], derivative=False)
-    return np.asarray((after.residual - evaluation.residual) / step)
+    low, high = min(interval.start, interval.stop), max(interval.start, interval.stop)
+
+    nodes = chart.nodes(evaluation) if len(getattr(chart, "switches", ())) > _MANY else None
+
+    def residual(away: float) -> Array:
+        return np.asarray(chart.evaluate(family.at(value + away), y[:-1], derivative=False, nodes=nodes).residual)
+
+    if chart is ORIGIN:
+        step = -step if value > 0.5 * (low + high) else step
+        return np.asarray((residual(step) - evaluation.residual) / step)
+    if low <= value - step and value + step <= high:
+        return (residual(step) - residual(-step)) / (2.0 * step)
+    step = -step if value > 0.5 * (low + high) else step
+    return (4.0 * residual(step) - residual(2.0 * step) - 3.0 * evaluation.residual) / (2.0 * step)
 
 
 def corrected(
@@ -116,6 +157,7 @@ def corrected(
     by_value: Array,
     steps: int = _STEPS,
     tolerance: float = TOLERANCE,
+    nodes: Array | None = None,
 ) -> tuple[Array, Any, Array]:
     """Return an orbit near a guess, on the plane through it with a normal.
 
@@ -133,6 +175,8 @@ def corrected(
         Largest number of steps of Newton's method.
     tolerance : float
         Value of `Evaluation.error` that is small enough. If it is below rounding, the best point is returned.
+    nodes : ndarray, optional
+        Approximate states at the switches.
 
     Returns
     -------
@@ -148,17 +192,17 @@ def corrected(
     before: Any = None
     moved = np.zeros_like(y)
     for k in range(steps):
-        now = chart.evaluate(family.at(y[-1]), y[:-1])
+        now = chart.evaluate(family.at(y[-1]), y[:-1], nodes=nodes)
         if not np.isfinite(now.error):
             raise ConvergenceError("the motion diverges")
         if before is not None:
             by_value = _improved(by_value, before, now, moved, scales)
             if now.error > (_GROWTH if k == 1 else 1.0) * before.error:
                 if now.error <= ROUNDING or before.error <= ROUNDING:
-                    return (y, now, by_value) if now.error <= before.error else (y - moved, before, by_value)
+                    return _lean(*((y, now) if now.error <= before.error else (y - moved, before)), by_value)
                 raise ConvergenceError("Newton's method does not converge")
         if now.error <= tolerance:
-            return y, now, by_value
+            return _lean(y, now, by_value)
         matrix = np.empty((y.size, y.size))
         matrix[:-1, :-1] = now.jacobian * scales[:-1]
         matrix[:-1, -1] = by_value * scales[-1]
@@ -166,9 +210,15 @@ def corrected(
         right = np.append(now.residual, normal @ ((y - guess) / scales))
         moved = -direction(matrix, right) * scales
         y, before = y + moved, now
+        nodes = None if nodes is None else chart.nodes(now, moved[:-1])
     if before is not None and before.error <= ROUNDING:
-        return y - moved, before, by_value
+        return _lean(y - moved, before, by_value)
     raise ConvergenceError("Newton's method does not converge")
+
+
+def _lean(y: Array, evaluation: Any, by_value: Array) -> tuple[Array, Any, Array]:
+    """Return a solution without what only its correction needs."""
+    return y, evaluation.stripped() if hasattr(evaluation, "stripped") else evaluation, by_value
 
 
 def _improved(by_value: Array, before: Any, now: Any, moved: Array, scales: Array) -> Array:

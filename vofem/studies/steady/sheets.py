@@ -10,10 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import ArgumentError, ConvergenceError
-from vofem.studies.steady.between import Step
 from vofem.studies.steady.branch import Branch, BranchCounters, Orbits
 from vofem.studies.steady.branching import other_direction
-from vofem.studies.steady.charts import ORIGIN
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.follow import FIRST, Follower, Mark, Track
 from vofem.studies.steady.orbit import PeriodicOrbit
@@ -35,6 +33,7 @@ def branch_of(track: Track, family: Family, walker: Follower) -> Branch:
     source.marked = dict(zip(map(id, special), track.marks, strict=True))
     source.special = special
     walker.counters.points = len(track.points)
+    walker.counters.check_flows = family.work.checks
     walker.counters.eigensolves = family.work.runs.eigensolves
     return Branch(
         np.array([point.value for point in track.points]),
@@ -67,11 +66,10 @@ class Sheets:
     def at(self, value: float) -> list[PeriodicOrbit]:
         """Return all orbits at a value of the parameter, one for each part of the branch between folds."""
         found: list[tuple[Array, PeriodicOrbit]] = []
-        points = self._with_turns()
-        for first, last, step in points:
+        for first, last in self._with_turns():
             if (first.value - value) * (last.value - value) > 0.0:
                 continue
-            solution = self._solved(first, last, step, value)
+            solution = self._solved(first, last, value)
             if solution is None:
                 continue
             unknowns, orbit = solution
@@ -79,48 +77,36 @@ class Sheets:
                 found.append((unknowns, orbit))
         return [orbit for _, orbit in found]
 
-    def _with_turns(self) -> list[tuple[Point, Point, Step | None]]:
+    def _with_turns(self) -> list[tuple[Point, Point]]:
         """Return neighbours on the branch, folds among them, so that the value is monotone from one to the next."""
-        parts: list[tuple[Point, Point, Step | None]] = []
+        parts: list[tuple[Point, Point]] = []
         for k, step in enumerate(self.track.steps):
-            first, last = self.track.points[k], self.track.points[k + 1]
             if step is None:
-                parts.append((first, last, None))
                 continue
             turns = [m.point for m in self.track.marks if m.turns and k < m.place < k + 1]
             chain = [step.first, *turns, step.last]
-            parts += [(a, b, Step(a, b)) for a, b in itertools.pairwise(chain)]
+            parts += list(itertools.pairwise(chain))
         return parts
 
-    def _solved(self, first: Point, last: Point, step: Step | None, value: float) -> tuple[Array, PeriodicOrbit] | None:
+    def _solved(self, first: Point, last: Point, value: float) -> tuple[Array, PeriodicOrbit] | None:
         """Return unknowns and orbit at a value between two neighbours, or None where there is none."""
         span = last.value - first.value
         share = (value - first.value) / span if span else 0.0
-        chart = ORIGIN if step is None else first.chart
-        if step is None:
-            a, b = np.append(first.unknowns(), first.value), np.append(last.unknowns(), last.value)
-        else:
-            a, b = first.y, last.y
         # Between a fold and its neighbour orbits change like the square root of the value.
-        if step is not None and abs(last.tangent[-1]) < 1e-6:
+        if abs(last.tangent[-1]) < 1e-6:
             share = 1.0 - np.sqrt(max(1.0 - share, 0.0))
-        elif step is not None and abs(first.tangent[-1]) < 1e-6:
+        elif abs(first.tangent[-1]) < 1e-6:
             share = np.sqrt(share)
-        guess = a + share * (b - a)
+        guess = first.y + share * (last.y - first.y)
         guess[-1] = value
         normal = np.zeros(guess.size)
         normal[-1] = 1.0
-        scales = (
-            first.scales
-            if step is not None
-            else np.append(chart.scales(first.problem, first.evaluation), self.walker.interval.size)
-        )
         by_value = np.zeros(guess.size - 1)
         try:
-            y, evaluation, _ = corrected(self.family, chart, guess, scales, normal, by_value, steps=20)
+            y, evaluation, _ = corrected(self.family, first.chart, guess, first.scales, normal, by_value, steps=20)
         except ConvergenceError:
             return None
-        point = Point(chart, y, self.family.at(value), evaluation, scales, by_value, normal)
+        point = Point(first.chart, y, self.family.at(value), evaluation, first.scales, by_value, normal)
         return point.unknowns(), point.orbit()
 
     def switch(self, special: SpecialPoint) -> Branch:
@@ -139,7 +125,7 @@ class Sheets:
                 f"vofem.continuation(..., periods={self.family.periods // 2})"
             )
         family = self.family.over(2 * self.family.periods) if doubles else self.family.over(self.family.periods)
-        start = self._origin(point, family)
+        start = self._origin(point, family, doubles)
         direction = self._direction(family, start, mark, doubles)
         last: ConvergenceError | None = None
         for factor in _TRIED:
@@ -163,29 +149,29 @@ class Sheets:
     def _ends_at(self, mark: Any) -> bool:
         return bool(self.track.points and mark.point is self.track.points[-1])
 
-    def _origin(self, point: Point, family: Family) -> Point:
-        """Return the special orbit as a point of the leaving branch, in the coordinates of t = 0."""
-        unknowns = point.unknowns()
+    def _origin(self, point: Point, family: Family, doubles: bool) -> Point:
+        """Return the special orbit as a point of the leaving branch."""
+        if not doubles:
+            return point
+        chart, y = point.chart.doubled(point.y[:-1])
         problem = family.at(point.value)
-        evaluation = ORIGIN.evaluate(problem, unknowns)
-        scales = np.append(ORIGIN.scales(problem, evaluation), self.walker.interval.size)
-        y = np.append(unknowns, point.value)
-        by_value = derivative_by_value(family, self.walker.interval, ORIGIN, y, evaluation)
-        return Point(ORIGIN, y, problem, evaluation, scales, by_value, np.zeros_like(y))
+        evaluation = chart.evaluate(problem, y)
+        scales = np.append(chart.scales(problem, evaluation), self.walker.interval.size)
+        y = np.append(y, point.value)
+        by_value = derivative_by_value(family, self.walker.interval, chart, y, evaluation)
+        return Point(chart, y, problem, evaluation, scales, by_value, np.zeros_like(y))
 
     def _direction(self, family: Family, start: Point, mark: Mark, doubles: bool) -> Array:
         """Return the direction in which the other branch leaves: at a period doubling that of the eigenvector."""
         n = start.y.size - 1
         if doubles:
-            single = ORIGIN.evaluate(self.family.at(start.value), start.y[:-1])
-            matrix = single.monodromy + np.eye(n)  # type: ignore[attr-defined]
-            scaled = matrix * start.scales[:n] / start.scales[:n, None]
-            return np.append(np.linalg.svd(scaled)[2][-1], 0.0)
+            matrix = start.evaluation.jacobian * start.scales[:n]
+            norms = np.linalg.norm(matrix, axis=1)
+            return np.append(np.linalg.svd(matrix / np.where(norms > 0.0, norms, 1.0)[:, None])[2][-1], 0.0)
         step = self.track.steps[int(mark.place)] if int(mark.place) < len(self.track.steps) else None
         along = np.append(np.zeros(n), 1.0)
         if step is not None:
-            ends = [np.append(point.unknowns(), point.value) / start.scales for point in (step.first, step.last)]
-            along = ends[1] - ends[0]
+            along = (step.last.y - step.first.y) / start.scales
         return other_direction(family, start, along)
 
 

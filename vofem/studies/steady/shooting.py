@@ -7,7 +7,7 @@ and the multipliers are those of the orbit.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from vofem.errors import ConvergenceError, EventStormError, MethodError
 from vofem.initial import Initial, StoredState
-from vofem.integrators.event_driven.flow import Flow, IgnoredEvents, Start, flow, modal_state, modes_of, share_modes
+from vofem.integrators.event_driven.along import Course
+from vofem.integrators.event_driven.flow import Flow, Start, flow, modal_state, modes_of, share_modes
 from vofem.integrators.event_driven.run import refusal
 from vofem.integrators.methods import EVENT_DRIVEN
 from vofem.linalg.eigen import eigenvalues
@@ -74,10 +75,26 @@ class ShootingEvaluation:
         both[:n, :n] = both[n:, n:] = self.frame
         return np.asarray(np.linalg.solve(both, matrix @ both))
 
+    @property
+    def closing(self) -> float:
+        """The same as `error`."""
+        return self.error
+
+    @property
+    def sizes(self) -> tuple[float, float]:
+        """Sizes of modal displacements and velocities."""
+        return self.flow.sizes
+
+    def change_after(self, time: float) -> Array:
+        """Return by how much the modal state has changed after a time in s, shape (2n,)."""
+        z, v = self.flow.solution.modal(np.array([self.flow.start.time + time]))
+        start = self.flow.start
+        return np.concatenate([z[:, 0] - start.displacement, v[:, 0] - start.velocity])
+
     @cached_property
     def error(self) -> float:
         """The difference of both ends over the size of the motion, displacements and velocities apart."""
-        return relative(self.residual, self.flow.sizes)
+        return relative(self.residual, self.sizes)
 
     @cached_property
     def multipliers(self) -> Complex:
@@ -202,6 +219,11 @@ class Shooting:
             return np.asarray(self.system.mass @ shapes)
         return np.asarray(mine.vectors.T @ (mine.full.mass @ (theirs.vectors @ shapes)))
 
+    @cached_property
+    def course(self) -> Course:
+        """Follows motions along given segments."""
+        return Course(self.system, self.duration, self.work.runs)
+
     # -- unknowns and modal states --------------------------------------------------------------------
 
     def to_modes(self, unknowns: Array) -> tuple[Array, Array]:
@@ -215,6 +237,17 @@ class Shooting:
         if self.frame is not None:
             z, v = np.linalg.solve(self.frame, np.stack([z, v], axis=1)).T
         return np.concatenate([z, v])
+
+    def modal(self, columns: Array) -> Array:
+        """Return states in unknowns, shape (2n, k), in modes."""
+        return columns if self.frame is None else np.concatenate(self.to_modes(columns))
+
+    def unmodal(self, columns: Array) -> Array:
+        """Return modal states, shape (2n, k), in unknowns."""
+        if self.frame is None:
+            return columns
+        n = self.size // 2
+        return np.concatenate([np.linalg.solve(self.frame, part) for part in (columns[:n], columns[n:])])
 
     def from_state(self, state: State) -> Array:
         """Return the unknowns of a state over the free degrees of freedom."""
@@ -240,17 +273,13 @@ class Shooting:
 
     def linear_response(self) -> Array:
         """Return the unknowns of the periodic motion with all contacts open."""
-        n = self.space.size
-        contacts = self.space.contacts.shape[0]
-        never = [IgnoredEvents(j, -np.inf, np.inf) for j in range(contacts)]
-        start = Start(0.0, np.zeros(n), np.zeros(n), np.full(contacts, OPEN, dtype=np.int64))
-        one = flow(
-            self.system, start, self.loads.period, derivative=np.eye(2 * n), ignored=never, counters=self.work.runs
-        )
+        n, nothing = self.space.size, np.zeros(self.space.size)
+        status = np.full(self.space.contacts.shape[0], OPEN, dtype=np.int64)
+        period = np.array([self.loads.period])
+        (one,) = self.course.along(0.0, nothing, nothing, [status], period, np.eye(2 * n), np.zeros((1, 2 * n)))
         self.work.flows += 1
-        assert one.monodromy is not None
         end = np.concatenate([one.displacement, one.velocity])
-        state = np.linalg.lstsq(np.eye(2 * n) - one.monodromy, end, rcond=1e-12)[0]
+        state = np.linalg.lstsq(np.eye(2 * n) - one.columns, end, rcond=1e-12)[0]
         return self.to_unknowns(state[:n], state[n:])
 
     def from_orbit(self, orbit: Any) -> Array:
@@ -261,45 +290,29 @@ class Shooting:
 
     # -- equations ------------------------------------------------------------------------------------
 
-    def run(self, start: Start, stop: float, *, derivative: Array | None = None, **options: Any) -> Flow:
-        """Return a flow, counted.
+    def run(self, start: Start, stop: float, *, derivative: Array | None = None, check: bool = False) -> Flow:
+        """Return a flow, counted; as a check of a known orbit where `check` is true.
 
         Raises
         ------
         ConvergenceError
             If contacts chatter or the motion diverges.
         """
-        self.work.flows += 1
+        self.work.flows += not check
+        self.work.checks += check
         if not (np.all(np.isfinite(start.displacement)) and np.all(np.isfinite(start.velocity))):
             raise ConvergenceError("the iteration diverged: a state is not finite")
         try:
-            return flow(self.system, start, stop, derivative=derivative, counters=self.work.runs, **options)
+            return flow(self.system, start, stop, derivative=derivative, counters=self.work.runs)
         except EventStormError as error:
             raise ConvergenceError(str(error)) from error
 
-    def evaluate(
-        self, unknowns: Array, *, derivative: bool = True, ignored: Sequence[tuple[int, float, float]] = ()
-    ) -> ShootingEvaluation:
-        """Return the flow over one orbit; events are ignored between some phases ``omega t`` of the loads."""
+    def evaluate(self, unknowns: Array, *, derivative: bool = True) -> ShootingEvaluation:
+        """Return the flow over one orbit."""
         z, v = self.to_modes(unknowns)
-        one = self.run(
-            Start(0.0, z, v),
-            self.duration,
-            derivative=np.eye(self.size) if derivative else None,
-            ignored=[window for entry in ignored for window in self.windows(*entry)],
-        )
+        one = self.run(Start(0.0, z, v), self.duration, derivative=np.eye(self.size) if derivative else None)
         ends = self.to_unknowns(one.displacement, one.velocity)
         return ShootingEvaluation(one, ends - unknowns, self.frame)
-
-    def windows(self, contact: int, first: float, last: float, begin: float = 0.0) -> list[IgnoredEvents]:
-        """Return when events of a contact are ignored within one orbit from a time in s on, for phases of the loads."""
-        start, stop = first / self.loads.omega, last / self.loads.omega
-        shift = np.floor((start - begin) / self.duration) * self.duration
-        start, stop = start - shift, stop - shift
-        return [
-            IgnoredEvents(contact, start, stop),
-            IgnoredEvents(contact, start - self.duration, stop - self.duration),
-        ]
 
     def orbit(self, unknowns: Array, evaluation: ShootingEvaluation) -> PeriodicOrbit:
         """Return the orbit of a solution."""
@@ -314,7 +327,7 @@ class Shooting:
             self.loads.omega,
             self.periods,
             multipliers=evaluation.multipliers,
-            residual=evaluation.error,
+            residual=evaluation.closing,
             result=self.result_of(unknowns),
             truncation=kept,
             notes=() if kept is None else (kept.what,),
@@ -331,15 +344,12 @@ class Shooting:
         change = self.change
         return lambda: condensed_result(scene, few, state, duration, change)
 
-    def shortest_period(self, unknowns: Array, evaluation: ShootingEvaluation) -> int:
+    def shortest_period(self, unknowns: Array, evaluation: Any) -> int:
         """Return after how many periods of the loads an orbit first repeats: `periods` or a divisor of it."""
-        z, v = self.to_modes(unknowns)
         for count in range(1, self.periods):
             if self.periods % count:
                 continue
-            after_z, after_v = evaluation.flow.solution.modal(np.array([count * self.loads.period]))
-            difference = np.concatenate([after_z[:, 0] - z, after_v[:, 0] - v])
-            if relative(difference, evaluation.flow.sizes) <= _REPEATS:
+            if relative(evaluation.change_after(count * self.loads.period), evaluation.sizes) <= _REPEATS:
                 return count
         return self.periods
 

@@ -8,10 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import ConvergenceError
-from vofem.studies.steady.charts import ORIGIN, at_phase, sizes
 from vofem.studies.steady.family import Family
-from vofem.studies.steady.newton import solved
-from vofem.studies.steady.point import Interval, Point
+from vofem.studies.steady.point import Interval, Point, corrected
 from vofem.studies.steady.shooting import Shooting
 
 Array = NDArray[np.float64]
@@ -42,19 +40,21 @@ def at_flip(family: Family, point: Point, interval: Interval) -> Point:
     There the equations of the doubled orbits have two solutions that cross, which spoils digits; those of the others
     have one.
     """
-    problem = point.problem
-    if problem.periods % 2:
+    problem, chart = point.problem, point.chart
+    halved = chart.halved(point.y[:-1])
+    if halved is None:
         return point
     half = family.over(problem.periods // 2)
     half.work = family.work
-    state = 0.5 * (at_phase(problem, point.evaluation.flow, 0.0)
-                   + at_phase(problem, point.evaluation.flow, 0.5 * problem.duration))  # fmt: skip
+    single, guess = halved
+    scales = np.append(point.scales[: guess.size], interval.size)
+    fixed = np.append(np.zeros(guess.size), 1.0)
 
     def distance(value: float) -> float:
-        nonlocal state
-        found = solved(half.at(value), state)
-        state = found.unknowns
-        multipliers = np.asarray(found.evaluation.multipliers)
+        nonlocal guess
+        y, evaluation, _ = corrected(half, single, np.append(guess, value), scales, fixed, np.zeros(guess.size), 12)
+        guess = y[:-1]
+        multipliers = np.asarray(evaluation.multipliers)
         return float(np.prod((1.0 + multipliers) / np.maximum(1.0, np.abs(multipliers))).real)
 
     try:
@@ -69,17 +69,17 @@ def at_flip(family: Family, point: Point, interval: Interval) -> Point:
             at_there = distance(there)
     except ConvergenceError:
         return point
-    y = np.append(state, there)
-    doubled = family.at(there)
-    evaluation = ORIGIN.evaluate(doubled, state)
-    scales = np.append(ORIGIN.scales(doubled, evaluation), interval.size)
-    return Point(ORIGIN, y, doubled, evaluation, scales, np.zeros(state.size), np.zeros_like(y))
+    doubled, y = single.doubled(guess)
+    problem = family.at(there)
+    evaluation = doubled.evaluate(problem, y)
+    scales = np.append(doubled.scales(problem, evaluation), interval.size)
+    y = np.append(y, there)
+    return Point(doubled, y, problem, evaluation, scales, np.zeros(y.size - 1), np.zeros_like(y))
 
 
 def _later(point: Point, divisor: int) -> Array:
     """Return the difference of the states at a fraction of an orbit and at its begin, in scaled unknowns."""
-    problem, flow = point.problem, point.evaluation.flow
-    n = problem.size // 2
-    z, v = sizes(problem, flow)
-    moved = at_phase(problem, flow, problem.duration / divisor) - at_phase(problem, flow, 0.0)
-    return np.concatenate([moved[:n] / z, moved[n:] / v])
+    problem, chart = point.problem, point.chart
+    phase = chart.anchor + chart.turn / divisor
+    moved = chart.at_phase(problem, point.evaluation, phase) - point.y[: problem.size]
+    return np.asarray(moved / point.scales[: problem.size])

@@ -45,12 +45,7 @@ class Journal:
     def read(self) -> list[Entry]:
         """Return the entries of all complete records; an incomplete record at the end is removed."""
         self._file.seek(self._end)
-        data = self._file.read()
-        entries: list[Entry] = []
-        good = 0
-        for payload in _records(data):
-            entries += _decode(payload)
-            good += _HEAD.size + len(payload)
+        entries, good = complete(self._file.read())
         self._end += good
         self._file.truncate(self._end)
         return entries
@@ -84,6 +79,16 @@ class Journal:
     def close(self) -> None:
         """Close the file."""
         self._file.close()
+
+
+def complete(data: bytes) -> tuple[list[Entry], int]:
+    """Return the entries of all complete records, and the number of their bytes."""
+    entries: list[Entry] = []
+    good = 0
+    for payload in _records(data):
+        entries += _decode(payload)
+        good += _HEAD.size + len(payload)
+    return entries, good
 
 
 def _records(data: bytes) -> Iterator[bytes]:

@@ -62,6 +62,19 @@ def as_points(points: Any) -> Points:
     return _points(tuple(_name(name) for name in rows[0]) if rows else (), rows, None)
 
 
+def points_of(rows: list[dict[str, Any]]) -> Points:
+    """Return points that were stored: a grid if they are all combinations of their values in order, else a table.
+
+    Points with other names than the first one are left out.
+    """
+    names = tuple(rows[0])
+    rows = [row for row in rows if set(row) == set(names)]
+    table = _points(names, tuple(rows), None)
+    values = {name: {digest(node_of(row[name])): row[name] for row in rows} for name in names}
+    grid = as_points({name: list(found.values()) for name, found in values.items()})
+    return grid if grid.keys == table.keys else table
+
+
 def _points(names: tuple[str, ...], rows: tuple[dict[str, Any], ...], axes: dict[str, list[Any]] | None) -> Points:
     if not rows:
         raise ArgumentError("sweep: points are empty, expected at least one point")

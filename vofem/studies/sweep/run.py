@@ -11,14 +11,20 @@ from vofem.sharing import sharing_between_scenes
 from vofem.studies.sweep.engines import Engine
 from vofem.studies.sweep.points import Points
 from vofem.studies.sweep.schedule import Schedule
-from vofem.studies.sweep.sweep import Sweep, SweepInterrupted, sweep_of
-from vofem.studies.sweep.worker import Row, Task, failed
-
-_NOT_REACHED = "Interrupted: the sweep was stopped before this point was computed"
+from vofem.studies.sweep.sweep import NOT_REACHED, Sweep, SweepInterrupted, sweep_of
+from vofem.studies.sweep.worker import Row, Task
 
 
 class RowStore(Protocol):
-    """Keeps rows by the key of their point."""
+    """Keeps rows by the key of their point.
+
+    Attributes
+    ----------
+    path : path
+        Where they are kept, for messages.
+    """
+
+    path: Any
 
     def rows(self) -> dict[str, Row]:
         """Return what is stored, by key."""
@@ -57,7 +63,7 @@ def run_sweep(task: Task, points: Points, engine: Engine, store: RowStore | None
         failures += sum(row.values is None for row in rows)
 
     def outcome(schedule: Schedule) -> Sweep:
-        rows = [known.get(key) or failed(_NOT_REACHED) for key in points.keys]
+        rows = [known.get(key, NOT_REACHED) for key in points.keys]
         counters = {"computed": done - stored, "stored": stored}
         counters |= {"batches": schedule.batches, "restarts": schedule.restarts}
         return _with_notes(sweep_of(points, rows, counters), schedule)
@@ -81,7 +87,7 @@ def run_sweep(task: Task, points: Points, engine: Engine, store: RowStore | None
                 schedule.run()
             finished = True
         except KeyboardInterrupt:
-            raise SweepInterrupted(outcome(schedule)) from None
+            raise SweepInterrupted(outcome(schedule), None if store is None else store.path) from None
         finally:
             engine.close(at_once=not finished)
             show()

@@ -19,8 +19,9 @@ from vofem.errors import OutputError, StorageError
 from vofem.files.hdf5 import FILTERS, end_of_data, writing
 from vofem.files.whole import target, try_to_write
 from vofem.studies.sweep.content import node_of, value_of
-from vofem.studies.sweep.journal import Entry, Journal
-from vofem.studies.sweep.sweep import agreeing, columns_of
+from vofem.studies.sweep.journal import Entry, Journal, complete
+from vofem.studies.sweep.points import points_of
+from vofem.studies.sweep.sweep import Sweep, agreeing, columns_of, sweep_of
 from vofem.studies.sweep.worker import RESERVED, Row
 
 _SUFFIXES = (".h5", ".hdf5", ".nc")
@@ -259,6 +260,36 @@ def _read(path: Path) -> tuple[dict[str, str], list[Entry]]:
         row = Row(values, texts["error"][k], texts["traceback"][k], float(seconds[k]))
         entries.append((key, value_of(json.loads(texts["point"][k])), row))
     return identity, entries
+
+
+def holds_sweep(path: Any) -> bool:
+    """Return whether a file is the store of a sweep that can be read."""
+    with contextlib.suppress(OSError, StorageError, TypeError, ValueError):
+        end_of_data(Path(path))  # compares the checksum before HDF5 opens the file
+        with h5py.File(path, "r") as file:
+            return bool(file.attrs.get("vofem_kind") == "sweep")
+    return False
+
+
+def stored_sweep(path: Path) -> Sweep:
+    """Return the table of a store, which another process may be writing, without the function that computed it.
+
+    Raises
+    ------
+    StorageError
+        If the file is no store, or holds no row.
+    """
+    identity, entries = _read(path)
+    with path.open("rb") as file:
+        file.seek(end_of_data(path))
+        recent, _ = complete(file.read())
+    known = {entry[0]: entry for entry in [*entries, *recent]}
+    if not known:
+        raise StorageError(f"{path} holds no row yet; run the sweep of {identity['name']} with this store again")
+    points = points_of([point for _, point, _ in known.values()])
+    rows = [known[key][2] for key in points.keys]
+    counters = {"computed": 0, "stored": len(rows), "batches": 0, "restarts": 0}
+    return sweep_of(points, rows, counters)
 
 
 def _values(dataset: h5py.Dataset) -> NDArray:

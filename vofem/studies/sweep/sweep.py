@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem._validate import nearest
+from vofem._validate import nearest, number
 from vofem.errors import ArgumentError
 from vofem.studies.sweep.points import Points
 from vofem.studies.sweep.worker import RESERVED, Row
@@ -47,11 +47,14 @@ class SweepInterrupted(KeyboardInterrupt):
     Attributes
     ----------
     sweep : Sweep
-        Points that were not reached are among its failed ones.
+        Its `missing` are the points that were not reached.
     """
 
-    def __init__(self, sweep: Sweep) -> None:
-        super().__init__(f"{sweep!r}")
+    def __init__(self, sweep: Sweep, kept: Any = None) -> None:
+        total = len(sweep.points.rows)
+        done = total - len(sweep.missing)
+        where = f"kept in {kept}; the same call computes the rest" if kept else "in the `sweep` of this error"
+        super().__init__(f"sweep: stopped by Ctrl-C after {done} of {total} points, which are {where}")
         self.sweep = sweep
 
 
@@ -71,11 +74,14 @@ class Sweep(Mapping[str, NDArray]):
     failed : tuple of FailedPoint
         The points that failed, in the order of the points.
     seconds : array of float, shape (n_points,)
-        Wall time of every point in s. For rows from the store it is the time of the earlier sweep.
+        Wall time of every point in s, 0 where it was not computed. For rows from the store it is the time of the
+        earlier sweep.
     counters : dict
         ``computed``, ``stored`` (taken from the store), ``batches`` and ``restarts`` of workers.
     notes : tuple of str
         Sentences that a reader of the numbers should know.
+    missing : tuple of int
+        Positions of the points that were not computed, because the sweep was stopped before.
     """
 
     points: Points
@@ -84,6 +90,7 @@ class Sweep(Mapping[str, NDArray]):
     counters: dict[str, int]
     notes: tuple[str, ...]
     _columns: dict[str, NDArray] = field(repr=False)
+    missing: tuple[int, ...] = ()
 
     def __getitem__(self, name: str) -> NDArray:
         if name not in self._columns:
@@ -102,6 +109,7 @@ class Sweep(Mapping[str, NDArray]):
         shape = " x ".join(str(n) for n in self.points.shape)
         parts = [f"{shape} points over {', '.join(self.points.names)}", f"quantities {', '.join(self) or 'none'}"]
         parts += [f"{len(self.failed)} failed"] if self.failed else []
+        parts += [f"{len(self.missing)} not computed"] if self.missing else []
         parts += [f"{len(self.notes)} notes"] if self.notes else []
         return f"<Sweep: {'; '.join(parts)}>"
 
@@ -118,6 +126,77 @@ class Sweep(Mapping[str, NDArray]):
             raise ArgumentError(f"sweep: no parameter is named {name!r}; there are {list(names)}{nearest(name, names)}")
         values = _array([row[name] for row in self.points.rows])
         return values.reshape(*self.points.shape, *values.shape[1:])
+
+    def mean(self, name: str, over: str | None = None) -> NDArray:
+        """Return the mean of a quantity over random records, points that failed left out.
+
+        Parameters
+        ----------
+        name : str
+            A quantity that is a number, or an array of numbers, at every point.
+        over : str, optional
+            The parameter that numbers the records, such as a seed, which is a dimension of the grid. By default the
+            mean is taken over all points.
+
+        Returns
+        -------
+        ndarray
+            In the shape of the quantity without the dimension of `over`.
+
+        Raises
+        ------
+        ArgumentError
+            If there is no such quantity or dimension, or the quantity holds texts.
+        """
+        values, axis = self._records(name, over)
+        count = np.sum(~np.isnan(values), axis=axis)
+        return np.asarray(np.nansum(values, axis=axis) / np.where(count > 0, count, np.nan))
+
+    def confidence(self, name: str, over: str | None = None, *, level: float = 0.95) -> NDArray:
+        """Return half the width of the confidence interval of `mean`, by Student's distribution.
+
+        The mean of ever more records lies within ``mean - confidence`` and ``mean + confidence`` with the probability
+        `level`, if records are independent, and are normally distributed or many. It is NaN for fewer than two records.
+
+        Parameters
+        ----------
+        name, over
+            As for `mean`.
+        level : float
+            Probability, between 0 and 1.
+
+        Returns
+        -------
+        ndarray
+            In the shape of `mean`.
+        """
+        from scipy.stats import t as student
+
+        level = number("sweep: level", level, positive=True)
+        if level >= 1.0:
+            raise ArgumentError(f"sweep: level is {level:g}, expected a probability between 0 and 1, such as 0.95")
+        values, axis = self._records(name, over)
+        off = values - np.expand_dims(self.mean(name, over), axis)
+        count = np.sum(~np.isnan(values), axis=axis)
+        enough = np.maximum(count, 2)
+        spread = np.sqrt(np.nansum(off**2, axis=axis) / (enough - 1))
+        width = student.ppf(0.5 * (1.0 + level), enough - 1) * spread / np.sqrt(enough)
+        return np.asarray(np.where(count > 1, width, np.nan))
+
+    def _records(self, name: str, over: str | None) -> tuple[NDArray, int | tuple[int, ...]]:
+        """Return a quantity as floats, and the dimensions of its records."""
+        column = self[name]
+        if column.dtype.kind not in "biuf":
+            raise ArgumentError(f"sweep: {name!r} holds no real numbers, so it has no mean")
+        if over is None:
+            return column.astype(float), tuple(range(len(self.points.shape)))
+        if self.points.axes is None or over not in self.points.names:
+            names = self.points.names
+            raise ArgumentError(
+                f"sweep: over is {over!r}, expected a parameter of a grid; there are {list(names)}"
+                f"{nearest(over, names)}"
+            )
+        return column.astype(float), self.points.names.index(over)
 
     def with_notes(self, notes: Sequence[str]) -> Sweep:
         """Return the same sweep with some notes in front of its own."""
@@ -168,17 +247,26 @@ class Sweep(Mapping[str, NDArray]):
         errors = [""] * len(self.points.rows)
         for one in self.failed:
             errors[one.index] = one.error
+        for index in self.missing:
+            errors[index] = NOT_REACHED.error
         return errors
+
+
+#: The row of a point that was not computed.
+NOT_REACHED = Row(None, "not computed: the sweep was stopped before", "", 0.0)
 
 
 def sweep_of(points: Points, rows: Sequence[Row], counters: dict[str, int]) -> Sweep:
     """Return the outcome of a sweep from its rows, in the order of the points."""
     rows = agreeing(rows)
     failed = tuple(
-        FailedPoint(k, points.rows[k], row.error, row.traceback) for k, row in enumerate(rows) if row.values is None
+        FailedPoint(k, points.rows[k], row.error, row.traceback)
+        for k, row in enumerate(rows)
+        if row.values is None and row is not NOT_REACHED
     )
+    missing = tuple(k for k, row in enumerate(rows) if row is NOT_REACHED)
     seconds = np.array([row.seconds for row in rows])
-    return Sweep(points, failed, seconds, dict(counters), (), columns_of(rows))
+    return Sweep(points, failed, seconds, dict(counters), (), columns_of(rows), missing)
 
 
 def agreeing(rows: Sequence[Row]) -> list[Row]:

@@ -1,0 +1,621 @@
+"""Orbits as segments whose lengths are unknowns.
+
+The signature of an orbit is the list of its contact switches. Its unknowns are the state at a phase of the loads, the
+anchor, and the lengths of the segments up to each switch in rad of the loads. The equations say that the state returns
+and that every contact switches at its gap. If a contact has switched before, its equation is the change of its
+coordinate since then, divided by the length in between. In this form a touch may have the length zero, and the orbit
+just grazes the contact. All equations are analytic in the unknowns and in the parameter, through such a grazing too.
+
+H. Dankowicz, F. Schilder, Recipes for Continuation, SIAM 2013, doi:10.1137/1.9781611972573 (segments as unknowns).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.errors import ConvergenceError
+from vofem.integrators.event_driven.along import Stretch
+from vofem.integrators.event_driven.flow import Flow, Start
+from vofem.linalg.eigen import eigenvalues
+from vofem.studies.steady.orbit import DECIDED, PeriodicOrbit
+from vofem.studies.steady.shooting import Shooting, relative
+from vofem.system import CLOSED, OPEN, PINNED
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+#: Samples of an orbit among which extremes of gap functions are searched, at least so many in a segment.
+_SAMPLES, _LEAST_SAMPLES = 600, 16
+
+#: The anchor is moved if a switch comes nearer to it than this share of the longest segment.
+_NEAR_ANCHOR = 0.15
+
+#: Shares of the orbit at which its size is measured, besides the ends of segments.
+_INSIDE = np.array([0.13, 0.37, 0.61, 0.86])
+
+#: Height of an extreme on the wrong side, over the size of the motion, that is rounding.
+ROUNDING = 1e-11
+
+#: Length in rad by which two switches may be in the wrong order: those of several contacts at one time.
+AT_ONCE = 1e-9
+
+#: Difference of phases, over the orbit, up to which a switch of a flow is one of the signature.
+_SAME = 1e-5
+
+#: Length in rad of a touch that may be lost in rounding.
+_SHORT = 1e-5
+
+#: Condition of the equations of the switches above which multipliers need a generalised eigenvalue problem.
+_SINGULAR = 1e3
+
+
+_NO_COLUMNS = np.empty((0, 0))
+
+
+class Switch(NamedTuple):
+    """A contact and the status that it takes."""
+
+    contact: int
+    status: int
+
+
+class Extreme(NamedTuple):
+    """An extreme of a gap function: its contact, segment, phase in rad, and height over the size of the motion.
+
+    The height is positive on the wrong side, where the contact would switch.
+    """
+
+    contact: int
+    segment: int
+    phase: float
+    height: float
+
+
+@dataclass(frozen=True)
+class SignatureEvaluation:
+    """The equations of the orbits of a signature at some unknowns.
+
+    Attributes
+    ----------
+    chart : Signature
+    problem : Shooting
+    y : ndarray, shape (m,)
+        The unknowns.
+    stretches : list of Stretch
+        Without columns.
+    residual : ndarray, shape (m,)
+    jacobian : ndarray, shape (m, m)
+        Empty without derivatives.
+    error : float
+        The largest residual over the size of the motion.
+    sizes : (float, float)
+        Sizes of modal displacements and velocities.
+    """
+
+    chart: Signature
+    problem: Shooting
+    y: Array
+    stretches: list[Stretch]
+    residual: Array
+    jacobian: Array
+    error: float
+    sizes: tuple[float, float]
+
+    @cached_property
+    def closing(self) -> float:
+        """Difference of both ends of an ordinary run over the orbit, over the size of the motion."""
+        return self._compared(self.chart.flow(self.problem, self.y))
+
+    def stripped(self) -> SignatureEvaluation:
+        """Return the evaluation without the columns of its segments, which take memory."""
+        lean = [replace(s, columns=_NO_COLUMNS, mean_columns=_NO_COLUMNS) for s in self.stretches]
+        return replace(self, stretches=lean)
+
+    def change_after(self, time: float) -> Array:
+        """Return by how much the modal state has changed after a time in s from the anchor on, shape (2n,)."""
+        chart, problem = self.chart, self.problem
+        later = chart.at_phase(problem, self, chart.anchor + time * problem.loads.omega)
+        return np.concatenate(problem.to_modes(later - self.y[: problem.size]))
+
+    def compare(self, flow: Flow) -> float:
+        """Return `closing` from a known flow over the orbit."""
+        self.__dict__["closing"] = self._compared(flow)
+        return self.closing
+
+    def _compared(self, flow: Flow) -> float:
+        after = self.problem.to_unknowns(flow.displacement, flow.velocity)
+        return relative(after - self.y[: self.problem.size], self.sizes)
+
+    @cached_property
+    def multipliers(self) -> Complex:
+        """Eigenvalues of the monodromy matrix; infinite where a contact whose force jumps is grazed."""
+        n = self.problem.size
+        closes, switches = self.jacobian[:n], self.jacobian[n:]
+        matrix = closes[:, :n] + np.eye(n)
+        if not np.all(np.isfinite(self.jacobian)):
+            raise ConvergenceError("the derivative of an orbit is not finite")
+        if self.chart.smooth(self.problem) or not switches.size:
+            return eigenvalues(matrix)
+        scaled = switches[:, n:] / np.linalg.norm(switches[:, n:], axis=1)[:, None]
+        if np.linalg.cond(scaled) < _SINGULAR:
+            return eigenvalues(matrix - closes[:, n:] @ np.linalg.solve(switches[:, n:], switches[:, :n]))
+        from scipy.linalg import eig
+
+        right = np.zeros_like(self.jacobian)
+        right[:n, :n] = np.eye(n)
+        a, b = eig(self.jacobian + right, right, right=False, homogeneous_eigvals=True)
+        # The lengths of segments add as many infinite values.
+        order = np.argsort(-np.abs(b) / np.hypot(np.abs(a), np.abs(b)))[:n]
+        a, b = a[order], b[order]
+        tiny = np.abs(b) <= 1e-15 * np.abs(a)
+        return np.where(tiny, np.inf, a / np.where(tiny, 1.0, b))
+
+    @property
+    def size(self) -> float:
+        """Size of the displacements."""
+        return self.sizes[0]
+
+
+@dataclass(frozen=True)
+class Signature:
+    """The contact switches of orbits, and the coordinates that belong to them.
+
+    Attributes
+    ----------
+    start : tuple of int
+        Status of all contacts at the anchor.
+    switches : tuple of Switch
+        In the order of time from the anchor on.
+    anchor : float
+        Phase of the loads in rad at which the state is an unknown.
+    periods : int
+        Periods of the loads after which orbits repeat.
+    """
+
+    start: tuple[int, ...]
+    switches: tuple[Switch, ...]
+    anchor: float
+    periods: int
+
+    @property
+    def turn(self) -> float:
+        """Length of the orbit in rad."""
+        return 2.0 * np.pi * self.periods
+
+    @cached_property
+    def statuses(self) -> list[NDArray[np.int64]]:
+        """Status of the contacts in each segment, each of shape (n_contacts,)."""
+        found = [np.array(self.start, dtype=np.int64)]
+        for contact, status in self.switches:
+            found.append(found[-1].copy())
+            found[-1][contact] = status
+        return found
+
+    @cached_property
+    def partners(self) -> list[int | None]:
+        """For every switch the one before of the same contact, if there is one after the anchor."""
+        found: list[int | None] = []
+        latest: dict[int, int] = {}
+        for k, (contact, _) in enumerate(self.switches):
+            found.append(latest.get(contact))
+            latest[contact] = k
+        return found
+
+    def lengths(self, y: Array) -> Array:
+        """Return the lengths of all segments in rad, shape (n_switches + 1,)."""
+        known = y[y.size - len(self.switches) :]
+        return np.append(known, self.turn - known.sum())
+
+    def phases(self, y: Array) -> Array:
+        """Return the phases of the switches in rad, shape (n_switches,)."""
+        return np.asarray(self.anchor + np.cumsum(y[y.size - len(self.switches) :]))
+
+    # -- equations ------------------------------------------------------------------------------------
+
+    def evaluate(
+        self, problem: Shooting, y: Array, *, derivative: bool = True, nodes: Array | None = None
+    ) -> SignatureEvaluation:
+        """Return the equations.
+
+        Parameters
+        ----------
+        nodes : ndarray, shape (k, 2n), optional
+            Approximate modal states at the switches. Each segment then begins at its node, and the residual is that of
+            the motion without the differences, to first order. Newton's method converges from farther away with them.
+
+        Raises
+        ------
+        ConvergenceError
+            If the motion cannot be followed.
+        """
+        n, k = problem.size, len(self.switches)
+        omega, lengths = problem.loads.omega, self.lengths(y)
+        if not np.all(np.isfinite(y)) or np.any(lengths < -0.5 * self.turn):
+            raise ConvergenceError("the iteration diverged: an unknown has no bound")
+        columns, lengthen, own = None, None, n + k if derivative else 0
+        if derivative or nodes is not None:
+            columns = np.zeros((n, own + (nodes is not None)))
+            lengthen = np.zeros((k + 1, columns.shape[1]))
+        if derivative and columns is not None and lengthen is not None:
+            columns[:, :n] = problem.modal(np.eye(n))
+            lengthen[:k, n:own] = np.eye(k) / omega
+            lengthen[k, n:own] = -1.0 / omega
+        problem.work.flows += derivative
+        stretches = problem.course.along(
+            self.anchor / omega, *problem.to_modes(y[:n]), self.statuses, lengths / omega, columns, lengthen, nodes
+        )
+        end = stretches[-1]
+        closing = problem.to_unknowns(end.displacement, end.velocity) - y[:n]
+        size = self._sizes(problem, stretches)
+        residual, jacobian = np.empty(n + k), np.empty((n + k, n + k) if derivative else (0, 0))
+        error = 0.0
+        if nodes is not None:
+            closing = closing + problem.unmodal(end.columns[:, -1:])[:, 0]
+            for stretch, node in zip(stretches, nodes, strict=False):
+                error = max(error, relative(np.concatenate([stretch.displacement, stretch.velocity]) - node, size))
+        residual[:n] = closing
+        if derivative:
+            jacobian[:n] = problem.unmodal(end.columns[:, :own])
+            jacobian[:n, :n] -= np.eye(n)
+        error = max(error, relative(closing, size))
+        for index in range(k):
+            value, row, scale = self._switching(problem, stretches, index, size, columns is not None)
+            if nodes is not None:
+                value += float(row[-1])
+            residual[n + index] = value / scale
+            error = max(error, abs(value) / scale)
+            if derivative:
+                jacobian[n + index] = row[:own] / scale
+        return SignatureEvaluation(self, problem, y.copy(), stretches, residual, jacobian, error, size)
+
+    def nodes(self, evaluation: SignatureEvaluation, moved: Array | None = None) -> Array:
+        """Return the modal states at the switches, after a change of the unknowns where one is given, shape (k, 2n)."""
+        n = evaluation.problem.size
+        found = np.empty((len(self.switches), n))
+        for node, stretch in zip(found, evaluation.stretches, strict=False):
+            node[: n // 2], node[n // 2 :] = stretch.displacement, stretch.velocity
+            if moved is not None:
+                node += stretch.columns[:, : moved.size] @ moved
+                if stretch.columns.shape[1] > moved.size:
+                    node += stretch.columns[:, -1]
+        return found
+
+    def smooth(self, problem: Shooting) -> bool:
+        """Return whether the motion has a continuous derivative through all switches."""
+        laws = problem.system.contacts
+        if laws is None:
+            return True
+        used = sorted({contact for contact, _ in self.switches})
+        return not np.any((laws.jump & (laws.gap > 0.0))[used] | (laws.damping[used] > 0.0))
+
+    @staticmethod
+    def _sizes(problem: Shooting, stretches: Sequence[Stretch]) -> tuple[float, float]:
+        """Return the largest norms of modal displacement and velocity at ends of segments and between them."""
+        z = [s.displacement for s in stretches]
+        v = [s.velocity for s in stretches]
+        if len(stretches) < 5:
+            for s in stretches:
+                more_z, more_v = s.motion.modes(_INSIDE * s.duration)
+                z, v = [*z, *more_z.T], [*v, *more_v.T]
+        return max(float(np.linalg.norm(part)) for part in z), max(float(np.linalg.norm(part)) for part in v)
+
+    def _switching(
+        self, problem: Shooting, stretches: list[Stretch], index: int, size: tuple[float, float], derivative: bool
+    ) -> tuple[float, Array, float]:
+        """Return the equation of a switch: its value, its derivative, and the size to which it is compared."""
+        contact, _ = self.switches[index]
+        laws, row, now = problem.system.contacts, problem.space.contacts[contact], stretches[index]
+        assert laws is not None
+        n, partner = row.size, self.partners[index]
+        if now.status[contact] == PINNED:
+            return self._released(problem, now, contact, self.switches[index].status, derivative)
+        norm = float(np.linalg.norm(row))
+        if partner is None:
+            value = float(row @ now.displacement) - float(laws.gap[contact])
+            return value, row @ now.columns[:n], max(norm * size[0], abs(float(laws.gap[contact])), 1e-300)
+        between = stretches[partner + 1 : index + 1]
+        durations = np.array([s.duration for s in between])
+        whole = float(durations.sum())
+        share = durations / whole if whole != 0.0 else np.full(len(between), 1.0 / len(between))
+        means = np.array([float(row @ s.mean) for s in between])
+        value = float(share @ means)
+        derived = np.zeros(0)
+        if derivative:
+            derived = share @ np.array([s.mean_columns[contact] for s in between])
+            if len(between) > 1 and whole != 0.0:
+                steps = np.diff(np.array([stretches[partner].shift, *(s.shift for s in between)]), axis=0)
+                derived = derived + ((means - value) / whole) @ steps
+        return value, derived, max(norm * size[1], 1e-300)
+
+    @staticmethod
+    def _released(
+        problem: Shooting, now: Stretch, contact: int, status: int, derivative: bool
+    ) -> tuple[float, Array, float]:
+        """Return the equation of a release: the reaction reaches zero, or the force of the closed contact."""
+        laws, n = problem.system.contacts, now.displacement.size
+        assert laws is not None
+        held = int(np.sum(now.status[:contact] == PINNED))
+        force = problem.course.reactions(now)
+        full = float(laws.stiffness[contact] * laws.gap[contact])
+        value = float(force.at(now.motion, np.array([now.duration]))[held, 0]) - (full if status == CLOSED else 0.0)
+        derived = np.zeros(0)
+        if derivative:
+            real, turned = now.motion.spectrum.real, np.exp(1j * now.motion.omega * now.duration)
+            own = force.displacement[held], force.velocity[held]
+            wave = float((1j * now.motion.omega * force.harmonic[held] * turned).real.sum())
+            derived = own[0] @ real.down(now.columns[:n]) + own[1] @ real.down(now.columns[n:])
+            # The columns move with the end of the segment, the load's phase does too.
+            derived = derived + (wave + float(force.slope[held])) * now.shift
+        return value, derived, full
+
+    # -- coordinates ----------------------------------------------------------------------------------
+
+    def scales(self, problem: Shooting, evaluation: SignatureEvaluation) -> Array:
+        """Return sizes of the coordinates: those of the motion, and 1 rad, or more if there are many segments."""
+        n, k = problem.size // 2, len(self.switches)
+        z, v = evaluation.sizes
+        v = max(v, problem.loads.omega * z)
+        z = max(z, v / max(float(np.sqrt(np.max(problem.space.stiffness, initial=0.0))), problem.loads.omega))
+        if not v > 0.0:
+            z, v = 1.0, problem.loads.omega
+        return np.concatenate([np.full(n, z), np.full(n, v), np.full(k, max(1.0, np.sqrt(k / 4.0)))])
+
+    def at_phase(self, problem: Shooting, evaluation: SignatureEvaluation, phase: float) -> Array:
+        """Return the state in unknowns at a phase of the loads, shape (2n,)."""
+        stretches, omega = evaluation.stretches, problem.loads.omega
+        time = (self.anchor + (phase - self.anchor) % self.turn) / omega
+        index = max((k for k, s in enumerate(stretches) if s.time <= time), default=0)
+        z, v = stretches[index].motion.modes(np.array([time - stretches[index].time]))
+        return problem.to_unknowns(z[:, 0], v[:, 0])
+
+    def unknowns(self, problem: Shooting, y: Array, evaluation: SignatureEvaluation) -> Array:
+        """Return the state at t = 0 of the loads."""
+        return y[: problem.size] if self.anchor == 0.0 else self.at_phase(problem, evaluation, 0.0)
+
+    def orbit(self, problem: Shooting, y: Array, evaluation: SignatureEvaluation) -> PeriodicOrbit:
+        """Return the orbit."""
+        return problem.orbit_of(self.unknowns(problem, y, evaluation), evaluation, lambda: DECIDED)
+
+    def flow(self, problem: Shooting, y: Array) -> Flow:
+        """Return the ordinary flow over one period of the orbit, which searches its events."""
+        z, v = problem.to_modes(y[: problem.size])
+        time = self.anchor / problem.loads.omega
+        start = Start(time, z, v, np.array(self.start, dtype=np.int64))
+        return problem.run(start, time + problem.duration, check=True)
+
+    # -- comparison with a flow -----------------------------------------------------------------------
+
+    def follows(self, problem: Shooting, y: Array, flow: Flow) -> bool:
+        """Return whether the events of a flow are those of the signature, each contact for itself.
+
+        Touches that are so short that they are lost in rounding do not count.
+        """
+        omega, phases = problem.loads.omega, self.phases(y)
+        for contact in range(len(self.start)):
+            mine = [(p, s.status) for p, s in zip(phases, self.switches, strict=True) if s.contact == contact]
+            seen = [(e.time * omega, e.after) for e in flow.events if e.contact == contact]
+            if [status for _, status in _without_short(mine)] != [status for _, status in _without_short(seen)]:
+                return False
+        return True
+
+    def first_touch(self, evaluation: SignatureEvaluation, flow: Flow) -> Extreme | None:
+        """Return the extreme at the first touch of a flow that is none of the signature's, found however short."""
+        problem, y = evaluation.problem, evaluation.y
+        laws, omega, phases = problem.system.contacts, problem.loads.omega, self.phases(y)
+        assert laws is not None
+        left = list(zip(phases.tolist(), self.switches, strict=True))
+        for index, event in enumerate(flow.events):
+            phase = event.time * omega
+            same = [
+                one
+                for one in left
+                if one[1] == (event.contact, event.after) and abs(one[0] - phase) <= _SAME * self.turn
+            ]
+            if same:
+                left.remove(same[0])
+                continue
+            later = [e.time * omega for e in flow.events[index + 1 :] if e.contact == event.contact]
+            segment = int(np.searchsorted(phases, phase))
+            stretch = evaluation.stretches[segment]
+            low = phase / omega - stretch.time
+            high = min((later[0] / omega - stretch.time) if later else stretch.duration, stretch.duration)
+            if high <= low:
+                return None
+            found = self._extremes_in(problem, evaluation, segment, event.contact, np.linspace(low, high, 33))
+            return max(found, key=lambda e: e.height, default=None)
+        return None
+
+    def extremes(self, problem: Shooting, evaluation: SignatureEvaluation) -> list[Extreme]:
+        """Return the extremes of all gap functions inside segments at which the contact might switch."""
+        if problem.system.contacts is None:
+            return []
+        found: list[Extreme] = []
+        for k, stretch in enumerate(evaluation.stretches):
+            if stretch.duration <= 0.0:
+                continue
+            count = max(_LEAST_SAMPLES, int(_SAMPLES * stretch.duration / problem.duration))
+            tau = np.linspace(0.0, stretch.duration, count + 1)
+            for j in np.flatnonzero(stretch.status != PINNED).tolist():
+                found += self._extremes_in(problem, evaluation, k, j, tau)
+        return found
+
+    @staticmethod
+    def _extremes_in(
+        problem: Shooting, evaluation: SignatureEvaluation, segment: int, contact: int, tau: Array
+    ) -> list[Extreme]:
+        """Return the extremes of one gap function between times of a segment, shape (m,)."""
+        laws, row = problem.system.contacts, problem.space.contacts[contact]
+        assert laws is not None
+        stretch, found = evaluation.stretches[segment], []
+        size = max(float(np.linalg.norm(row)) * evaluation.sizes[0], abs(float(laws.gap[contact])))
+        sign = -1.0 if stretch.status[contact] == CLOSED else 1.0
+        rate = sign * (row @ stretch.motion.modes(tau)[1])
+        for i in np.flatnonzero((rate[:-1] > 0.0) & (rate[1:] <= 0.0)).tolist():
+            place = _root_of_rate(stretch, row, tau[i], tau[i + 1])
+            z = stretch.motion.modes(np.array([place]))[0][:, 0]
+            height = sign * (float(row @ z) - float(laws.gap[contact])) / size
+            found.append(Extreme(contact, segment, (stretch.time + place) * problem.loads.omega, height))
+        return found
+
+    # -- other signatures -----------------------------------------------------------------------------
+
+    def with_touch(self, y: Array, contacts: tuple[int, ...], phase: float) -> tuple[Signature, Array, int]:
+        """Return the signature with a touch of length zero by one or more contacts at once, and its coordinates.
+
+        The last value is the place of this length in them.
+        """
+        n, k = y.size - len(self.switches), int(np.searchsorted(self.phases(y), phase))
+        lengths, now = self.lengths(y), self.statuses[k]
+        before = phase - self.anchor - lengths[:k].sum()
+        there = tuple(Switch(j, OPEN if now[j] == CLOSED else CLOSED) for j in contacts)
+        back = tuple(Switch(j, int(now[j])) for j in contacts)
+        switches = (*self.switches[:k], *there, *back, *self.switches[k:])
+        nothing = np.zeros(2 * len(contacts) - 1)
+        more = np.concatenate([lengths[:k], [before], nothing, [lengths[k] - before], lengths[k + 1 :]])
+        return self._like(switches), np.concatenate([y[:n], more[:-1]]), n + k + len(contacts)
+
+    def without(self, y: Array, gone: Sequence[int]) -> tuple[Signature, Array]:
+        """Return the signature without some switches, given by their numbers, and its coordinates."""
+        n = y.size - len(self.switches)
+        left = [k for k in range(len(self.switches)) if k not in set(gone)]
+        phases = self.phases(y)[left]
+        lengths = np.diff(np.concatenate([[self.anchor], phases]))
+        return self._like(tuple(self.switches[k] for k in left)), np.concatenate([y[:n], lengths])
+
+    def swapped(self, y: Array, place: int) -> tuple[Signature, Array]:
+        """Return the signature with two neighbouring switches in the other order, and its coordinates."""
+        n = y.size - len(self.switches)
+        k, lengths = place - n, self.lengths(y)
+        switches = (*self.switches[: k - 1], self.switches[k], self.switches[k - 1], *self.switches[k + 1 :])
+        other = lengths.copy()
+        other[k - 1], other[k], other[k + 1] = lengths[k - 1] + lengths[k], -lengths[k], lengths[k + 1] + lengths[k]
+        return self._like(switches), np.concatenate([y[:n], other[:-1]])
+
+    @cached_property
+    def touches(self) -> list[tuple[int, int]]:
+        """Pairs of switches of one contact of which the second undoes the first."""
+        found = []
+        for k, partner in enumerate(self.partners):
+            if partner is not None:
+                pinned = PINNED in (self.switches[partner].status, self.switches[k].status)
+                if not pinned and self.statuses[partner][self.switches[k].contact] != PINNED:
+                    found.append((partner, k))
+        return found
+
+    def doubled(self, y: Array) -> tuple[Signature, Array]:
+        """Return the signature of the orbits over twice as many periods, and the coordinates of an orbit in it."""
+        k = len(self.switches)
+        lengths = self.lengths(y)
+        n = y.size - k
+        double = Signature(self.start, self.switches * 2, self.anchor, 2 * self.periods)
+        if not k:
+            return double, y.copy()
+        joined = lengths[-1] + lengths[0]
+        return double, np.concatenate([y[:n], lengths[:k], [joined], lengths[1:k]])
+
+    def halved(self, y: Array) -> tuple[Signature, Array] | None:
+        """Return the signature of the orbits over half as many periods, if the switches repeat after half the orbit."""
+        k = len(self.switches)
+        if self.periods % 2 or k % 2 or self.switches[: k // 2] != self.switches[k // 2 :]:
+            return None
+        n = y.size - k
+        half = Signature(self.start, self.switches[: k // 2], self.anchor, self.periods // 2)
+        return half, np.concatenate([y[:n], y[n : n + k // 2]])
+
+    def recentred(self, problem: Shooting, y: Array, tangent: Array) -> tuple[Signature, Array, Array] | None:
+        """Return signature, coordinates and direction with the anchor in the middle of the longest segment.
+
+        None where the anchor is far enough from all switches. The state is followed forwards in time only, because fast
+        modes grow without bound backwards. `tangent` are derivatives of the coordinates along the branch.
+        """
+        lengths, k, n = self.lengths(y), len(self.switches), problem.size
+        around = np.append(lengths[1:k], lengths[0] + lengths[k])
+        if not k or min(lengths[0], lengths[-1]) >= _NEAR_ANCHOR * around.max():
+            return None
+        longest = int(np.argmax(around))
+        if longest == k - 1:
+            # The segment around the anchor is the longest.
+            shift = 0.5 * (lengths[0] - lengths[k])
+            first = 0 if shift >= 0.0 else k
+            inside = shift if shift >= 0.0 else lengths[k] + shift
+        else:
+            first, inside = longest + 1, 0.5 * lengths[longest + 1]
+        omega, cut = problem.loads.omega, lengths[: first + 1].copy()
+        cut[first] = inside
+        turned = tangent[n:-1]
+        moves = np.zeros((first + 1, 1))
+        moves[:first, 0] = turned[:first] / omega
+        # The last part ends at a fixed phase.
+        moves[first, 0] = -moves[:first, 0].sum()
+        column = problem.modal(tangent[:n, None])
+        stretches = problem.course.along(
+            self.anchor / omega, *problem.to_modes(y[:n]), self.statuses[: first + 1], cut / omega, column, moves
+        )
+        end = stretches[-1]
+        state = problem.to_unknowns(end.displacement, end.velocity)
+        moved = problem.unmodal(end.columns)[:, 0]
+        switches = (*self.switches[first:], *self.switches[:first])
+        anchor = self.anchor + float(cut.sum())
+        # Shifted by whole orbits, so that the phase stays small.
+        anchor -= np.floor(anchor / self.turn) * self.turn
+        # Each part ends at its switch; the anchor itself stays at its phase.
+        changes = np.append(turned, -turned.sum())
+        parts = []
+        for values, cut_off in ((lengths, inside), (changes, omega * moves[first, 0])):
+            left = values.copy()
+            left[first] -= cut_off
+            if first == k:
+                parts.append(np.append(left[k] + values[0], values[1:k]))
+            elif first == 0:
+                parts.append(left[:k])
+            else:
+                parts.append(np.concatenate([left[first:k], [values[k] + values[0]], values[1:first]]))
+        rest, slopes = parts
+        start = tuple(int(s) for s in self.statuses[first])
+        new = Signature(start, switches, anchor, self.periods)
+        return new, np.concatenate([state, rest]), np.concatenate([moved, slopes, tangent[-1:]])
+
+    def _like(self, switches: tuple[Switch, ...]) -> Signature:
+        return Signature(self.start, switches, self.anchor, self.periods)
+
+
+def _without_short(switches: list[tuple[float, int]]) -> list[tuple[float, int]]:
+    """Return phases and statuses of the switches of a contact without touches that are lost in rounding."""
+    left: list[tuple[float, int]] = []
+    for phase, status in switches:
+        if left and phase - left[-1][0] < _SHORT:
+            left.pop()
+        else:
+            left.append((phase, status))
+    return left
+
+
+def _root_of_rate(stretch: Stretch, row: Array, low: float, high: float) -> float:
+    """Return where a rate vanishes between two times of a segment at which it has opposite signs."""
+    from scipy.optimize import brentq
+
+    def rate(tau: float) -> float:
+        return float(row @ stretch.motion.modes(np.array([tau]))[1][:, 0])
+
+    if rate(low) * rate(high) >= 0.0:
+        return low if abs(rate(low)) < abs(rate(high)) else high
+    return float(brentq(rate, low, high, xtol=1e-16, rtol=1e-14))
+
+
+def signature_of(problem: Shooting, flow: Flow) -> tuple[Signature, Array]:
+    """Return the signature of a flow over one orbit from the phase at which it starts, and coordinates."""
+    omega = problem.loads.omega
+    segments = flow.solution.segments
+    start = tuple(int(s) for s in segments.status[0])
+    events = [(e.time * omega, Switch(e.contact, e.after)) for e in flow.events]
+    anchor = flow.start.time * omega
+    lengths = np.diff([anchor, *(time for time, _ in events)])
+    new = Signature(start, tuple(switch for _, switch in events), anchor, problem.periods)
+    state = problem.to_unknowns(flow.start.displacement, flow.start.velocity)
+    return new, np.concatenate([state, lengths])

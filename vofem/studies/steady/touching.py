@@ -1,0 +1,389 @@
+"""Changes of an orbit's signature along a branch: touches that begin or end, and switches that change their order."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.errors import ConvergenceError
+from vofem.integrators.event_driven.flow import Start
+from vofem.studies.steady.family import Family
+from vofem.studies.steady.point import Interval, Point, corrected, derivative_by_value, tangent_at
+from vofem.studies.steady.shooting import Shooting
+from vofem.studies.steady.signature import AT_ONCE, ROUNDING, Extreme, Signature, signature_of
+
+Array = NDArray[np.float64]
+
+#: Largest difference of both ends of an orbit under an ordinary run, over the size of the motion.
+CLOSES = 1e-8
+
+#: `Evaluation.error` of a grazing: as small as rounding allows.
+_EXACT = 1e-16
+
+#: Length in rad of a touch that has just begun, and of several touches that begin at once, whose equations are singular
+#: at length zero.
+BEYOND, _SEVERAL = 1e-8, 1e-4
+
+#: Length in rad below which a touch may be about to end.
+_NEARLY = 5e-3
+
+#: Height over the size of the motion, and difference of phases over the orbit, up to which touches begin together.
+_TOGETHER, _ALIKE = 1e-9, 1e-6
+
+#: Shares of a step before its begin and beyond its end up to which a change may lie.
+_OUTSIDE = 0.05
+
+#: Changes that are located in one step at most, to find the first of them.
+_MOST = 8
+
+#: Step in scaled coordinates by which the height of an extreme is differentiated.
+_DIFFERENCE = 1e-6
+
+
+@dataclass(frozen=True)
+class Passage:
+    """A change of the signature.
+
+    Attributes
+    ----------
+    before : Point
+        The last orbit with the old signature.
+    at : Point
+        The orbit at the change.
+    after : Point, optional
+        The first orbit with the new signature; None where several branches may begin.
+    grazed : tuple of int
+        Contacts that are grazed.
+    """
+
+    before: Point
+    at: Point
+    after: Point | None
+    grazed: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class _Change:
+    """A change between two neighbours: its share of the step, and what changes.
+
+    Either an extreme that touches its contact, pairs of switches that vanish, or the place of a length that vanishes
+    between switches of two contacts.
+    """
+
+    share: float
+    extreme: Extreme | None = None
+    pairs: tuple[tuple[int, int], ...] = ()
+    place: int = -1
+
+
+def signature_at(problem: Shooting, unknowns: Array) -> tuple[Signature, Array]:
+    """Return the signature of the orbit from a state at t = 0, anchored in its longest segment, and coordinates."""
+    z, v = problem.to_modes(unknowns)
+    whole = problem.run(Start(0.0, z, v), problem.duration)
+    times = np.array([0.0, *(event.time for event in whole.events), problem.duration])
+    longest = int(np.argmax(np.diff(times)))
+    if times.size == 2:
+        return signature_of(problem, whole)
+    anchor = float(0.5 * (times[longest] + times[longest + 1]))
+    z, v = (part[:, 0] for part in whole.solution.modal(np.array([anchor])))
+    segments = whole.solution.segments
+    status = segments.status[max(int(np.searchsorted(segments.starts, anchor, side="right")) - 1, 0)]
+    return signature_of(problem, problem.run(Start(anchor, z, v, status.copy()), anchor + problem.duration))
+
+
+def passage(family: Family, interval: Interval, now: Point, after: Point) -> Passage | None:
+    """Return the first change of the signature between two neighbours; None if there is none and the orbit repeats.
+
+    Raises
+    ------
+    ConvergenceError
+        If the change cannot be located, or the second orbit does not repeat under an ordinary run.
+    """
+    chart: Signature = now.chart
+    lengths = chart.lengths(after.y[:-1])
+    if min(lengths[0], lengths[-1]) <= 0.0:
+        raise ConvergenceError("a switch passed the phase at which the state is an unknown")
+    vanishing = _vanishing(now, after)
+    if not vanishing:
+        flow = chart.flow(after.problem, after.y[:-1])
+        if after.evaluation.compare(flow) <= CLOSES and chart.follows(after.problem, after.y[:-1], flow):
+            return None
+    # Beside a segment of negative length there are extremes that mean nothing.
+    changes = vanishing or _touching(now, after)
+    if not changes:
+        raise ConvergenceError(
+            f"the orbit does not repeat under an ordinary run, by {after.evaluation.closing:.1e} of the motion"
+        )
+    last = after
+    for _ in range(_MOST):
+        change = min(changes, key=lambda one: one.share)
+        found = _located(family, interval, now, last, change)
+        changes = _vanishing(now, found.before, found.grazed) or _touching(now, found.before, _TOGETHER)
+        if not changes:
+            return found
+        last = found.before
+    raise ConvergenceError("too many changes of contact in one step")
+
+
+def ending(family: Family, interval: Interval, now: Point) -> Passage | None:
+    """Return the grazing ahead of an orbit with very short touches that become shorter; None if there is none.
+
+    Where several touches end at once the equations become singular, and steps towards this orbit fail.
+    """
+    chart: Signature = now.chart
+    lengths = chart.lengths(now.y[:-1])
+    rates = chart.lengths(now.tangent[:-1] * now.scales[:-1]) - np.append(np.zeros(len(chart.switches)), chart.turn)
+    short = [
+        (p, k) for p, k in chart.touches if lengths[p + 1 : k + 1].sum() < _NEARLY and rates[p + 1 : k + 1].sum() < 0.0
+    ]
+    if not short:
+        return None
+    p, k = short[0]
+    length = float(lengths[p + 1 : k + 1].sum())
+    ahead = length / float(-rates[p + 1 : k + 1].sum())
+    after = replace(now, y=now.y + 1.1 * ahead * now.tangent * now.scales)
+    found = _ends(family, interval, now, after, now.y + ahead * now.tangent * now.scales, tuple(short))
+    away = float(np.linalg.norm((found.before.y - now.y) / now.scales))
+    if found.after is None or away > 10.0 * _NEARLY or abs(found.at.value - now.value) > _NEARLY * interval.size:
+        raise ConvergenceError("a change of contact was found elsewhere")
+    if _touching(now, found.before, _TOGETHER):
+        return None
+    return found
+
+
+def _vanishing(now: Point, after: Point, without: Sequence[int] = ()) -> list[_Change]:
+    """Return touches whose length passes zero, and switches of two contacts that change their order."""
+    chart: Signature = now.chart
+    first, last = chart.lengths(now.y[:-1]), chart.lengths(after.y[:-1])
+    n = after.y.size - 1 - len(chart.switches)
+    found: list[_Change] = []
+    inside: set[int] = set()
+    ended = []
+    for p, k in chart.touches:
+        here, there = float(first[p + 1 : k + 1].sum()), float(last[p + 1 : k + 1].sum())
+        if there <= 0.0 and chart.switches[k].contact not in without:
+            ended.append((here / (here - there) if here > there else 0.0, p, k))
+            inside.update(range(p + 1, k + 1))
+    if ended:
+        share = min(ended)[0]
+        found.append(_Change(share, pairs=tuple((p, k) for s, p, k in ended)))
+    for k in range(1, len(chart.switches)):
+        if k in inside or last[k] >= -AT_ONCE or chart.switches[k].contact == chart.switches[k - 1].contact:
+            continue
+        here, there = float(first[k]), float(last[k])
+        found.append(_Change(here / (here - there) if here > there else 0.0, place=n + k))
+    return found
+
+
+def _touching(now: Point, after: Point, rounding: float = ROUNDING) -> list[_Change]:
+    """Return extremes of gap functions that have come to the wrong side."""
+    chart: Signature = now.chart
+    wrong = [e for e in chart.extremes(after.problem, after.evaluation) if e.height > rounding]
+    first = chart.first_touch(after.evaluation, chart.flow(after.problem, after.y[:-1]))
+    if first is not None and first.height > rounding and not any(_alike(chart, e.phase, first.phase) for e in wrong):
+        wrong.append(first)
+    if not wrong:
+        return []
+    earlier = chart.extremes(now.problem, now.evaluation)
+    found = []
+    for extreme in wrong:
+        same = [e for e in earlier if (e.contact, e.segment) == (extreme.contact, extreme.segment)]
+        share = 0.5
+        if same:
+            near = min(same, key=lambda e: abs(e.phase - extreme.phase))
+            share = min(max(-near.height, 0.0) / (extreme.height + max(-near.height, 0.0)), 1.0)
+            extreme = extreme._replace(phase=near.phase + share * (extreme.phase - near.phase))
+        found.append(_Change(share, extreme=extreme))
+    return found
+
+
+def _located(family: Family, interval: Interval, now: Point, after: Point, change: _Change) -> Passage:
+    """Return a change of the signature."""
+    guess = now.y + change.share * (after.y - now.y)
+    if change.extreme is not None:
+        return _begins(family, interval, now, after, guess, change.extreme)
+    if change.pairs:
+        return _ends(family, interval, now, after, guess, change.pairs)
+    chart: Signature = now.chart
+    at = _with_length(family, interval, chart, guess, change.place, 0.0)
+    _between(now, after, at.y)
+    other, y = chart.swapped(at.y[:-1], change.place)
+    towards = np.zeros(at.y.size)
+    towards[change.place] = 1.0
+    beyond = _point(family, interval, other, np.append(y, at.value), towards)
+    return Passage(_along(now, at), at, beyond, ())
+
+
+def _begins(family: Family, interval: Interval, now: Point, after: Point, guess: Array, extreme: Extreme) -> Passage:
+    """Return the orbit that grazes a contact, and the first one that touches it."""
+    old: Signature = now.chart
+    chart, y, place = old.with_touch(guess[:-1], (extreme.contact,), extreme.phase)
+    at = _with_length(family, interval, chart, np.append(y, guess[-1]), place, 0.0)
+    phase = float(chart.phases(at.y[:-1])[place - at.problem.size])
+    state = _point(family, interval, old, _without_length(chart, at.y, place), now.tangent)
+    _between(now, after, state.y)
+    state = _along(now, state)
+    known: dict[int, list[float]] = {extreme.contact: [phase]}
+    for p, switch in zip(old.phases(state.y[:-1]), old.switches, strict=True):
+        known.setdefault(switch.contact, []).append(float(p))
+    others = [
+        e
+        for e in old.extremes(state.problem, state.evaluation)
+        if abs(e.height) <= _TOGETHER and not any(_alike(old, e.phase, p) for p in known.get(e.contact, ()))
+    ]
+    grazed = (extreme.contact, *(e.contact for e in others))
+    if not others:
+        beyond = _lengthened(family, interval, at, [(place, 1)], BEYOND)
+        return Passage(state, state, beyond, grazed)
+    if _jump(at.problem, grazed):
+        return Passage(state, state, None, grazed)
+    groups: list[tuple[float, list[int]]] = [(phase, [extreme.contact])]
+    for e in others:
+        mine = [group for group in groups if _alike(old, group[0], e.phase)]
+        if mine:
+            mine[0][1].append(e.contact)
+        else:
+            groups.append((e.phase, [e.contact]))
+    places: list[tuple[int, int]] = []
+    chart, y = old, state.y[:-1]
+    for when, contacts in sorted(groups, reverse=True):
+        chart, y, place = chart.with_touch(y, tuple(contacts), when)
+        places = [(place, len(contacts)), *((other + 2 * len(contacts), size) for other, size in places)]
+    many = replace(at, chart=chart, y=np.append(y, at.value))
+    return Passage(state, state, _lengthened(family, interval, many, places, _SEVERAL), grazed)
+
+
+def _ends(
+    family: Family, interval: Interval, now: Point, after: Point, guess: Array, pairs: tuple[tuple[int, int], ...]
+) -> Passage:
+    """Return the orbit that grazes a contact, and the same one without its touch."""
+    old: Signature = now.chart
+    n = now.problem.size
+    single = len(pairs) == 1 and pairs[0][1] == pairs[0][0] + 1
+    others: list[tuple[int, int]] = []
+    if single:
+        at = _with_length(family, interval, old, guess, n + pairs[0][1], 0.0)
+        lengths = old.lengths(at.y[:-1])
+        short = [(p, k) for p, k in old.touches if lengths[p + 1 : k + 1].sum() < 0.5 * _SEVERAL]
+        others = [pair for pair in short if pair != pairs[0]]
+    if not single or others:
+        pairs = (*pairs, *others)
+        grazed = tuple(old.switches[p].contact for p, _ in pairs)
+        if _jump(now.problem, grazed):
+            # Only one of several touches with a force that jumps.
+            raise ConvergenceError("several contacts are grazed by one orbit")
+        p, k = pairs[0]
+        phases = old.phases(guess[:-1])
+        out, y = old.without(guess[:-1], [index for pair in pairs for index in pair])
+        chart, y, place = out.with_touch(y, (old.switches[p].contact,), float(0.5 * (phases[p] + phases[k])))
+        at = _with_length(family, interval, chart, np.append(y, guess[-1]), place, 0.0)
+        inner = p + 1 + int(np.argmax(old.lengths(now.y[:-1])[p + 1 : k + 1]))
+        before = now
+        here = now.y[n + inner]
+        if here > _SEVERAL:
+            there = after.y[n + inner]
+            # Where all are zero the equations are singular.
+            near = now.y + (here - _SEVERAL) / (here - there) * (after.y - now.y)
+            before = _along(now, _with_length(family, interval, old, near, n + inner, _SEVERAL))
+            _between(now, after, before.y)
+    else:
+        grazed = (old.switches[pairs[0][0]].contact,)
+        chart, place = old, n + pairs[0][1]
+        _between(now, after, at.y)
+        # At length zero the branch seems to turn.
+        before = _along(now, _with_length(family, interval, old, at.y, place, BEYOND))
+    contact = grazed[0]
+    phase = float(chart.phases(at.y[:-1])[place - n])
+    status = int(chart.statuses[place - n - 1][contact])
+    out, y = chart.without(at.y[:-1], [place - n - 1, place - n])
+    y = np.append(y, at.value)
+    outside = _point(family, interval, out, y, np.append(np.zeros(y.size - 1), 1.0))
+    if _rise(family, outside, contact, phase) * (-1.0 if status == 1 else 1.0) > 0.0:
+        outside = replace(outside, tangent=-outside.tangent)
+    return Passage(before, outside, outside, grazed)
+
+
+def _rise(family: Family, point: Point, contact: int, phase: float) -> float:
+    """Return the derivative of a contact's coordinate at a phase along a branch."""
+    values = []
+    for sign in (1.0, -1.0):
+        y = point.y + sign * _DIFFERENCE * point.tangent * point.scales
+        problem = family.at(y[-1])
+        evaluation = point.chart.evaluate(problem, y[:-1], derivative=False)
+        z, _ = problem.to_modes(point.chart.at_phase(problem, evaluation, phase))
+        values.append(float(problem.space.contacts[contact] @ z) - float(problem.system.contacts.gap[contact]))
+    return values[0] - values[1]
+
+
+def _alike(chart: Signature, one: float, other: float) -> bool:
+    return abs((one - other + 0.5 * chart.turn) % chart.turn - 0.5 * chart.turn) <= _ALIKE * chart.turn
+
+
+def _jump(problem: Any, contacts: Sequence[int]) -> bool:
+    """Return whether the force of one of some contacts jumps."""
+    laws = problem.system.contacts
+    return bool(np.any(laws.jump[list(contacts)] & (laws.gap[list(contacts)] > 0.0)))
+
+
+def _between(now: Point, after: Point, y: Array) -> None:
+    """Raise where coordinates do not lie between two neighbours."""
+    secant, away = (after.y - now.y) / now.scales, (y - now.y) / now.scales
+    length = float(np.linalg.norm(secant))
+    share = float(away @ secant) / length**2 if length > 0.0 else 0.0
+    aside = float(np.linalg.norm(away - share * secant))
+    if not -_OUTSIDE <= share <= 1.0 + _OUTSIDE or aside > 0.3 * length + 1e-9:
+        raise ConvergenceError("a change of contact was found elsewhere")
+
+
+def _along(now: Point, point: Point) -> Point:
+    """Return a point with its tangent in the direction of a step."""
+    return point if point.tangent @ now.tangent >= 0.0 else replace(point, tangent=-point.tangent)
+
+
+def _without_length(chart: Signature, y: Array, place: int) -> Array:
+    n = y.size - 1 - len(chart.switches)
+    return np.append(chart.without(y[:-1], [place - n - 1, place - n])[1], y[-1])
+
+
+def _point(family: Family, interval: Interval, chart: Signature, y: Array, towards: Array) -> Point:
+    """Return a point of a branch, its tangent on the side of a direction in scaled coordinates."""
+    problem = family.at(y[-1])
+    evaluation = chart.evaluate(problem, y[:-1])
+    scales = np.append(chart.scales(problem, evaluation), interval.size)
+    by_value = derivative_by_value(family, interval, chart, y, evaluation)
+    tangent = tangent_at(evaluation, by_value, scales, towards)
+    return Point(chart, y, problem, evaluation, scales, by_value, tangent)
+
+
+def _with_length(
+    family: Family, interval: Interval, chart: Signature, guess: Array, place: int, length: float
+) -> Point:
+    """Return the orbit near a guess at which one length has a value."""
+    guess = guess.copy()
+    guess[place] = length
+    problem = family.at(guess[-1])
+    evaluation = chart.evaluate(problem, guess[:-1])
+    scales = np.append(chart.scales(problem, evaluation), interval.size)
+    by_value = derivative_by_value(family, interval, chart, guess, evaluation)
+    normal = np.zeros(guess.size)
+    normal[place] = 1.0
+    y, evaluation, by_value = corrected(family, chart, guess, scales, normal, by_value, 12, _EXACT)
+    y[place] = length
+    by_value = derivative_by_value(family, interval, chart, y, evaluation)
+    tangent = tangent_at(evaluation, by_value, scales, normal)
+    return Point(chart, y, family.at(y[-1]), evaluation, scales, by_value, tangent)
+
+
+def _lengthened(family: Family, interval: Interval, at: Point, places: list[tuple[int, int]], length: float) -> Point:
+    """Return the orbit just beyond a grazing; its touches have a small length at places, with so many contacts."""
+    guess = at.y.copy()
+    for place, contacts in places:
+        guess[place] = length
+        guess[place - contacts] -= 0.5 * length
+        if place + contacts < guess.size - 1:
+            guess[place + contacts] -= 0.5 * length
+    return _with_length(family, interval, at.chart, guess, places[0][0], length)
