@@ -108,7 +108,7 @@ def test_doctor_tells_what_is_there(folder):
     told = doctor.compiled_code()
     assert str(folder) in told
     assert f"It is there for 1 of {len(ahead.KINDS)} kinds of work:\n  event_driven\n" in told
-    assert "`vofem compile`, or in the first run that is long enough:\n  event_driven, damped\n  energy_cons" in told
+    assert "`vofem compile`, or in the first run that is long enough:\n  event_driven, damped\n  steps, laws\n" in told
     assert max(map(len, told.splitlines())) < 120 + len(str(folder))
 
 
