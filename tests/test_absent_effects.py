@@ -12,7 +12,7 @@ import vofem as vf
 from vofem.assembly import SystemBuilder
 from vofem.integrators import event_driven
 from vofem.integrators.event_driven import follow
-from vofem.integrators.stepping import setting
+from vofem.integrators.stepping import run as stepping
 from vofem.laws import ContactLaws, HystereticLaws, LawGroup, callbacks
 
 pytestmark = pytest.mark.kernels("plain")
@@ -62,7 +62,7 @@ def test_builders_of_absent_effects_are_never_called(method, monkeypatch):
         monkeypatch.setattr(SystemBuilder, name, refuse)
     monkeypatch.setattr(follow, "next_event", refuse)
     monkeypatch.setattr(ContactLaws, "force", refuse)
-    monkeypatch.setattr(setting, "initial_status", refuse)
+    monkeypatch.setattr(stepping, "initial_status", refuse)
     monkeypatch.setattr(callbacks, "Callbacks", refuse)
     monkeypatch.setattr(LawGroup, "virgin", refuse)
     monkeypatch.setattr(HystereticLaws, "virgin", refuse)

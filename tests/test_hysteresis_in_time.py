@@ -338,8 +338,8 @@ def test_absent_memory_costs_nothing():
 )
 def test_resumed_runs_are_bitwise_the_same(kind, tmp_path, monkeypatch):
     """The past of all springs is in the checkpoint."""
-    monkeypatch.setattr("vofem.integrators.stepping.march._CHUNK_WORK", 200)
-    monkeypatch.setattr("vofem.integrators.stepping.doubling._CHUNK", 50)
+    monkeypatch.setattr("vofem.integrators.stepping.run._CHUNK_WORK", 200)
+    monkeypatch.setattr("vofem.integrators.stepping.tolerance._CHUNK", 50)
     if kind == "printed":
         mass, scene = printed(vf.Sine(7.0, 0.2))
         options = {}

@@ -102,8 +102,8 @@ def test_reactions_know_of_them(method, within):
 @pytest.mark.parametrize("order", [0.5, TabulatedOrder([0.0, 20.0], [0.2, 0.9]), swinging], ids=["one", "law", "call"])
 @pytest.mark.parametrize("kind", ["energy_conserving", "tolerance", "generalized_alpha", "central_difference"])
 def test_resumed_runs_are_bitwise_the_same(kind, order, tmp_path, monkeypatch):
-    monkeypatch.setattr("vofem.integrators.stepping.march._CHUNK_WORK", 200)
-    monkeypatch.setattr("vofem.integrators.stepping.doubling._CHUNK", 50)
+    monkeypatch.setattr("vofem.integrators.stepping.run._CHUNK_WORK", 200)
+    monkeypatch.setattr("vofem.integrators.stepping.tolerance._CHUNK", 50)
     monkeypatch.setattr("vofem.laws.springpot_past._MOST_STEPS", 150)
     options = {"method": "energy_conserving", "tol": 1e-4} if kind == "tolerance" else {"method": kind, "dt": 0.02}
     mass, scene = oscillator(order, STARTS["struck"])
