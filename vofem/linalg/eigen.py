@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,9 @@ Array = NDArray[np.float64]
 
 #: Deviation of modes from M-orthonormality above which it is corrected.
 _ORTHOGONAL = 1e-9
+
+#: Entry of a row over its norm up to which the row does not touch a coordinate.
+_UNTOUCHED = 1e-18
 
 #: Deviation from orthonormality above which refined modes of strains are corrected.
 _EXACT = 1e-14
@@ -116,8 +120,13 @@ def modes_of_strains(squares: Array, rows: Array, springs: Array) -> tuple[Array
     vectors : ndarray, shape (n, n)
         Orthonormal columns.
     """
-    strain = np.vstack([np.diag(np.sqrt(squares)), np.sqrt(springs)[:, None] * rows])
-    return _of_strains(strain, _rigid(squares, rows))
+
+    def solve(part: NDArray[np.int64], mine: NDArray[np.int64]) -> tuple[Array, Array]:
+        own = rows[np.ix_(mine, part)]
+        strain = np.vstack([np.diag(np.sqrt(squares[part])), np.sqrt(springs[mine])[:, None] * own])
+        return _of_strains(strain, _rigid(squares[part], own))
+
+    return _by_parts(squares, rows, solve)
 
 
 def modes_held(squares: Array, rows: Array) -> tuple[Array, Array]:
@@ -129,9 +138,38 @@ def modes_held(squares: Array, rows: Array) -> tuple[Array, Array]:
     rows : ndarray, shape (n - m, n)
         Independent.
     """
-    free = np.linalg.qr(rows.T, mode="complete")[0][:, rows.shape[0] :]
-    values, modes = _of_strains(np.sqrt(squares)[:, None] * free, free.T @ _rigid(squares, rows))
-    return values, free @ modes
+
+    def solve(part: NDArray[np.int64], mine: NDArray[np.int64]) -> tuple[Array, Array]:
+        own = rows[np.ix_(mine, part)]
+        free = np.linalg.qr(own.T, mode="complete")[0][:, mine.size :]
+        values, modes = _of_strains(np.sqrt(squares[part])[:, None] * free, free.T @ _rigid(squares[part], own))
+        return values, free @ modes
+
+    return _by_parts(squares, rows, solve)
+
+
+def _by_parts(
+    squares: Array, rows: Array, solve: Callable[[NDArray[np.int64], NDArray[np.int64]], tuple[Array, Array]]
+) -> tuple[Array, Array]:
+    """Return all eigenpairs, of coordinates that rows do not couple apart from each other, so that they stay so.
+
+    `solve` returns those of a part, given the numbers of its coordinates and of the rows that couple them.
+    """
+    touched = np.abs(rows) > _UNTOUCHED * np.linalg.norm(rows, axis=1, keepdims=True)
+    parts: list[NDArray[np.bool_]] = []
+    for mask in touched:
+        met = [part for part in parts if np.any(part & mask)]
+        parts = [part for part in parts if not np.any(part & mask)] + [np.any([mask, *met], axis=0)]
+    alone = np.flatnonzero(~np.any(touched, axis=0))
+    values, columns = [squares[alone]], [np.eye(squares.size)[:, alone]]
+    for part in parts:
+        found, modes = solve(np.flatnonzero(part), np.flatnonzero(np.any(touched & part, axis=1)))
+        whole = np.zeros((squares.size, found.size))
+        whole[part] = modes
+        values.append(found)
+        columns.append(whole)
+    order = np.argsort(np.concatenate(values), kind="stable")
+    return np.concatenate(values)[order], np.ascontiguousarray(np.hstack(columns)[:, order])
 
 
 def _rigid(squares: Array, rows: Array) -> Array:

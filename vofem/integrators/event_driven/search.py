@@ -576,6 +576,23 @@ def exact_cut(t: float, tau: float) -> float:
 
 
 @jit
+def _growth(terms: EventTerms, flow: BlockFlow) -> float:
+    """Return the factor by which motions are multiplied where they are squared: 1 unless all terms are tiny."""
+    size = 0.0
+    for k in range(flow.p.size):
+        size = max(size, abs(flow.v0[k]), flow.frequency[k] * abs(flow.z0[k]))
+    if size >= _TINY or flow.clusters is not None:
+        return 1.0
+    for e in range(flow.g1.size):
+        size = max(size, abs(flow.g1[e]), abs(flow.g2[e]))
+    for j in range(terms.constant.size):
+        size = max(size, terms.constant[j], abs(terms.start[j]), abs(terms.slope[j]))
+        for h in range(flow.omega.size):
+            size = max(size, abs(terms.steady[j, h]))
+    return _GROW if 0.0 < size < _TINY else 1.0
+
+
+@jit
 def march(
     terms: EventTerms, flow: BlockFlow, levels: NDArray[np.int64], duration: float, space: SearchSpace
 ) -> tuple[float, int]:
@@ -596,10 +613,7 @@ def march(
         at.root[k] = np.sqrt(square) if square > 0.0 else 0.0
     # Free energy of the blocks as sqrt(2 E), the amplitude that it allows, and the inverse of the frequency.
     free, cap, slowness = work[11], work[12], work[13]
-    largest = 0.0
-    for k in range(n):
-        largest = max(largest, abs(flow.v0[k]), frequency[k] * abs(flow.z0[k]))
-    grow = _GROW if largest < _TINY else 1.0
+    grow = _growth(terms, flow)
     shrink = 1.0 / grow
     for k in range(n):
         free[k] = shrink * np.sqrt((grow * flow.v0[k]) ** 2 + p[k] * (grow * flow.z0[k]) ** 2)
