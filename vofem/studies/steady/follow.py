@@ -30,6 +30,9 @@ _REFUSED, _AIM = np.cos(np.radians(25.0)), np.radians(8.0)
 #: Cosine of the angle below which a step is rejected at a corner of a branch, and the largest step at a corner.
 _CORNER, _SHORT = np.cos(np.radians(80.0)), 1e-4
 
+#: Distance in scaled coordinates within which a step may end at a grazing.
+_NEAR = 0.02
+
 #: Factors by which a step may change.
 _SHRINK, _GROW = 0.4, 2.0
 
@@ -206,6 +209,11 @@ class Follower:
         except (ConvergenceError, np.linalg.LinAlgError) as error:
             self._why = f" ({error})"
             return self._ending(now, step)
+        if passed is not None and passed.grazed:
+            left = float(np.linalg.norm((passed.before.y - now.y) / now.scales))
+            if left > _NEAR and step > 0.5 * left:
+                # Steps become shorter towards a grazing, as they begin short beyond it: special points lie close to it.
+                return now, 0.5 * left
         last = after if passed is None else passed.before
         end = self.interval.beyond(last.value)
         if end is not None:
@@ -420,6 +428,12 @@ class Follower:
             return None
         self._take(Step(now, last))
         self._over = True
+        values = [point.value for point in self.track.points]
+        if end == self.interval.start and len(values) > 1:
+            farthest = max(values, key=lambda value: abs(value - end))
+            self.track.notes.append(
+                f"the branch turned near {farthest:.12g} and left the interval through its own start, at {end:.12g}"
+            )
         return last, 0.0
 
 
