@@ -88,17 +88,17 @@ def banded_solve(system: System) -> float:
 
 def step_time(system: System, start: State, method: str, limit: float) -> float:
     """Return the microseconds of a step of 1 ms, or of 0.9 of the critical step `limit`."""
-    stepping = import_module(f"vofem.integrators.{method}")
+    stepping = getattr(import_module("vofem.integrators.stepping.methods"), method)
     dt = 0.9 * limit if method == "central_difference" else 1e-3
 
     def run(steps: int) -> float:
         t_end = steps * dt
         begin = time.perf_counter()
-        stepping.run(system, start, t_end, np.array([0.0, t_end]), dt, nearby=False)
+        stepping(system, start, t_end, np.array([0.0, t_end]), dt, nearby=False)
         return time.perf_counter() - begin
 
     # Looking for the critical step takes longer than thousands of steps; it is known here.
-    with mock.patch("vofem.integrators.central_difference.critical_step", return_value=limit):
+    with mock.patch("vofem.integrators.stepping.methods.critical_step", return_value=limit):
         run(2)
         base = min(run(_SHORT) for _ in range(3))
         # As many steps as make the work, by what some take.

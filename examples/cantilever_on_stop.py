@@ -40,10 +40,7 @@ def main(output: Path) -> vf.Result:
     output.mkdir(parents=True, exist_ok=True)
     written = [time_history(result, tip, output / "tip-history.png")]
     closing, opening = result.contacts["stop"].closings[0], result.contacts["stop"].openings[0]
-    picture = render(result, 0.5 * (closing + opening), output / "beam-in-contact.png")
-    written.append(picture.path)
-    if picture.message:
-        print(picture.message)
+    written.append(render(result, 0.5 * (closing + opening), output / "beam-in-contact.png"))
     print("wrote " + "\n      ".join(str(path) for path in written))
     return result
 

@@ -55,9 +55,7 @@ def main(output: Path) -> vf.Result:
     output.mkdir(parents=True, exist_ok=True)
     picture = render(result, result.times[k], output / "several-stops.png")
     history = time_history(result, beam.at(1.0), output / "several-stops-tip.png", contact=list(STOPS))
-    if picture.message:
-        print(picture.message)
-    print(f"wrote {picture.path}\n      {history}")
+    print(f"wrote {picture}\n      {history}")
     return result
 
 

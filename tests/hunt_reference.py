@@ -31,6 +31,9 @@ class Stop:
     def __init__(self, effect):
         self.effect, self.start = effect, []
 
+    def begin(self, u):
+        return self.start
+
     def initial(self, u, v):
         s = u - self.effect.gap
         return int(s > 0.0 or (s == 0.0 and v > 0.0))
@@ -57,6 +60,10 @@ class Smooth:
     def __init__(self, effect):
         self.effect, self.start = effect, []
 
+    def begin(self, u):
+        """Return the internal variables of a start within the linear limit."""
+        return self.start
+
     def initial(self, u, v):
         return 0
 
@@ -75,6 +82,9 @@ class Jenkins(Smooth):
 
     def __init__(self, stiffness, limit):
         self.stiffness, self.limit, self.start = stiffness, limit, [0.0]
+
+    def begin(self, u):
+        return [u]
 
     def force(self, u, v, z, branch):
         return self.stiffness * z[0]
@@ -111,6 +121,9 @@ class Cyclic(Smooth):
     def __init__(self, effect):
         self.stiffness, self.limit = effect.stiffness, effect.linear_limit
         self.start = [0.0, self.stiffness * self.limit, self.stiffness * self.limit]
+
+    def begin(self, u):
+        return [self.stiffness * u, *self.start[1:]]
 
     def force(self, u, v, z, branch):
         return z[0]
@@ -234,8 +247,8 @@ class HuntReference:
     def run(self, times, budget, shift=0.0):
         """Return displacements at the times up to `until`, shape (n, count); the start is moved by `shift`."""
         q, v = self.start
-        y = np.concatenate([q, v + shift, *(law.start for law in self.laws)])
-        u, rate = self.rows @ q, self.rows @ y[self.n : 2 * self.n]
+        u, rate = self.rows @ q, self.rows @ (v + shift)
+        y = np.concatenate([q, v + shift, *(law.begin(a) for law, a in zip(self.laws, u, strict=True))])
         self.branch = [law.initial(a, b) for law, a, b in zip(self.laws, u, rate, strict=True)]
         t, cursor, found, self.until, self.quickest, self.fastest, switches = 0.0, 0, [], 0.0, 0.0, 0.0, 0
         self.largest = float(np.max(np.abs(q)))

@@ -6,15 +6,35 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 import vofem as vf
 from vofem.verification.published_data import entry as quantity
 from vofem.verification.published_data import published
 
-__all__ = ["LAWS", "paper_beam", "published", "quantity", "reference", "two_masses"]
+__all__ = ["LAWS", "SHORT", "broken_off", "paper_beam", "published", "quantity", "reference", "two_masses"]
 
 DATA = Path(__file__).parent / "data"
 LAWS = ("displacement", "penetration")
+
+#: A scene file of a short run: a mass that hits a stop.
+SHORT = """
+[run]
+t_end = 6.0
+[[mass]]
+name = "ball"
+mass = 1.0
+stiffness = 1.0
+[[contact]]
+name = "stop"
+a = "ball"
+gap = 0.5
+stiffness = 10.0
+side = "above"
+acts_on = "penetration"
+[initial]
+ball = { velocity = 1.0 }
+"""
 
 
 def reference(name: str) -> dict[str, np.ndarray]:
@@ -55,3 +75,18 @@ def two_masses(case: str, acts_on: str, *, damping: float = 0.0) -> tuple[vf.Mas
     contact = vf.Contact(first, second, gap=5.0, stiffness=2.0, damping=damping, acts_on=acts_on, name="contact")
     loads = [vf.PointLoad(m, f) for m, f in zip((first, second), FORCES[case], strict=True) if f is not None]
     return first, second, vf.Scene([first, second], [contact, *loads], initial={first: (0.0, -1.0)})
+
+
+class PowerLossError(Exception):
+    """Ends a run in its middle, as a lost machine would."""
+
+
+def broken_off(path: Path, share: float, scene: vf.Scene, t_end: float, **arguments: Any) -> None:
+    """Run a scene until a share of its time has passed, and leave its checkpoint."""
+
+    def lose_power(t: float, t_end: float) -> None:
+        if t > share * t_end:
+            raise PowerLossError
+
+    with pytest.raises(PowerLossError):
+        vf.simulate(scene, t_end, checkpoint=path, checkpoint_every=0.0, progress=lose_power, **arguments)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import dataclasses
-import sys
 from itertools import pairwise
 
 import numpy as np
@@ -23,7 +22,6 @@ from vofem.studies.accuracy.exact import Question, exact
 from vofem.studies.accuracy.quantities import Observed, compare
 from vofem.studies.accuracy.scaled import scaled
 from vofem.studies.accuracy.spread import spread
-from vofem.studies.accuracy.timing import best_time
 from vofem.studies.accuracy.work_precision import applicable
 from vofem.studies.remesh import can_have, element_count, remeshed
 
@@ -267,14 +265,6 @@ def test_default_point_is_the_contact_s_or_the_one_that_moves_most():
     assert (point.body, point.x) == (beam, 1.0)
 
 
-def test_best_time_counts_runs_and_keeps_to_the_cap():
-    calls = []
-    assert best_time(lambda: calls.append(1) or len(calls), 3, 10.0)[1] == 1
-    assert len(calls) == 3
-    best_time(lambda: calls.append(1), 5, 0.0)
-    assert len(calls) == 4
-
-
 def test_work_is_spread_over_processes_or_done_here():
     assert sorted(spread(divmod, [(7, 2), (9, 4)], 2)) == [(0, (3, 1)), (1, (2, 1))]
     assert sorted(spread(lambda f, x: f(x), [(lambda x: 2 * x, 1), (abs, -3)], 2)) == [(0, 2), (1, 3)]
@@ -391,4 +381,3 @@ def test_command_line(tmp_path, monkeypatch, capsys):
 def test_progress_goes_to_a_terminal_only(capsys):
     show_progress(1, 2, "event_driven")
     assert capsys.readouterr().err == "\r\x1b[K1 of 2  event_driven"
-    assert "vofem.studies.accuracy" in sys.modules

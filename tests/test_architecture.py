@@ -1,4 +1,4 @@
-"""The layout: imports point one way, and only what is needed is imported."""
+"""The layout: imports point one way; what is imported when is tested in test_start_up.py."""
 
 from __future__ import annotations
 
@@ -102,38 +102,3 @@ def test_library_code_neither_prints_nor_exits():
             if isinstance(node, ast.Call):
                 called = ast.unparse(node.func)
                 assert called not in ("print", "exit", "quit", "sys.exit", "os._exit"), f"{path}: {called}"
-
-
-def loaded_after(code):
-    heavy = "('scipy', 'skfem', 'numba', 'meshio', 'pyvista', 'vtkmodules', 'matplotlib', 'h5py', 'rich')"
-    script = f"{code}\nimport sys\nprint(*[m for m in {heavy} if m in sys.modules])"
-    return subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout.split()
-
-
-def test_import_loads_numpy_only():
-    assert loaded_after("import vofem") == []
-
-
-def test_naming_the_public_interface_loads_numpy_only():
-    assert loaded_after("import vofem\nfor name in vofem.__all__: getattr(vofem, name)") == []
-
-
-def test_a_chain_of_masses_needs_no_finite_elements():
-    code = """
-import vofem as vf
-a, b = vf.Mass(1.0, stiffness=1.0), vf.Mass(1.0)
-scene = vf.Scene([a, b], [vf.Contact(a, b, gap=0.1, stiffness=10.0, acts_on="penetration")], initial={a: (0.0, 1.0)})
-result = vf.simulate(scene, 3.0)
-assert result.counters.events
-result.energy
-"""
-    assert set(loaded_after(code)) == {"scipy"}
-
-
-def test_a_beam_needs_no_pictures():
-    code = """
-import vofem as vf
-beam = vf.Beam(1.0, 1.0, 1.0, 5, {"left": "clamped"})
-vf.simulate(vf.Scene([beam], [vf.PointLoad(beam.at(1.0), 1.0)]), 1.0)
-"""
-    assert set(loaded_after(code)) == {"scipy", "skfem"}

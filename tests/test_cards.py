@@ -4,8 +4,6 @@ import base64
 import io
 import json
 import re
-import subprocess
-import sys
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -109,15 +107,6 @@ def test_a_card_does_not_fail_for_its_figure(scene):
     text, picture = checked(few._repr_html_())
     assert picture is not None or "no figure" in text
     assert "3" in card(3)
-
-
-def test_cards_import_nothing_before_they_are_asked_for():
-    code = """
-import vofem as vf, sys
-vf.Scene([vf.Mass(1.0)])
-assert "matplotlib" not in sys.modules and "vofem.io.cards" not in sys.modules
-"""
-    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.ipynb")), ids=lambda path: path.name)

@@ -61,14 +61,6 @@ def test_steps_that_do_not_resolve_impacts_depart_from_each_other():
     assert "Where smaller steps leave this note out" in note
 
 
-def test_growth_is_judged_by_its_speed():
-    times = np.linspace(0.0, 100.0, 2001)
-    (note,) = nearby._judge(times, 1e-9 * 10.0 ** (times / 5.0))
-    assert "tenfold in some 5 s" in note
-    assert nearby._judge(times, 1e-9 * 10.0 ** (times / 20.0)) == []
-    assert nearby._judge(times, 1e-9 * (1.0 + 1e5 * times)) == []
-
-
 def test_the_second_run_is_made_where_it_is_wanted(monkeypatch):
     made = []
     monkeypatch.setattr(nearby, "_second", lambda kernel, times: made.append(kernel))

@@ -35,9 +35,9 @@ class PowerLossError(Exception):
 
 def small_steps(monkeypatch, size):
     """Return from kernels every few steps, compiled or not."""
-    monkeypatch.setattr("vofem.integrators.stepping.march._CHUNK_WORK", size)
-    monkeypatch.setattr("vofem.integrators.stepping.march._PLAIN_WORK", size)
-    monkeypatch.setattr("vofem.integrators.stepping.doubling._CHUNK", 170)
+    monkeypatch.setattr("vofem.integrators.stepping.run._CHUNK_WORK", size)
+    monkeypatch.setattr("vofem.integrators.stepping.run._PLAIN_WORK", size)
+    monkeypatch.setattr("vofem.integrators.stepping.tolerance._CHUNK", 170)
     for name in ("FIRST_CALL", "MOST"):
         monkeypatch.setattr(f"vofem.integrators.event_driven.follow.{name}", 1)
 

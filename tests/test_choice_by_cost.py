@@ -67,3 +67,19 @@ def test_a_method_that_is_named_is_taken():
         vf.simulate(scene, 1.0, tol=-1.0)
     with pytest.raises(vf.ArgumentError, match="explain: tol is 0"):
         vf.explain(scene, T_END, 0.0)
+
+
+def test_many_steps_where_none_are_needed_are_told():
+    """Before the run `explain` says what "auto" takes; after a run with another method a note does."""
+    beam = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"})
+    tip = beam.at(1.0)
+    stop = vf.Contact(tip, gap=0.01, stiffness=100.0, side="below", acts_on="penetration", name="stop")
+    scene = vf.Scene([beam], [stop, vf.PointLoad(tip, vf.Sine(0.1, 3.0))])
+    assert "Method: event_driven" in str(vf.explain(scene, 2.0, 1e-4))
+    assert vf.simulate(scene, 2.0, tol=1e-4).method == "event_driven"
+    result = vf.simulate(scene, 2.0, method="energy_conserving", tol=2e-4)
+    assert result.counters.steps > 1000
+    assert any("method='auto' chooses it" in note and "event_driven takes no steps" in note for note in result.notes)
+    damped = vf.Scene([beam], [vf.PointLoad(tip, vf.Sine(0.1, 3.0))])
+    few = vf.simulate(damped, 0.5, method="energy_conserving", tol=1e-2)
+    assert not any(note.startswith("cost:") for note in few.notes)

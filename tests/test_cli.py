@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import reference
+from scenes import SHORT, reference
 
 import vofem as vf
 from vofem import cli
@@ -18,24 +18,6 @@ from vofem.io.csv_file import write_csv
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = ROOT / "examples"
-
-SHORT = """
-[run]
-t_end = 6.0
-[[mass]]
-name = "ball"
-mass = 1.0
-stiffness = 1.0
-[[contact]]
-name = "stop"
-a = "ball"
-gap = 0.5
-stiffness = 10.0
-side = "above"
-acts_on = "penetration"
-[initial]
-ball = { velocity = 1.0 }
-"""
 
 
 @pytest.fixture
@@ -256,15 +238,6 @@ def test_a_reader_that_leaves_early():
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_interruption(scene, monkeypatch, capsys):
-    def interrupt(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("vofem.io.scene_file.load_scene", interrupt)
-    assert cli.main(["explain", str(scene)]) == 130
-    assert "interrupted" in capsys.readouterr().err
-
-
 # -- examples ---------------------------------------------------------------------------------------
 
 
@@ -361,19 +334,6 @@ def test_impulses_are_exact_and_never_guessed(tmp_path):
     table = tables.contact_table(few, "floor").splitlines()
     assert table[2].split()[-3:] == ["-", "-", "-"]
     assert "not known: the run stored its states at times that are too far apart" in table[-1]
-
-
-def test_run_of_a_stepping_method_with_few_times(tmp_path, capsys):
-    scene = Path(__file__).parent.parent / "examples" / "cantilever.toml"
-    text = scene.read_text().replace("t_end = 20.0", "t_end = 5.0\nmethod = 'central_difference'")
-    lines = [line for line in text.splitlines() if not line.startswith("times")]
-    changed = tmp_path / "few.toml"
-    changed.write_text(
-        "\n".join(lines).replace("t_end = 5.0", "t_end = 5.0\ntimes = {start = 0.0, stop = 5.0, count = 26}")
-    )
-    assert cli.main(["run", str(changed), "--output", str(tmp_path / "out")]) == 0
-    assert "wrote" in capsys.readouterr().out
-    assert len((tmp_path / "out" / "histories.csv").read_text().splitlines()) == 27
 
 
 def test_an_interrupt_after_the_run_leaves_its_histories(scene, monkeypatch, capsys):

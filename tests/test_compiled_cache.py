@@ -15,7 +15,7 @@ from scenes import paper_beam
 
 import vofem as vf
 from vofem.cli import FAULT, main
-from vofem.integrators.methods import BUILT_IN, ENERGY_CONSERVING
+from vofem.integrators.methods import BUILT_IN
 from vofem.io import doctor
 from vofem.kernels import cache as jit_cache
 from vofem.kernels.cache import read_entries, write_entry
@@ -108,7 +108,7 @@ def test_doctor_tells_what_is_there(folder):
     told = doctor.compiled_code()
     assert str(folder) in told
     assert f"It is there for 1 of {len(ahead.KINDS)} kinds of work:\n  event_driven\n" in told
-    assert "`vofem compile`, or in the first run that is long enough:\n  event_driven, damped\n  energy_cons" in told
+    assert "`vofem compile`, or in the first run that is long enough:\n  event_driven, damped\n  steps, laws\n" in told
     assert max(map(len, told.splitlines())) < 120 + len(str(folder))
 
 
@@ -173,7 +173,7 @@ def test_the_bar_says_that_it_compiles(monkeypatch):
 
 
 # Steps under a tolerance need a rough run of a thousand steps first, which takes half a minute in plain Python.
-@pytest.mark.parametrize(("kind", "work"), [one for one in ahead._WORK if "tol" not in one[0]])
+@pytest.mark.parametrize(("kind", "work"), [one for one in ahead._WORK if "many" not in one[0]])
 def test_what_is_compiled_ahead_can_be_run(kind, work):
     """The scenes are sound; in plain Python, as compiling takes minutes."""
     with kernels(compiled=False):
@@ -184,22 +184,15 @@ def test_all_kinds_of_runs_are_compiled_ahead():
     """What a run enters into the index is what `vofem compile` makes."""
     system = paper_beam("displacement")[1].model.system
     damped = paper_beam("displacement", extra=(vf.RayleighDamping(0.1),))[1].model.system
-    exact = {
-        kind_of_run(method, one, None)
-        for method in BUILT_IN
-        if method.exact or method.special
-        for one in (system, damped)
-    }
-    assert exact - {"force_driven"} | {"statics"} == {kind for kind in ahead.KINDS if " law" not in kind}
-    assert kind_of_run(ENERGY_CONSERVING, system, None) == "energy_conserving, one law"
+    exact = {kind_of_run(method, one) for method in BUILT_IN if method.exact for one in (system, damped)}
     stepped = {
-        kind_of_run(method, build().model.system, tol)
+        kind_of_run(method, build().model.system)
         for method in BUILT_IN
         if method.steps and not method.special
         for build in ahead.STEPPED.values()
-        for tol in ((None, 1e-3) if method.adaptive else (None,))
     }
-    assert stepped == {kind for kind in ahead.KINDS if " law" in kind}
+    assert exact | stepped | {"statics"} == set(ahead.KINDS)
+    assert {kind_of_run(m, system) for m in BUILT_IN if m.steps and not m.special} == {"steps, laws"}
 
 
 ONE_CONTACT = """
@@ -231,10 +224,10 @@ def test_what_a_scene_does_not_hold_is_not_compiled(tmp_path):
     made = json.loads(listed)
     absent = ("laws.springpot", "laws.hysteretic", "laws.backbone", "laws.resolved", "stepping.probes")
     assert not [name for name in made if any(room in name for room in absent)]
-    for name in ("solve_many", "_in_band", "bisect", "closed_share", "_record"):
+    for name in ("_react_in_band", "damper_over", "force_and_tangent", "closed_share", "_along"):
         assert not [made_ for made_ in made if made_.endswith(f".{name}")], name
-    assert any(name.endswith(".solve_one") for name in made)
-    assert sum(made.values()) < 70
+    assert any(name.endswith("._react") for name in made)
+    assert sum(made.values()) < 30
 
 
 BORROWING = """

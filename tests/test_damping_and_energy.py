@@ -176,31 +176,6 @@ def test_histories_of_order_and_stiffness():
     assert np.array_equal(stop.gap_function > 0.0, stop.closed)
 
 
-def test_a_result_starts_another_scene():
-    """Two halves of a run equal the whole; loads restart, so the second half shifts its phase."""
-    beam, scene = paper_beam("penetration")
-    whole = vf.simulate(scene, 8.0, times=[0.0, 5.0, 8.0])
-    half = vf.simulate(scene, 5.0, times=[0.0, 5.0])
-    rest = vf.Scene(
-        [beam],
-        [scene.effects[0], vf.PointLoad(beam.at(1.0), vf.Sine(0.1, 1.0, phase=5.0))],
-        initial=half,
-    )
-    second = vf.simulate(rest, 3.0, times=[0.0, 3.0])
-    assert second.displacement(beam.at(1.0))[-1] == pytest.approx(whole.displacement(beam.at(1.0))[-1], rel=1e-8)
-
-
-def test_an_equilibrium_starts_at_rest():
-    beam = vf.Beam(1.0, 1.0, 1.0, 8, {"left": "clamped"})
-    stop = vf.Contact(beam.at(0.7), gap=0.01, stiffness=50.0, side="below", acts_on="penetration")
-    effects = [stop, vf.Gravity(1.0)]
-    rest = vf.equilibrium(vf.Scene([beam], effects))
-    result = vf.simulate(vf.Scene([beam], effects, initial=rest), 5.0)
-    tip = result.displacement(beam.at(1.0))
-    assert np.max(np.abs(tip - tip[0])) < 1e-11
-    assert result.counters.events == 0
-
-
 @pytest.mark.parametrize("t_end", [1e3, 1e5])
 def test_energies_of_long_runs_overflow_nowhere(t_end):
     mass, free = vf.Mass(1.0, stiffness=1.0, damping=0.2), vf.Mass(1.0)

@@ -8,7 +8,6 @@ import pytest
 import vofem as vf
 from vofem.integrators.event_driven import follow, solution, status_table, tangent
 from vofem.integrators.event_driven.flow import Start, flow, modes_of
-from vofem.integrators.event_driven.load_table import load_table
 from vofem.kernels.mode import kernels
 from vofem.linalg.exponential import half_turns
 from vofem.system import Counters
@@ -211,27 +210,6 @@ def test_half_turns_keep_all_digits():
         exact = -2.0 * np.sin(half) ** 2, 2.0 * np.sin(half) * np.cos(half)
         for mine, other in zip((turn, sine), exact, strict=True):
             assert np.all(np.abs(mine - other) <= 2e-15 * np.abs(other) + 1e-19)
-
-
-FUNCTIONS = [
-    vf.Tabulated([0.1, 0.5, 0.9], [1.0, -2.0, 3.0]),
-    2.0 * vf.Tabulated([0.0, 0.4], [1.0, 5.0]) - vf.Ramp(3.0, 0.2, 0.7),
-    vf.Pulse(2.0, 0.3, 0.2) + 1.5,
-    vf.Sine(2.0, 5.0, 0.3) + vf.Ramp(1.0, 0.6),
-    vf.Sine(1.0, 3.0) + vf.Sine(0.5, 7.0, 1.0),
-]
-
-
-@pytest.mark.parametrize("function", FUNCTIONS, ids=str)
-def test_tables_of_loads_are_the_functions(function):
-    edges = np.array([0.0, *np.unique(function.breakpoints(1.0)), 1.0])
-    table = load_table([function], edges)
-    for k, (left, right) in enumerate(itertools.pairwise(edges)):
-        t = np.linspace(left, right, 7)[:-1]
-        value = table.constant[k, 0] + table.slope[k, 0] * (t - left)
-        for h in range(table.counts[k]):
-            value = value + (table.amplitude[k, 0, h] * np.exp(1j * table.omega[k, h] * (t - left))).real
-        assert value == pytest.approx(function(t), rel=1e-13, abs=1e-13)
 
 
 def test_large_tables_of_loads_are_left_to_python(monkeypatch):

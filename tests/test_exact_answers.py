@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scenes import published, quantity
-from scipy.optimize import brentq
 
 import vofem as vf
 from vofem.verification.cases.oscillators import bilinear, bilinear_period, release_on_a_stop
@@ -58,18 +57,3 @@ def test_contact_times_of_a_cantilever_that_hits_a_stop():
     result = vf.simulate(vf.Scene([beam], [stop, vf.PointLoad(beam.at("right"), -1000.0)]), 0.16)
     assert result.contacts["stop"].closings[0] == pytest.approx(0.03614, abs=1e-5)
     assert result.contacts["stop"].openings[0] == pytest.approx(0.09256, abs=1e-5)
-
-
-@pytest.mark.parametrize(("kappa", "root"), [(1.0, 2.0100033224), (1e3, 3.8978008052)])
-def test_roots_of_the_beam_with_a_tip_spring(kappa, root):
-    """The references of hard case 14 are roots of their equation."""
-
-    def characteristic(b):
-        return b**3 * (1.0 + np.cos(b) * np.cosh(b)) + kappa * (np.sin(b) * np.cosh(b) - np.cos(b) * np.sinh(b))
-
-    assert brentq(characteristic, root - 0.1, root + 0.1, xtol=1e-14) == pytest.approx(root, abs=1e-10)
-
-
-def test_first_root_of_the_cantilever():
-    beam = vf.Beam(1.0, 1.0, 1.0, 25, {"left": "clamped"})
-    assert np.sqrt(vf.modes(vf.Scene([beam]), 1).omega[0]) == pytest.approx(1.875104068712, rel=1e-7)

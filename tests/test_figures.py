@@ -11,6 +11,7 @@ import pytest
 from matplotlib import pyplot
 from matplotlib.figure import Figure
 from orbit_scenes import impact_oscillator
+from scenes import paper_beam
 
 import vofem as vf
 from vofem.io import plot
@@ -21,9 +22,7 @@ from vofem.io.pictures.spectra import amplitudes, density
 
 @pytest.fixture(scope="module")
 def run():
-    beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=4, supports={"left": "clamped"})
-    stop = vf.Contact(beam.at(1.0), gap=0.03, stiffness=1.0, side="below", acts_on="displacement", name="stop")
-    scene = vf.Scene([beam], [stop, vf.PointLoad(beam.at(1.0), vf.Sine(0.1, 1.0))])
+    beam, scene = paper_beam("displacement", elements=4)
     return beam.at(1.0), vf.simulate(scene, 12.0)
 
 

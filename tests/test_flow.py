@@ -8,7 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import vofem as vf
-from vofem.integrators.event_driven.flow import Start, flow, modes_of, share_modes
+from vofem.integrators.event_driven.flow import Start, flow, modes_of
 from vofem.kernels.mode import compiled
 from vofem.system import PINNED, Counters
 
@@ -212,25 +212,6 @@ def test_a_flow_may_begin_at_any_time_of_the_loads():
     assert end == pytest.approx(end_of(system, state, 9.0)[0], abs=1e-12)
     parts = monodromy(system, middle, 9.0, 3.1).monodromy @ monodromy(system, state, 3.1).monodromy
     assert parts == pytest.approx(monodromy(system, state, 9.0).monodromy, abs=1e-12)
-
-
-def test_modes_are_shared_by_the_numbers_of_the_matrices():
-    def system(omega, stiffness=1.0, gap=0.1, x=1.0):
-        beam = vf.Beam(1.0, stiffness, 1.0, 4, {"left": "clamped"}, name="beam")
-        stop = vf.Contact(beam.at(1.0), gap=gap, stiffness=8.0, side="above", acts_on="penetration", name="stop")
-        return vf.Scene([beam], [stop, vf.PointLoad(beam.at(x), vf.Sine(1.0, omega))]).model.system
-
-    first = system(1.0)
-    counters = Counters()
-    space = modes_of(first, counters)
-    assert counters.eigensolves == 1
-    for other in (system(2.0), system(1.0, gap=0.2), system(1.0, x=0.5)):
-        assert share_modes(other, first)
-        mine = modes_of(other, counters)
-        assert mine.shapes is space.shapes
-        assert mine.loads == pytest.approx(np.stack([load.vector for load in other.loads]) @ space.shapes)
-    assert counters.eigensolves == 1
-    assert not share_modes(system(1.0, stiffness=1.1), first)
 
 
 def test_a_flow_does_not_depend_on_the_flows_before():

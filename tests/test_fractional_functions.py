@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.special import gamma, gammaln, rgamma
+from scipy.special import gamma, rgamma
 
 import vofem as vf
-from vofem.fractional import ExponentialOrder, TabulatedOrder, rl_derivative, rl_integral
+from vofem.fractional import ExponentialOrder, rl_derivative, rl_integral
 
 DATA = Path(__file__).parent / "data"
 COUNTS = (100, 200, 400, 800)
@@ -117,15 +117,6 @@ def test_what_begins_like_a_root_and_the_exponents_for_it(start, low, high):
 
     _, lowest, highest = study(lambda t: rl_derivative(rough, t, 0.5, start=start), exact, since=0.5)
     assert low < lowest <= highest < high
-
-
-@pytest.mark.parametrize("order", [0.2, 0.8, 1.5])
-def test_grunwald_of_a_constant_is_known(order):
-    """The sum of the first n weights is Gamma(n + 1 - order)/(Gamma(1 - order) n!)."""
-    t = np.linspace(0.0, 3.0, 301)
-    n = np.arange(1.0, 301.0)
-    sums = np.exp(gammaln(n + 1.0 - order) - gammaln(n + 1.0)) * rgamma(1.0 - order)
-    assert rl_derivative(2.0, t, order, "gl")[1:] == pytest.approx(2.0 * sums * 0.01**-order, rel=1e-10)
 
 
 def rows_of_pycaputo():
@@ -331,16 +322,6 @@ def test_values_at_the_lower_limit():
     assert rl_integral(np.cos, t, 0.5)[0] == 0.0
     assert rl_integral(np.cos, t, 0.0)[0] == 1.0
     assert np.isnan(rl_derivative([0.0, 1.0], [0.0, 1.0], 2.0, "gl")[0])
-
-
-def test_orders_add_up():
-    """The derivative of order a of the integral of order a is the function; integrals commute."""
-    t = np.linspace(0.0, 2.0, 801)
-    inner = rl_integral(g, t, 0.7, start=(0.0, 1.0))
-    assert rl_derivative(inner, t, 0.7, start=(0.0, 0.7, 1.7))[1:] == pytest.approx(g(t[1:]), abs=1e-3)
-    assert rl_derivative(g, t, TabulatedOrder([0.0, 2.0], [0.0, 0.0])) == pytest.approx(g(t), abs=1e-12)
-    twice = rl_integral(rl_integral(g, t, 0.4), t, 0.6, start=(0.0, 0.4, 1.4))
-    assert twice == pytest.approx(rl_integral(g, t, 1.0), abs=1e-4)
 
 
 T = np.linspace(0.0, 1.0, 11)

@@ -7,18 +7,20 @@ import pytest
 from scenes import LAWS, paper_beam, reference, two_masses
 
 import vofem as vf
-from vofem.integrators.generalized_alpha import parameters
+from vofem.integrators.stepping.methods import parameters
 
 METHOD = {"method": "generalized_alpha"}
 
 
 def test_parameters_of_chung_and_hulbert():
-    found = parameters(0.8)
-    assert found == pytest.approx((0.6 / 1.8, 0.8 / 1.8, 0.5 + 0.2 / 1.8, 0.25 * (1 + 0.2 / 1.8) ** 2))
-    assert parameters(1.0) == pytest.approx((0.5, 0.5, 0.5, 0.25))
+    def numbers(*given, **named):
+        return parameters(*given, **named)[:4]
+
+    assert numbers(0.8) == pytest.approx((0.6 / 1.8, 0.8 / 1.8, 0.5 + 0.2 / 1.8, 0.25 * (1 + 0.2 / 1.8) ** 2))
+    assert numbers(1.0) == pytest.approx((0.5, 0.5, 0.5, 0.25))
     # Hilber, Hughes and Taylor at alpha = -0.1, and Newmark's average acceleration.
-    assert parameters(alpha_m=0.0, alpha_f=0.1) == pytest.approx((0.0, 0.1, 0.6, 0.3025))
-    assert parameters(alpha_m=0.0, alpha_f=0.0) == pytest.approx((0.0, 0.0, 0.5, 0.25))
+    assert numbers(alpha_m=0.0, alpha_f=0.1) == pytest.approx((0.0, 0.1, 0.6, 0.3025))
+    assert numbers(alpha_m=0.0, alpha_f=0.0) == pytest.approx((0.0, 0.0, 0.5, 0.25))
 
 
 def test_dissipation_grows_with_the_step_and_follows_rho():
@@ -84,7 +86,8 @@ def test_a_load_between_both_equilibria_holds_the_contact_at_its_gap():
         result = vf.simulate(scene, 20.0, dt=dt, rho_infinity=0.5, **METHOD)
         ends.append(np.max(np.abs(result.displacement(mass)[-200:] - 0.1)))
         assert any("chatter" in note for note in result.notes)
-    assert ends[0] < 1e-2
+    # Two steps of the whole reaction of 10 N throw the mass against 0.9 N; which steps act is chance.
+    assert ends[0] < (2.0 * 10.0 * 1e-2) ** 2 / (2.0 * 0.9) * 1.05
     assert ends[1] < 1e-3
 
 

@@ -202,23 +202,6 @@ def fault(seed, steps=1200):
     return f"error {error:.2e} of {size:.2e} m, allowed {allowed:.1e}, doubt {doubt:.1e}: " + " | ".join(case.words)
 
 
-def test_the_reference_against_closed_forms():
-    """D^a of t^2/2 is ``t^(2-a)/Gamma(3-a)``; order 1 is a dashpot, order 0 a spring."""
-    h, count = 0.01, 200
-    for order in (0.0, 0.3, 0.5, 0.9, 1.0):
-        newer, older = kernel(count, h, order)
-        velocity = h * np.arange(count, -1, -1)
-        found = newer @ velocity[:-1] + older @ velocity[1:]
-        assert found == pytest.approx(2.0 ** (2.0 - order) / math.gamma(3.0 - order), rel=1e-12)
-
-
-def test_the_reference_converges():
-    case = Motion(3)
-    runs = [case.reference(steps)[1][:, :: steps // 100] for steps in (100, 200, 400, 800)]
-    apart = [np.max(np.abs(b - a)) for a, b in itertools.pairwise(runs)]
-    assert apart[0] > 2.5 * apart[1] > 2.5**2 * apart[2]
-
-
 @pytest.mark.parametrize("seed", range(12))
 def test_right_or_told(seed):
     assert fault(seed, 500) is None

@@ -325,18 +325,6 @@ def test_a_hysteretic_spring_alone_closes_its_loop_after_one_cycle():
     assert np.ptp(spring.dissipated[31:]) <= 1e-12 * spring.dissipated[31]
 
 
-def test_bilinear_loop_area():
-    """Four times yield force times plastic half amplitude: ``4 (1 - h) K d (U - d)``."""
-    spring = SPRINGS["bilinear"]
-    memory, state = law_of(spring)
-    for u in (2.0, -2.0):
-        commit(memory, state, 0, u)
-    before = state[0]
-    for u in (2.0, -2.0):
-        commit(memory, state, 0, u)
-    assert state[0] - before == pytest.approx(4.0 * 0.9 * 1.0 * (2.0 - 0.5), rel=1e-14)
-
-
 def test_hysteretic_loss_in_closed_form():
     """To 7 N of Eq. 24: work ``12.5 + 9 (9 - 4 ln 2)`` less ``49/2``."""
     memory, state = law_of(vf.HystereticSpring(MASS, **PAPER, memory="cyclic"))

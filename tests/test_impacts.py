@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from scenes import paper_beam
 
 import vofem as vf
 
@@ -20,10 +21,8 @@ def thrown(damping=0.0, acts_on="penetration", method="auto", t_end=1.0, **optio
     return vf.simulate(vf.Scene([mass], [stop], {mass: (0.0, -SPEED)}), t_end, method=method, **options)
 
 
-def paper_beam(**options):
-    beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=6, supports={"left": "clamped"})
-    stop = vf.Contact(beam.at(1.0), gap=0.03, stiffness=1.0, side="below", acts_on="displacement", name="stop")
-    scene = vf.Scene([beam], [stop, vf.PointLoad(beam.at(1.0), vf.Sine(0.1, 1.0))])
+def beam_run(**options):
+    beam, scene = paper_beam("displacement", elements=6)
     return beam, vf.simulate(scene, 12.0, **options)
 
 
@@ -166,7 +165,7 @@ def test_bounces_under_gravity():
 
 
 def test_a_beam_against_sums_over_many_samples():
-    beam, result = paper_beam()
+    beam, result = beam_run()
     impacts = result.contacts["stop"].impacts
     assert len(impacts) >= 3
     for k in range(len(impacts)):
@@ -236,7 +235,7 @@ def test_windows_outside_the_run_are_refused(window):
 
 
 def test_tables_of_events_impacts_and_contacts():
-    _, result = paper_beam()
+    _, result = beam_run()
     events = result.contact_events()
     assert events["event"].tolist() == ["closes", "opens"] * (events.rows // 2)
     assert events["time"] == pytest.approx(result.solution.events.time)
@@ -257,7 +256,7 @@ def test_tables_of_events_impacts_and_contacts():
 
 
 def test_histories_as_dataframe_and_dataset():
-    beam, result = paper_beam(times=np.linspace(0.0, 12.0, 25))
+    beam, result = beam_run(times=np.linspace(0.0, 12.0, 25))
     frame = result.to_dataframe([beam.at(0.5), beam.at(1.0)])
     assert frame.index.name == "t [s]"
     assert np.array_equal(frame.index, result.times)

@@ -10,6 +10,7 @@ import weakref
 
 import numpy as np
 import pytest
+from scenes import broken_off
 
 import vofem as vf
 
@@ -316,13 +317,7 @@ def test_checkpoints_know_the_start(method, tmp_path):
     arguments = {"initial": vf.simulate(scene, 1.0), "t_start": 1.0, "method": method}
     whole = vf.simulate(scene, 8.0, **arguments)
     path = tmp_path / "run.checkpoint"
-
-    def stop(t, t_end):
-        if t > 2.0:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        vf.simulate(scene, 8.0, checkpoint=path, checkpoint_every=0.0, progress=stop, **arguments)
+    broken_off(path, 0.25, scene, 8.0, **arguments)
     resumed = vf.resume(path)
     assert resumed.t_start == 1.0
     assert same(resumed, whole)

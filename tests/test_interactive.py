@@ -7,6 +7,7 @@ import sys
 import matplotlib.image
 import numpy as np
 import pytest
+from scenes import paper_beam
 
 import vofem as vf
 from vofem.io import show, snapshot, vtk
@@ -17,9 +18,7 @@ pytestmark = pytest.mark.kernels("plain")
 
 @pytest.fixture(scope="module")
 def run():
-    beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=4, supports={"left": "clamped"}, name="beam")
-    stop = vf.Contact(beam.at(1.0), gap=0.02, stiffness=2e3, side="below", acts_on="penetration", name="stop")
-    scene = vf.Scene([beam], [stop, vf.PointLoad(beam.at(1.0), vf.Sine(-0.2, 3.0))])
+    beam, scene = paper_beam("penetration", elements=4, gap=0.02, stiffness=2e3, load=vf.Sine(-0.2, 3.0))
     return beam, vf.simulate(scene, 3.0, times=np.linspace(0.0, 3.0, 13))
 
 

@@ -6,7 +6,6 @@ import subprocess
 import sys
 import time
 import types
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -116,15 +115,6 @@ def test_a_file_is_whole_or_absent(tmp_path, presses):
 # -- commands, in this process --------------------------------------------------------------------
 
 
-def test_a_command_that_is_interrupted_while_it_is_imported_says_so(monkeypatch, capsys):
-    def interrupted(argv):
-        raise KeyboardInterrupt
-
-    monkeypatch.setitem(sys.modules, "vofem.cli.program", types.SimpleNamespace(run_command=interrupted))
-    assert cli.main(["run"]) == 130
-    assert capsys.readouterr().err == "vofem: interrupted\n"
-
-
 def test_an_interrupt_that_became_another_error_is_still_an_interrupt(foreground, monkeypatch, capsys):
     def drawing(argv):
         try:
@@ -178,16 +168,6 @@ def test_a_picture_that_is_being_drawn_is_the_last_file(foreground, monkeypatch,
 # -- the library ----------------------------------------------------------------------------------
 
 
-def test_the_first_press_waits_for_the_end_of_a_step_and_the_second_one_does_not(foreground):
-    with deferred_interrupts() as pressed:
-        assert not pressed()
-        press()
-        assert pressed()
-        with pytest.raises(KeyboardInterrupt):
-            press()
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-
-
 def test_a_loop_hears_of_ctrl_c_in_the_loops_within_it(foreground):
     with deferred_interrupts() as outer:
         with deferred_interrupts() as inner:
@@ -197,15 +177,6 @@ def test_a_loop_hears_of_ctrl_c_in_the_loops_within_it(foreground):
         # The second press is the second one, although the loop within is another.
         with deferred_interrupts(), pytest.raises(KeyboardInterrupt):
             press()
-
-
-def test_in_another_thread_nothing_is_deferred():
-    def run():
-        with deferred_interrupts() as pressed:
-            return pressed(), signal.getsignal(signal.SIGINT)
-
-    with ThreadPoolExecutor(1) as pool:
-        assert pool.submit(run).result() == (False, signal.getsignal(signal.SIGINT))
 
 
 def test_ctrl_c_at_the_end_of_a_branch_is_noted(foreground):

@@ -263,20 +263,6 @@ def test_a_joint_between_nodes_in_motion_is_the_motion_in_the_null_space():
     assert run.energy.balance_error < 1e-12
 
 
-def test_what_a_support_bears_through_a_joint():
-    """A clamped beam whose tip is pinned to the end of another one that is held there."""
-    a = vf.Beam(1.0, EI, RHO, 4, {"left": "clamped"}, name="a")
-    b = vf.Beam(1.0, EI, RHO, 4, {"left": "pinned", "right": "pinned"}, name="b")
-    joint = vf.Joint(a.at(1.0), b.at(0.0), kind="hinge", name="j")
-    scene = vf.Scene([a, b], [joint, vf.PointLoad(a.at(0.5), -1.0), vf.PointLoad(b.at(0.5), -1.0)])
-    rest = vf.equilibrium(scene)
-    run = vf.simulate(vf.Scene([a, b], scene.effects, rest), 0.1, times=[0.0, 0.1])
-    # The propped cantilever's prop takes 5/16 of a load in the middle.
-    assert_allclose(run.reaction(b, "left").force, 5.0 / 16.0 + 0.5, rtol=1e-9)
-    assert_allclose(run.joint_force("j").force, 5.0 / 16.0, rtol=1e-9)
-    assert_allclose(run.reaction(a, "left").force, 11.0 / 16.0, rtol=1e-9)
-
-
 # -- what cannot be joined ---------------------------------------------------------------------------
 
 
@@ -368,31 +354,3 @@ def test_ritz_vectors_of_joined_beams():
         assert (run.truncation is None) == (elements == 10)
         tips.append(run.displacement(a.at(1.0)))
     assert_allclose(tips[1], tips[0], rtol=0.0, atol=2e-6)
-
-
-def test_a_run_of_joined_beams_with_an_iwan_law_in_rotation_resumes_to_the_last_bit(tmp_path, monkeypatch):
-    # Looks at the outcome every few steps.
-    monkeypatch.setattr("vofem.integrators.stepping.march._CHUNK_WORK", 2000)
-    a, b, hinge = gerber()
-    knee = vf.IwanSpring(
-        b.at("left"), a.at("right"), of="rotation", elongation=[0.001, 0.004], force=[0.05, 0.08], name="knee"
-    )
-    scene = vf.Scene([a, b], [hinge, knee, vf.PointLoad(b.at(0.5), vf.Sine(2.0, 9.0))])
-    options = {"dt": 1e-3, "method": "energy_conserving", "times": np.linspace(0.0, 1.0, 11)}
-    whole = vf.simulate(scene, 1.0, **options)
-    assert whole.springs["knee"].dissipated[-1] > 1e-6
-    assert whole.energy.balance_error < 1e-9
-
-    class PowerLossError(Exception):
-        pass
-
-    def lose_power(t, t_end):
-        if t > 0.5 * t_end:
-            raise PowerLossError
-
-    path = tmp_path / "run.checkpoint"
-    with pytest.raises(PowerLossError):
-        vf.simulate(scene, 1.0, checkpoint=path, checkpoint_every=0.0, progress=lose_power, **options)
-    resumed = vf.resume(path)
-    assert np.array_equal(resumed.displacement(a.at(1.0)), whole.displacement(a.at(1.0)))
-    assert np.array_equal(resumed.springs["knee"].force, whole.springs["knee"].force)

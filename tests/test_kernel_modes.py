@@ -10,13 +10,13 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from random_scenes import scene as random_scene
-from scenes import paper_beam
+from scenes import broken_off, paper_beam
 
 import vofem as vf
 from vofem.kernels import choice as compile_choice
 from vofem.kernels import mode
 from vofem.kernels.jit import jit
-from vofem.kernels.mode import Outgrown, decided, kernels
+from vofem.kernels.mode import Outgrown, kernels
 
 
 def everything():
@@ -134,19 +134,7 @@ def test_runs_in_files_go_on_in_the_same_way(tmp_path, method, compiled):
         assert loaded.compiled is compiled
         between = np.linspace(0.0, 6.0, 31) if step else np.linspace(0.0, 5.9, 23)
         assert np.array_equal(loaded.displacement(beam.at(0.3), between), whole.displacement(beam.at(0.3), between))
-
-    class Enough(Exception):  # noqa: N818
-        pass
-
-    def stop(t, t_end):
-        if t > 3.0:
-            raise Enough
-
-    with pytest.raises(Enough):
-        vf.simulate(
-            scene, 6.0, compiled=compiled, checkpoint=tmp_path / "run.checkpoint", checkpoint_every=0.0, progress=stop,
-            **arguments,
-        )  # fmt: skip
+    broken_off(tmp_path / "run.checkpoint", 0.5, scene, 6.0, compiled=compiled, **arguments)
     with kernels(compiled=not compiled):
         resumed = vf.resume(tmp_path / "run.checkpoint")
     assert resumed.compiled is compiled
@@ -254,18 +242,6 @@ def test_patience_ends_plain_work():
         assert double(1.0) == 2.0
     with kernels(compiled=False):
         assert double(1.0) == 2.0
-
-
-def test_a_decision_holds_within_and_ends():
-    before = decided()
-    with kernels(compiled=False):
-        assert decided() is False
-        with kernels(compiled=True):
-            assert decided() is True
-        assert decided() is False
-        _, scene = paper_beam("displacement")
-        assert not vf.simulate(scene, 1.0).compiled
-    assert decided() is before
 
 
 def test_compiled_says_what_it_takes():

@@ -15,7 +15,6 @@ import vofem as vf
 pytestmark = pytest.mark.kernels("plain")
 
 METHODS = ["energy_conserving", "generalized_alpha", "central_difference"]
-SPIKE = vf.Tabulated([0.0, 5.0123, 5.0128, 5.0133, 10.0], [0.0, 0.0, 1000.0, 0.0, 0.0])
 
 numbers = st.floats(-5.0, 5.0)
 times = st.floats(0.0, 2.0)
@@ -79,14 +78,6 @@ def test_no_pulse_is_passed_over(method, width, options):
     assert np.max(np.abs(result.displacement(m) - expected)) < 0.02 * 0.5
     if options:
         assert any("load" in note for note in result.notes)
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_a_spike_of_the_base_is_seen(method):
-    m = vf.Mass(1.0, 4.0)
-    result = vf.simulate(vf.Scene([m], [vf.BaseMotion(m, SPIKE)]), 10.0, method=method)
-    expected = response(result.times, -0.5, 5.0128)
-    assert np.max(np.abs(result.displacement(m) - expected)) < 0.02 * 0.25
 
 
 @pytest.mark.parametrize("method", METHODS)

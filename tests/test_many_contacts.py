@@ -10,13 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import vofem as vf
-from vofem.integrators import energy_conserving
-from vofem.integrators.stepping import balance as module
-from vofem.integrators.stepping.balance import Guess, Known, balance, structure
-from vofem.integrators.stepping.contact_solve import Acting
-from vofem.laws.rows import all_rows, compressed
-from vofem.laws.table import build_laws
-from vofem.linalg.banded import band_order, band_width, to_band
+from vofem.integrators.stepping import run as module
+from vofem.integrators.stepping.methods import energy_conserving
+from vofem.laws.rows import all_rows
+from vofem.linalg.banded import band_order, band_width
 from vofem.system import State
 
 
@@ -32,49 +29,9 @@ def chain(count, stiffness, gaps, acts_on="penetration", damping=0.0, switch="id
 def both_ways(monkeypatch, scene, **arguments):
     found = []
     for banded in (False, True):
-        monkeypatch.setattr(module, "_banded_pays", lambda *_, banded=banded: banded)
+        monkeypatch.setattr(module, "_band_pays", lambda *_, banded=banded: banded)
         found.append(vf.simulate(scene, **arguments))
     return found
-
-
-# Each of the two ways, laws and means is a kernel of its own. The tests below run the band as compiled code.
-@pytest.mark.kernels("plain")
-@settings(max_examples=60)
-@given(
-    seed=st.integers(0, 2**32 - 1),
-    kind=st.sampled_from(["penetration", "resolved"]),
-    mean=st.booleans(),
-    power=st.floats(-3.0, 9.0),
-)
-def test_the_band_finds_what_the_compliance_finds(seed, kind, mean, power):
-    rng = np.random.default_rng(seed)
-    n = 12
-    switch = vf.Resolved(1e3) if kind == "resolved" else "ideal"
-    stiffness = 10.0 ** rng.uniform(-3.0, power, n - 1)
-    scene = chain(n, stiffness, 10.0 ** rng.uniform(-3.0, 0.0, n - 1), switch=switch)
-    system = scene.model.system
-    laws, order = build_laws(system.laws), np.arange(n)
-    rows = compressed(all_rows(system.laws), order)
-    springs = 10.0 ** rng.uniform(-2.0, 2.0, n)
-    a = to_band(system.mass + 1e-2 * system.stiffness.multiply(springs[:, None]), order)
-    right, u0 = rng.normal(size=n), rng.normal(size=n - 1)
-    base, none = u0 + rng.normal(size=n - 1), np.zeros(n - 1)
-    results = []
-    for banded in (False, True):
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(module, "_banded_pays", lambda *_, banded=banded: banded)
-            made = structure(a, "a matrix", rows, laws, 0.1, 0.05)
-        assert (made.band is not None) == banded
-        reaction, u, x = np.zeros(n - 1), np.empty(n - 1), np.empty(n)
-        acting = Acting(laws, u0, True if mean else None, None)
-        assert balance(acting, made, rows, Known(right, none, base), Guess(reaction, u, x, np.empty(u.size))) >= 0
-        results.append((reaction, u, x))
-    (r1, u1, x1), (r2, u2, x2) = results
-    # Laws a billion times stiffer than the rest lose that many digits of forces that hardly act.
-    size = np.max(np.abs(x1)) + 0.05 * np.max(np.abs(r1))
-    assert np.max(np.abs(x2 - x1)) <= 1e-9 * size
-    assert np.max(np.abs(u2 - u1)) <= 1e-10 * (np.max(np.abs(base)) + size)
-    assert np.max(np.abs(r2 - r1)) <= 1e-7 * (size + np.max(np.abs(r1)))
 
 
 @pytest.mark.parametrize("method", ["energy_conserving", "generalized_alpha"])
@@ -85,6 +42,25 @@ def test_a_chain_moves_the_same_way(monkeypatch, method, damping):
     assert through.counters.events > 8
     assert np.max(np.abs(band.samples.q - through.samples.q)) < 1e-9
     np.testing.assert_allclose(band.solution.events.time, through.solution.events.time, atol=1e-8)
+
+
+@pytest.mark.kernels("plain")
+@settings(max_examples=12)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    switch=st.sampled_from(["ideal", vf.Resolved(1e3)]),
+    method=st.sampled_from(["energy_conserving", "generalized_alpha"]),
+    power=st.floats(-3.0, 9.0),
+)
+def test_contacts_of_any_stiffness_move_the_same_way(seed, switch, method, power):
+    """For a few steps, before impacts amplify rounding."""
+    rng = np.random.default_rng(seed)
+    gaps = 10.0 ** rng.uniform(-4.0, -2.0, 11)
+    scene = chain(12, 10.0 ** rng.uniform(-3.0, power, 11), gaps, switch=switch)
+    with pytest.MonkeyPatch.context() as patch:
+        through, band = both_ways(patch, scene, t_end=0.1, method=method, dt=5e-3)
+    size = np.max(np.abs(through.samples.q))
+    assert np.max(np.abs(band.samples.q - through.samples.q)) <= 1e-8 * size
 
 
 def test_a_foundation_takes_the_band_by_itself_and_conserves_energy():
@@ -99,26 +75,6 @@ def test_a_foundation_takes_the_band_by_itself_and_conserves_energy():
     assert result.energy.balance_error < 1e-11
 
 
-def test_the_band_is_chosen_where_laws_are_many():
-    few = chain(40, np.ones(3), np.ones(3)).model.system
-    many = chain(40, np.ones(39), np.ones(39)).model.system
-    jumps = chain(40, np.ones(39), np.ones(39), "displacement").model.system
-    for system, banded in ((few, False), (many, True), (jumps, False)):
-        order = np.arange(40)
-        made = structure(
-            to_band(system.mass, order),
-            "m",
-            compressed(all_rows(system.laws), order),
-            build_laws(system.laws),
-            1.0,
-            1.0,
-        )
-        assert (made.band is not None) == banded
-        assert (None if banded else (len(system.contacts),) * 2) == (
-            None if made.compliance is None else made.compliance.shape
-        )
-
-
 def test_rows_of_many_laws_keep_the_band_narrow():
     # A chain whose neighbours are numbered far from each other, and joined by contacts alone.
     n = 64
@@ -129,7 +85,7 @@ def test_rows_of_many_laws_keep_the_band_narrow():
         for a, b in itertools.pairwise(way)
     ]
     system = vf.Scene(masses, contacts).model.system
-    kernel = energy_conserving.run(system, State(np.zeros(n), np.zeros(n)), 0.1, np.array([0.1]), 0.1)
+    kernel = energy_conserving(system, State(np.zeros(n), np.zeros(n)), 0.1, np.array([0.1]), 0.1)
     assert kernel.counters.steps == 1
     rows = all_rows(system.laws)
     pairs = abs(rows).T @ abs(rows)
@@ -141,13 +97,13 @@ def test_memory_grows_with_the_number_of_contacts_not_with_its_square():
     n = 3000
     scene = chain(n, np.full(n - 1, 1e4), np.full(n - 1, 0.001))
     system, start = scene.model.system, scene.initial_state()
-    energy_conserving.run(system, start, 0.002, np.array([0.002]), 1e-3)
+    energy_conserving(system, start, 0.002, np.array([0.002]), 1e-3)
     tracemalloc.start()
-    energy_conserving.run(system, start, 0.02, np.array([0.02]), 1e-3)
+    energy_conserving(system, start, 0.02, np.array([0.02]), 1e-3)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    # A compliance would take 72 MB.
-    assert peak < 8e6
+    # A compliance would take 72 MB. States are kept for some steps at a time.
+    assert peak < 16e6
 
 
 def test_the_energy_of_a_jump_is_that_of_its_force():

@@ -2,8 +2,6 @@
 
 import importlib.util
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import meshio
@@ -228,13 +226,6 @@ def test_the_script_makes_the_files_that_are_here(tmp_path):
             assert list(a.subdomains) == list(b.subdomains) == ["beam"]
         else:
             assert (tmp_path / name).read_bytes() == (MESHES / name).read_bytes()
-
-
-def test_importing_vofem_and_plain_beams_load_no_mesh_reader():
-    code = (
-        "import sys, vofem as vf; vf.Beam(1.0, 1.0, 1.0, 5).matrices();assert not {'meshio', 'h5py'} & set(sys.modules)"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True, cwd=MESHES.parent)
 
 
 # -- names --------------------------------------------------------------------------------------------
@@ -494,14 +485,6 @@ def test_nearly_straight_is_straight(tmp_path):
 def test_many_loose_lines_are_refused_fast(tmp_path):
     n = 20_000
     refusal(line_file(tmp_path / "loose.vtu", np.arange(2.0 * n), np.arange(2 * n).reshape(n, 2)), "not connected")
-
-
-def test_bad_values_with_a_good_mesh():
-    for value in (0.0, np.nan, "two", [1.0, 2.0]):
-        with pytest.raises(vf.ArgumentError):
-            vf.Beam.from_mesh(MESHES / "beam25.msh", value, 1.0)
-    with pytest.raises(vf.ArgumentError, match="expected a dict"):
-        vf.Beam.from_mesh(MESHES / "beam25.msh", 1.0, 1.0, "clamped")
 
 
 def test_compressed_and_binary_files_are_read(tmp_path):

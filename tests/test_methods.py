@@ -172,11 +172,12 @@ def test_a_name_is_taken_once():
 
 @pytest.mark.parametrize("method", BUILT_IN, ids=lambda method: method.name)
 def test_options_have_the_defaults_that_they_tell(method):
-    module = import_module(f"vofem.integrators.{method.name}")
-    taken = inspect.signature(module.run).parameters
+    stepping = import_module("vofem.integrators.stepping.methods")
+    run = getattr(stepping, method.name, None) or import_module(f"vofem.integrators.{method.name}").run
+    taken = inspect.signature(run).parameters
     assert ("dt" in taken, "tol" in taken, "probes" in taken) == (method.steps, method.adaptive, method.records)
     if method.name == "generalized_alpha":
-        taken = {**taken, **inspect.signature(module.parameters).parameters}
+        taken = {**taken, **inspect.signature(stepping.parameters).parameters}
     assert {name: taken[name].default for name in method.options} == dict(method.options)
     assert method.name in method_names()
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from orbit_scenes import bilinear
 from PIL import Image
+from scenes import paper_beam
 
 import vofem as vf
 from vofem import cli
@@ -24,9 +25,7 @@ GLOW = np.array([0xFF, 0xEC, 0x9E])
 
 @pytest.fixture(scope="module")
 def run():
-    beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=4, supports={"left": "clamped"}, name="beam")
-    stop = vf.Contact(beam.at(1.0), gap=0.02, stiffness=20.0, side="below", acts_on="penetration", name="stop")
-    scene = vf.Scene([beam], [stop, vf.PointLoad(beam.at(1.0), vf.Sine(-0.2, 3.0))])
+    beam, scene = paper_beam("penetration", elements=4, gap=0.02, stiffness=20.0, load=vf.Sine(-0.2, 3.0))
     return beam, vf.simulate(scene, 3.0)
 
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import vofem as vf
-from vofem.integrators.stepping.checks import MISSED, PEAK, POWER, check_contacts, check_times, contact_checks
-from vofem.laws.rows import compressed
+from vofem.integrators.stepping.checks import check_times
 
 STEPPING = ("energy_conserving", "generalized_alpha", "central_difference")
 
@@ -153,18 +152,3 @@ def test_what_a_run_looks_at_is_bounded(size, steps):
     if size >= 3000:
         assert on.size <= max(steps // 64, 20_000 // size, 16) + 2
     assert np.max(np.diff(on)) <= 3.0 * steps * dt / min(steps, 16)
-
-
-def test_what_a_watch_finds():
-    """Of a sine that passes its gap between two steps, and the power of one that closes its contact."""
-    mass = vf.Mass(1.0, stiffness=1.0)
-    scene = vf.Scene([mass], [stop(mass, gap=1.0 - 1e-9), stop(mass, gap=0.5, name="closing", stiffness=7.0)])
-    laws = scene.model.system.contacts
-    rows, table = compressed(laws.rows, np.arange(1)), contact_checks(laws)
-    for t in (0.01 * np.arange(3900)).tolist():
-        check_contacts(table, rows, 0.01, np.array([np.sin(t)]), np.array([np.cos(t)]))
-    assert table[:, MISSED].tolist() == [6, 0]
-    assert table[:, PEAK] == pytest.approx([0.0, 0.5], abs=1e-4)
-    # (u - gap) u' is largest where sin^2 - cos^2 = gap sin.
-    top = (0.5 + np.sqrt(0.25 + 8.0)) / 4.0
-    assert table[1, POWER] == pytest.approx(7.0 * (top - 0.5) * np.sqrt(1.0 - top**2), rel=1e-4)

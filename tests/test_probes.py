@@ -5,6 +5,7 @@ import csv
 import h5py
 import numpy as np
 import pytest
+from scenes import broken_off
 
 import vofem as vf
 from vofem.io.csv_file import write_probes
@@ -110,15 +111,7 @@ def test_a_resumed_run_has_one_record(method, tmp_path):
     scene, beam = beam_on_stop()
     arguments = {"method": method, "dt": DT, "times": [0.0, T_END], "probes": [beam.at(1.0)]}
     whole = vf.simulate(scene, T_END, **arguments)
-
-    def stop(t, t_end):
-        if t > 0.2:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        vf.simulate(
-            scene, T_END, progress=stop, checkpoint=tmp_path / "run.checkpoint", checkpoint_every=0, **arguments
-        )
+    broken_off(tmp_path / "run.checkpoint", 0.4, scene, T_END, **arguments)
     resumed = vf.resume(tmp_path / "run.checkpoint")
     for name in ("times", "displacement", "velocity", "acceleration"):
         assert np.array_equal(getattr(resumed.probes["beam@1.0"], name), getattr(whole.probes["beam@1.0"], name))

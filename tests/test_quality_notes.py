@@ -155,6 +155,16 @@ def test_branches_without_damping(damper, expected):
     assert sum(note.startswith("scene: nothing damps the motion") for note in branch.notes) == expected
 
 
+@pytest.mark.parametrize("method", ["shooting", "harmonic_balance"])
+def test_a_branch_that_begins_at_the_frequency_zero(method):
+    def build(omega):
+        mass = vf.Mass(1.0, stiffness=1.0, damping=0.1)
+        return vf.Scene([mass], [vf.PointLoad(mass, 2.0 * vf.Sine(0.5, omega))])
+
+    with pytest.raises(vf.ArgumentError, match=r"has the frequency 0 here and is constant.* begin at a small positive"):
+        vf.continuation(build, 0.0, 0.5, method=method)
+
+
 @pytest.mark.parametrize(("elements", "expected"), [(100, 0), (4000, 1)])
 @pytest.mark.parametrize("supports", [{"left": "clamped"}, {}])
 def test_rounding_of_fine_meshes(elements, expected, supports):

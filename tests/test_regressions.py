@@ -55,18 +55,6 @@ def test_springs_within_a_beam_leave_its_rigid_motion_alone():
     assert omega[1] > 1.0
 
 
-@pytest.mark.parametrize("zeta", [1.0, 1.0 + 1e-12, 1.0 - 1e-9])
-def test_critically_damped_contact(zeta):
-    """A free mass in a stop of exactly critical damping: x = (x0 + (v0 + w x0) t) exp(-w t)."""
-    mass = vf.Mass(1.0)
-    stop = vf.Contact(mass, gap=0.0, stiffness=100.0, damping=20.0 * zeta, side="above", acts_on="penetration")
-    result = vf.simulate(vf.Scene([mass], [stop], initial={mass: (0.3, 0.2)}), 0.2)
-    t = result.times
-    exact = (0.3 + (0.2 + 3.0) * t) * np.exp(-10.0 * t)
-    assert result.displacement(mass) == pytest.approx(exact, abs=1e-9)
-    assert result.energy.balance_error < 1e-11
-
-
 def test_work_of_a_ramp_beside_rigid_motion_and_dashpots():
     a, b = vf.Mass(1.0), vf.Mass(1.0)
     effects = [vf.Spring(a, b, stiffness=1.0), vf.Dashpot(a, damping=0.3), vf.PointLoad(a, vf.Ramp(1.0))]

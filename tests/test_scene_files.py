@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import FORCES, paper_beam, two_masses
+from scenes import paper_beam
 
 import vofem as vf
 from vofem.io.scene_file import OutputSettings, RunSettings, UniformTimes, scene_to_toml
@@ -61,23 +61,6 @@ def assert_round_trip(scene, tmp_path):
 # -- round trips ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("acts_on", ["displacement", "penetration"])
-def test_the_papers_beam_gives_the_same_result(acts_on, tmp_path):
-    _, scene = paper_beam(acts_on)
-    again = reload(scene, tmp_path)
-    one, two = vf.simulate(scene, 5.0), vf.simulate(again, 5.0)
-    assert np.array_equal(one.samples.q, two.samples.q)
-    assert np.array_equal(one.contacts["stop"].closings, two.contacts["stop"].closings)
-
-
-@pytest.mark.parametrize("case", sorted(FORCES))
-def test_the_papers_masses_give_the_same_result(case, tmp_path):
-    *_, scene = two_masses(case, "displacement", damping=0.1)
-    one, two = vf.simulate(scene, 20.0), vf.simulate(reload(scene, tmp_path), 20.0)
-    assert np.array_equal(one.samples.q, two.samples.q)
-    assert np.array_equal(one.energy.dissipated, two.energy.dissipated)
-
-
 EVERY_FUNCTION = [
     2.5,
     vf.Constant(-0.1),
@@ -90,15 +73,6 @@ EVERY_FUNCTION = [
     vf.Sine(0.1, 1.0) + vf.Ramp(2.0) * 0.1,
     2.0 - (vf.Pulse(1.0, 0.1, 0.2) + 3.0) * -0.7,
 ]
-
-
-@pytest.mark.parametrize("f", EVERY_FUNCTION, ids=repr)
-def test_functions_of_time(f, tmp_path):
-    mass = vf.Mass(1.0, name="m")
-    scene = vf.Scene([mass], [vf.PointLoad(mass, f)])
-    assert_round_trip(scene, tmp_path)
-    again = reload(scene, tmp_path)
-    assert type(again.effects[0].f) is type(scene.effects[0].f)
 
 
 def every_effect():
@@ -133,6 +107,9 @@ def every_effect():
         vf.Springpot(rod.at(0.3), ball, coefficient=0.7, order=1 / 3, name="gel"),
         vf.Springpot(ball, coefficient=2.0, order=vf.fractional.TabulatedOrder([0.0, 1 / 3], [0.2, 0.9])),
         vf.RayleighDamping(0.1, 0.01),
+        vf.ModalDamping(0.02),
+        *(vf.BaseMotion(body, vf.Sine(1.0, 2.0)) for body in (deck, ball, rod)),
+        *(vf.PointLoad(ball, f) for f in EVERY_FUNCTION),
     ]
     initial = {ball: (0.1, -1 / 3), rod: (0.0, vf.Polynomial([0.49, -1.4, 1.0]))}
     return vf.Scene([deck, ball, rod], effects, initial)
@@ -143,6 +120,9 @@ def test_every_class_and_their_order(tmp_path):
     assert_round_trip(scene, tmp_path)
     again = reload(scene, tmp_path)
     assert [type(effect) for effect in again.effects] == [type(effect) for effect in scene.effects]
+    assert [type(e.f) for e in again.effects[-len(EVERY_FUNCTION) :]] == [
+        type(e.f) for e in scene.effects[-len(EVERY_FUNCTION) :]
+    ]
     assert again.bodies[2].EI.tolist() == [1.0, 2.0]
     assert again.bodies[2].elements.tolist() == [-0.3, 0.1, 0.7]
 
@@ -160,19 +140,6 @@ def test_every_effect_of_the_package_is_in_the_schema_or_refused():
     functions = {"Sine", "Constant", "Ramp", "Pulse", "Tabulated"}
     known = {entry.made.__name__ for entry in EFFECTS.values()}
     assert set(vf.effects.__all__) - known - without_entry - functions == set()
-
-
-def test_base_motion(tmp_path):
-    """All bodies that are joined stand on the same base."""
-    beam, mass = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"}, name="b"), vf.Mass(1.0, 1.0, name="m")
-    moved = [vf.BaseMotion(beam, vf.Sine(1.0, 2.0)), vf.BaseMotion(mass, vf.Sine(1.0, 2.0))]
-    assert_round_trip(vf.Scene([beam, mass], [vf.Spring(beam.at(1.0), mass, stiffness=2.0), *moved]), tmp_path)
-
-
-def test_modal_damping(tmp_path):
-    beam = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"}, name="b")
-    again = reload(vf.Scene([beam], [vf.ModalDamping(0.02)]), tmp_path)
-    assert again.effects[0].ratio == 0.02
 
 
 @pytest.mark.parametrize("name", ["beam25.msh", "beam25.vtu", "beam25.med", "graded.msh", "inclined.msh"])
@@ -411,11 +378,9 @@ def problems(text, tmp_path):
 
 ONE = [
     ("t_end = 2.0", "t_end = -2.0", "run.t_end", "expected a positive number, found -2.0"),
-    ("t_end = 2.0", "t_end = true", "run.t_end", "expected a positive number, found true"),
     ("t_end = 2.0", "", "run.t_end", "missing, expected a positive number"),
     ("t_end = 2.0", "t_end = 2\nmethd = 'auto'", "run.methd", "unknown key; did you mean 'method'?"),
     ("t_end = 2.0", "t_end = 2\nmethod = 'evnt_driven'", "run.method", "did you mean 'event_driven'?"),
-    ("t_end = 2.0", "t_end = 2\ndt = 0", "run.dt", "expected a positive number, found 0"),
     ("t_end = 2.0", "t_end = 2\nmethod='event_driven'\ndt = 1", "run.dt", "has no meaning for event_driven"),
     ("t_end = 2.0", "t_end = 2\nmethod='central_difference'\nmax_events = 9", "run.max_events", "is no option of"),
     ("t_end = 2.0", "t_end = 2\nmax_events = 'x'", "run.max_events", "expected a number, found 'x'"),
@@ -430,8 +395,6 @@ ONE = [
     ("[run]", "[output]\npictures = -1\n[run]", "output.pictures", "expected a number that is not negative"),
     ('name = "deck"', 'name = ""', "beam[0].name", "expected a name, a string that is not empty, found ''"),
     ('name = "deck"', 'name = "ball"', "mass[0].name", "'ball' is already the name of beam[0]"),
-    ("length = 1.0", "lenght = 1.0", "beam[0].lenght", "unknown key; did you mean 'length'?"),
-    ("length = 1.0", "length = '1 m'", "beam[0].length", "expected a positive number, found '1 m'"),
     ("length = 1.0", "length = inf", "beam[0].length", "expected a finite number (magnitude at most 1e+60), found inf"),
     ("length = 1.0", f"length = 1{'0' * 200}", "beam[0].length", "found a whole number of 201 digits"),
     ("length = 1.0", "", "beam[0].length", "missing, expected a positive number (or mesh"),
@@ -439,10 +402,8 @@ ONE = [
     ("length = 1.0\nelements = 4", "mesh = 'no.msh'", "beam[0].mesh", "does not exist"),
     ("length = 1.0\nelements = 4", "mesh = 3", "beam[0].mesh", "expected the path of a mesh file"),
     ("elements = 4", "elements = 4.0", "beam[0].elements", "expected a whole number or an array of the x of all nodes"),
-    ("elements = 4", "elements = 0", "beam[0].elements", "found 0"),
     ("elements = 4", "elements = [0, 'x', 1]", "beam[0].elements[1]", "expected a number, found 'x'"),
     ("elements = 4", "elements = [0, 0.6, 0.5, 1]", "beam[0].elements", "node x must increase"),
-    ("EI = 1.0", "EI = nan", "beam[0].EI", "expected a finite number (magnitude at most 1e+60), found nan"),
     ("EI = 1.0", "EI = [1.0, 2.0]", "beam[0].EI", "has shape (2,), expected (4,)"),
     ("EI = 1.0", "EI = [1.0, 2.0, 0.0, 1.0]", "beam[0].EI[2]", "expected a positive number, found 0.0"),
     ("EI = 1.0", "EI = { thick = 1.0 }", "beam[0].EI", "only a beam from a mesh has named subdomains"),
@@ -455,12 +416,9 @@ ONE = [
     ('{ left = "clamped" }', '{ "0.3" = "clamped" }', "beam[0].supports", "not a node; the nearest are 0.25 and 0.5"),
     ('{ left = "clamped" }', '{ 0.5 = "clamped" }', "beam[0].supports.0", "an x needs quotes, such as '0.5' ="),
     ('{ left = "clamped" }', '"left"', "beam[0].supports", "expected a table such as { left = 'clamped'"),
-    ("mass = 1.0", "mass = 0", "mass[0].mass", "expected a positive number, found 0"),
-    ("mass = 1.0", "mass = 1.0\ndamping = -1", "mass[0].damping", "expected a number that is not negative, found -1"),
     ("mass = 1.0", "mass = 2020-01-01", "mass[0].mass", "found a date or time, 2020-01-01"),
     ("[[mass]]\n", "[[mas]]\n", "mas", "unknown key; did you mean 'mass'?"),
     ('a = "deck@1.0"', 'a = "dek@1.0"', "contact[0].a", "found 'dek'; did you mean 'deck'?"),
-    ('a = "deck@1.0"', 'a = "bal"', "contact[0].a", "did you mean 'ball'?"),
     ('a = "deck@1.0"', 'a = "deck"', "contact[0].a", "expected a point of a beam, found 'deck'"),
     ('a = "deck@1.0"', 'a = "deck@nan"', "contact[0].a", "NaN"),
     ('a = "deck@1.0"', 'a = "deck@rigth"', "contact[0].a", "did you mean 'right'?"),
@@ -472,15 +430,12 @@ ONE = [
     ('a = "deck@1.0"', "a = { body = 'deck', at = nan }", "contact[0].a.at", "found nan"),
     ('a = "deck@1.0"', "", "contact[0].a", "missing, expected a point"),
     ("gap = 0.1", "gap = -0.1", "contact[0].gap", "a preloaded contact needs acts_on='penetration'"),
-    ("stiffness = 1.0", "stiffness = -1.0", "contact[0].stiffness", "expected a positive number, found -1.0"),
     ('side = "below"', 'side = "belw"', "contact[0].side", "did you mean 'below'?"),
     ('side = "below"', "", "contact[0].side", "missing, expected one of 'below', 'above' for a stop"),
     ('side = "below"', 'side = "below"\nb = "ball"', "contact[0].side", "a contact between two points has none"),
     ('acts_on = "displacement"', "", "contact[0].acts_on", "missing, expected one of 'displacement', 'penetration'"),
-    ('acts_on = "displacement"', 'acts_on = "penetraton"', "contact[0].acts_on", "did you mean 'penetration'?"),
     ('side = "below"', 'side = "below"\nswitch = "idel"', "contact[0].switch", "expected 'ideal' or { resolved"),
     ("f = 1.0", "f = 'sin'", "point_load[0].f", "expected a number or a function of time such as { sine"),
-    ("f = 1.0", "f = { sin = {} }", "point_load[0].f.sin", "unknown key; did you mean 'sine'?"),
     ("f = 1.0", "f = { sine = 3 }", "point_load[0].f.sine", "a table with amplitude, omega, phase, frequency, found 3"),
     ("f = 1.0", "f = { sine = {amplitude=1, omega=2}, ramp = {slope=1} }", "point_load[0].f", "with sine, ramp"),
     ("f = 1.0", "f = { ramp = {slope=1, start=2, stop=1} }", "point_load[0].f.ramp.stop", "a time after start = 2"),
@@ -489,11 +444,9 @@ ONE = [
     ("f = 1.0", "f = { tabulated = {t=[0,0], values=[1,2]} }", "point_load[0].f.tabulated.t", "must increase strictly"),
     ("f = 1.0", "f = 1.0\n[[rotational_spring]]\npoint='ball'\nstiffness=1", "rotational_spring[0].point", "no slope"),
     ("f = 1.0", "f = 1.0\n[[distributed_load]]\nbeam='ball'\np=1", "distributed_load[0].beam", "which is a mass"),
-    ("f = 1.0", "f = 1.0\n[[distributed_load]]\nbeam='dck'\np=1", "distributed_load[0].beam", "did you mean 'deck'?"),
     ("f = 1.0", "f = 1.0\n[[contact]]\nname='stop'\na='ball'\ngap=1\nstiffness=1\nside='above'\nacts_on='penetration'",
      "contact[1].name", "'stop' is already the name of contact[0]"),
     ("ball = { velocity", "bal = { velocity", "initial.bal", "did you mean 'ball'?"),
-    ("velocity = 1.0", "velocty = 1.0", "initial.ball.velocty", "unknown key; did you mean 'velocity'?"),
     ("velocity = 1.0", "velocity = {polynomial = [1]}", "initial.ball.velocity", "expected a number, found a table"),
     ("ball = { velocity = 1.0 }", "ball = 3", "initial.ball", "a table with displacement and velocity, found 3"),
     ("ball = { velocity = 1.0 }", "deck = { displacement = 1 }", "initial.deck.displacement", "beam is clamped"),

@@ -2,10 +2,8 @@
 
 import numpy as np
 import pytest
-from matplotlib import pyplot
 
 import vofem as vf
-from vofem.io import plot
 from vofem.io.pictures.arrows import LOAD
 from vofem.io.pictures.drawing import BLOCK, CLOSED
 from vofem.io.pictures.sketch import sketch
@@ -107,15 +105,3 @@ def test_a_scene_at_rest_has_no_motion_and_no_moments():
     drawing = sketch(at_rest(scene), SIZE, None)
     assert "at rest" in words(drawing)
     assert not any("bending" in text for text in words(drawing))
-
-
-def test_the_legend_of_shapes_names_times_first():
-    beam, scene = scene_of(
-        lambda b: vf.Contact(b.at(1.0), gap=0.01, stiffness=5.0, side="below", acts_on="penetration", name="s"),
-        lambda b: vf.PointLoad(b.at(1.0), -0.2),
-    )
-    axes = plot.shapes(vf.simulate(scene, 2.0), [0.1, 1.0, 1.5])
-    names = [text.get_text() for text in axes.get_legend().get_texts()]
-    pyplot.close("all")
-    assert names == ["t = 0.1 s", "t = 1 s", "t = 1.5 s", "closed contact", "untouched surface"]
-    assert beam.name == "beam"

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-from pathlib import Path
-
 import h5py
 import numpy as np
 import pytest
+from scenes import broken_off
 from test_springpot import METHODS, STARTS, oscillator
 
 import vofem as vf
@@ -102,15 +99,11 @@ def test_reactions_know_of_them(method, within):
 # -- stopping, saving, going on ---------------------------------------------------------------------
 
 
-class PowerLossError(Exception):
-    """Ends a run in its middle."""
-
-
 @pytest.mark.parametrize("order", [0.5, TabulatedOrder([0.0, 20.0], [0.2, 0.9]), swinging], ids=["one", "law", "call"])
 @pytest.mark.parametrize("kind", ["energy_conserving", "tolerance", "generalized_alpha", "central_difference"])
 def test_resumed_runs_are_bitwise_the_same(kind, order, tmp_path, monkeypatch):
-    monkeypatch.setattr("vofem.integrators.stepping.march._CHUNK_WORK", 200)
-    monkeypatch.setattr("vofem.integrators.stepping.doubling._CHUNK", 50)
+    monkeypatch.setattr("vofem.integrators.stepping.run._CHUNK_WORK", 200)
+    monkeypatch.setattr("vofem.integrators.stepping.tolerance._CHUNK", 50)
     monkeypatch.setattr("vofem.laws.springpot_past._MOST_STEPS", 150)
     options = {"method": "energy_conserving", "tol": 1e-4} if kind == "tolerance" else {"method": kind, "dt": 0.02}
     mass, scene = oscillator(order, STARTS["struck"])
@@ -118,13 +111,8 @@ def test_resumed_runs_are_bitwise_the_same(kind, order, tmp_path, monkeypatch):
     t_end = 8.0 if kind == "tolerance" else 30.0
     times, path = np.linspace(0.0, t_end, 61), tmp_path / "run.checkpoint"
 
-    def lose_power(t, t_end):
-        if t > 0.4 * t_end:
-            raise PowerLossError
-
     whole = vf.simulate(scene, t_end, times=times, **options)
-    with pytest.raises(PowerLossError):
-        vf.simulate(scene, t_end, times=times, checkpoint=path, checkpoint_every=0.0, progress=lose_power, **options)
+    broken_off(path, 0.4, scene, t_end, times=times, **options)
     resumed = vf.resume(path, scene=scene) if order is swinging else vf.resume(path)
     assert np.array_equal(resumed.displacement(mass), whole.displacement(mass))
     for what in ("force", "stored", "dissipated"):
@@ -140,27 +128,6 @@ def test_resumed_runs_are_bitwise_the_same(kind, order, tmp_path, monkeypatch):
             vf.resume(path, scene=vf.Scene(scene.bodies, [other, *scene.effects[1:]], scene.initial))
 
 
-@pytest.mark.parametrize("order", [0.5, TabulatedOrder([0.0, 20.0], [0.2, 0.9]), swinging], ids=["one", "law", "call"])
-def test_runs_are_saved_and_loaded_whole(order, tmp_path):
-    mass, scene = oscillator(order, STARTS["struck"])
-    result = vf.simulate(scene, 4.0, dt=0.01)
-    result.save(tmp_path / "run.vtkhdf")
-    loaded = vf.load(tmp_path / "run.vtkhdf")
-    for what in ("elongation", "force", "stored", "dissipated"):
-        assert np.array_equal(getattr(loaded.springs["s"], what), getattr(result.springs["s"], what))
-    assert loaded.counters == result.counters
-    with h5py.File(tmp_path / "run.vtkhdf") as file:
-        assert [name.decode() for name in file["history/spring"][()]] == ["s"]
-        assert np.array_equal(file["history/spring_force"][:, 0], result.springs["s"].force)
-    loaded.save(tmp_path / "again.vtkhdf")
-    if order is swinging:
-        with pytest.raises(vf.MissingCallableError, match="swinging"):
-            vf.simulate(loaded.scene, 4.0, dt=0.01)
-    else:
-        again = vf.simulate(loaded.scene, 4.0, dt=0.01)
-        assert np.array_equal(again.displacement(mass), result.displacement(mass))
-
-
 def test_a_run_that_starts_from_another_says_what_it_forgets():
     mass, scene = oscillator(0.5, STARTS["struck"])
     first = vf.simulate(scene, 2.0, dt=0.01)
@@ -174,14 +141,6 @@ def test_a_run_that_starts_from_another_says_what_it_forgets():
     assert not any(
         "springpots:" in note for note in vf.simulate(vf.Scene(scene.bodies, scene.effects, rest), 1.0).notes
     )
-
-
-def test_an_interrupted_run_keeps_what_it_has():
-    mass, scene = oscillator(0.5, STARTS["struck"])
-    whole = vf.simulate(scene, 4.0, dt=0.01)
-    shorter = vf.simulate(scene, 4.0, dt=0.01, times=whole.times[:150])
-    assert np.array_equal(shorter.springs["s"].force, whole.springs["s"].force[:150])
-    assert np.array_equal(shorter.displacement(mass), whole.displacement(mass)[:150])
 
 
 # -- what is wrong ----------------------------------------------------------------------------------
@@ -254,26 +213,6 @@ def test_names_and_places():
 # -- absence ----------------------------------------------------------------------------------------
 
 
-def test_absent_springpots_cost_nothing():
-    """No history, no kernel, no module that builds one."""
-    code = """
-import sys
-from pathlib import Path
-import numpy as np
-import vofem as vf
-mass = vf.Mass(1.0, 1.0)
-for options in ({"dt": 0.01}, {"tol": 1e-3}, {"method": "generalized_alpha"}, {"method": "central_difference"}):
-    result = vf.simulate(vf.Scene([mass], [vf.PointLoad(mass, np.sin)], {mass: (0.0, 1.0)}), 1.0, **options)
-    assert result.counters.history_terms == result.counters.history_updates == 0
-    assert len(result.springs) == 0
-    assert not result.model.system.recorded
-    assert result.model.system.laws == ()
-    assert result.solution.springs is None
-assert "vofem.laws.springpot_past" not in sys.modules
-"""
-    subprocess.run([sys.executable, "-c", code], check=True)
-
-
 @pytest.mark.parametrize("name", ["energy_conserving", "generalized_alpha", "central_difference"])
 def test_a_checkpoint_without_springpots_holds_no_history(name, tmp_path):
     mass, path = vf.Mass(1.0, 1.0), tmp_path / "run.checkpoint"
@@ -281,13 +220,3 @@ def test_a_checkpoint_without_springpots_holds_no_history(name, tmp_path):
                 checkpoint_every=0.0)  # fmt: skip
     with h5py.File(path) as file:
         assert b"history" not in file["vofem_checkpoint/run/tree"][()].split(b'"snapshot"')[1].split(b'"counters"')[0]
-
-
-def test_the_example_of_the_docs():
-    page = (Path(__file__).parent.parent / "docs" / "fractional.md").read_text(encoding="utf-8")
-    code = page.split("## Springpots")[1].split("```python\n")[1].split("```")[0]
-    names = {}
-    exec(code, names)
-    assert names["result"].counters.history_terms == 2 * 53
-    assert names["result"].energy.balance_error < 1e-11
-    assert list(names["result"].springs) == ["gel", "ages"]

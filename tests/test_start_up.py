@@ -1,4 +1,4 @@
-"""What commands import: each its own part, because a newcomer waits for all of it."""
+"""What is imported when: each part by those who ask for it, because a newcomer waits for all of it."""
 
 import json
 import os
@@ -9,41 +9,74 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-EXAMPLE = "examples/cantilever.toml"
 
-#: Packages that take long to import.
-HEAVY = {"skfem", "numba", "matplotlib", "pyvista", "vtkmodules", "h5py", "rich", "meshio", "pandas", "xarray"}
+#: Packages that take long to import, and modules of vofem for effects and pictures that a scene may lack.
+WATCHED = {
+    "scipy", "skfem", "numba", "matplotlib", "pyvista", "vtkmodules", "h5py", "rich", "meshio", "pandas", "xarray",
+    "vofem.io.cards", "vofem.laws.springpot_past",
+}  # fmt: skip
+
+#: What is done in one process, stage after stage, and what each stage adds to what is imported.
+#: A run so short needs no compiled code; writing VTU files needs no VTK.
+STAGES = {
+    "import": ("import vofem as vf", set()),
+    "public names": ("for name in vf.__all__: getattr(vf, name)", set()),
+    "masses": (
+        "a, b = vf.Mass(1.0, stiffness=1.0), vf.Mass(1.0)\n"
+        "hit = vf.Contact(a, b, gap=0.1, stiffness=10.0, acts_on='penetration')\n"
+        "scene = vf.Scene([a, b], [hit], initial={a: (0.0, 1.0)})\n"
+        "result = vf.simulate(scene, 3.0)\n"
+        "assert result.counters.events and result.energy",
+        {"scipy"},
+    ),
+    "steps": (
+        "import numpy as np\n"
+        "for method, how in (('energy_conserving', {}), ('energy_conserving', {'tol': 1e-3}),\n"
+        "                    ('generalized_alpha', {}), ('central_difference', {})):\n"
+        "    swings = vf.Scene([a], [vf.PointLoad(a, np.sin)], {a: (0.0, 1.0)})\n"
+        "    stepped = vf.simulate(swings, 1.0, method=method, **how)\n"
+        "    assert stepped.counters.history_terms == stepped.counters.history_updates == len(stepped.springs) == 0",
+        set(),
+    ),
+    "beam": (
+        "beam = vf.Beam(1.0, 1.0, 1.0, 5, {'left': 'clamped'})\n"
+        "vf.simulate(vf.Scene([beam], [vf.PointLoad(beam.at(1.0), 1.0)]), 1.0)",
+        {"skfem"},
+    ),
+    "explain": ("from vofem.cli import main\nassert main(['explain', EXAMPLE]) == 0", set()),
+    "run": ("assert main(['run', EXAMPLE, '--no-pictures', '--output', FOLDER + '/out']) == 0", set()),
+    "series": (
+        "from vofem.io.vtk import write_series\nwrite_series(result, FOLDER + '/series')",
+        {"meshio", "rich"},
+    ),
+    "run with pictures": ("assert main(['run', EXAMPLE, '--output', FOLDER + '/out']) == 0", {"matplotlib"}),
+}
 
 
-def imported(code, **environment):
-    """Return which heavy packages a program has imported at its end."""
-    program = (
-        f"{code}\nimport json, sys\nprint('imported', json.dumps([m for m in {sorted(HEAVY)} if m in sys.modules]))"
-    )
+@pytest.fixture(scope="module")
+def imported(tmp_path_factory):
+    """By stage, what it has imported, in a process without compiled code on disk."""
+    folder = tmp_path_factory.mktemp("start")
+    program = [f"import json, sys\nFOLDER, EXAMPLE = {str(folder)!r}, 'examples/cantilever.toml'"]
+    for name, (code, _) in STAGES.items():
+        found = f"[m for m in {sorted(WATCHED)} if m in sys.modules]"
+        program.append(f"{code}\nprint('after', json.dumps([{name!r}, {found}]))")
     run = subprocess.run(
-        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=False,
-        env={**os.environ, **environment},
+        [sys.executable, "-c", "\n".join(program)], cwd=ROOT, capture_output=True, text=True, check=False,
+        env={**os.environ, "NUMBA_CACHE_DIR": str(folder / "caches")},
     )  # fmt: skip
     assert run.returncode == 0, run.stderr
-    return set(json.loads(run.stdout.splitlines()[-1].removeprefix("imported ")))
+    assert (folder / "out" / "histories.csv").exists()
+    return dict(
+        json.loads(line.removeprefix("after ")) for line in run.stdout.splitlines() if line.startswith("after ")
+    )
 
 
-def command(folder, *words):
-    """Return what a command imports on a machine without compiled code, of which a short run has no use."""
-    return imported(f"from vofem.cli import main\nassert main({list(words)!r}) == 0", NUMBA_CACHE_DIR=str(folder))
-
-
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        (("explain", EXAMPLE), {"skfem"}),
-        (("run", EXAMPLE, "--no-pictures", "--output", "{}"), {"skfem"}),
-        (("run", EXAMPLE, "--output", "{}"), {"skfem", "matplotlib"}),
-    ],
-    ids=["explain", "run without pictures", "run"],
-)
-def test_a_command_imports_what_it_needs(tmp_path, words, expected):
-    """matplotlib is imported for pictures alone, VTK for a snapshot; a run so short needs no compiled code."""
-    out = tmp_path / "out"
-    assert command(tmp_path / "caches", *(word.format(out) for word in words)) == expected
-    assert (words[0] == "explain") is not (out / "histories.csv").exists()
+@pytest.mark.parametrize("stage", STAGES)
+def test_a_stage_imports_what_it_needs(imported, stage):
+    expected = set()
+    for name, (_, more) in STAGES.items():
+        expected |= more
+        if name == stage:
+            break
+    assert set(imported[stage]) == expected

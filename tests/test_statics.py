@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 import vofem as vf
-from vofem.statics.solver import EquilibriumSolver
-from vofem.system import CLOSED, OPEN
 
 
 def cantilever(load, acts_on="displacement", gap=0.03, stiffness=1.0):
@@ -69,74 +64,6 @@ def test_gravity_acts_on_point_masses_too():
     beam = vf.Beam(1.0, 1.0, 1e-9, 4, {"left": "clamped"})
     scene = vf.Scene([beam], [vf.Gravity(10.0), vf.PointMass(beam.at(1.0), mass=0.3)])
     assert vf.equilibrium(scene).displacement(beam.at(1.0)) == pytest.approx(-1.0, rel=1e-6)
-
-
-def stops_along_a_beam(gaps, acts_on, stiffness=1e4):
-    beam = vf.Beam(1.0, 1.0, 1.0, 25, {"left": "clamped"})
-    contacts = [
-        vf.Contact(beam.at(x), gap=g, stiffness=stiffness, side="below", acts_on=acts_on)
-        for x, g in zip(beam.nodes[1:], gaps, strict=True)
-    ]
-    return vf.Scene([beam], [*contacts, vf.Gravity(20.0)])
-
-
-@pytest.mark.parametrize("acts_on", ["displacement", "penetration"])
-@pytest.mark.parametrize("start", ["open", "closed", "alternating"])
-def test_many_contacts_from_any_starting_set(acts_on, start):
-    """Twenty-five stops along one beam: the same answer, after finitely many steps, from every start."""
-    gaps = 0.002 * np.abs(np.sin(7.0 * np.arange(1, 26)))
-    scene = stops_along_a_beam(gaps, acts_on)
-    system = scene.model.system
-    first = {"open": np.full(25, OPEN), "closed": np.full(25, CLOSED), "alternating": np.arange(25) % 2}[start]
-    solver = EquilibriumSolver(system, system.force(0.0))
-    status, _, found = solver.solve(1.0, first)
-    assert found
-    assert solver.iterations <= 60
-    outcome = vf.equilibrium(scene)
-    names = {"open": 0, "closed": 1, "pinned": 2}
-    assert list(status) == [names[c.status] for c in outcome.contacts.values()]
-    check_complementarity(scene, outcome)
-
-
-def check_complementarity(scene, outcome):
-    """No force without contact, no penetration without force, and equilibrium of every node."""
-    system = scene.model.system
-    laws = system.contacts
-    force = np.array([c.force for c in outcome.contacts.values()])
-    s = np.array([c.gap_function for c in outcome.contacts.values()])
-    size = max(np.max(np.abs(force)), 1e-12)
-    for j, contact in enumerate(outcome.contacts.values()):
-        if contact.status == "open":
-            assert force[j] == 0.0
-            assert s[j] <= 1e-12
-        elif contact.status == "closed":
-            expected = laws.stiffness[j] * (s[j] + laws.gap[j] - laws.offset[j])
-            assert force[j] == pytest.approx(expected, abs=1e-10 * size)
-            assert s[j] >= -1e-12
-        else:
-            assert -1e-10 * size <= force[j] <= laws.stiffness[j] * laws.gap[j] * (1 + 1e-10)
-    q = np.concatenate([outcome.state_of(body.name)[0] for body in scene.bodies])[scene.model.free]
-    residual = system.stiffness @ q - system.force(0.0) + laws.rows.T @ force
-    assert np.max(np.abs(residual)) <= 1e-7 * np.max(np.abs(system.stiffness @ np.abs(q)))
-
-
-@given(data=st.data())
-def test_random_masses_and_contacts(data):
-    count = data.draw(st.integers(1, 5))
-    decades = st.floats(-3.0, 3.0).map(lambda e: 10.0**e)
-    masses = [vf.Mass(1.0, stiffness=data.draw(decades)) for _ in range(count)]
-    acts_on = data.draw(st.sampled_from(["displacement", "penetration"]))
-    gap = st.floats(0.0, 2.0) if acts_on == "displacement" else st.floats(-2.0, 2.0)
-    contacts = []
-    for a in range(count):
-        b = data.draw(st.integers(0, count - 1))
-        where = {"side": data.draw(st.sampled_from(["above", "below"]))} if a == b else {"b": masses[b]}
-        contacts.append(
-            vf.Contact(masses[a], gap=data.draw(gap), stiffness=data.draw(decades), acts_on=acts_on, **where)
-        )
-    loads = [vf.PointLoad(m, data.draw(st.floats(-5.0, 5.0))) for m in masses]
-    scene = vf.Scene(masses, [*contacts, *loads])
-    check_complementarity(scene, vf.equilibrium(scene))
 
 
 def test_points_are_resolved_by_name_and_x():

@@ -190,3 +190,36 @@ def test_numbers_at_paths():
     file = vf.load_scene(EXAMPLE)
     load = next(effect for effect in file.at(0.6).effects if isinstance(effect, vf.PointLoad))
     assert load.f.omega == 0.6
+
+
+def test_pictures_show_the_curve_and_what_was_computed(branch, tmp_path, figures):
+    """Marks stand behind the curve, the parameter has no offset, orbits of one frequency do not repeat it."""
+    found, masses = branch
+    plot.response_curve(found, masses[1], tmp_path / "curve.png")
+    axes = figures[0].axes[0]
+    curves = [line for line in axes.lines if line.get_linestyle() in ("-", "--")]
+    marks = [line for line in axes.lines if line not in curves]
+    assert marks
+    assert max(mark.get_zorder() for mark in marks) < min(curve.get_zorder() for curve in curves)
+    assert not axes.xaxis.get_major_formatter().get_useOffset()
+    plot.phase_portrait([found.orbits[0]] * 2, masses[1], tmp_path / "portrait.png")
+    assert not any("rad/s" in label for label in labels(figures[1]))
+    assert figures[1].axes[0].get_title().endswith("rad/s")
+
+
+def test_a_spectrum_and_a_map_end_where_the_numbers_end(tmp_path, figures):
+    mass = vf.Mass(1.0, stiffness=1.0, damping=0.1)
+    stop = vf.Contact(mass, gap=0.5, stiffness=3.0, side="above", acts_on="penetration", name="stop")
+    scene = vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(0.5, 0.9))])
+    result = vf.simulate(scene, 100.0, method="energy_conserving", dt=0.1)
+    plot.spectrum(result, mass, tmp_path / "spectrum.png", limit=50.0)
+    axes = figures[0].axes[0]
+    assert axes.get_xlim()[1] == pytest.approx(5.0, rel=0.02)
+    (line,) = axes.lines
+    assert axes.get_ylim()[0] > 0.3 * line.get_ydata().min() * 0.99
+    table = vf.sweep(lambda gap, omega: {"y": gap + omega}, {"gap": [3.0, 1.0], "omega": [1, 2, 5]}, executor="serial")
+    plot.sweep_curves(table, tmp_path / "map.png")
+    axes = figures[1].axes[0]
+    assert (axes.get_xlabel(), axes.get_xlim()) == ("gap", (1.0, 3.0))
+    assert (axes.get_ylabel(), axes.get_ylim()) == ("omega", (1.0, 5.0))
+    assert plot.impact_statistics(result, tmp_path / "impacts.png") == tmp_path / "impacts.png"

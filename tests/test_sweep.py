@@ -404,6 +404,32 @@ def test_a_point_of_another_kind_has_failed_and_leaves_the_column_as_it_is(tmp_p
         assert "expected 'y': number of shape () as at first" in one.error
 
 
+def test_mean_and_confidence_over_random_records():
+    """Against the closed form, and against how often an interval of 90 % holds the true mean."""
+
+    def function(case, seed):
+        if seed == 3 and case == 1:
+            raise ValueError("no record")
+        return {"y": np.random.default_rng(1000 * case + seed).normal(case, 2.0, size=400), "z": float(seed), "t": "a"}
+
+    table = vf.sweep(function, {"case": [1, 2], "seed": list(range(8))}, executor="serial")
+    mean, width = table.mean("y", over="seed"), table.confidence("y", over="seed", level=0.9)
+    assert mean.shape == width.shape == (2, 400)
+    np.testing.assert_allclose(mean[1], table["y"][1].mean(axis=0), rtol=1e-14)
+    # Student's factor for seven degrees of freedom and 90 %.
+    np.testing.assert_allclose(width[1], 1.894579 * table["y"][1].std(axis=0, ddof=1) / np.sqrt(8.0), rtol=1e-6)
+    inside = np.abs(mean - np.array([[1.0], [2.0]])) <= width
+    assert 0.86 < inside.mean() < 0.94
+    assert table.mean("z", over="seed").tolist() == [25.0 / 7.0, 3.5]
+    assert table.mean("z") == pytest.approx(53.0 / 15.0)
+    assert np.isnan(table.confidence("z", over="case")[3])
+    for wrong in ({"name": "t"}, {"name": "z", "over": "sed"}, {"name": "w"}):
+        with pytest.raises(vf.ArgumentError):
+            table.mean(**wrong)
+    with pytest.raises(vf.ArgumentError, match=r"level is 95, expected a probability between 0 and 1"):
+        table.confidence("z", level=95)
+
+
 def test_integers_and_floats_are_one_kind():
     table = vf.sweep(lambda x: {"y": x if x > 1 else x / 2}, {"x": [1, 2]}, executor="serial")
     assert table["y"].tolist() == [0.5, 2.0]

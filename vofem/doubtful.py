@@ -41,17 +41,17 @@ def undamped(system: System) -> list[str]:
     ]
 
 
-def _parts(function: Any) -> Iterator[Any]:
+def parts_of(function: Any) -> Iterator[Any]:
     """Yield the functions of which a sum, or a multiple of a function, is made."""
     inner = getattr(function, "terms", None) or [one for one in (getattr(function, "function", None),) if one]
     if not inner:
         yield function
     for part in inner:
-        yield from _parts(part)
+        yield from parts_of(part)
 
 
 def _of_load(name: str, function: Any, t_end: float) -> Iterator[str]:
-    for part in _parts(function):
+    for part in parts_of(function):
         if isinstance(part, Sine) and part.omega == 0.0 and part.amplitude != 0.0:
             value = float(part(0.0))
             yield (

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.histories.run import Run
+from vofem.histories.table import Table
 from vofem.integrators.base import SpringSamples
 
 Array = NDArray[np.float64]
@@ -55,6 +58,36 @@ class SpringHistory:
     def force(self) -> Array:
         """Force in N, shape (n_times,)."""
         return self._samples.force[self._index]
+
+    def cycles(self) -> Table:
+        """Return what every cycle loses, and the linear spring and damper that would lose as much.
+
+        A cycle lasts from one passage of the elongation upward through its mean to the next one, as the stored times
+        show them. Choose times that resolve it. Of an oscillator that rests on the spring alone, ``damping_ratio`` is
+        the ratio of critical damping that takes the same energy in a cycle of the same amplitude:
+        ``loss/(2 pi k amplitude^2)`` with the secant stiffness ``k``.
+
+        Returns
+        -------
+        Table
+            Columns ``time`` (end of the cycle, s), ``amplitude`` (half of the range of the elongation, m), ``loss``
+            (J), ``stiffness`` (range of the force over that of the elongation, N/m) and ``damping_ratio``.
+        """
+        u, force, lost = self.elongation, self.force, self.dissipated
+        passages = np.flatnonzero((u[:-1] < u.mean()) & (u[1:] >= u.mean()))
+        rows = []
+        for first, last in itertools.pairwise(passages.tolist()):
+            part = slice(first, last + 1)
+            amplitude, loss = 0.5 * float(np.ptp(u[part])), float(lost[last] - lost[first])
+            stiffness = 0.5 * float(np.ptp(force[part])) / amplitude
+            ratio = loss / (2.0 * np.pi * stiffness * amplitude**2) if stiffness > 0.0 else np.nan
+            rows.append((self._run.times[last], amplitude, loss, stiffness, ratio))
+        columns = np.array(rows, dtype=float).reshape(-1, 5).T
+        units = {"time": "s", "amplitude": "m", "loss": "J", "stiffness": "N/m", "damping_ratio": ""}
+        return Table(
+            {name: (column, unit) for (name, unit), column in zip(units.items(), columns, strict=True)},
+            f"Cycles of {self.name!r}",
+        )
 
     @property
     def stored(self) -> Array:

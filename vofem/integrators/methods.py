@@ -7,6 +7,7 @@ from vofem.system import System
 
 _EVENTS = "vofem.integrators.event_driven"
 _FORCE = "vofem.integrators.force_driven"
+_STEPPING = "vofem.integrators.stepping.methods"
 _REFUSED_BY_STEPS = deferred("vofem.integrators.stepping.refusal", "refusal")
 
 
@@ -34,7 +35,7 @@ _NEARBY: dict[str, object] = {"nearby": None}
 
 ENERGY_CONSERVING = Method(
     "energy_conserving",
-    deferred("vofem.integrators.energy_conserving", "run"),
+    deferred(_STEPPING, "energy_conserving"),
     _REFUSED_BY_STEPS,
     _NEARBY,
     adaptive=True,
@@ -45,7 +46,7 @@ ENERGY_CONSERVING = Method(
 
 GENERALIZED_ALPHA = Method(
     "generalized_alpha",
-    deferred("vofem.integrators.generalized_alpha", "run"),
+    deferred(_STEPPING, "generalized_alpha"),
     _REFUSED_BY_STEPS,
     {"rho_infinity": 0.8, "alpha_m": None, "alpha_f": None, "gamma": None, "newmark_beta": None} | _NEARBY,
     adaptive=True,
@@ -54,7 +55,7 @@ GENERALIZED_ALPHA = Method(
 
 CENTRAL_DIFFERENCE = Method(
     "central_difference",
-    deferred("vofem.integrators.central_difference", "run"),
+    deferred(_STEPPING, "central_difference"),
     _REFUSED_BY_STEPS,
     _NEARBY,
     records=True,

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from vofem.errors import ArgumentError
 from vofem.integrators.base import ContactSamples, Energies, ProbeSamples, Samples, SpringSamples
-from vofem.kernels.jit import jit
 from vofem.kernels.mode import as_it_ran, compiled
 from vofem.system import CLOSED, OPEN, Counters, Events, System
 
@@ -95,7 +94,14 @@ class SteppedSolution:
         before, after = self.times[left], self.times[np.minimum(left + 1, self.times.size - 1)]
         upto = np.searchsorted(self.events.time, after, side="right")
         kinked = upto > np.searchsorted(self.events.time, before, side="left")
-        return _interpolated(self.times, self.samples, left, x, kinked)
+        begin, end = (
+            (self.samples.q[:, side], self.samples.v[:, side], self.samples.a[:, side]) for side in (left, left + 1)
+        )
+        found = interpolated(x, self.times[left + 1] - self.times[left], begin, end, kinked)
+        # States at stored times are as they were stored.
+        return Samples(
+            *(np.select([x == 0.0, x == 1.0], [*ends], free) for *ends, free in zip(begin, end, found, strict=True))
+        )
 
     @as_it_ran
     def contacts(self, times: Array) -> ContactSamples:
@@ -122,54 +128,24 @@ class SteppedSolution:
         return Energies(*(np.interp(times, self.times, getattr(self.stored, kind)) for kind in kinds))
 
 
-@jit
-def restrained(x: float, h: float, q0: float, v0: float, q1: float, v1: float) -> tuple[float, float]:
-    """Return value and rate at fraction x of a step h; the value lies between those at both ends, the rate too.
+def interpolated(
+    x: Array, h: Array, begin: tuple[Array, Array, Array], end: tuple[Array, Array, Array],
+    kinked: NDArray[np.bool_] | bool = False,
+) -> tuple[Array, Array, Array]:  # fmt: skip
+    """Return values, rates and second rates at fractions x of steps h, from those at both ends, each (n, n_times).
 
-    The value is that of the monotone cubic, whose slopes at the ends are limited; the rate is on a line.
+    Values are those of the quintic through all six; the second rate is on the line between both: in that of the
+    quintic the errors of values at the ends would come back divided by h squared. Where second rates contradict values
+    and rates so much that the quintic would overshoot, as where something stiff was touched between the ends, and where
+    `kinked` says so, the value is that of the monotone cubic, whose slopes at the ends are limited, and lies between
+    those at both ends; the rate is on a line.
 
     F. N. Fritsch, R. E. Carlson, Monotone piecewise cubic interpolation, SIAM J. Numer. Anal. 17 (1980) 238-246,
     https://doi.org/10.1137/0717021.
     """
-    dq = q1 - q0
-    # In the direction of the chord, and at most three times as steep.
-    side = 1.0 if dq >= 0.0 else -1.0
-    low = side * min(max(side * h * v0, 0.0), 3.0 * abs(dq))
-    high = side * min(max(side * h * v1, 0.0), 3.0 * abs(dq))
-    q = q0 + x * (low + x * (3.0 * dq - 2.0 * low - high + x * (low + high - 2.0 * dq)))
-    return q, v0 + x * (v1 - v0)
-
-
-@jit
-def quintic(
-    x: float, h: float, q0: float, v0: float, a0: float, q1: float, v1: float, a1: float
-) -> tuple[float, float, float]:
-    """Return value, rate and second rate at fraction x of a step h, from those at both of its ends.
-
-    The second rate is on the line between both: in that of the quintic the
-    errors of values at the ends would come back divided by h squared. Where second rates contradict values and rates
-    so much that the quintic would overshoot, as where something stiff was touched between the ends, the value
-    is that of `restrained`.
-    """
-    bend = (v1 - v0) / h
-    if h * h * (abs(a0 - bend) + abs(a1 - bend)) > _OVERSHOOT * (h * (abs(v0) + abs(v1)) + abs(q1 - q0)):
-        return *restrained(x, h, q0, v0, q1, v1), a0 + x * (a1 - a0)
-    # Newton form about the left end: remainders after the Taylor polynomial there.
-    dq = (q1 - q0) - h * (v0 + 0.5 * h * a0)
-    dv = h * ((v1 - v0) - h * a0)
-    da = h * h * (a1 - a0)
-    c3 = 10.0 * dq - 4.0 * dv + 0.5 * da
-    c4 = -15.0 * dq + 7.0 * dv - da
-    c5 = 6.0 * dq - 3.0 * dv + 0.5 * da
-    q = q0 + x * (h * v0 + x * (0.5 * h * h * a0 + x * (c3 + x * (c4 + x * c5))))
-    v = v0 + x * (h * a0 + x * (3.0 * c3 + x * (4.0 * c4 + x * 5.0 * c5)) / h)
-    return q, v, a0 + x * (a1 - a0)
-
-
-def _between(x: Array, h: Array, begin: tuple[Array, Array, Array], end: tuple[Array, Array, Array]) -> Samples:
-    """Return `quintic` of many degrees of freedom at once, each (n, n_times), at fractions x of steps h, (n_times,)."""
     (q0, v0, a0), (q1, v1, a1) = begin, end
     way, turn = q1 - q0, v1 - v0
+    # Newton form about the left end: remainders after the Taylor polynomial there.
     dq = way - h * (v0 + 0.5 * h * a0)
     dv = h * (turn - h * a0)
     da = h * h * (a1 - a0)
@@ -178,45 +154,18 @@ def _between(x: Array, h: Array, begin: tuple[Array, Array, Array], end: tuple[A
     c5 = 6.0 * dq - 3.0 * dv + 0.5 * da
     q = q0 + x * (h * v0 + x * (0.5 * h * h * a0 + x * (c3 + x * (c4 + x * c5))))
     v = v0 + x * (h * a0 + x * (3.0 * c3 + x * (4.0 * c4 + x * 5.0 * c5)) / h)
-    return Samples(q, v, a0 + x * (a1 - a0))
-
-
-def _restrained(x: Array, h: Array, begin: tuple[Array, Array, Array], end: tuple[Array, Array, Array]) -> Samples:
-    """Return `restrained` of many degrees of freedom at once, each (n, n_times)."""
-    (q0, v0, a0), (q1, v1, a1) = begin, end
-    dq = q1 - q0
-    side = np.where(dq >= 0.0, 1.0, -1.0)
-    low = side * np.minimum(np.maximum(side * h * v0, 0.0), 3.0 * np.abs(dq))
-    high = side * np.minimum(np.maximum(side * h * v1, 0.0), 3.0 * np.abs(dq))
-    q = q0 + x * (low + x * (3.0 * dq - 2.0 * low - high + x * (low + high - 2.0 * dq)))
-    return Samples(q, v0 + x * (v1 - v0), a0 + x * (a1 - a0))
-
-
-def _interpolated(
-    times: Array, stored: Samples, left: NDArray[np.int64], x: Array, kinked: NDArray[np.bool_]
-) -> Samples:
-    """Return states at fractions x of stored intervals, from those at both ends, as kernels do it one by one."""
-    h = times[left + 1] - times[left]
-    begin = stored.q[:, left], stored.v[:, left], stored.a[:, left]
-    end = stored.q[:, left + 1], stored.v[:, left + 1], stored.a[:, left + 1]
-    smooth, bounded = _between(x, h, begin, end), _restrained(x, h, begin, end)
-    (q0, v0, a0), (q1, v1, a1) = begin, end
-    bend = (v1 - v0) / h
-    overshoots = h * h * (np.abs(a0 - bend) + np.abs(a1 - bend)) > _OVERSHOOT * (
-        h * (np.abs(v0) + np.abs(v1)) + np.abs(q1 - q0)
+    bend = turn / h
+    held = kinked | (
+        h * h * (np.abs(a0 - bend) + np.abs(a1 - bend)) > _OVERSHOOT * (h * (np.abs(v0) + np.abs(v1)) + np.abs(way))
     )
-    held = kinked | overshoots
-    ends = [x == 0.0, x == 1.0]
-    q, v, a = (
-        np.select(ends, both, np.where(held, limited, free))
-        for both, limited, free in zip(
-            zip(begin, end, strict=True),
-            (bounded.q, bounded.v, bounded.a),
-            (smooth.q, smooth.v, smooth.a),
-            strict=True,
-        )
-    )
-    return Samples(q, v, a)
+    if np.any(held):
+        # In the direction of the chord, and at most three times as steep.
+        side = np.where(way >= 0.0, 1.0, -1.0)
+        low = side * np.minimum(np.maximum(side * h * v0, 0.0), 3.0 * np.abs(way))
+        high = side * np.minimum(np.maximum(side * h * v1, 0.0), 3.0 * np.abs(way))
+        q = np.where(held, q0 + x * (low + x * (3.0 * way - 2.0 * low - high + x * (low + high - 2.0 * way))), q)
+        v = np.where(held, v0 + x * turn, v)
+    return q, v, a0 + x * (a1 - a0)
 
 
 def step_count(t_end: float, dt: float) -> int:

@@ -33,7 +33,8 @@ from vofem.laws.hysteretic import (
     hysteretic_stored,
 )
 from vofem.laws.kinds import AFFINE, CALLED, CALLED_WITH_PAST, HYPERBOLIC, JUMP, RESOLVED
-from vofem.laws.table import Laws
+from vofem.laws.resolved import switch
+from vofem.laws.table import Laws, Way
 
 Array = NDArray[np.float64]
 
@@ -136,6 +137,72 @@ def _mean_slope(
     if abs(u1 - u0) <= 1e-6 * max(abs(u0), abs(u1)):
         return 0.5 * tangent
     return (force - mean) / (u1 - u0)
+
+
+@jit
+def respond(
+    laws: Laws, others: bool | None, j: int, way: Way, u0: float, u1: float, before: float
+) -> tuple[float, float]:  # fmt: skip
+    """Return the force of law j over a step from u0 to u1, and its slope over u1; not for explicit steps.
+
+    Parameters
+    ----------
+    laws : Laws
+    others : True or None
+        None where all laws are contacts with ideal switches and without dampers.
+    j : int
+    way : Way
+    u0, u1 : float
+        Coordinates at the start and at the end of the step, m.
+    before : float
+        Mean force of the law's damper over the step before, N.
+    """
+    if others is not None:
+        force, slope = mean_and_slope(laws, j, u0, u1) if way.mean else force_and_tangent(laws, j, u1)
+        if laws.table[j]["damping"] > 0.0 and u1 > laws.table[j]["gap"]:
+            slope += way.now * laws.table[j]["damping"] / way.dt
+        return force + _damper(laws, j, way, u0, u1, 0.0, before), slope
+    law = laws.table[j]
+    if way.mean:
+        mean = contact_mean(law, None, u0, u1)
+        return mean, ideal_mean_slope(law, u0, u1, mean)
+    return contact_force(law, None, u1)
+
+
+@jit
+def force_over(
+    laws: Laws, others: bool | None, j: int, way: Way, u0: float, u1: float, r1: float, before: float
+) -> float:  # fmt: skip
+    """Return the force of `respond` alone; in explicit steps that at the end, where the rate is r1, m/s."""
+    if others is not None:
+        force = mean_force(laws, j, u0, u1) if way.mean else force_at(laws, j, u1)
+        return force + _damper(laws, j, way, u0, u1, r1, before)
+    return contact_mean(laws.table[j], None, u0, u1) if way.mean else contact_force(laws.table[j], None, u1)[0]
+
+
+@jit
+def _damper(laws: Laws, j: int, way: Way, u0: float, u1: float, r1: float, before: float) -> float:
+    """Return the force of the damper of a law in the balance of a step."""
+    if laws.table[j]["damping"] <= 0.0:
+        return 0.0
+    force = damper_over(laws, j, way, u0, u1, r1)
+    return force if way.explicit else way.now * force - way.before * before
+
+
+@jit
+def damper_over(laws: Laws, j: int, way: Way, u0: float, u1: float, r1: float) -> float:
+    """Return the mean force of the damper of law j over a step in N, or in explicit steps the force at its end."""
+    law = laws.table[j]
+    if law["damping"] <= 0.0:
+        return 0.0
+    if not way.explicit:
+        return law["damping"] / way.dt * closed_share(laws, j, u0, u1)
+    if law["kind"] > RESOLVED:
+        return law["damping"] * r1
+    s = u1 - law["gap"]
+    if law["kind"] == RESOLVED:
+        return law["damping"] * switch(law["resolution"] * s) * r1
+    return law["damping"] * r1 if s > 0.0 else 0.0
 
 
 @jit
@@ -291,3 +358,8 @@ def rising(laws: Laws) -> bool:
     """Return whether no force jumps or falls as its coordinate rises. For laws written in Python this is not known."""
     kind = laws.table["kind"]
     return not np.any((kind == CALLED) | ((kind == JUMP) & (laws.table["gap"] > 0.0)))
+
+
+def ideal_contacts(laws: Laws) -> bool:
+    """Return whether all laws are contacts with ideal switches and without dampers."""
+    return bool(np.all((laws.table["kind"] <= JUMP) & (laws.table["damping"] <= 0.0)))

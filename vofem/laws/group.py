@@ -28,38 +28,26 @@ class StepPast(Protocol):
         Number of the first law among all laws, and of these laws.
     terms : int
         Number of internal variables of all laws.
-    state : NamedTuple of ndarray
+    y : ndarray
         The internal variables; changed in place.
     """
 
     row: int
     count: int
     terms: int
-    state: Any
+    y: Array
 
-    def begin(self, start: Any) -> None:
-        """Set the internal variables to those at t = 0 of a run from a `State`."""
+    def begin(self, start: Any, dt: float | None) -> Array:
+        """Set the internal variables to those at t = 0 of a run from a `State`; return the forces there, N, (count,).
 
-    def begin_with_mean(self, start: Any, dt: float) -> None:
-        """Set the forces at t = 0 to their means over the first step. Methods that sum over half steps need this."""
-
-    def forces(self) -> Array:
-        """Return the forces at the last time, N, shape (count,)."""
-
-    def means(self) -> Array:
-        """Return the mean forces over the last step, N, shape (count,)."""
-
-    def record(self, times: Array, histories: Array, count: int) -> None:
-        """Record force, stored energy and loss at t = 0 in the first columns of `histories`."""
+        Explicit methods give their step in s: for them it is the mean force over the first step.
+        """
 
     def most_steps(self, count: int) -> int:
         """Return the number of steps, at most the given one, for which `over` is called at once."""
 
     def over(self, dt: float, times: Array) -> Any:
         """Return the data for compiled loops over steps of one size in s, given a time within each."""
-
-    def absorbed(self) -> float:
-        """Return the work in J that the laws have absorbed up to the time to which results are stored."""
 
 
 class LawGroup:

@@ -10,7 +10,6 @@ by Gauss's rule, so that differences of the potential over short steps keep all 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,30 +105,6 @@ def resolved_integrals(s_from: float, s_to: float, s0: float) -> tuple[float, fl
         plain, lever = _rising(s0 * s_to, s0 * s_from)
         plain, lever = -plain, -lever
     return plain / s0, lever / (s0 * s0)
-
-
-@jit
-def contact_order(s: float, s0: float) -> float:
-    """Return the order beta of the operator (Eqs. 5, 6): 0 closed and inf open for the ideal switch."""
-    if s0 == np.inf:
-        return 0.0 if s > 0.0 else np.inf
-    return np.exp(-s0 * s)
-
-
-@jit
-def contact_stiffness(stiffness: float, s: float, s0: float) -> float:
-    """Return K_eq, the operator of order beta applied to the constant K0 (Eqs. 8, 12a, 17)."""
-    if s0 == np.inf:
-        return stiffness if contact_order(s, s0) == 0.0 else 0.0
-    return stiffness * switch(s0 * s)
-
-
-@jit
-def equivalent_stiffness(law: Any, resolved: bool | None, s: float) -> float:
-    """Return K_eq of the record of a contact; `resolved` is None where no switch is resolved."""
-    if resolved is None:
-        return law["stiffness"] if contact_order(s, np.inf) == 0.0 else 0.0
-    return contact_stiffness(law["stiffness"], s, law["resolution"])
 
 
 def steepest(gap: float, jump: bool, s0: float) -> float:

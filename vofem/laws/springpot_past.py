@@ -10,17 +10,7 @@ from numpy.typing import NDArray
 
 from vofem.fractional.exponentials import exponentials
 from vofem.fractional.streaming import step_integrals
-from vofem.laws.springpot_steps import (
-    BEFORE,
-    FORCE,
-    MEAN,
-    WORK,
-    Springpots,
-    SpringpotState,
-    Update,
-    affine,
-    record_springpots,
-)
+from vofem.laws.springpot_steps import Springpots, Update, affine
 
 Array = NDArray[np.float64]
 
@@ -63,25 +53,22 @@ class SpringpotPast:
         for law in self._laws:
             law.orders(np.linspace(0.0, t_end, _LOOKS))
         self._constant = self._weights(np.zeros(1))
-        self.state = SpringpotState(np.zeros((self.count, width)), np.zeros((self.count, 7)))
+        self.y = np.zeros((self.count, width))
 
-    def begin(self, start: Any) -> None:
-        """Set the internal variables to those at rest; at t = 0 only a dashpot (order 1) has a force."""
-        self.state.y[:], self.state.totals[:] = 0.0, 0.0
-        rates = np.asarray(self._rows @ start.v)
-        for i, law in enumerate(self._laws):
-            if law.orders(np.zeros(1))[0] == 1.0:
-                self.state.totals[i, [MEAN, FORCE, BEFORE + FORCE]] = law.coefficient * rates[i]
+    def begin(self, start: Any, dt: float | None) -> Array:
+        """Set the internal variables to those at rest; return the forces at t = 0, N, shape (n_laws,).
 
-    def begin_with_mean(self, start: Any, dt: float) -> None:
-        """Let the force at t = 0 be the mean over the first step.
-
-        The force grows from t = 0 like a power of time below 1. With its value at t = 0 a sum over half steps would
-        have a lower order of accuracy.
+        At t = 0 only a dashpot (order 1) has a force. Where a step in s is given, it is the mean over the first step
+        instead: the force grows from t = 0 like a power of time below 1, so explicit steps would have a lower order of
+        accuracy with its value at t = 0.
         """
-        first = self.over(dt, np.array([0.5 * dt]))
-        for i, rate in enumerate(np.asarray(self._rows @ start.v)):
-            self.state.totals[i, MEAN] = affine(first, i, 0)[0] * rate
+        self.y[:] = 0.0
+        rates = np.asarray(self._rows @ start.v)
+        if dt is not None:
+            first = self.over(dt, np.array([0.5 * dt]))
+            return np.array([affine(first, i, 0)[0] * rate for i, rate in enumerate(rates.tolist())])
+        dashpots = np.array([law.orders(np.zeros(1))[0] == 1.0 for law in self._laws])
+        return np.where(dashpots, [law.coefficient for law in self._laws] * rates, 0.0)
 
     def most_steps(self, count: int) -> int:
         """Return for how many steps, at most the given number, weights are to be computed at once."""
@@ -90,23 +77,7 @@ class SpringpotPast:
     def over(self, dt: float, times: Array) -> Springpots:
         """Return the springpots over steps of a size in s, at the orders of some times, s."""
         weights = self._weights(times) if self._varies else self._constant
-        return Springpots(self.row, weights, self._update(dt), *self.state)
-
-    def forces(self) -> Array:
-        """Return the forces at the last time, N, shape (n_laws,)."""
-        return self.state.totals[:, FORCE].copy()
-
-    def means(self) -> Array:
-        """Return the mean forces over the last step, N, shape (n_laws,)."""
-        return self.state.totals[:, MEAN].copy()
-
-    def record(self, times: Array, histories: Array, count: int) -> None:
-        """Record the springpots at the first times, where a run starts; see `record_springpots`."""
-        record_springpots(self.over(1.0, np.zeros(1)), times, histories, 0, count, 0.0, 1.0)
-
-    def absorbed(self) -> float:
-        """Return the work in J that all springpots have absorbed up to the time to which results are stored."""
-        return float(np.sum(self.state.totals[:, BEFORE + WORK]))
+        return Springpots(self.row, weights, self._update(dt), self.y)
 
     def _weights(self, times: Array) -> Array:
         kernel = self._kernel

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.kernels.jit import jit
-from vofem.laws.rows import Rows, dot
-from vofem.laws.table import Laws
+from vofem.laws.table import Laws, Way
 
 Array = NDArray[np.float64]
 
@@ -30,25 +29,6 @@ class Update(NamedTuple):
     new: Array
 
 
-class SpringpotState(NamedTuple):
-    """Internal variables of springpots.
-
-    Attributes
-    ----------
-    y : ndarray, shape (n, k)
-        Internal variables. The last one is the rate of elongation over the last step, m/s.
-    totals : ndarray, shape (n, 7)
-        Mean force over the last step; force (N), energy stored and work absorbed (J) at the last time; the same at the
-        time before, up to which results are stored.
-    """
-
-    y: Array
-    totals: Array
-
-
-MEAN, FORCE, STORED, WORK, BEFORE = 0, 1, 2, 3, 3
-
-
 class Springpots(NamedTuple):
     """Springpots over some steps of one size.
 
@@ -60,18 +40,14 @@ class Springpots(NamedTuple):
         Weights with which y gives the forces, at the orders of the steps. If no order varies, there is one entry for
         all steps.
     update : Update
-    y, totals : ndarray
-        The internal variables, see `SpringpotState`.
+    y : ndarray, shape (n, k)
+        Internal variables. The last one is the rate of elongation over the last step, m/s.
     """
 
     row: int
     weight: Array
     update: Update
     y: Array
-    totals: Array
-
-
-# -- compiled: springpot i over step s --------------------------------------------------------------------
 
 
 @jit
@@ -87,83 +63,61 @@ def affine(pots: Springpots, i: int, s: int) -> tuple[float, float]:
 
 
 @jit
-def set_means(pots: Springpots, s: int, laws: Laws, u: Array) -> None:
-    """Let the mean forces of the laws over step s, which starts at u, be those of the springpots."""
-    for i in range(pots.weight.shape[0]):
-        j = pots.row + i
-        slope, rest = affine(pots, i, s)
-        # The mean elongation over the step is half of that at its end.
-        laws.table[j]["stiffness"] = 2.0 * slope / pots.update.dt
-        laws.table[j]["gap"] = u[j]
-        laws.table[j]["offset"] = rest
+def begin_springpots(
+    pots: Springpots, s: int, laws: Laws, way: Way, known: Array, u0: Array, u1: Array, r1: Array
+) -> None:  # fmt: skip
+    """Enter the numbers of springpots over step s, which starts at u0, into the laws.
 
+    In explicit steps the force at the end is the mean of those over the steps on both sides. Such a step is at its end
+    already: its coordinates are u1, and its rates r1 without the acceleration that is to be found. Other steps that do
+    not act by means extrapolate the force to the time of balance, like that of dampers.
 
-@jit
-def set_laws(pots: Springpots, s: int, laws: Laws, u: Array, ahead: float, share: float) -> None:
-    """Make forces over step s those of the laws, affine in the elongation at its end, for a step that starts at u.
-
-    They are extrapolated from the middles of this step and of the one before, by `ahead` of their distance, and
-    divided by the share with which the step weighs forces at its end.
+    Parameters
+    ----------
+    known : ndarray, shape (n_steps + 1, n, 2)
+        Mean forces over steps, N, and energies stored at their ends, J; those of step s are in row ``s + 1``.
     """
-    for i in range(pots.weight.shape[0]):
+    for i in range(pots.y.shape[0]):
         j = pots.row + i
         slope, rest = affine(pots, i, s)
-        laws.table[j]["stiffness"] = (1.0 + ahead) * slope / (share * pots.update.dt)
-        laws.table[j]["gap"] = u[j]
-        laws.table[j]["offset"] = ((1.0 + ahead) * rest - ahead * pots.totals[i, MEAN]) / share
+        law = laws.table[j]
+        law["gap"] = u0[j]
+        if way.explicit:
+            rate = (u1[j] - u0[j]) / way.dt
+            mean = slope * rate + rest
+            known[s + 1, i, 0], known[s + 1, i, 1] = mean, _carry_on(pots, i, s, rate)
+            slope, rest = affine(pots, i, s + 1)
+            law["stiffness"], law["damping"] = 0.0, slope
+            law["offset"] = 0.5 * (mean + rest - slope * r1[j])
+        else:
+            # The mean elongation over the step is half of that at its end.
+            law["stiffness"] = (2.0 if way.mean else 1.0) * way.now * slope / way.dt
+            law["offset"] = way.now * rest - way.before * known[s, i, 0]
 
 
 @jit
-def carry_on(pots: Springpots, i: int, s: int, rate: float, mean: float) -> None:
-    """Update the internal variables of springpot i over step s, of a rate of elongation and a mean force."""
+def end_springpots(
+    pots: Springpots, s: int, way: Way, known: Array, u0: Array, u1: Array, reaction: Array
+) -> None:  # fmt: skip
+    """Update springpots over step s from u0 to u1 with the reactions of laws; see `begin_springpots`."""
+    if way.explicit:
+        return
+    for i in range(pots.y.shape[0]):
+        j = pots.row + i
+        known[s + 1, i, 0] = (reaction[j] + way.before * known[s, i, 0]) / way.now
+        known[s + 1, i, 1] = _carry_on(pots, i, s, (u1[j] - u0[j]) / way.dt)
+        if not way.mean:
+            # In the next step the law acts by its mean alone.
+            reaction[j] = 0.0
+
+
+@jit
+def _carry_on(pots: Springpots, i: int, s: int, rate: float) -> float:
+    """Update the internal variables of springpot i over step s of a rate of elongation; return the energy stored, J."""
     s = min(s, pots.weight.shape[1] - 1)
     stored = 0.0
     for k in range(pots.update.decay.size):
         y = pots.update.decay[k] * pots.y[i, k] + pots.update.gain[k] * rate
         pots.y[i, k] = y
         stored += 0.5 * pots.weight[i, s, k] * y * y
-    pots.totals[i, MEAN] = mean
-    pots.totals[i, STORED] = stored
-
-
-@jit
-def carry_all(pots: Springpots, s: int, rows: Rows, reaction: Array, p: Array) -> None:
-    """Update all springpots over step s with the reactions and the rate p, whose product is their power."""
-    for i in range(pots.y.shape[0]):
-        mean, rate = reaction[pots.row + i], dot(rows, pots.row + i, p)
-        pots.totals[i, WORK] += pots.update.dt * mean * rate
-        carry_on(pots, i, s, rate, mean)
-
-
-@jit
-def mean_of_both(pots: Springpots, reaction: Array, last: float) -> None:
-    """Let the force between two steps, the first of a size `last`, be the mean of those over both."""
-    for i in range(pots.y.shape[0]):
-        if last > 0.0:
-            mean, dt = reaction[pots.row + i], pots.update.dt
-            pots.totals[i, FORCE] = (dt * pots.totals[i, MEAN] + last * mean) / (dt + last)
-
-
-@jit
-def record_springpots(
-    pots: Springpots, times: Array, histories: Array, first: int, cursor: int, t: float, dt: float
-) -> None:
-    """Record the springpots at the times `first` to `cursor`, to t, the end of a step of size dt.
-
-    They are the last laws in `histories`, shape (3, n_laws, n_times). Values between both ends of the step are
-    interpolated.
-    """
-    n, totals = pots.totals.shape[0], pots.totals
-    row = histories.shape[1] - n
-    for c in range(first, cursor):
-        x = min(max(1.0 - (t - times[c]) / dt, 0.0), 1.0)
-        for i in range(n):
-            force = (1.0 - x) * totals[i, BEFORE + FORCE] + x * totals[i, FORCE]
-            stored = (1.0 - x) * totals[i, BEFORE + STORED] + x * totals[i, STORED]
-            work = (1.0 - x) * totals[i, BEFORE + WORK] + x * totals[i, WORK]
-            histories[0, row + i, c] = force
-            histories[1, row + i, c] = stored
-            histories[2, row + i, c] = work - stored
-    for i in range(n):
-        for what in (FORCE, STORED, WORK):
-            totals[i, BEFORE + what] = totals[i, what]
+    return stored

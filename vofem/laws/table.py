@@ -52,6 +52,29 @@ class Kinds(NamedTuple):
     hysteretic: bool | None = None
 
 
+class Way(NamedTuple):
+    """How laws act over a step.
+
+    Attributes
+    ----------
+    mean : bool
+        Whether by their mean force over the step, and not by the force at its end.
+    explicit : bool
+        Whether the coordinate at the end is known, and the rate there is solved for.
+    now, before : float
+        Weights of a contact damper's mean force over this step, and of that over the step before which is subtracted:
+        they extrapolate it to the time of balance.
+    dt : float
+        In s.
+    """
+
+    mean: bool
+    explicit: bool
+    now: float
+    before: float
+    dt: float
+
+
 class Laws(NamedTuple):
     """All laws, one record each, in the order of the groups of a system.
 

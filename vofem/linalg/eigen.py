@@ -15,6 +15,9 @@ Array = NDArray[np.float64]
 #: Deviation of modes from M-orthonormality above which it is corrected.
 _ORTHOGONAL = 1e-9
 
+#: Deviation from orthonormality above which refined modes of strains are corrected.
+_EXACT = 1e-14
+
 #: Of `_refined`: largest number of steps, change of the modes below which its square is rounding, change above which
 #: they are too far off, relative distance of squared frequencies below which these count as close, and coupling of
 #: such modes below which it is rounding.
@@ -144,9 +147,6 @@ def _rigid(squares: Array, rows: Array) -> Array:
 
 def _of_strains(strain: Array, rigid: Array) -> tuple[Array, Array]:
     """Return all eigenpairs of ``D'D`` for strains D (k, n), given an orthonormal basis (n, r) of its null space."""
-    from scipy.linalg import eigh
-    from scipy.sparse import identity
-
     r, n = rigid.shape[1], strain.shape[1]
     if not n:
         return np.zeros(0), np.zeros((0, 0))
@@ -155,10 +155,10 @@ def _of_strains(strain: Array, rigid: Array) -> tuple[Array, Array]:
         if r:
             rest = guess[:, r:] - rigid @ (rigid.T @ guess[:, r:])
             guess = np.hstack([rigid, np.linalg.qr(rest)[0]])
-        better = _refined(identity(n), strain, guess, np.arange(n) < r)
+        better = _refined(None, strain, guess, np.arange(n) < r)
         return None if better is guess else better
 
-    modes = refined(eigh(strain.T @ strain)[1])
+    modes = refined(np.linalg.eigh(strain.T @ strain)[1])
     if modes is None:
         # Frequencies that differ by more than 1e7. A singular value decomposition takes longer and knows more digits.
         guess = np.linalg.svd(strain, full_matrices=False)[2][::-1].T
@@ -167,7 +167,12 @@ def _of_strains(strain: Array, rigid: Array) -> tuple[Array, Array]:
     squares = np.sum((strain @ modes) ** 2, axis=0) / np.sum(modes**2, axis=0)
     squares[:r] = 0.0
     order = np.argsort(squares, kind="stable")
-    return squares[order], np.ascontiguousarray(modes[:, order])
+    modes = modes[:, order]
+    if np.abs(modes.T @ modes - np.eye(n)).max() > _EXACT:
+        # Refinement ends early where frequencies differ by ten decades. Soft modes are changed least.
+        modes, triangle = np.linalg.qr(modes)
+        modes = modes * np.sign(triangle.diagonal())
+    return squares[order], np.ascontiguousarray(modes)
 
 
 def _refined(mass: Any, strain: Any, shapes: Array, rigid: NDArray[np.bool_]) -> Array:
@@ -175,7 +180,8 @@ def _refined(mass: Any, strain: Any, shapes: Array, rigid: NDArray[np.bool_]) ->
 
     Each step squares the error. Products of strains hold the digits that K has lost: rounding of two modes changes the
     product of their strains only by as much as it changes the modes, times their squared frequencies. Modes that are
-    too far off, such as those of parts whose stiffnesses differ by 1e14, are returned as they are.
+    too far off, such as those of parts whose stiffnesses differ by 1e14, are returned as they are. A mass of None is
+    the identity.
 
     T. Ogita, K. Aishima, Japan J. Indust. Appl. Math. 35 (2018) 1007, doi:10.1007/s13160-018-0310-3; for frequencies
     that nearly coincide: 36 (2019) 435, doi:10.1007/s13160-019-00348-4.
@@ -184,7 +190,7 @@ def _refined(mass: Any, strain: Any, shapes: Array, rigid: NDArray[np.bool_]) ->
     for _ in range(_STEPS):
         strains = np.asarray(strain @ better)
         strains[:, rigid] = 0.0
-        whole, gram = strains.T @ strains, better.T @ (mass @ better)
+        whole, gram = strains.T @ strains, better.T @ (better if mass is None else mass @ better)
         values = whole.diagonal() / gram.diagonal()
         # Rounding that is not symmetric would be amplified where frequencies are close.
         lack = np.eye(values.size) - 0.5 * (gram + gram.T)

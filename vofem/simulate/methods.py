@@ -97,3 +97,20 @@ def cheaper(system: System, t_end: float) -> list[str]:
     if not why:
         return []
     return [f"cost: with tol={_ROUGH:g}, method='auto' would take {ENERGY_CONSERVING.name}: {why}"]
+
+
+#: So many steps take a noticeable time.
+_MANY = 1000
+
+
+def without_steps(system: System, t_end: float, tol: float, steps: int) -> list[str]:
+    """Return a note if a run took many steps under a tolerance where ``method="auto"`` takes none."""
+    if steps < _MANY:
+        return []
+    better = choose(system, t_end, tol)
+    if not method_named(better.method).exact:
+        return []
+    return [
+        f"cost: tol = {tol:g} took {steps} steps, and stiff stops or quick modes ask for more of them; {better.method} "
+        "takes no steps and meets any tolerance for this scene, and method='auto' chooses it"
+    ]

@@ -23,7 +23,7 @@ from vofem.laws.table import build_laws
 from vofem.progress import Progress, RunProgress
 from vofem.result import Result
 from vofem.scene import Scene
-from vofem.simulate.methods import cheaper
+from vofem.simulate.methods import cheaper, without_steps
 from vofem.simulate.start_time import model_at
 from vofem.system import State, System
 
@@ -87,7 +87,7 @@ def run_plan(
     if reason is not None:
         raise MethodError(reason)
     wanted = plan.compiled if plan.compiled is not None else decided()
-    choice = choose(kind_of_run(method, system, plan.options.get("tol"), plan.probes is not None), wanted)
+    choice = choose(kind_of_run(method, system), wanted)
     while True:
         planned = replace(plan, compiled=choice.compiled)
         save = None if writer is None else writer(planned)
@@ -112,19 +112,11 @@ def run_plan(
 _COMPILING = "compiling {}, once on this machine"
 
 
-def kind_of_run(method: Method, system: System, tol: float | None, probes: bool = False) -> str:
+def kind_of_run(method: Method, system: System) -> str:
     """Return what kernels a run needs, as a name that is the same for all runs that need the same ones.
 
-    Kernels of methods that step in time are compiled for the kinds of laws that a system holds, see `laws.table.Kinds`,
-    and for one, several or many laws.
-
-    Parameters
-    ----------
-    method : Method
-    system : System
-    tol : float or None
-    probes : bool
-        Whether points are recorded at every step.
+    All methods that step in time share their kernels, which are compiled for the kinds of laws that a system holds, see
+    `laws.table.Kinds`, and for the way in which their reactions are found.
     """
     if method.exact:
         return f"{method.name}, damped" if system.damped else method.name
@@ -133,11 +125,8 @@ def kind_of_run(method: Method, system: System, tol: float | None, probes: bool 
     with kernels(compiled=False):  # no law is called
         laws = build_laws(system.laws)
     count = laws.table.size
-    parts = [method.name] if tol is None else [method.name, "tol"]
-    if count:
-        parts.append("one law" if count == 1 else "several laws" if count < FEWEST_IN_BAND else "many laws")
-    parts += [name for name, present in laws.kinds._asdict().items() if present]
-    return ", ".join([*parts, "probes"] if probes else parts)
+    parts = ["steps", *(["many laws" if count >= FEWEST_IN_BAND else "laws"] if count else [])]
+    return ", ".join([*parts, *(name for name, present in laws.kinds._asdict().items() if present)])
 
 
 def _run(scene: Scene, plan: Plan, observer: RunProgress | None, snapshot: dict[str, Any] | None) -> Result:
@@ -157,6 +146,8 @@ def _run(scene: Scene, plan: Plan, observer: RunProgress | None, snapshot: dict[
     solution.notes.extend(doubtful(scene.model.system, plan.t_start + plan.t_end))
     if method.exact and "tol" not in plan.options:
         solution.notes.extend(cheaper(model.system, plan.t_end))
+    if not method.exact and "tol" in plan.options:
+        solution.notes.extend(without_steps(model.system, plan.t_end, plan.options["tol"], solution.counters.steps))
     if plan.forgotten and snapshot is None:
         solution.notes.append(
             f"springpots: Springpot {plan.forgotten[0]!r} begins without the past that it has in the earlier run, at "

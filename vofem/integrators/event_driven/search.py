@@ -49,6 +49,9 @@ _COMPLEX_ROUNDING = 16.0 * _ROUNDING
 _ORDER = 9
 _SHORT = 1e-3
 
+#: Motions below the first value are multiplied by the second one where they are squared, so that they do not underflow.
+_TINY, _GROW = 1e-100, 2.0**500
+
 #: Least level of rounding of an event function.
 _LEAST = float(np.finfo(float).tiny)
 
@@ -470,7 +473,7 @@ def _complex_rate_is_rounding(j: int, terms: EventTerms, flow: BlockFlow, at: _P
 @jit
 def _safe_time(distance: float, rate: float, curvature: float) -> float:
     """Return how long a function with this rate and curvature bound stays below `distance`."""
-    root = np.hypot(rate, np.sqrt(2.0 * curvature) * np.sqrt(distance))
+    root = np.sqrt(rate * rate + 2.0 * curvature * distance)
     if rate > 0.0:
         return 2.0 * distance / (rate + root)
     if curvature > 0.0:
@@ -593,8 +596,13 @@ def march(
         at.root[k] = np.sqrt(square) if square > 0.0 else 0.0
     # Free energy of the blocks as sqrt(2 E), the amplitude that it allows, and the inverse of the frequency.
     free, cap, slowness = work[11], work[12], work[13]
+    largest = 0.0
     for k in range(n):
-        free[k] = np.hypot(flow.v0[k], frequency[k] * flow.z0[k])
+        largest = max(largest, abs(flow.v0[k]), frequency[k] * abs(flow.z0[k]))
+    grow = _GROW if largest < _TINY else 1.0
+    shrink = 1.0 / grow
+    for k in range(n):
+        free[k] = shrink * np.sqrt((grow * flow.v0[k]) ** 2 + p[k] * (grow * flow.z0[k]) ** 2)
         cap[k] = free[k] / frequency[k] if frequency[k] > 0.0 else np.inf
         slowness[k] = 1.0 / frequency[k] if frequency[k] > 0.0 else np.inf
     noise = of_functions[2]
@@ -656,7 +664,8 @@ def march(
         step = min(duration - tau, longest)
         # Free energy never grows; inputs make sqrt(2 E) grow at most in proportion to time.
         for k in range(n):
-            speed[k] = np.hypot(at.v[k], frequency[k] * at.z[k]) + (g2[k] + frequency[k] * g1[k]) * step
+            speed[k] = shrink * np.sqrt((grow * at.v[k]) ** 2 + p[k] * (grow * at.z[k]) ** 2)
+            speed[k] += (g2[k] + frequency[k] * g1[k]) * step
             amplitude[k] = abs(at.z[k]) + (speed[k] + g1[k]) * step
             if frequency[k] > 0.0:
                 amplitude[k] = min(amplitude[k], speed[k] * slowness[k])
@@ -691,14 +700,15 @@ def march(
                         curvature += abs(terms.u[j, k]) * jerk[k]
                     k += 1
                 if -value > fast:
-                    safe = max(safe, _safe_time(2.0 * noise[j] - value - fast, rate, curvature))
+                    ahead = grow * (2.0 * noise[j] - value - fast)
+                    safe = max(safe, _safe_time(ahead, grow * rate, grow * curvature))
             while k < n:
                 curvature += abs(terms.w[j, k]) * (push[k] + g1_rate[k])
                 if mixed:
                     curvature += abs(terms.u[j, k]) * jerk[k]
                 k += 1
             distance = max(-at.phi[j], 0.0) + 2.0 * noise[j]
-            span = max(safe, _safe_time(distance, at.rate[j], curvature))
+            span = max(safe, _safe_time(grow * distance, grow * at.rate[j], grow * curvature))
             if abs(at.phi[j]) <= noise[j] and _rate_is_rounding(j, terms, flow, at):
                 idle[j] = min(2.0 * max(idle[j], span), patience)
                 span = max(span, idle[j])

@@ -8,8 +8,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.kernels.jit import jit
-from vofem.laws.rows import Rows, dot
 from vofem.system import ContactLaws
 
 Array = NDArray[np.float64]
@@ -64,7 +62,7 @@ _GAP, _STIFFNESS, _OFFSET, _S, _RATE, _BEFORE, MISSED, PEAK, LOWEST, POWER, DRIF
 
 
 def contact_checks(laws: ContactLaws | None) -> Array:
-    """Return the record that compiled loops keep of every contact from step to step, shape (n_contacts, 11).
+    """Return the record that a run keeps of every contact from step to step, shape (n_contacts, 11).
 
     Five columns hold findings. MISSED counts the closings between two steps
     at which the contact was open. PEAK and LOWEST are the largest and the least
@@ -83,21 +81,26 @@ def contact_checks(laws: ContactLaws | None) -> Array:
     return table
 
 
-@jit
-def check_contacts(table: Array, rows: Rows, dt: float, q: Array, v: Array) -> None:
-    """Update the record of all contacts where a step of size dt ends in displacements q and velocities v."""
-    for j in range(table.shape[0]):
-        u, rate = dot(rows, j, q), dot(rows, j, v)
-        s, s0, rate0 = u - table[j, _GAP], table[j, _S], table[j, _RATE]
+def check_contacts(table: Array, u: Array, rates: Array, dt: Array, first: int, last: int) -> None:
+    """Update the record of all contacts by rows `first` to `last` of their coordinates and rates, (n_rows, n_laws).
+
+    `dt`, shape (n_rows,), holds the sizes of the steps that end there, s.
+    """
+    m, count = table.shape[0], last + 1 - first
+    if not m or not count:
+        return
+    u, rate = u[first : last + 1, :m], rates[first : last + 1, :m]
+    s, h = u - table[:, _GAP], dt[first : last + 1, None]
+    s0 = np.vstack([table[None, :, _S], s[:-1]])
+    rate0 = np.vstack([table[None, :, _RATE], rate[:-1]])
+    before = np.vstack([table[None, :, _BEFORE], table[None, :, _RATE], rate[:-2]])[:count]
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         # The error of the step may be a tenth of the rise of the gap function within the step.
-        turns = rate0 > 0.0 and rate < 0.0 and s0 <= 0.0 and s <= 0.0
-        if turns and s0 + 0.55 * dt * rate0 * (rate0 / (rate0 - rate)) > 0.0:
-            table[j, MISSED] += 1.0
-        bend = abs(rate - 2.0 * rate0 + table[j, _BEFORE])
-        if bend > 0.0:
-            table[j, DRIFT] += dt * bend / 12.0
-        table[j, _S], table[j, _RATE], table[j, _BEFORE] = s, rate, rate0
-        table[j, PEAK], table[j, LOWEST] = max(table[j, PEAK], s), min(table[j, LOWEST], s)
-        if s > 0.0:
-            power = abs(table[j, _STIFFNESS] * (u - table[j, _OFFSET]) * rate)
-            table[j, POWER] = max(table[j, POWER], power)
+        turns = (rate0 > 0.0) & (rate < 0.0) & (s0 <= 0.0) & (s <= 0.0)
+        table[:, MISSED] += np.sum(turns & (s0 + 0.55 * h * rate0 * (rate0 / (rate0 - rate)) > 0.0), axis=0)
+        table[:, DRIFT] += np.nansum(h * np.abs(rate - 2.0 * rate0 + before), axis=0) / 12.0
+        power = np.where(s > 0.0, np.abs(table[:, _STIFFNESS] * (u - table[:, _OFFSET]) * rate), 0.0)
+        table[:, PEAK] = np.fmax(table[:, PEAK], np.max(s, axis=0))
+        table[:, LOWEST] = np.fmin(table[:, LOWEST], np.min(s, axis=0))
+        table[:, POWER] = np.fmax(table[:, POWER], np.max(power, axis=0))
+    table[:, _S], table[:, _RATE], table[:, _BEFORE] = s[-1], rate[-1], rate0[-1]

@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 from vofem.errors import ArgumentError, VofemError
 from vofem.integrators.observer import deferred_interrupts
 from vofem.integrators.registry import advice
-from vofem.integrators.stepping.march import Kernel
-from vofem.integrators.stepping.record import Record, take_events
+from vofem.integrators.stepping.record import Record
+from vofem.integrators.stepping.run import Run
 from vofem.kernels.mode import compiled
 from vofem.laws.evaluate import may_jump
 from vofem.laws.table import kinds_of
-from vofem.system import State, System
+from vofem.system import State
 
 Array = NDArray[np.float64]
 
@@ -62,57 +62,52 @@ def check_nearby(nearby: object) -> None:
         )
 
 
-def note_growth(
-    nearby: bool | None, system: System, start: State, kernel: Kernel, out: Record, again: Callable[[State], Kernel]
-) -> list[str]:
+def note_growth(nearby: bool | None, run: Run, out: Record, again: Callable[[State], Run]) -> list[str]:
     """Return a note where a finished run of equal steps is chaotic.
 
     Parameters
     ----------
     nearby : bool, optional
         Whether to make a second run; None makes it where it is worth its cost.
-    system : System
-    start : State
-    kernel : Kernel
-        The kernel of the run.
+    run : Run
     out : Record
         The record of the run, with the states at the times of its checks.
     again : callable
-        Takes a start; returns a kernel of the same steps.
+        Takes a start; returns a run of the same steps.
     """
-    steps, events = kernel.bands.counters.steps, kernel.bands.counters.events
+    system, start, laws = run.system, run.start, run.equations.laws
+    steps, events = run.counters.steps, run.counters.events
     if nearby is None:
-        acts = events >= _FEWEST_EVENTS or (
-            may_jump(kernel.laws) and kinds_of(kernel.laws.table).hysteretic is not None
-        )
+        acts = events >= _FEWEST_EVENTS or (may_jump(laws) and kinds_of(laws.table).hysteretic is not None)
         nearby = acts and steps * (_OWN + system.size) <= (_WORK if compiled() else _WORK_PLAIN)
-    if not nearby or not kernel.finished:
+    if not nearby or not run.finished:
         return []
-    known = np.flatnonzero(np.isfinite(out.q[0]))
-    columns = known[~out.wanted[known]] if np.any(~out.wanted[known]) else known
-    weight = system.scale[kernel.bands.order]
-    size = float(np.max(np.abs(weight[:, None] * out.q[:, columns]), initial=0.0))
-    if size == 0.0 or columns.size < 3:
+    known = np.flatnonzero(np.isfinite(out.q[:, 0]))
+    rows = known[~out.wanted[known]] if np.any(~out.wanted[known]) else known
+    weight = system.scale[run.order]
+    motion = weight * out.q[rows]
+    size = float(np.max(np.abs(motion), initial=0.0))
+    if size == 0.0 or rows.size < 3:
         return []
-    back, at = kernel.bands.back, columns[columns.size // 2]
-    moved = float(np.max(np.abs(weight * out.q[:, at])))
+    at = rows[rows.size // 2]
+    moved = float(np.max(np.abs(weight * out.q[at])))
     factor = _DISTURBANCE * size / max(moved, _GROWTH * _DISTURBANCE * size)
-    beside = State(start.q + factor * out.q[back, at], start.v + factor * out.v[back, at], start.internal)
-    found = _second(again(beside), out.times[columns])
+    beside = State(start.q + factor * out.q[at, run.back], start.v + factor * out.v[at, run.back], start.internal)
+    found = _second(again(beside), out.times[rows])
     if found is None:
         return []
-    apart = np.max(np.abs(weight[:, None] * (found - out.q[:, columns])), axis=0) / size
-    return _judge(out.times[columns], np.maximum.accumulate(apart))
+    apart = np.max(np.abs(weight * found - motion), axis=1) / size
+    return _judge(out.times[rows], np.maximum.accumulate(apart))
 
 
-def _second(kernel: Kernel, times: Array) -> Array | None:
+def _second(run: Run, times: Array) -> Array | None:
     """Return the displacements of a second run at some times, or None where it found none or was interrupted."""
-    out = kernel.record(times, None)
+    out = run.record(times, None)
     with deferred_interrupts() as interrupted:
         try:
-            while not kernel.finished:
-                kernel.advance(out)
-                take_events(out)
+            while not run.finished:
+                run.advance(out)
+                run.switches.log.clear()
                 if interrupted():
                     return None
         except VofemError:

@@ -1,242 +1,391 @@
-"""The record of a stepping run: states at wanted times, and contact events."""
+"""What a stepping run leaves behind, found from chunks of steps: states, events, energies, probes and checks.
+
+Kernels only step. All else is found here once for all methods, from the states before and after some steps.
+"""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.integrators.stepped import quintic
-from vofem.integrators.stepping.probes import Tap, record
-from vofem.kernels.jit import jit, plain_form
-from vofem.laws.rows import Rows
-from vofem.linalg.vectors import copy
-from vofem.system import CLOSED, OPEN
+from vofem.integrators.base import ProbeRows, ProbeSamples
+from vofem.integrators.stepped import interpolated
+from vofem.integrators.stepping.checks import check_contacts
+from vofem.integrators.stepping.kernel import Chunk
+from vofem.kernels.jit import jit
+from vofem.laws.evaluate import commit_all, dissipated, force_at, stored
+from vofem.laws.table import Laws
+from vofem.system import CLOSED, OPEN, ContactLaws
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-#: Room for events between two looks at the record, and for those of how many steps at least.
-_EVENTS, _STEPS_OF_EVENTS = 4096, 4
-
 #: Gap functions are known to this many units of rounding of the displacements and gaps of the scene.
 _ROUNDING = 64.0 * float(np.finfo(float).eps)
 
+#: Ratio of the sizes of two steps above which the motion between them is not taken for smooth.
+_UNEVEN = 4.0
 
-class LastStep(NamedTuple):
-    """The end of the last step: state, internal variables of the laws, and the totals of work and dissipation.
 
-    The totals are pairs: at the end of the step, and at its start. `size`, shape (1,), is the largest sum of
-    displacements and gap of any contact so far, m.
+class Path:
+    """States of a run from step to step, one a row, as far as they are still needed.
+
+    Attributes
+    ----------
+    chunk : Chunk
+    t, dt : ndarray, shape (n_rows,)
+        Times, and sizes of the steps that end at them, s.
+    work, dissipated : ndarray, shape (n_rows,)
+        Work of the loads, and what dampers take, over these steps, J.
+    absorbed, pull : ndarray, shape (n_rows, n_pots)
+        Work that springpots absorb over these steps, J, and their forces at the times, N.
+    turns : ndarray of bool, shape (n_rows,)
+        Whether a contact that acts closes or opens in these steps.
+    out : ndarray, shape (n_rows, n)
+        Accelerations at the times: `Chunk.a`, but for methods whose accelerations lag. Not where laws act by means.
+    filled : int
+        The last row that is known.
     """
 
-    q: Array
-    v: Array
-    a: Array
-    work: Array
-    dissipated: Array
-    internal: Array
-    size: Array
+    def __init__(self, rows: int, n: int, laws: Laws, pots: int, lags: bool) -> None:
+        m = laws.table.size
+        q, v, a = np.zeros((3, rows, n))
+        u, reaction, damper = np.zeros((3, rows, m))
+        self.chunk = Chunk(
+            q, v, a, u, reaction, damper, np.zeros((rows, laws.state.size)), np.zeros((rows, pots, 2))
+        )  # fmt: skip
+        self.t, self.dt, self.work, self.dissipated = np.zeros((4, rows))
+        self.absorbed, self.pull = np.zeros((2, rows, pots))
+        self.turns = np.zeros(rows, dtype=bool)
+        self.out = np.zeros((rows, n)) if lags else self.chunk.a
+        self.filled = 0
+
+    @property
+    def _parts(self) -> tuple[NDArray[Any], ...]:
+        chunk = (*self.chunk, self.t, self.dt, self.work, self.dissipated, self.absorbed, self.pull, self.turns)
+        return chunk if self.out is self.chunk.a else (*chunk, self.out)
+
+    def steps(self, count: int) -> Chunk:
+        """Return the last row that is known, and rows for some steps from there."""
+        return Chunk(*(part[self.filled : self.filled + count + 1] for part in self.chunk))
+
+    def keep(self, first: int) -> None:
+        """Forget the rows before one."""
+        count = self.filled + 1 - first
+        for part in self._parts:
+            part[:count] = part[first : first + count].copy()
+        self.filled = count - 1
+
+    def saved(self) -> list[NDArray[Any]]:
+        """Return copies of all rows that are known."""
+        return [part[: self.filled + 1].copy() for part in self._parts]
+
+    def restore(self, saved: list[NDArray[Any]]) -> None:
+        """Set the rows to those of `saved`."""
+        for part, other in zip(self._parts, saved, strict=True):
+            part[: other.shape[0]] = other
+        self.filled = saved[0].shape[0] - 1
 
 
-def no_step(n: int, internal: Array) -> LastStep:
-    """Return an empty record of the last step of n unknowns, with the internal variables of hysteretic laws."""
-    return LastStep(np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(2), np.zeros(2), internal.copy(), np.zeros(1))
+class Switches:
+    """The status of contacts from step to step.
+
+    Attributes
+    ----------
+    status : ndarray of int, shape (n_contacts,)
+        After the last step.
+    size : float
+        Largest sum of displacements and gap of any contact so far, m. Displacements are known to the rounding of it,
+        and so are gap functions.
+    log : list of ndarray, shape (n_events, 3)
+        Time, contact and status entered of the events.
+    """
+
+    def __init__(self, laws: ContactLaws | None, rows: Any, status: IntArray) -> None:
+        self.laws, self._sizes, self._columns = laws, None, np.zeros(0, dtype=np.int64)
+        if laws is not None:
+            sizes = abs(rows[: status.size])
+            self._columns = np.unique(sizes.indices)
+            self._sizes = sizes[:, self._columns]
+        self.status, self.size = status.copy(), 0.0
+        self.log: list[Array] = []
+
+    def step_on(self, path: Path, count: int, t_end: float) -> None:
+        """Take notice of the last steps of a path; set `Path.turns`."""
+        laws, m = self.laws, self.status.size
+        if laws is None:
+            return
+        first = path.filled - count
+        s = path.chunk.u[first : path.filled + 1, :m] - laws.gap
+        q = path.chunk.q[first + 1 : path.filled + 1, self._columns]
+        sizes = (self._sizes @ np.abs(q).T).T + np.abs(laws.gap)
+        sizes = np.maximum.accumulate(np.append(self.size, sizes))
+        self.size = float(sizes[-1])
+        noise = _ROUNDING * sizes[1:].reshape(-1, m)
+        # A gap function within its rounding leaves the status as it was.
+        known = np.vstack([np.ones((1, m), dtype=bool), np.abs(s[1:]) > noise])
+        status = np.vstack([self.status[None, :], np.where(s[1:] > 0.0, CLOSED, OPEN)])
+        last = np.maximum.accumulate(np.where(known, np.arange(count + 1)[:, None], 0), axis=0)
+        status = np.take_along_axis(status, last, axis=0)
+        acts = (path.chunk.reaction[first + 1 : path.filled + 1, :m] != 0.0) | (status[:-1] == CLOSED)
+        turned = np.where(status[:-1] == CLOSED, s[1:] < 0.0, s[1:] > 0.0)
+        path.turns[first + 1 : path.filled + 1] = np.any(acts & turned, axis=1)
+        step, contact = np.nonzero(status[1:] != status[:-1])
+        self.status = status[-1]
+        if not step.size:
+            return
+        before, after = s[step, contact], s[step + 1, contact]
+        # The crossing is placed on the chord of the gap function.
+        part = np.divide(before, before - after, out=np.ones(step.size), where=before != after)
+        row = first + 1 + step
+        t = path.t[row] - path.dt[row] * (1.0 - np.clip(part, 0.0, 1.0))
+        within = t <= t_end * (1.0 + 1e-12)
+        self.log.append(np.column_stack([t, contact, status[step + 1, contact]])[within])
 
 
-class Motion(NamedTuple):
-    """Displacements, velocities and accelerations of all unknowns, each (n,)."""
-
-    q: Array
-    v: Array
-    a: Array
-
-
-class Record(NamedTuple):
-    """What compiled loops record of a run.
+class Record:
+    """What is recorded of a run: states at wanted times, points at every step, and the checks of the run.
 
     Attributes
     ----------
     times : ndarray, shape (n_times,)
         Times at which states are stored, s.
-    q, v, a : ndarray, shape (n, n_times)
-    work, dissipated : ndarray, shape (n_times,)
-    histories : ndarray, shape (3, n_laws, n_times)
-        Force, stored energy and loss of the hysteretic laws and, last, of the springpots.
-    past : ndarray, shape (size, 1)
-        Internal variables of the hysteretic laws at the last `wanted` time.
     wanted : ndarray of bool, shape (n_times,)
         Times at which results are wanted; the others serve the checks of the run.
-    cursor : ndarray of int, shape (2,)
-        Number of times that are stored, now and before the last step.
-    events : ndarray, shape (room, 3)
-        Time, contact and status of the events since the last call of `take_events`.
-    happened : ndarray of int, shape (1,)
-        Number of these events.
-    probes : Tap or None
-        Points that are recorded at every step.
-    contact_checks : ndarray, shape (n_contacts, 8)
+    q, v, a : ndarray, shape (n_times, n)
+        In band order.
+    work, dissipated : ndarray, shape (n_times,)
+        Totals, J.
+    histories : ndarray, shape (3, n_laws, n_times)
+        Force, stored energy and loss of the hysteretic laws and, last, of the springpots.
+    past : ndarray, shape (size,)
+        Internal variables of the laws at the last `wanted` time.
+    cursor : int
+        Number of times that are stored.
+    contact_checks : ndarray, shape (n_contacts, 11)
         What the checks of the run know of every contact, see `checks`.
+    total : ndarray, shape (2 + n_pots,)
+        Work of the loads, what dampers took, and the work of each springpot at the last state that is complete, J.
+    points : list of ndarray
+        Time, q, v and a of points, in pieces.
     """
 
-    times: Array
-    q: Array
-    v: Array
-    a: Array
-    work: Array
-    dissipated: Array
-    histories: Array
-    past: Array
-    wanted: NDArray[np.bool_]
-    cursor: IntArray
-    events: Array
-    happened: IntArray
-    probes: Tap | None
-    contact_checks: Array
-
-
-#: Fields of a record that hold one entry for every time, and what is known at the last one.
-_STORED = ("times", "q", "v", "a", "work", "dissipated", "histories", "past", "wanted")
-
-
-def record_of(
-    times: Array, n: int, contacts: int, probes: Tap | None, laws: int = 0, past: int = 0,
-    checks: tuple[Array, Array] | None = None,
-) -> Record:  # fmt: skip
-    """Return an empty record of n unknowns and some contacts.
-
-    Parameters
-    ----------
-    times : ndarray
-        Times at which states are wanted, s.
-    n, contacts : int
-    probes : Tap or None
-    laws, past : int
-        Number of laws with internal variables, and of these variables in all.
-    checks : (ndarray, ndarray), optional
-        Further times, which the checks of the run use, and the record of contacts for these checks.
-    """
-    wanted = np.ones(times.size, dtype=bool)
-    table = np.empty((0, 8))
-    if checks is not None:
-        further, table = checks
+    def __init__(
+        self, times: Array, further: Array, n: int, laws: Laws, histories: int, pots: int, table: Array,
+        probes: ProbeRows | None, rows: Any, order: IntArray,
+    ) -> None:  # fmt: skip
         more = further[~np.isin(further, times)]
-        times, wanted = np.concatenate([times, more]), np.append(wanted, np.zeros(more.size, dtype=bool))
-        order = np.argsort(times, kind="stable")
-        times, wanted = times[order], wanted[order]
-    q, v, a = np.full((3, n, times.size), np.nan)
-    work, dissipated = np.zeros((2, times.size))
-    histories, last = np.zeros((3, laws, times.size)), np.zeros((past, 1))
-    events = np.empty((max(_EVENTS, _STEPS_OF_EVENTS * contacts) if contacts else 0, 3))
-    cursor, happened = np.zeros(2, dtype=np.int64), np.zeros(1, dtype=np.int64)
-    return Record(
-        times, q, v, a, work, dissipated, histories, last, wanted, cursor, events, happened, probes, table
-    )  # fmt: skip
+        wanted = np.append(np.ones(times.size, dtype=bool), np.zeros(more.size, dtype=bool))
+        times = np.concatenate([times, more])
+        ordered = np.argsort(times, kind="stable")
+        self.times, self.wanted = times[ordered], wanted[ordered]
+        self.q, self.v, self.a = np.full((3, times.size, n), np.nan)
+        self.work, self.dissipated = np.zeros((2, times.size))
+        self.histories, self.past = np.zeros((3, histories, times.size)), laws.state.copy()
+        self.cursor, self.contact_checks, self.total = 0, table, np.zeros(2 + pots)
+        self.points: list[Array] = []
+        self._begun, self._laws, self._rows = False, laws, rows
+        self._contacts = rows[: table.shape[0]] if len(table) else None
+        self._columns = np.zeros(0, dtype=np.int64)
+        if self._contacts is not None:
+            self._columns = np.unique(self._contacts.indices)
+            self._contacts = self._contacts[:, self._columns]
+        self._names = () if probes is None else probes.names
+        self._points = None if probes is None else probes.rows[:, order]
+
+    #: What a checkpoint holds beside stored times and points.
+    _STATE = ("past", "contact_checks", "total", "cursor", "_begun")
+    _STORED = ("q", "v", "a", "work", "dissipated")
+
+    def saved(self) -> dict[str, Any]:
+        """Return what a run needs to go on with the record."""
+        stored = {name: getattr(self, name)[: self.cursor] for name in self._STORED}
+        stored["histories"] = self.histories[..., : self.cursor]
+        if len(self.points) > 1:
+            self.points = [np.concatenate(self.points, axis=1)]
+        state = {name: getattr(self, name) for name in self._STATE}
+        return {"stored": stored, "state": state, "points": list(self.points)}
+
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Go on where another record was."""
+        for name, value in saved["state"].items():
+            setattr(self, name, value.copy() if isinstance(value, np.ndarray) else value)
+        for name in self._STORED:
+            getattr(self, name)[: self.cursor] = saved["stored"][name]
+        self.histories[..., : self.cursor] = saved["stored"]["histories"]
+        self.points = list(saved["points"])
+
+    def probe_samples(self, until: float) -> ProbeSamples:
+        """Return the motion of the points up to a time in s."""
+        whole = np.concatenate(self.points, axis=1)
+        times = whole[0]
+        q, v, a = whole[1:, : np.searchsorted(times, until, side="right")].reshape(3, len(self._names), -1)
+        return ProbeSamples(self._names, times[: q.shape[1]].copy(), q, v, a)
+
+    def take(self, path: Path, means: bool, explicit: bool, pots_row: int) -> None:
+        """Store what the states of a path tell, as far as they are complete, and forget the rows before the last one.
+
+        Where laws act by means a state is complete, for its acceleration, when the step after it is done.
+
+        Parameters
+        ----------
+        path : Path
+        means, explicit : bool
+            Of the method.
+        pots_row : int
+            Number of the first springpot among all laws.
+        """
+        last = path.filled - (1 if means else 0)
+        if last < (1 if self._begun else 0) or (not self._begun and path.filled == 0):
+            return
+        chunk, begun = path.chunk, self._begun
+        first = 1 if begun else 0
+        _pull(path, last, means, explicit, pots_row)
+        if self._points is not None:
+            now = _accelerations(path, np.arange(first, last + 1))[0] if means else path.out[first : last + 1]
+            states = (chunk.q[first : last + 1], chunk.v[first : last + 1], now)
+            self.points.append(np.vstack([path.t[None, first : last + 1], *(self._points @ x.T for x in states)]))
+        check_contacts(self.contact_checks, chunk.u, self._rates(chunk, last), path.dt, first, last)
+        totals = np.column_stack([path.work, path.dissipated, path.absorbed])[: last + 1]
+        if begun:
+            totals[0] = self.total
+        totals = np.cumsum(totals, axis=0)
+        if not begun:
+            self._store_start(path, _accelerations(path, np.zeros(1, dtype=np.int64))[0][0] if means else path.out[0])
+        self._store(path, last, totals, means)
+        self.total, self._begun = totals[-1].copy(), True
+        path.keep(last)
+
+    def _rates(self, chunk: Chunk, last: int) -> Array:
+        """Return the rates of the contacts in the first rows of a path, shape (last + 1, n_contacts)."""
+        if self._contacts is None:
+            return np.empty((last + 1, 0))
+        return np.asarray((self._contacts @ chunk.v[: last + 1, self._columns].T).T)
+
+    def _store_start(self, path: Path, a: Array) -> None:
+        """Store the state at t = 0 at all times that are not later."""
+        end = int(np.searchsorted(self.times, 1e-9 * path.dt[1] if path.filled else 0.0, side="right"))
+        self.q[:end], self.v[:end], self.a[:end] = path.chunk.q[0], path.chunk.v[0], a
+        self._histories(path, 0, end, np.ones(end, dtype=np.int64), np.zeros(end), np.zeros((1, path.pull.shape[1])))
+        self.cursor = end
+
+    def _store(self, path: Path, last: int, totals: Array, means: bool) -> None:
+        """Store all wanted times up to a row of a path."""
+        begin = self.cursor
+        ends = path.t[1 : last + 1] + 1e-9 * path.dt[1 : last + 1]
+        end = int(np.searchsorted(self.times, ends[-1], side="right")) if last else begin
+        if end <= begin:
+            return
+        chunk, times = path.chunk, self.times[begin:end]
+        row = np.searchsorted(ends, times, side="left") + 1
+        x = 1.0 - (path.t[row] - times) / path.dt[row]
+        x[x >= 1.0 - 1e-9] = 1.0
+        now, arriving, leaving = _accelerations(path, row) if means else (path.out[row],) * 3
+        self.q[begin:end], self.v[begin:end], self.a[begin:end] = chunk.q[row], chunk.v[row], now
+        inside = np.flatnonzero(x < 1.0)
+        if inside.size:
+            here = row[inside]
+            if means:
+                arriving, leaving = arriving[inside], _accelerations(path, here - 1)[2]
+            else:
+                arriving, leaving = path.out[here], path.out[here - 1]
+            h = path.dt[here]
+            q, v, a = interpolated(
+                x[inside], h, (chunk.q[here - 1].T, chunk.v[here - 1].T, leaving.T),
+                (chunk.q[here].T, chunk.v[here].T, arriving.T),
+            )  # fmt: skip
+            self.q[begin + inside], self.v[begin + inside], self.a[begin + inside] = q.T, v.T, a.T
+        for k, name in enumerate(("work", "dissipated")):
+            getattr(self, name)[begin:end] = x * totals[row, k] + (1.0 - x) * totals[row - 1, k]
+        self._histories(path, begin, end, row, x, totals[:, 2:])
+        self.cursor = end
+
+    def _histories(self, path: Path, begin: int, end: int, row: IntArray, x: Array, work: Array) -> None:
+        """Store hysteretic laws and springpots at some times, which lie at fractions x of the steps to rows."""
+        laws, pots = self._laws, path.pull.shape[1]
+        if not self.histories.shape[1]:
+            return
+        if laws.state.size:
+            u = np.asarray(self._rows @ self.q[begin:end].T)
+            _along(laws, path.chunk.past[row - 1], u, self.histories[:, :, begin:end])
+            last = np.flatnonzero(self.wanted[begin:end])
+            if last.size:
+                self.past = path.chunk.past[row[last[-1]] - 1].copy()
+                commit_all(laws._replace(state=self.past), np.ascontiguousarray(u[:, last[-1]]))
+        if pots:
+            left = np.maximum(row - 1, 0)
+            row = np.where(x > 0.0, row, 0)
+            part = lambda values: ((1.0 - x)[:, None] * values[left] + x[:, None] * values[row]).T  # noqa: E731
+            energy, spent = part(path.chunk.pots[:, :, 1]), part(work)
+            self.histories[0, -pots:, begin:end] = part(path.pull)
+            self.histories[1, -pots:, begin:end], self.histories[2, -pots:, begin:end] = energy, spent - energy
 
 
-def stored(out: Record) -> dict[str, Any]:
-    """Return views of what is stored, by field."""
-    count = int(out.cursor[0])
-    return {name: getattr(out, name)[..., :count] for name in _STORED}
+def _accelerations(path: Path, rows: IntArray) -> tuple[Array, Array, Array]:
+    """Return accelerations at rows of a path of mean accelerations: at the time, arriving there, and leaving.
 
-
-def shortened(out: Record) -> Record:
-    """Return a copy of a record up to what is stored."""
-    return out._replace(**{name: part.copy() for name, part in stored(out).items()})
-
-
-def take_events(out: Record) -> Array:
-    """Return the events (time, contact, status), one a row, and make room for others."""
-    found = out.events[: int(out.happened[0])].copy()
-    out.happened[0] = 0
-    return found
-
-
-@jit
-def store(out: Record, t: float, dt: float, first: bool, before: LastStep, now: Motion, arriving: Array) -> None:
-    """Store all wanted times up to t, where a step of size dt ends, and the points that are recorded at every step.
-
-    The state at t is stored as it is. States inside the step are interpolated between both ends; `arriving` is the
-    acceleration just before t, which is that of `now` where the motion is smooth at t.
+    An acceleration is the change of the mean velocity between the steps on both sides. Where a contact closes or opens
+    in one of these steps, the acceleration of the other step is used. Where one step is much longer, the
+    interpolation within it does not use the short one.
     """
-    _store_points(out.probes, t, now)
-    out.cursor[1] = out.cursor[0]
-    while out.cursor[0] < out.times.size and out.times[out.cursor[0]] <= t + 1e-9 * dt:
-        cursor = out.cursor[0]
-        x = 1.0 - (t - out.times[cursor]) / dt
-        if first or x >= 1.0 - 1e-9:
-            x = 1.0
-            _set_column(now.q, out.q, cursor)
-            _set_column(now.v, out.v, cursor)
-            _set_column(now.a, out.a, cursor)
-        else:
-            for i in range(now.v.size):
-                out.q[i, cursor], out.v[i, cursor], out.a[i, cursor] = quintic(
-                    x, dt, before.q[i], before.v[i], before.a[i], now.q[i], now.v[i], arriving[i]
-                )
-        out.work[cursor] = x * before.work[0] + (1.0 - x) * before.work[1]
-        out.dissipated[cursor] = x * before.dissipated[0] + (1.0 - x) * before.dissipated[1]
-        out.cursor[0] = cursor + 1
+    held, rate, last, dt = path.chunk.a[rows], path.chunk.a[rows + 1], path.dt[rows], path.dt[rows + 1]
+    turned, turns, start = path.turns[rows], path.turns[rows + 1], last == 0.0
+    between = rate - held
+    between *= (last / (dt + last))[:, None]
+    between += held
+    now, arriving, leaving = between, between, between
+    special = np.flatnonzero(turned | turns | start | (last > _UNEVEN * dt) | (dt > _UNEVEN * last))
+    if special.size:
+        now, arriving, leaving = between.copy(), between.copy(), between.copy()
+        for k in special.tolist():
+            either = turned[k] or turns[k]
+            if start[k] or (turned[k] and not turns[k]):
+                now[k] = rate[k]
+            elif turns[k] and not turned[k]:
+                now[k] = held[k]
+            if either or last[k] > _UNEVEN * dt[k]:
+                arriving[k] = held[k]
+            if either or dt[k] > _UNEVEN * last[k]:
+                leaving[k] = rate[k]
+    return now, arriving, leaving
+
+
+def _pull(path: Path, last: int, means: bool, explicit: bool, first: int) -> None:
+    """Find the forces of springpots at the rows of a path up to one, from their means over steps."""
+    count = path.pull.shape[1]
+    if not count or last < 1:
+        return
+    mean = path.chunk.pots[:, :, 0]
+    if explicit:
+        path.pull[1 : last + 1] = path.chunk.reaction[1 : last + 1, first : first + count]
+    elif means:
+        before, after = path.dt[1 : last + 1, None], path.dt[2 : last + 2, None]
+        path.pull[1 : last + 1] = (after * mean[1 : last + 1] + before * mean[2 : last + 2]) / (before + after)
+    else:
+        path.pull[1 : last + 1] = 1.5 * mean[1 : last + 1] - 0.5 * mean[:last]
 
 
 @jit
-def _store_points(probes: Tap | None, t: float, now: Motion) -> None:
-    if probes is not None:
-        record(probes, t, now.q, now.v, now.a)
+def _along(laws: Laws, states: Array, u: Array, histories: Array) -> None:
+    """Enter force, stored energy and loss of every law with internal variables at coordinates u, shape (n_laws, k).
 
-
-@jit
-def _set_column(values: Array, into: Array, column: int) -> None:
-    """Copy a vector into a column of a matrix."""
-    for i in range(values.size):
-        into[i, column] = values[i]
-
-
-@plain_form(_set_column)
-def _set_whole_column(values: Array, into: Array, column: int) -> None:
-    into[:, column] = values
-
-
-@jit
-def leave(before: LastStep, q: Array, v: Array, a: Array) -> None:
-    """Make a state the end of the last step."""
-    copy(q, before.q)
-    copy(v, before.v)
-    copy(a, before.a)
-    before.work[1] = before.work[0]
-    before.dissipated[1] = before.dissipated[0]
-
-
-@jit
-def rounding(rows: Rows, j: int, gap: float, q: Array, before: LastStep) -> float:
-    """Return the size below which the gap function of contact j at q is rounding, m.
-
-    Displacements are known to the rounding of the largest that any contact has had, and so are gap functions.
+    Each state, shape (k, size), holds the internal variables at the start of the path to the coordinates.
     """
-    size = abs(gap)
-    for e in range(rows.start[j], rows.start[j + 1]):
-        size += abs(rows.weight[e] * q[rows.column[e]])
-    before.size[0] = max(before.size[0], size)
-    return _ROUNDING * before.size[0]
+    for k in range(u.shape[1]):
+        for i in range(laws.state.size):
+            laws.state[i] = states[k, i]
+        for j in range(laws.table.size):
+            if laws.table[j]["end"] > laws.table[j]["start"]:
+                i = laws.table[j]["history"]
+                histories[0, i, k] = force_at(laws, j, u[j, k])
+                histories[1, i, k] = stored(laws, j, u[j, k])
+                histories[2, i, k] = dissipated(laws, j, u[j, k])
 
 
-@jit
-def switched(s: float, status: int, noise: float) -> bool:
-    """Return whether the gap function contradicts a status by more than what may be rounding."""
-    return s < -noise if status == CLOSED else s > noise
-
-
-@jit
-def log_event(out: Record, j: int, t: float, dt: float, before: float, s: float) -> int:
-    """Enter an event of contact j in the step of size dt to t; return its new status.
-
-    The crossing is placed on the chord of the gap function, from `before` to s.
-    """
-    part = before / (before - s) if before != s else 1.0
-    count, status = out.happened[0], CLOSED if s > 0.0 else OPEN
-    out.events[count, 0] = t - dt * (1.0 - min(max(part, 0.0), 1.0))
-    out.events[count, 1] = j
-    out.events[count, 2] = status
-    out.happened[0] = count + 1
-    return status
+def hysteretic_energy(laws: Laws, state: Array, u: Array) -> tuple[float, float]:
+    """Return the energies in J that all laws with internal variables store at u, and that they have dissipated."""
+    found = np.zeros((3, int(laws.table["history"].max()) + 1, 1))
+    _along(laws, state[None, :], u[:, None], found)
+    return float(found[1].sum()), float(found[2].sum())

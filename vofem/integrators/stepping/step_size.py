@@ -3,7 +3,7 @@
 The largest size is halved some times: a step has one of 41 sizes. A matrix that
 a method has factored for a size can therefore be used again. All times are whole
 multiples of the smallest size, so no rounding accumulates. This module knows
-errors only; the method takes the steps and estimates their errors (`doubling`).
+errors only; the method takes the steps and estimates their errors (`tolerance`).
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class StepSizeControl:
         Time reached, and the end of the run, in units of `tick`.
     level : int
         The next step has the size ``largest / 2**level``.
-    size : float
+    size_of_motion : float
         Displacement that errors are related to, m.
     forced : int
         Steps that were accepted at the smallest size with an error beyond their share.
@@ -52,7 +52,7 @@ class StepSizeControl:
     """
 
     #: Attributes that change during a run; the others follow from its arguments.
-    place: tuple[str, ...] = ("ticks", "level", "forced", "size", "last_hard")
+    place: tuple[str, ...] = ("ticks", "level", "forced", "size_of_motion", "last_hard")
 
     def set_range(self, t_end: float, tolerance: float) -> None:
         """Set the end in s and the tolerance."""
@@ -60,7 +60,7 @@ class StepSizeControl:
         self.largest = t_end / _FEWEST
         self.tick = self.largest / 2**HALVINGS
         self.ticks, self.last_tick = 0, _FEWEST * 2**HALVINGS
-        self.level, self.forced, self.size = _FIRST, 0, 0.0
+        self.level, self.forced, self.size_of_motion = _FIRST, 0, 0.0
         self.period, self.last_hard = 0.0, 0
 
     @property
@@ -71,7 +71,7 @@ class StepSizeControl:
     @property
     def whole(self) -> float:
         """Error of displacements that all steps together may make, m."""
-        return self.tolerance * self.size + _TINY
+        return self.tolerance * self.size_of_motion + _TINY
 
     @property
     def at_smallest(self) -> bool:

@@ -131,6 +131,12 @@ def impact_statistics(
     OutputError
         If the file cannot be written.
     """
+    if (
+        path is None
+        and contact not in list(result.contacts)
+        and str(contact).lower().endswith((".png", ".pdf", ".svg"))
+    ):
+        contact, path = None, contact
     goal = goal_of(path)
     history = _one(result, contact, "impact_statistics")
     bins = whole("impact_statistics: bins", bins)

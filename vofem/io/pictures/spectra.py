@@ -94,13 +94,15 @@ def spectrum(
         _spectrogram(canvas, times, step, values, unit if unit == "m" else f"({unit})", limit)
     else:
         frequency, height = (amplitudes if kind == "amplitude" else density)(values, step)
-        axes.semilogy(frequency[1:], height[1:], color=ink(), linewidth=stroke(1.2))
-        top = float(height[1:].max(initial=0.0))
+        limit = min(limit or np.inf, float(frequency[-1]))
+        shown = (frequency > 0.0) & (frequency <= limit)
+        axes.semilogy(frequency[shown], height[shown], color=ink(), linewidth=stroke(1.2))
+        top, least = float(height[shown].max(initial=0.0)), float(height[shown].min(initial=np.inf))
         if top > 0.0:
-            axes.set_ylim(1e-8 * top if kind == "amplitude" else 1e-14 * top, 3.0 * top)
+            axes.set_ylim(max(1e-8 * top if kind == "amplitude" else 1e-14 * top, least / 3.0), 3.0 * top)
         density_unit = f"{unit}^2/Hz" if unit == "m" else f"({unit})^2/Hz"
         label = f"amplitude of the {quantity} [{unit}]" if kind == "amplitude" else f"PSD [{density_unit}]"
-        axes.set(xlabel="frequency [Hz]", ylabel=label, xlim=(0.0, limit or frequency[-1]))
+        axes.set(xlabel="frequency [Hz]", ylabel=label, xlim=(0.0, limit))
     axes.set_title(plain(f"{place.describe()}, {times[0]:g} to {times[-1] + step:g} s"), fontsize=text_size(11))
     return canvas.done()
 

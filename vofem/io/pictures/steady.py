@@ -30,8 +30,11 @@ MARKS = {
 _LINES = {
     True: ("-", 1.8, "stable"),
     False: ("--", 1.3, "unstable"),
-    None: (":", 1.5, "stability not decided"),
+    None: ("-", 0.9, "stability not decided"),
 }
+
+#: So many special points are marked at full size.
+_FEW = 8
 
 #: Times at which a phase portrait is drawn beside those of events.
 _DENSE = 2001
@@ -91,14 +94,17 @@ def response_curve(
             style, width, name = _LINES[stable]
             values, line = one.values[part], amplitude[part] / scale[0]
             axes.plot(values, line, style, color=color, linewidth=width, label=name)
+    # Behind the curves, and smaller where there are many.
+    size = 9.0 if sum(len(points) for points in marked) <= _FEW else 5.0
     for points in marked:
         for special, height in points:
             mark, number, name = MARKS[special.kind]
             axes.plot(
-                special.value, height / scale[0], mark, color=COLORS[number], markersize=9, markerfacecolor="none",
-                markeredgewidth=1.8, linestyle="none", label=name,
+                special.value, height / scale[0], mark, color=COLORS[number], markersize=size, markerfacecolor="none",
+                markeredgewidth=0.2 * size, linestyle="none", label=name, zorder=1.5,
             )  # fmt: skip
     axes.set(xlabel=plain(parameter), ylabel=f"amplitude [{scale[1]}]")
+    axes.ticklabel_format(axis="x", useOffset=False)
     axes.set_ylim(bottom=0.0)
     axes.set_title(plain(title or place.describe()), fontsize=text_size(11))
     legend(axes, most=12)
@@ -217,10 +223,12 @@ def phase_portrait(
         times = np.unique(np.concatenate([np.linspace(0.0, one.period, _DENSE), _events(one)[0]]))
         drawn.append((one.result.displacement(place, times), one.result.velocity(place, times)))
     scale = length(float(max(np.abs(u).max() for u, _ in drawn)))
+    frequencies = [f"{one.omega:.6g} rad/s" for one in orbits]
+    same = len(set(frequencies)) == 1
     for k, (one, (u, v)) in enumerate(zip(orbits, drawn, strict=True)):
         color = ink() if k == 0 else COLORS[(k - 1) % len(COLORS)]
         style, width, name = _LINES[one.stable]
-        label = name if len(orbits) == 1 else f"orbit {k + 1}: {one.omega:.6g} rad/s, {name}"
+        label = f"{frequencies[k]}, {name}" if not same else f"orbit {k + 1}, {name}" if len(orbits) > 1 else name
         axes.plot(u / scale[0], v / scale[0], style, color=color, linewidth=width, label=label)
         times, closing = _events(one)
         start = np.zeros(1)
@@ -233,7 +241,8 @@ def phase_portrait(
                 x, y = one.result.displacement(place, part), one.result.velocity(place, part)
                 axes.plot(x / scale[0], y / scale[0], mark, color=color, markersize=7, linestyle="none", label=name)
     axes.set(xlabel=f"displacement [{scale[1]}]", ylabel=f"velocity [{scale[1]}/s]")
-    axes.set_title(plain(place.describe()), fontsize=text_size(11))
+    title = f"{place.describe()}, {frequencies[0]}" if same else place.describe()
+    axes.set_title(plain(title), fontsize=text_size(11))
     legend(axes, most=8)
     return canvas.done()
 

@@ -9,9 +9,10 @@ from math import gcd, lcm
 import numpy as np
 
 from vofem._validate import number
+from vofem.doubtful import parts_of
 from vofem.errors import ArgumentError
 from vofem.system import Load, System
-from vofem.time_functions import TimeFunction
+from vofem.time_functions import Sine, TimeFunction
 
 #: Largest whole number in a ratio of two frequencies of loads, and the accepted relative error of the ratio.
 _LARGEST, _EXACT = 1000, 1e-12
@@ -67,6 +68,11 @@ def load_period(what: str, system: System, period: float | None = None) -> LoadP
         omega = close[0] if close else omega
     elif frequencies:
         omega = _fundamental(what, frequencies)
+    elif resting := _at_rest(system):
+        raise ArgumentError(
+            f"{what}: {resting} has the frequency 0 here and is constant, so nothing sets the period; begin at a small "
+            "positive frequency, or give period= in s"
+        )
     else:
         raise ArgumentError(
             f"{what}: no load varies in time, so nothing sets the period. Add a load such as "
@@ -90,6 +96,17 @@ def _frequencies(what: str, load: Load, period: float | None) -> list[float]:
         return []
     piece = function.piece(0.0)
     return [w for w, amplitude in piece.harmonics if w > 0.0 and amplitude != 0.0]
+
+
+def _at_rest(system: System) -> str:
+    """Return the name of a load with a `Sine` of frequency 0; empty where there is none."""
+    zero = (
+        load.name
+        for load in system.loads
+        for part in parts_of(load.function)
+        if isinstance(part, Sine) and part.omega == 0.0
+    )
+    return next(zero, "")
 
 
 def _fundamental(what: str, frequencies: list[tuple[Load, float]]) -> float:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem._validate import nearest
+from vofem._validate import nearest, number
 from vofem.errors import ArgumentError
 from vofem.studies.sweep.points import Points
 from vofem.studies.sweep.worker import RESERVED, Row
@@ -126,6 +126,77 @@ class Sweep(Mapping[str, NDArray]):
             raise ArgumentError(f"sweep: no parameter is named {name!r}; there are {list(names)}{nearest(name, names)}")
         values = _array([row[name] for row in self.points.rows])
         return values.reshape(*self.points.shape, *values.shape[1:])
+
+    def mean(self, name: str, over: str | None = None) -> NDArray:
+        """Return the mean of a quantity over random records, points that failed left out.
+
+        Parameters
+        ----------
+        name : str
+            A quantity that is a number, or an array of numbers, at every point.
+        over : str, optional
+            The parameter that numbers the records, such as a seed, which is a dimension of the grid. By default the
+            mean is taken over all points.
+
+        Returns
+        -------
+        ndarray
+            In the shape of the quantity without the dimension of `over`.
+
+        Raises
+        ------
+        ArgumentError
+            If there is no such quantity or dimension, or the quantity holds texts.
+        """
+        values, axis = self._records(name, over)
+        count = np.sum(~np.isnan(values), axis=axis)
+        return np.asarray(np.nansum(values, axis=axis) / np.where(count > 0, count, np.nan))
+
+    def confidence(self, name: str, over: str | None = None, *, level: float = 0.95) -> NDArray:
+        """Return half the width of the confidence interval of `mean`, by Student's distribution.
+
+        The mean of ever more records lies within ``mean - confidence`` and ``mean + confidence`` with the probability
+        `level`, if records are independent, and are normally distributed or many. It is NaN for fewer than two records.
+
+        Parameters
+        ----------
+        name, over
+            As for `mean`.
+        level : float
+            Probability, between 0 and 1.
+
+        Returns
+        -------
+        ndarray
+            In the shape of `mean`.
+        """
+        from scipy.stats import t as student
+
+        level = number("sweep: level", level, positive=True)
+        if level >= 1.0:
+            raise ArgumentError(f"sweep: level is {level:g}, expected a probability between 0 and 1, such as 0.95")
+        values, axis = self._records(name, over)
+        off = values - np.expand_dims(self.mean(name, over), axis)
+        count = np.sum(~np.isnan(values), axis=axis)
+        enough = np.maximum(count, 2)
+        spread = np.sqrt(np.nansum(off**2, axis=axis) / (enough - 1))
+        width = student.ppf(0.5 * (1.0 + level), enough - 1) * spread / np.sqrt(enough)
+        return np.asarray(np.where(count > 1, width, np.nan))
+
+    def _records(self, name: str, over: str | None) -> tuple[NDArray, int | tuple[int, ...]]:
+        """Return a quantity as floats, and the dimensions of its records."""
+        column = self[name]
+        if column.dtype.kind not in "biuf":
+            raise ArgumentError(f"sweep: {name!r} holds no real numbers, so it has no mean")
+        if over is None:
+            return column.astype(float), tuple(range(len(self.points.shape)))
+        if self.points.axes is None or over not in self.points.names:
+            names = self.points.names
+            raise ArgumentError(
+                f"sweep: over is {over!r}, expected a parameter of a grid; there are {list(names)}"
+                f"{nearest(over, names)}"
+            )
+        return column.astype(float), self.points.names.index(over)
 
     def with_notes(self, notes: Sequence[str]) -> Sweep:
         """Return the same sweep with some notes in front of its own."""

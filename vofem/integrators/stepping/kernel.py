@@ -1,0 +1,653 @@
+"""The steps of all methods that step in time: one loop, whose numbers make it the one method or the other.
+
+A step of size h from (q_0, v_0, a_0) solves for the weighted acceleration ``w = (1 - alpha_m) a_1 + alpha_m a_0``:
+
+    M w + C v_b + K q_b + sum_j b_j R_j = f,    x_b = (1 - b) x_0 + b x_1,    b = 1 - alpha_f,
+    q_1 = q_0 + h v_0 + h^2 (cqa a_0 + cqw w),    v_1 = v_0 + h (cva a_0 + cvw w).
+
+R is the mean force of a law over the step, or its force at the end with the weight b. The midpoint rule is
+``alpha_m = alpha_f = 1/2`` with mean forces; central differences in velocity form are ``beta = 0``. For the row b_j
+of a law let ``y = b_j.w``. Then the coordinate of the law at the end is ``u_p + h^2 cqw y`` and its rate
+``r_p + h cvw y``, so springs and dampers are one scalar problem each, also at ``beta = 0``.
+
+Reactions are found in one of two ways. Where laws are few, Newton's method runs on their reactions, through the
+compliance ``G = B A^-1 B'``. Where there are about as many laws as unknowns, A with the slopes of all laws added is
+still a narrow band, and Newton's method runs on w. Both minimise the same convex function where forces do not fall,
+so both find its only minimum from any start.
+
+The midpoint rule solves for the correction of an extrapolated mean velocity, twice where that is large: errors of the
+factored matrix would work in one direction for ever.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.kernels.jit import jit, plain_form
+from vofem.laws.evaluate import commit_all, damper_over, force_over, respond
+from vofem.laws.rows import Rows, dot, subtract_row
+from vofem.laws.springpot_steps import Springpots, begin_springpots, end_springpots
+from vofem.laws.table import Laws, Way
+from vofem.linalg.banded import factor_in_place, solve, subtract_product
+from vofem.linalg.vectors import copy, fill, inner
+
+Array = NDArray[np.float64]
+
+_MOST = 200
+_EPS = float(np.finfo(float).eps)
+
+#: Newton steps after which a residual at the rounding level of its own terms is accepted.
+_PATIENCE = 30
+
+#: Slope of the convex function at the end of a full Newton step, over that at its start, up to which it is taken.
+_FLAT = 1e-12
+
+#: A correction of the mean velocity above this fraction of it is corrected again.
+_SMALL = 2.0**-6
+
+
+class Numbers(NamedTuple):
+    """The numbers of a method for one step size; see the module for the first six.
+
+    `mean` says whether laws act by their mean force over the step; `ahead` is the distance from the middle of the step
+    to the time of balance, over the step.
+    """
+
+    dt: float
+    b: float
+    cqa: float
+    cqw: float
+    cva: float
+    cvw: float
+    alpha_m: float
+    mean: bool
+    ahead: float
+
+
+class Equations(NamedTuple):
+    """What steps need of a system, unknowns in band order.
+
+    Attributes
+    ----------
+    mass, stiffness, damping : ndarray
+        Lower bands; no rows of `damping` where undamped.
+    rows : Rows
+    laws : Laws
+    """
+
+    mass: Array
+    stiffness: Array
+    damping: Array
+    rows: Rows
+    laws: Laws
+
+
+class Size(NamedTuple):
+    """What belongs to a step size.
+
+    Attributes
+    ----------
+    numbers : Numbers
+    factored : ndarray
+        ``A = M + b h cvw C + b h^2 cqw K``, factored.
+    compliance : ndarray or None, shape (m, m)
+        ``B A^-1 B'`` where reactions are found through it.
+    band : ndarray or None
+        A with room for ``B'B`` where reactions are found in the band.
+    """
+
+    numbers: Numbers
+    factored: Array
+    compliance: Array | None
+    band: Array | None
+
+
+class Chunk(NamedTuple):
+    """States before and after some steps, one a row; the first row is given, and `advance` fills the others.
+
+    Attributes
+    ----------
+    q, v, a : ndarray, shape (steps + 1, n)
+        `a` is the mean acceleration over the step before where laws act by mean forces.
+    u, reaction, damper : ndarray, shape (steps + 1, m)
+        Coordinates of the laws; their forces, N, where laws act at ends of steps without dampers that act by means;
+        forces of contact dampers, mean or at the end.
+    past : ndarray, shape (steps + 1, s)
+        Internal variables of laws.
+    pots : ndarray, shape (steps + 1, n_pots, 2)
+        Mean force of springpots over the step, N, and energy stored at its end, J.
+    """
+
+    q: Array
+    v: Array
+    a: Array
+    u: Array
+    reaction: Array
+    damper: Array
+    past: Array
+    pots: Array
+
+
+class Work(NamedTuple):
+    """Work space of steps of n unknowns and m laws.
+
+    Attributes
+    ----------
+    right, x, p, some, step : ndarray, shape (n,)
+        Residual, correction of w, mean rate of displacement, scratch, and a step of Newton's method.
+    base, rate : ndarray, shape (m,)
+        Coordinates of the laws, and their rates, at the end of the step for the guess of w.
+    free, held : ndarray, shape (m,)
+        ``b_j.x`` without reactions, and reactions that the residual holds already.
+    found : ndarray, shape (m,)
+        Reactions.
+    y, force, slope, change, move, solution : ndarray, shape (m,)
+    active : ndarray of int, shape (m,)
+        Numbers of the laws that act.
+    matrix : ndarray, shape (m, m)
+    band : ndarray
+        In the shape of `Size.band`.
+    """
+
+    right: Array
+    x: Array
+    p: Array
+    some: Array
+    step: Array
+    base: Array
+    rate: Array
+    free: Array
+    held: Array
+    found: Array
+    y: Array
+    force: Array
+    slope: Array
+    change: Array
+    move: Array
+    solution: Array
+    active: NDArray[np.int64]
+    matrix: Array
+    band: Array
+
+
+def work_space(n: int, m: int, size: Size) -> Work:
+    """Return work space for n unknowns and m laws."""
+    matrix = np.zeros((0, 0) if size.compliance is None else (m, m))
+    band = np.zeros((0, 0)) if size.band is None else np.zeros_like(size.band)
+    right, x, p, some, step = np.zeros((5, n))
+    base, rate, free, held, found, y, force, slope, change, move, solution = np.zeros((11, m))
+    active = np.zeros(m, dtype=np.int64)
+    return Work(
+        right, x, p, some, step, base, rate, free, held, found, y, force, slope, change, move, solution, active, matrix,
+        band,
+    )  # fmt: skip
+
+
+# -- vectors ------------------------------------------------------------------------------------------------
+
+
+@jit
+def _sum(into: Array, x: Array, factor: float, y: Array) -> None:
+    """Let ``into = x + factor y``."""
+    for i in range(into.size):
+        into[i] = x[i] + factor * y[i]
+
+
+@plain_form(_sum)
+def _plain_sum(into: Array, x: Array, factor: float, y: Array) -> None:
+    into[:] = x + factor * y
+
+
+@jit
+def _between(into: Array, x: Array, part: float, y: Array) -> None:
+    """Let ``into = (1 - part) x + part y``."""
+    for i in range(into.size):
+        into[i] = (1.0 - part) * x[i] + part * y[i]
+
+
+@plain_form(_between)
+def _plain_between(into: Array, x: Array, part: float, y: Array) -> None:
+    into[:] = (1.0 - part) * x + part * y
+
+
+@jit
+def _predict(q0: Array, v0: Array, a0: Array, q1: Array, v1: Array, dt: float, bend: float, turn: float) -> None:
+    """Let ``q1 = q0 + dt v0 + bend a0`` and ``v1 = v0 + turn a0``."""
+    for i in range(q0.size):
+        q1[i] = q0[i] + dt * v0[i] + bend * a0[i]
+        v1[i] = v0[i] + turn * a0[i]
+
+
+@plain_form(_predict)
+def _plain_predict(q0: Array, v0: Array, a0: Array, q1: Array, v1: Array, dt: float, bend: float, turn: float) -> None:
+    q1[:] = q0 + dt * v0 + bend * a0
+    v1[:] = v0 + turn * a0
+
+
+@jit
+def _correct(q1: Array, v1: Array, a0: Array, a1: Array, x: Array, bend: float, turn: float, part: float) -> None:
+    """Add ``bend x`` to q1 and ``turn x`` to v1, and let ``a1 = (1 - part) a0 + part x``."""
+    for i in range(q1.size):
+        q1[i] += bend * x[i]
+        v1[i] += turn * x[i]
+        a1[i] = (1.0 - part) * a0[i] + part * x[i]
+
+
+@plain_form(_correct)
+def _plain_correct(q1: Array, v1: Array, a0: Array, a1: Array, x: Array, bend: float, turn: float, part: float) -> None:
+    q1 += bend * x
+    v1 += turn * x
+    a1[:] = (1.0 - part) * a0 + part * x
+
+
+@jit
+def _difference(into: Array, factor: float, x: Array, y: Array) -> None:
+    """Let ``into = factor (x - y)``."""
+    for i in range(into.size):
+        into[i] = factor * (x[i] - y[i])
+
+
+@plain_form(_difference)
+def _plain_difference(into: Array, factor: float, x: Array, y: Array) -> None:
+    into[:] = factor * (x - y)
+
+
+@jit
+def _largest(x: Array) -> float:
+    """Return the largest magnitude in a vector."""
+    most = 0.0
+    for i in range(x.size):
+        most = max(most, abs(x[i]))
+    return most
+
+
+@plain_form(_largest)
+def _plain_largest(x: Array) -> float:
+    return float(np.abs(x).max(initial=0.0))
+
+
+# -- steps --------------------------------------------------------------------------------------------------
+
+
+@jit
+def advance(
+    equations: Equations, numbers: Numbers, factored: Array, compliance: Array | None, band: Array | None,
+    others: bool | None, past: bool | None, pots: Springpots | None, force: Array, shift: Array, chunk: Chunk,
+    work: Work,
+) -> tuple[int, int]:  # fmt: skip
+    """Take the steps that a chunk has rows for.
+
+    Arguments that may be None come separately, because numba leaves out code for arguments that are None.
+
+    Parameters
+    ----------
+    equations : Equations
+    numbers, factored, compliance, band
+        The fields of `Size`.
+    others : True or None
+        None where all laws are contacts with ideal switches and without dampers.
+    past : True or None
+        None where no law has internal variables.
+    pots : Springpots or None
+    force : ndarray, shape (steps, n)
+        Loads in the balance of every step; no rows where there are none.
+    shift : ndarray, shape (steps, n)
+        Mean velocity less the mean rate of displacement, m/s; no rows where it is zero.
+    chunk : Chunk
+    work : Work
+
+    Returns
+    -------
+    taken, solves : int
+        Number of steps, fewer than asked for where the next one has no solution; and of those in which a law acted.
+    """
+    mass, stiffness, damping, rows, laws = equations
+    dt, b, mean, ahead, half = numbers.dt, numbers.b, numbers.mean, numbers.ahead, numbers.b * numbers.dt * numbers.cvw
+    right, x, p, some, found = work.right, work.x, work.p, work.some, work.found
+    m, solves = work.y.size, 0
+    # An explicit step knows the coordinates of the laws, and solves for their rates.
+    explicit, weight = numbers.cqw == 0.0, 1.0 if mean else b
+    way = Way(mean, explicit, (1.0 + ahead) / weight, ahead / weight, dt)
+    per_y = dt * numbers.cvw if explicit else dt * dt * numbers.cqw
+    damped, shifted = damping.shape[0] > 0, shift.shape[0] > 0
+    if past is not None:
+        copy(chunk.past[0], laws.state)
+    for k in range(chunk.q.shape[0] - 1):
+        q0, v0, a0, q1, v1, a1 = chunk.q[k], chunk.v[k], chunk.a[k], chunk.q[k + 1], chunk.v[k + 1], chunk.a[k + 1]
+        u0, before, last = chunk.u[k], chunk.damper[k], chunk.reaction[k]
+        # For mean forces p is guessed, the mean rate of displacement; otherwise q1 and v1 are those without w.
+        if mean:
+            _sum(p, v0, half, a0)
+        else:
+            _predict(q0, v0, a0, q1, v1, dt, dt * dt * numbers.cqa, dt * numbers.cva)
+            for j in range(m):
+                work.base[j], work.rate[j] = dot(rows, j, q1), dot(rows, j, v1)
+        if pots is not None:
+            begin_springpots(pots, k, laws, way, chunk.pots, u0, work.base, work.rate)
+        for j in range(m):
+            found[j], work.held[j] = last[j], 0.0
+        solved = 0
+        for again in range(2):
+            if force.shape[0] > 0:
+                copy(force[k], right)
+            else:
+                fill(right, 0.0)
+            if mean:
+                _difference(some, 1.0 / half, p, v0)
+                if shifted:
+                    _sum(some, some, 1.0 / half, shift[k])
+                subtract_product(mass, some, right)
+                _sum(some, q0, b * dt, p)
+                subtract_product(stiffness, some, right)
+                if damped:
+                    subtract_product(damping, p, right)
+                for j in range(m):
+                    work.base[j] = u0[j] + dt * dot(rows, j, p)
+            else:
+                if b < 1.0:
+                    _between(some, q0, b, q1)
+                    subtract_product(stiffness, some, right)
+                else:
+                    subtract_product(stiffness, q1, right)
+                if damped:
+                    _between(some, v0, b, v1)
+                    subtract_product(damping, some, right)
+                for j in range(m):
+                    if b < 1.0 and last[j] != 0.0:
+                        subtract_row(rows, j, (1.0 - b) * last[j], right)
+            if solved:
+                for j in range(m):
+                    work.held[j] = found[j]
+                    subtract_row(rows, j, weight * found[j], right)
+            if explicit and others is None:
+                # Forces are known before the acceleration.
+                for j in range(m):
+                    found[j] = force_over(laws, None, j, way, u0[j], work.base[j], 0.0, 0.0)
+                    if found[j] != 0.0:
+                        if not np.isfinite(found[j]):
+                            return k, solves
+                        subtract_row(rows, j, found[j], right)
+                copy(right, x)
+                solve(factored, x)
+                break
+            copy(right, x)
+            solve(factored, x)
+            if m > 0 and (solved or again == 0):
+                for j in range(m):
+                    work.free[j] = dot(rows, j, x)
+                answer = 0
+                if compliance is not None:
+                    answer = _react(compliance, laws, others, way, u0, before, work, per_y, weight)
+                    if answer > 0:
+                        copy(right, x)
+                        for j in range(m):
+                            if found[j] != work.held[j]:
+                                subtract_row(rows, j, weight * (found[j] - work.held[j]), x)
+                        solve(factored, x)
+                if band is not None:
+                    answer = _react_in_band(band, laws, others, rows, way, u0, before, work, per_y, weight)
+                if answer < 0:
+                    return k, solves
+                if answer > 0:
+                    solved = 1
+            if not mean:
+                break
+            _sum(p, p, half, x)
+            # Errors of the factored matrix in large corrections would work in one direction for ever.
+            if half * _largest(x) <= _SMALL * _largest(p):
+                break
+        solves += 0 if explicit else solved
+        if mean:
+            _sum(q1, q0, dt, p)
+            if shifted:
+                _sum(p, p, 1.0, shift[k])
+            _between(v1, v0, 2.0, p)
+            _difference(a1, 1.0 / dt, v1, v0)
+        else:
+            _correct(q1, v1, a0, a1, x, dt * dt * numbers.cqw, dt * numbers.cvw, 1.0 / (1.0 - numbers.alpha_m))
+        for j in range(m):
+            chunk.u[k + 1, j] = dot(rows, j, q1)
+            chunk.reaction[k + 1, j] = found[j]
+            if others is not None:
+                damper = damper_over(laws, j, way, u0[j], chunk.u[k + 1, j], dot(rows, j, v1))
+                chunk.damper[k + 1, j] = damper
+                # A damper that acts by its mean has no force at the end.
+                if not (mean or explicit):
+                    chunk.reaction[k + 1, j] -= way.now * damper - way.before * before[j]
+        if pots is not None:
+            end_springpots(pots, k, way, chunk.pots, u0, chunk.u[k + 1], chunk.reaction[k + 1])
+        if past is not None:
+            commit_all(laws, chunk.u[k + 1])
+            copy(laws.state, chunk.past[k + 1])
+    return chunk.q.shape[0] - 1, solves
+
+
+# -- reactions ----------------------------------------------------------------------------------------------
+
+
+@jit
+def _react(
+    compliance: Array, laws: Laws, others: bool | None, way: Way, u0: Array, before: Array, work: Work, per_y: float,
+    weight: float,
+) -> int:  # fmt: skip
+    """Find the reactions of a step through the compliance; return the Newton steps, 0 where no law acts, or -1.
+
+    On entry ``work.found`` holds a guess of the reactions, and ``work.free`` what ``b_j.x`` is without those that are
+    not in ``work.held``. Coordinates of the laws, or their rates in explicit steps, are affine in ``b_j.x``; from here
+    on `free` and `y` hold these.
+    """
+    y, free, found, force, slope, change, move = (
+        work.y, work.free, work.found, work.force, work.slope, work.change, work.move,
+    )  # fmt: skip
+    m, reach, acts = y.size, per_y * weight, False
+    for i in range(m):
+        free[i] = (work.rate[i] if way.explicit else work.base[i]) + per_y * free[i]
+        for j in range(m):
+            if work.held[j] != 0.0:
+                free[i] += reach * compliance[i, j] * work.held[j]
+    for j in range(m):
+        force[j] = force_over(
+            laws, others, j, way, u0[j], work.base[j] if way.explicit else free[j], free[j], before[j]
+        )
+        acts = acts or force[j] != 0.0
+    if not acts or way.explicit:
+        fill(found, 0.0)
+    if not acts:
+        return 0
+    for step in range(_MOST):
+        off, size, size_of = 0.0, 0, 0.0
+        for j in range(m):
+            y[j], change[j] = free[j], 0.0
+            for i in range(m):
+                if found[i] != 0.0:
+                    y[j] -= reach * compliance[j, i] * found[i]
+            if way.explicit:
+                # Forces are known but for dampers, which are linear in the rate.
+                slope[j] = 0.0 if others is None else damper_over(laws, j, way, u0[j], work.base[j], 1.0)
+            else:
+                force[j], slope[j] = respond(laws, others, j, way, u0[j], y[j], before[j])
+            if not np.isfinite(force[j]):
+                return -1
+            off, size_of = max(off, abs(force[j] - found[j])), max(size_of, abs(force[j]) + abs(found[j]))
+            if force[j] != 0.0 or slope[j] != 0.0 or found[j] != 0.0:
+                work.active[size] = j
+                size += 1
+        for e in range(size):
+            i = work.active[e]
+            change[i] = force[i] - found[i]
+            work.solution[e] = change[i]
+            for f in range(size):
+                coupling = slope[i] * (reach * compliance[i, work.active[f]])
+                work.matrix[e, f] = coupling + (1.0 if e == f else 0.0)
+        _eliminate(work.matrix, work.solution, size)
+        # Rounding in a steep law can keep the last digits from converging, so the tolerance grows with each step.
+        still, rounded = True, True
+        for j in range(m):
+            move[j], scale = 0.0, abs(free[j])
+            for e in range(size):
+                i = work.active[e]
+                move[j] -= reach * compliance[j, i] * work.solution[e]
+                scale += abs(reach * compliance[j, i] * found[i])
+            still = still and abs(move[j]) <= 4.0 * _EPS * scale
+            # In a law much stiffer than the structure, the rounding of u may be the largest error of its force.
+            noise = 4.0 * _EPS * (abs(force[j]) + abs(found[j]) + slope[j] * scale)
+            rounded = rounded and abs(force[j] - found[j]) <= noise
+        for e in range(size):
+            # A law without slope has an exact row; elimination would add the rounding of other rows to it.
+            if slope[work.active[e]] != 0.0:
+                change[work.active[e]] = work.solution[e]
+        settled = way.explicit or still or off <= _EPS * 2.0 ** min(step, 22) * size_of
+        settled = settled or (rounded and step >= _PATIENCE)
+        length, low, high = 1.0, 0.0, 1.0
+        if not settled:
+            # The convex function along the way is smallest where its derivative is zero.
+            for halving in range(52):
+                total = 0.0
+                for e in range(m):
+                    if move[e] != 0.0:
+                        there = force_over(laws, others, e, way, u0[e], y[e] + length * move[e], 0.0, before[e])
+                        total += move[e] * (there - found[e] - length * change[e])
+                if halving == 0 and total <= 0.0:
+                    break
+                if total > 0.0:
+                    high = length
+                else:
+                    low = length
+                length = 0.5 * (low + high)
+                if high - low <= 1e-3 * low:
+                    break
+        for e in range(size):
+            found[work.active[e]] += length * change[work.active[e]]
+        if settled:
+            return step + 1
+    return -1
+
+
+@jit
+def _react_in_band(
+    matrix: Array, laws: Laws, others: bool | None, rows: Rows, way: Way, u0: Array, before: Array, work: Work,
+    per_y: float, weight: float,
+) -> int:  # fmt: skip
+    """Find the reactions of a step and x by Newton's method on x; return what `_react` does.
+
+    Reactions are extrapolated along the laws' tangents. They balance the structure to the last digit, also where a law
+    is so steep that the rounding of u changes its force.
+    """
+    x, y, free, found, held, force, slope, turn = (
+        work.x, work.y, work.free, work.found, work.held, work.force, work.slope, work.move,
+    )  # fmt: skip
+    m, per_u, per_r = y.size, 0.0 if way.explicit else per_y, per_y if way.explicit else 0.0
+    origin, band, move, product = work.rate if way.explicit else work.base, work.band, work.step, work.some
+    acts = False
+    for j in range(m):
+        u, r = work.base[j] + per_u * free[j], work.rate[j] + per_r * free[j]
+        acts = acts or held[j] != 0.0 or force_over(laws, others, j, way, u0[j], u, r, before[j]) != 0.0
+    if not acts:
+        fill(found, 0.0)
+        return 0
+    fill(x, 0.0)
+    whole_step = False
+    for step in range(_MOST):
+        off, size = 0.0, 0.0
+        for j in range(m):
+            y[j] = dot(rows, j, x)
+            if way.explicit:
+                force[j] = force_over(laws, others, j, way, u0[j], work.base[j], work.rate[j] + per_r * y[j], before[j])
+                slope[j] = 0.0 if others is None else damper_over(laws, j, way, u0[j], work.base[j], 1.0)
+            else:
+                force[j], slope[j] = respond(laws, others, j, way, u0[j], work.base[j] + per_u * y[j], before[j])
+            if not np.isfinite(force[j]):
+                return -1
+            off, size = max(off, abs(force[j] - found[j])), max(size, abs(force[j]) + abs(found[j]))
+        # Rounding in a steep law can keep the last digits from converging, so the tolerance grows with each step.
+        demand = _EPS * 2.0 ** min(step, 22)
+        if whole_step and off <= demand * size:
+            return step
+        for a in range(band.shape[0]):
+            copy(matrix[a], band[a])
+        copy(work.right, move)
+        subtract_product(matrix, x, move)
+        for j in range(m):
+            if force[j] != held[j]:
+                subtract_row(rows, j, weight * (force[j] - held[j]), move)
+            if slope[j] != 0.0:
+                for e in range(rows.start[j], rows.start[j + 1]):
+                    for f in range(rows.start[j], rows.start[j + 1]):
+                        below = rows.column[e] - rows.column[f]
+                        if below >= 0:
+                            more = weight * per_y * slope[j] * rows.weight[e] * rows.weight[f]
+                            band[below, rows.column[f]] += more
+        copy(move, product)
+        if factor_in_place(band) >= 0:
+            return -1
+        solve(band, move)
+        downhill, stiff, still = inner(move, product), 0.0, True
+        for j in range(m):
+            turn[j] = dot(rows, j, move)
+            still = still and abs(per_y * turn[j]) <= demand * (abs(origin[j]) + abs(per_y * y[j]))
+        length, low, high = 1.0, 0.0, 1.0
+        if not still:
+            fill(product, 0.0)
+            subtract_product(matrix, move, product)
+            stiff = -inner(move, product)
+            # The convex function along the way is smallest where its derivative is zero.
+            for halving in range(52):
+                total = length * stiff - downhill
+                for j in range(m):
+                    if turn[j] != 0.0:
+                        z = y[j] + length * turn[j]
+                        u, r = work.base[j] + per_u * z, work.rate[j] + per_r * z
+                        there = force_over(laws, others, j, way, u0[j], u, r, before[j])
+                        total += weight * turn[j] * (there - force[j])
+                if halving == 0 and total <= _FLAT * downhill:
+                    break
+                if total > 0.0:
+                    high = length
+                else:
+                    low = length
+                length = 0.5 * (low + high)
+                if high - low <= 1e-3 * low:
+                    break
+        _sum(x, x, length, move)
+        for j in range(m):
+            found[j] = force[j] + slope[j] * (per_y * length * turn[j])
+        whole_step = length == 1.0
+        if still:
+            return step + 1
+    return -1
+
+
+@jit
+def _eliminate(matrix: Array, x: Array, size: int) -> None:
+    """Solve the first equations of a matrix, which is overwritten, for x in place."""
+    for i in range(size):
+        best = i
+        for r in range(i + 1, size):
+            if abs(matrix[r, i]) > abs(matrix[best, i]):
+                best = r
+        if best != i:
+            for c in range(i, size):
+                matrix[i, c], matrix[best, c] = matrix[best, c], matrix[i, c]
+            x[i], x[best] = x[best], x[i]
+        if matrix[i, i] != 0.0:
+            for r in range(i + 1, size):
+                if matrix[r, i] != 0.0:
+                    factor = matrix[r, i] / matrix[i, i]
+                    for c in range(i + 1, size):
+                        matrix[r, c] -= factor * matrix[i, c]
+                    x[r] -= factor * x[i]
+    for i in range(size - 1, -1, -1):
+        for c in range(i + 1, size):
+            x[i] -= matrix[i, c] * x[c]
+        x[i] = x[i] / matrix[i, i] if matrix[i, i] != 0.0 else np.nan
+
+
+@plain_form(_eliminate)
+def _plain_eliminate(matrix: Array, x: Array, size: int) -> None:
+    if size == 1:
+        x[0] /= matrix[0, 0]
+    else:
+        x[:size] = np.linalg.solve(matrix[:size, :size], x[:size])
