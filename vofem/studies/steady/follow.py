@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -100,6 +101,8 @@ class Follower:
         Step.
     most : int
         Points.
+    seconds : float, optional
+        Time after which the walk ends.
     """
 
     def __init__(
@@ -110,9 +113,10 @@ class Follower:
         *,
         largest: float = LARGEST,
         most: int = 5000,
+        seconds: float | None = None,
     ) -> None:
         self.family, self.interval, self.counters = family, interval, counters
-        self.largest, self.most = largest, most
+        self.largest, self.most, self.seconds = largest, most, seconds
         self.track = Track()
         self._flows_counted = family.work.flows
         self._over = False
@@ -165,9 +169,15 @@ class Follower:
         self._count("flows")
         self._leaving_another = leaving
         now, step = first, min(step, self.largest)
+        begun = time.monotonic()
         while not self._over:
             if len(track.points) >= self.most:
                 track.notes.append(f"the branch was followed for {self.most} points; raise max_points to go on")
+                break
+            if self.seconds is not None and time.monotonic() - begun > self.seconds:
+                track.notes.append(
+                    f"the limit of {self.seconds:g} s was reached at {now.value:.9g}; raise max_seconds to go on"
+                )
                 break
             if report is not None and report(now.value):
                 track.interrupted = True
