@@ -385,8 +385,21 @@ def test_bad_arguments():
         vf.continuation(bilinear, 1.0, 2.0, periods=1.5)
     branch = vf.continuation(bilinear, 1.5, 1.6, max_points=3)
     assert any("max_points" in note for note in branch.notes)
+    branch = vf.continuation(bilinear, 3.0, 1.0, max_seconds=1e-3)
+    assert 1 <= len(branch) < 5
+    assert any("max_seconds" in note for note in branch.notes)
     with pytest.raises(vf.ArgumentError, match="special"):
         branch.switch("fold")
+
+
+def test_a_branch_that_leaves_through_its_own_start():
+    """The note names the value at which it turned."""
+    branch = vf.continuation(nlvib_03, 0.74, 0.8, guess=vf.continuation(nlvib_03, 0.62, 0.74).orbits[-1])
+    fold = next(s for s in branch.special if s.kind == "fold")
+    assert branch.values[-1] == branch.values[0] == 0.74
+    assert fold.value == pytest.approx(0.755627352609, abs=1e-11)
+    (note,) = [note for note in branch.notes if "own start" in note]
+    assert f"{branch.values.max():.12g}" in note
 
 
 if __name__ == "__main__":

@@ -103,4 +103,4 @@ def test_forces_that_jump_at_both_stops(ends):
     branch = vf.continuation(lambda omega: between_two_stops(omega, "displacement"), 0.5, 1.3)
     assert [s.kind for s in branch.special] == ["grazing", "grazing"]
     assert branch.values[-1] == pytest.approx(branch.special[0].value, abs=1e-12)
-    assert any("'below' and 'above'" in note and "guess=" in note for note in branch.notes)
+    assert any("'above' and 'below'" in note and "guess=" in note for note in branch.notes)

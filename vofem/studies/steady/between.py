@@ -41,7 +41,7 @@ class Step:
         return float(np.linalg.norm(self.secant))
 
 
-def between(family: Family, step: Step, share: float) -> tuple[Array, Any, Array]:
+def between(family: Family, interval: Interval, step: Step, share: float) -> tuple[Array, Any, Array]:
     """Return an orbit between two neighbours, at a share of the way along the line between them."""
     first, last = step.first, step.last
     scales = first.scales
@@ -63,20 +63,23 @@ def between(family: Family, step: Step, share: float) -> tuple[Array, Any, Array
     # The orbit is found on the plane at this share.
     guess = guess + normal * (normal @ (start + t * secant - guess))
     by_value = (1.0 - t) * first.by_value + t * last.by_value
+    common = family, first.chart, guess * scales, scales, normal
     try:
-        return corrected(family, first.chart, guess * scales, scales, normal, by_value, tolerance=EXACT)
+        return corrected(*common, by_value, tolerance=EXACT)
     except ConvergenceError:
-        nodes = first.chart.nodes(first.evaluation)
-        if nodes is None:
+        if first.chart.nodes(first.evaluation) is None:
             raise
-    nodes = (1.0 - t) * nodes + t * first.chart.nodes(last.evaluation)
-    return corrected(family, first.chart, guess * scales, scales, normal, by_value, tolerance=EXACT, nodes=nodes)
+    # Near a branch point the equations are nearly singular and need an exact derivative.
+    problem = family.at(common[2][-1])
+    start = first.chart.evaluate(problem, common[2][:-1])
+    by_value = derivative_by_value(family, interval, first.chart, common[2], start)
+    return corrected(*common, by_value, 16, EXACT, improve=False)
 
 
 def point_between(family: Family, step: Step, interval: Interval, share: float, *, tangent: bool = True) -> Point:
     """Return a point between two neighbours."""
     first = step.first
-    y, evaluation, by_value = between(family, step, share)
+    y, evaluation, by_value = between(family, interval, step, share)
     direction = first.tangent
     if tangent:
         by_value = derivative_by_value(family, interval, first.chart, y, evaluation)

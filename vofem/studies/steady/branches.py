@@ -33,6 +33,7 @@ def continuation(
     harmonics: int | None = None,
     max_step: float = LARGEST,
     max_points: int = 5000,
+    max_seconds: float | None = None,
     progress: Progress = None,
 ) -> Branch:
     """Follow a branch of periodic orbits along a parameter, through its folds, by pseudo-arclength.
@@ -63,6 +64,8 @@ def continuation(
         by its size, and of the parameter, divided by the interval. Steps adapt to the branch and are mostly shorter.
     max_points : int
         Largest number of orbits. If it is reached, the continuation ends, and a note says so.
+    max_seconds : float, optional
+        Time in s after which the continuation ends; the part of the branch that was found is returned, with a note.
     progress : bool or callable, optional
         Whether a progress bar is shown, as in `vofem.simulate`. A function is called with the value reached and `stop`.
 
@@ -88,13 +91,15 @@ def continuation(
     periods = whole("continuation: periods", periods)
     max_points = whole("continuation: max_points", max_points)
     max_step = number("continuation: max_step", max_step, positive=True)
+    if max_seconds is not None:
+        max_seconds = number("continuation: max_seconds", max_seconds, positive=True)
     family = Family("continuation", build, method, periods, harmonics)
     interval = Interval(start, stop)
     problem = family.at(start)
     problem, found, notes = first_orbit("continuation", problem, guess)
     family.begin_with(start, problem)
     counters = BranchCounters(search_flows=family.work.flows)
-    walker = Follower(family, interval, counters, largest=max_step, most=max_points)
+    walker = Follower(family, interval, counters, largest=max_step, most=max_points, seconds=max_seconds)
     with branch_progress(interval, progress) as report:
         track = walker.follow(walker.begin(found.unknowns, start), report=report)
     counters.eigensolves = family.work.runs.eigensolves

@@ -410,14 +410,14 @@ def _vertex(known: dict[float, float]) -> _Vertex:
 
 def _root(family: Family, step: Step, interval: Interval, test: Test) -> tuple[Point, float] | None:
     """Return where a test function changes its sign, by the Illinois form of the secant iteration."""
+    best: tuple[Point, float] | None = None
+    smallest = largest = np.inf
     try:
         low, high = 0.0, 1.0
         at_low, at_high = test(step.first), test(step.last)
         if not (np.isfinite(at_low) and np.isfinite(at_high)) or at_low * at_high > 0.0:
             return None
         largest = max(abs(at_low), abs(at_high))
-        best: tuple[Point, float] | None = None
-        smallest = np.inf
         side = 0
         for _ in range(_TRIES):
             share = (low * at_high - high * at_low) / (at_high - at_low)
@@ -443,5 +443,6 @@ def _root(family: Family, step: Step, interval: Interval, test: Test) -> tuple[P
             if moved <= _FINE or abs(value) <= 1e-14:
                 break
     except ConvergenceError:
-        return None
+        # At a branch point the equations are singular; an orbit beside it is better than none.
+        pass
     return best if smallest <= _VANISHES * largest else None

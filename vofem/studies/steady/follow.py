@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -29,6 +30,9 @@ _REFUSED, _AIM = np.cos(np.radians(25.0)), np.radians(8.0)
 
 #: Cosine of the angle below which a step is rejected at a corner of a branch, and the largest step at a corner.
 _CORNER, _SHORT = np.cos(np.radians(80.0)), 1e-4
+
+#: Distance in scaled coordinates within which a step may end at a grazing.
+_NEAR = 0.02
 
 #: Factors by which a step may change.
 _SHRINK, _GROW = 0.4, 2.0
@@ -97,6 +101,8 @@ class Follower:
         Step.
     most : int
         Points.
+    seconds : float, optional
+        Time after which the walk ends.
     """
 
     def __init__(
@@ -107,9 +113,10 @@ class Follower:
         *,
         largest: float = LARGEST,
         most: int = 5000,
+        seconds: float | None = None,
     ) -> None:
         self.family, self.interval, self.counters = family, interval, counters
-        self.largest, self.most = largest, most
+        self.largest, self.most, self.seconds = largest, most, seconds
         self.track = Track()
         self._flows_counted = family.work.flows
         self._over = False
@@ -162,9 +169,15 @@ class Follower:
         self._count("flows")
         self._leaving_another = leaving
         now, step = first, min(step, self.largest)
+        begun = time.monotonic()
         while not self._over:
             if len(track.points) >= self.most:
                 track.notes.append(f"the branch was followed for {self.most} points; raise max_points to go on")
+                break
+            if self.seconds is not None and time.monotonic() - begun > self.seconds:
+                track.notes.append(
+                    f"the limit of {self.seconds:g} s was reached at {now.value:.9g}; raise max_seconds to go on"
+                )
                 break
             if report is not None and report(now.value):
                 track.interrupted = True
@@ -206,6 +219,11 @@ class Follower:
         except (ConvergenceError, np.linalg.LinAlgError) as error:
             self._why = f" ({error})"
             return self._ending(now, step)
+        if passed is not None and passed.grazed:
+            left = float(np.linalg.norm((passed.before.y - now.y) / now.scales))
+            if left > _NEAR and step > 0.5 * left:
+                # Steps become shorter towards a grazing, as they begin short beyond it: special points lie close to it.
+                return now, 0.5 * left
         last = after if passed is None else passed.before
         end = self.interval.beyond(last.value)
         if end is not None:
@@ -420,6 +438,12 @@ class Follower:
             return None
         self._take(Step(now, last))
         self._over = True
+        values = [point.value for point in self.track.points]
+        if end == self.interval.start and len(values) > 1:
+            farthest = max(values, key=lambda value: abs(value - end))
+            self.track.notes.append(
+                f"the branch turned near {farthest:.12g} and left the interval through its own start, at {end:.12g}"
+            )
         return last, 0.0
 
 

@@ -158,6 +158,7 @@ def corrected(
     steps: int = _STEPS,
     tolerance: float = TOLERANCE,
     nodes: Array | None = None,
+    improve: bool = True,
 ) -> tuple[Array, Any, Array]:
     """Return an orbit near a guess, on the plane through it with a normal.
 
@@ -177,6 +178,8 @@ def corrected(
         Value of `Evaluation.error` that is small enough. If it is below rounding, the best point is returned.
     nodes : ndarray, optional
         Approximate states at the switches.
+    improve : bool
+        Whether the derivative with respect to the parameter is improved in the iteration.
 
     Returns
     -------
@@ -196,8 +199,8 @@ def corrected(
         if not np.isfinite(now.error):
             raise ConvergenceError("the motion diverges")
         if before is not None:
-            by_value = _improved(by_value, before, now, moved, scales)
-            if now.error > (_GROWTH if k == 1 else 1.0) * before.error:
+            by_value = _improved(by_value, before, now, moved, scales) if improve else by_value
+            if now.error > (_GROWTH if k == 1 or not improve else 1.0) * before.error:
                 if now.error <= ROUNDING or before.error <= ROUNDING:
                     return _lean(*((y, now) if now.error <= before.error else (y - moved, before)), by_value)
                 raise ConvergenceError("Newton's method does not converge")

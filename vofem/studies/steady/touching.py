@@ -26,7 +26,7 @@ _EXACT = 1e-16
 
 #: Length in rad of a touch that has just begun, and of several touches that begin at once, whose equations are singular
 #: at length zero.
-BEYOND, _SEVERAL = 1e-8, 1e-4
+BEYOND, _SEVERAL = 1e-8, 1e-6
 
 #: Length in rad below which a touch may be about to end.
 _NEARLY = 5e-3
@@ -235,7 +235,7 @@ def _begins(family: Family, interval: Interval, now: Point, after: Point, guess:
         for e in old.extremes(state.problem, state.evaluation)
         if abs(e.height) <= _TOGETHER and not any(_alike(old, e.phase, p) for p in known.get(e.contact, ()))
     ]
-    grazed = (extreme.contact, *(e.contact for e in others))
+    grazed = tuple(sorted((extreme.contact, *(e.contact for e in others))))
     if not others:
         beyond = _lengthened(family, interval, at, [(place, 1)], BEYOND)
         return Passage(state, state, beyond, grazed)
