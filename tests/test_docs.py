@@ -194,7 +194,7 @@ def test_every_public_name_is_in_the_reference():
     named = set(re.findall(r"^::: vofem\.(\w+)$", text, re.MULTILINE))
     # Four of them are packages, or named like one: their pages name what they hold.
     assert named == set(vf.__all__) - {"__version__", "accuracy", "fractional", "io", "simulate"}
-    assert "::: vofem.simulate.simulate" in text
+    assert "::: vofem.simulate.simulation.simulate" in text
 
 
 def test_every_page_is_in_the_navigation():

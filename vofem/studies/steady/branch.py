@@ -30,8 +30,9 @@ class BranchCounters:
     points : int
         Orbits of the branch.
     flows : int
-        Evaluations of the equations for points that were kept. For shooting, one evaluation is a flow over the orbit
-        with its monodromy matrix. Evaluations for derivatives with respect to the parameter are included.
+        Evaluations of the equations, with their derivatives, for points that were kept. For shooting, one evaluation
+        is the motion along the segments of the orbit with the derivatives of its states. Evaluations for derivatives
+        with respect to the parameter are not included.
     refinement_flows : int
         The same for special points.
     rejected_flows : int
