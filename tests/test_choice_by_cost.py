@@ -78,7 +78,7 @@ def test_many_steps_where_none_are_needed_are_told():
     assert "Method: event_driven" in str(vf.explain(scene, 2.0, 1e-4))
     assert vf.simulate(scene, 2.0, tol=1e-4).method == "event_driven"
     result = vf.simulate(scene, 2.0, method="energy_conserving", tol=2e-4)
-    assert result.counters.steps > 1000
+    assert result.counters.steps * scene.model.system.size > 10_000
     assert any("method='auto' chooses it" in note and "event_driven takes no steps" in note for note in result.notes)
     damped = vf.Scene([beam], [vf.PointLoad(tip, vf.Sine(0.1, 3.0))])
     few = vf.simulate(damped, 0.5, method="energy_conserving", tol=1e-2)

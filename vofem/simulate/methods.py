@@ -99,13 +99,13 @@ def cheaper(system: System, t_end: float) -> list[str]:
     return [f"cost: with tol={_ROUGH:g}, method='auto' would take {ENERGY_CONSERVING.name}: {why}"]
 
 
-#: So many steps take a noticeable time.
-_MANY = 1000
+#: So many steps, times the degrees of freedom, take a noticeable time.
+_MUCH = 10_000
 
 
 def without_steps(system: System, t_end: float, tol: float, steps: int) -> list[str]:
     """Return a note if a run took many steps under a tolerance where ``method="auto"`` takes none."""
-    if steps < _MANY:
+    if steps * system.size < _MUCH:
         return []
     better = choose(system, t_end, tol)
     if not method_named(better.method).exact:

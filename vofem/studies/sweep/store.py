@@ -265,6 +265,9 @@ def _read(path: Path) -> tuple[dict[str, str], list[Entry]]:
 def holds_sweep(path: Any) -> bool:
     """Return whether a file is the store of a sweep that can be read."""
     with contextlib.suppress(OSError, StorageError, TypeError, ValueError):
+        if not Path(path).is_file():
+            # To open a pipe would wait for its other end.
+            return False
         end_of_data(Path(path))  # compares the checksum before HDF5 opens the file
         with h5py.File(path, "r") as file:
             return bool(file.attrs.get("vofem_kind") == "sweep")
