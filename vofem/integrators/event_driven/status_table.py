@@ -156,7 +156,7 @@ class StatusTable:
     def recall(self, status: Status, number: int, spectrum: Spectrum) -> int:
         """Give a status the slot that it had in an earlier run, and return the slot; -1 if it had none.
 
-        An eigensystem that was computed in another order has other last bits and counts as a different one.
+        An eigensystem that was computed anew counts as a different one.
         """
         for slot, known in enumerate(self._spectra):
             if known is spectrum and self.arrays.number[slot] < 0:

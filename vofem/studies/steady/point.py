@@ -68,7 +68,7 @@ class Point:
 
     Attributes
     ----------
-    chart : OriginChart or EventChart
+    chart : OriginChart or Signature
     y : ndarray, shape (n + 1,)
     problem : OrbitProblem
     evaluation : Evaluation
@@ -165,7 +165,7 @@ def corrected(
     Parameters
     ----------
     family : Family
-    chart : OriginChart or EventChart
+    chart : OriginChart or Signature
     guess : ndarray, shape (n + 1,)
     scales : ndarray, shape (n + 1,)
     normal : ndarray, shape (n + 1,)
