@@ -317,10 +317,6 @@ class EventSolution:
         changed = status != self.record.last_status if self.record.segments else None
         return self._gaps(status, displacement, self.gaps_now, changed)
 
-    def _gaps_at_end(self, index: int) -> Array:
-        """Return the gap functions at the end of a segment, before an event there, shape (n_contacts,)."""
-        return np.asarray(self.gap_functions(index) + self.space.contacts @ self._whole_changes(index)[0])
-
     def _gaps(
         self, status: Status, displacement: Array, before: Array | None, changed: NDArray[np.bool_] | None
     ) -> Array:
