@@ -275,8 +275,8 @@ def _plain_largest(x: Array) -> float:
 @jit
 def advance(
     equations: Equations, numbers: Numbers, factored: Array, compliance: Array | None, band: Array | None,
-    others: bool | None, past: bool | None, pots: Springpots | None, force: Array, shift: Array, chunk: Chunk,
-    work: Work,
+    others: bool | None, past: bool | None, pots: Springpots | None, force: Array, shift: Array, earlier: Array,
+    chunk: Chunk, work: Work,
 ) -> tuple[int, int]:  # fmt: skip
     """Take the steps that a chunk has rows for.
 
@@ -296,6 +296,8 @@ def advance(
         Loads in the balance of every step; no rows where there are none.
     shift : ndarray, shape (steps, n)
         Mean velocity less the mean rate of displacement, m/s; no rows where it is zero.
+    earlier : ndarray, shape (n,)
+        Mean acceleration over the step before that before the first one.
     chunk : Chunk
     work : Work
 
@@ -319,8 +321,10 @@ def advance(
         q0, v0, a0, q1, v1, a1 = chunk.q[k], chunk.v[k], chunk.a[k], chunk.q[k + 1], chunk.v[k + 1], chunk.a[k + 1]
         u0, before, last = chunk.u[k], chunk.damper[k], chunk.reaction[k]
         # For mean forces p is guessed, the mean rate of displacement; otherwise q1 and v1 are those without w.
+        # Motion that the step does not resolve changes its velocity from step to step. It drops out of the mean
+        # velocities of the two steps before, which are extrapolated here.
         if mean:
-            _sum(p, v0, half, a0)
+            _sum(p, v0, half, earlier if k == 0 else chunk.a[k - 1])
         else:
             _predict(q0, v0, a0, q1, v1, dt, dt * dt * numbers.cqa, dt * numbers.cva)
             for j in range(m):
@@ -336,14 +340,15 @@ def advance(
             else:
                 fill(right, 0.0)
             if mean:
-                _difference(some, 1.0 / half, p, v0)
-                if shifted:
-                    _sum(some, some, 1.0 / half, shift[k])
-                subtract_product(mass, some, right)
+                # Forces first: on fine meshes they cancel, and what inertia adds must not be rounded to their size.
                 _sum(some, q0, b * dt, p)
                 subtract_product(stiffness, some, right)
                 if damped:
                     subtract_product(damping, p, right)
+                _difference(some, 1.0 / half, p, v0)
+                if shifted:
+                    _sum(some, some, 1.0 / half, shift[k])
+                subtract_product(mass, some, right)
                 for j in range(m):
                     work.base[j] = u0[j] + dt * dot(rows, j, p)
             else:

@@ -342,7 +342,7 @@ class Run:
         chunk, size = path.steps(t.size), known.size
         self.taken, solves = advance(
             self.equations, size.numbers, size.factored, size.compliance, size.band, *self.kinds, pots, force, shift,
-            chunk, self._work(size),
+            path.chunk.a[max(path.filled - 1, 0)], chunk, self._work(size),
         )  # fmt: skip
         if self.callbacks is not None:
             self.callbacks.complain(dt)
