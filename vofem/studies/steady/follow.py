@@ -320,7 +320,7 @@ class Follower:
         Under harmonic balance a branch has a corner where a slider begins to slip. There short steps may turn farther.
         """
         refused = _REFUSED if isinstance(now.problem, Shooting) or step > _SHORT else _CORNER
-        problem = self.family.at(y[-1])
+        problem = self.family.of(y)
         chart = now.chart
         scales = np.append(chart.scales(problem, evaluation), self.interval.size)
         # First the cheap test, with the derivative from the correction.
@@ -449,7 +449,7 @@ class Follower:
 
 def point_at(family: Family, interval: Interval, chart: Any, y: Array, towards: Array, evaluation: Any = None) -> Point:
     """Return a point with its tangent on the side of a direction in scaled coordinates."""
-    problem = family.at(y[-1])
+    problem = family.of(y)
     evaluation = chart.evaluate(problem, y[:-1]) if evaluation is None else evaluation
     scales = np.append(chart.scales(problem, evaluation), interval.size)
     by_value = derivative_by_value(family, interval, chart, y, evaluation)

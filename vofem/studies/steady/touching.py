@@ -312,7 +312,7 @@ def _rise(family: Family, point: Point, contact: int, phase: float) -> float:
     values = []
     for sign in (1.0, -1.0):
         y = point.y + sign * _DIFFERENCE * point.tangent * point.scales
-        problem = family.at(y[-1])
+        problem = family.of(y)
         evaluation = point.chart.evaluate(problem, y[:-1], derivative=False)
         z, _ = problem.to_modes(point.chart.at_phase(problem, evaluation, phase))
         values.append(float(problem.space.contacts[contact] @ z) - float(problem.system.contacts.gap[contact]))
@@ -351,7 +351,7 @@ def _without_length(chart: Signature, y: Array, place: int) -> Array:
 
 def _point(family: Family, interval: Interval, chart: Signature, y: Array, towards: Array) -> Point:
     """Return a point of a branch, its tangent on the side of a direction in scaled coordinates."""
-    problem = family.at(y[-1])
+    problem = family.of(y)
     evaluation = chart.evaluate(problem, y[:-1])
     scales = np.append(chart.scales(problem, evaluation), interval.size)
     by_value = derivative_by_value(family, interval, chart, y, evaluation)
@@ -365,7 +365,7 @@ def _with_length(
     """Return the orbit near a guess at which one length has a value."""
     guess = guess.copy()
     guess[place] = length
-    problem = family.at(guess[-1])
+    problem = family.of(guess)
     evaluation = chart.evaluate(problem, guess[:-1])
     scales = np.append(chart.scales(problem, evaluation), interval.size)
     by_value = derivative_by_value(family, interval, chart, guess, evaluation)
@@ -375,7 +375,7 @@ def _with_length(
     y[place] = length
     by_value = derivative_by_value(family, interval, chart, y, evaluation)
     tangent = tangent_at(evaluation, by_value, scales, normal)
-    return Point(chart, y, family.at(y[-1]), evaluation, scales, by_value, tangent)
+    return Point(chart, y, family.of(y), evaluation, scales, by_value, tangent)
 
 
 def _lengthened(family: Family, interval: Interval, at: Point, places: list[tuple[int, int]], length: float) -> Point:
