@@ -35,6 +35,9 @@ _TELLING = 1e-2
 class OriginChart:
     """The unknowns of the problem as coordinates."""
 
+    #: Whether orbits are divided into segments, whose switches are watched.
+    segmented = False
+
     def evaluate(self, problem: Any, y: Array, *, derivative: bool = True, nodes: None = None) -> Any:
         """Return the equations."""
         return problem.evaluate(y, derivative=derivative)

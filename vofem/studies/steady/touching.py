@@ -159,7 +159,7 @@ def _vanishing(now: Point, after: Point, without: Sequence[int] = ()) -> list[_C
     """Return touches whose length passes zero, and switches of two contacts that change their order."""
     chart: Signature = now.chart
     first, last = chart.lengths(now.y[:-1]), chart.lengths(after.y[:-1])
-    n = after.y.size - 1 - len(chart.switches)
+    n = after.problem.size
     found: list[_Change] = []
     inside: set[int] = set()
     ended = []
@@ -224,7 +224,7 @@ def _begins(family: Family, interval: Interval, now: Point, after: Point, guess:
     chart, y, place = old.with_touch(guess[:-1], (extreme.contact,), extreme.phase)
     at = _with_length(family, interval, chart, np.append(y, guess[-1]), place, 0.0)
     phase = float(chart.phases(at.y[:-1])[place - at.problem.size])
-    state = _point(family, interval, old, _without_length(chart, at.y, place), now.tangent)
+    state = _point(family, interval, old, _without_length(at, place), now.tangent)
     _between(now, after, state.y)
     state = _along(now, state)
     known: dict[int, list[float]] = {extreme.contact: [phase]}
@@ -344,9 +344,9 @@ def _along(now: Point, point: Point) -> Point:
     return point if point.tangent @ now.tangent >= 0.0 else replace(point, tangent=-point.tangent)
 
 
-def _without_length(chart: Signature, y: Array, place: int) -> Array:
-    n = y.size - 1 - len(chart.switches)
-    return np.append(chart.without(y[:-1], [place - n - 1, place - n])[1], y[-1])
+def _without_length(at: Point, place: int) -> Array:
+    n = at.problem.size
+    return np.append(at.chart.without(at.y[:-1], [place - n - 1, place - n])[1], at.y[-1])
 
 
 def _point(family: Family, interval: Interval, chart: Signature, y: Array, towards: Array) -> Point:
@@ -384,6 +384,6 @@ def _lengthened(family: Family, interval: Interval, at: Point, places: list[tupl
     for place, contacts in places:
         guess[place] = length
         guess[place - contacts] -= 0.5 * length
-        if place + contacts < guess.size - 1:
+        if place + contacts < at.problem.size + len(at.chart.switches):
             guess[place + contacts] -= 0.5 * length
     return _with_length(family, interval, at.chart, guess, places[0][0], length)
