@@ -34,6 +34,9 @@ Complex = NDArray[np.complex128]
 #: Steps of differences along the null vector and by the parameter, relative to their scales.
 _ALONG, _BY_VALUE = 1e-5, 1e-6
 
+#: Factor of the step by the parameter where four values are used.
+_WIDER = 100.0
+
 
 class _Borders(NamedTuple):
     """What is fixed while a condition is solved: scales of rows (m,) and columns (k,), and borders (m, 1), (k, j)."""
@@ -157,11 +160,15 @@ class Extended:
         if self.kind == "grazing":
             return self._grazing(problem, y, now, derivative)
         branch = self.kind == "branch_point"
-        step = _BY_VALUE * self.size
+        step = (_WIDER if branch else 1.0) * _BY_VALUE * self.size
         ends: list[Any] = []
         if derivative or branch:
-            ends = [self._at(problem, y[:m], sign * step) for sign in (1.0, -1.0)]
+            ends = [self._at(problem, y[:m], sign * step, derivative=not branch) for sign in (1.0, -1.0)]
         by_value = (ends[0].residual - ends[1].residual) / (2.0 * step) if ends else np.zeros(m)
+        if branch:
+            # Here the derivative is a part of the condition itself, and is to have as many digits as that.
+            far = [self._at(problem, y[:m], sign * 2.0 * step, derivative=False).residual for sign in (1.0, -1.0)]
+            by_value = (4.0 * by_value - (far[0] - far[1]) / (4.0 * step)) / 3.0
         matrix = self._matrix(problem, now, y[m], by_value)
         test = self._tested(problem, now, matrix)
         assert self._borders is not None

@@ -51,7 +51,12 @@ _ON_CIRCLE = 1e-5
 _MEET = 1e-4
 
 #: Multiple of s, in scaled equations, above which an orbit is no branch point.
-_UNFOLDED = 1e-6
+_UNFOLDED = 1e-7
+
+#: Frequency of the loads, over that of the first orbit, below which periods count as infinite.
+_SLOWEST = 1e-3
+
+_PAIR = "neimark_sacker"
 
 
 class Locus(Shown):
@@ -201,8 +206,15 @@ def locus(
     walker = _Walk(
         family, interval, counters, largest=max_step, most=max_points, seconds=max_seconds, noun=f"locus of {special.kind}"
     )
+    first = walker.directed(first)
+    if special.kind == "branch_point" and abs(first.tangent[-3]) > _UNFOLDED:
+        raise ArgumentError(
+            f"locus: the branch point at {special.value:.9g} exists for {start:.9g} alone: with another value of the other "
+            "parameter the branches no longer meet, because the scenes are not symmetric. Follow a fold beside it, or "
+            "change a parameter that leaves the scene symmetric"
+        )
     with branch_progress(interval, progress, "locus") as report:
-        track = walker.follow(walker.directed(first), report=report)
+        track = walker.follow(first, report=report)
     counters.points, counters.check_flows = len(track.points), family.work.checks
     counters.eigensolves = family.work.runs.eigensolves
     rows = [(float(place), point) for place, point in enumerate(track.points)]
@@ -235,12 +247,14 @@ class _Walk(Follower):
         tests: list[tuple[str, Test]] = []
         if kind == "fold":
             tests.append(("cusp", lambda point: float(point.evaluation.bend)))
-        if kind == "neimark_sacker":
+        if kind == _PAIR:
             tests.append(("fold", lambda point: float(np.sin(0.5 * point.y[-3]))))
             tests.append(("period_doubling", lambda point: float(np.cos(0.5 * point.y[-3]))))
         tests.append(("turn", turning))
         if multipliers(middle) is not None:
-            tests += [("fold", real_at(1.0)), ("period_doubling", real_at(-1.0)), ("neimark_sacker", pairs_at_one(middle))]
+            # A pair begins where both multipliers of a double one belong together.
+            names = [_PAIR if at == kind else at for at in ("fold", "period_doubling")]
+            tests += [(names[0], real_at(1.0)), (names[1], real_at(-1.0)), (_PAIR, pairs_at_one(middle))]
         found: list[Crossing] = []
         for name, test in tests:
             ends = [test(step.first), test(step.last)]
@@ -249,12 +263,29 @@ class _Walk(Follower):
             at = root(self.family, step, self.interval, test)
             if at is None:
                 continue
-            if name == "neimark_sacker" and not _is_pair(at[0]):
+            if test is tests[-1][1] and not _is_pair(at[0]):
                 continue
-            if name == "turn" and any(one.kind == "cusp" for one in found):
+            if name == "turn" and found:
+                # At a tip, and where the locus comes back along itself.
                 continue
             found.append(Crossing(name, *at))
         return sorted(found, key=lambda one: one.share)
+
+    def _take(self, step: Step | None, point: Point | None = None) -> None:
+        """Add a point, unless it is none of a locus of its kind."""
+        after = point if step is None else step.last
+        assert after is not None
+        first = self.track.points[0]
+        if isinstance(after.problem, Shooting) and after.problem.loads.omega < _SLOWEST * first.problem.loads.omega:
+            self._end(after, "where the period of the loads grows without bound")
+        elif after.chart.kind == "branch_point" and abs(after.y[-3]) > _UNFOLDED:
+            self._end(after, "where branches no longer meet, as in scenes that are not symmetric")
+        else:
+            super()._take(step, point)
+
+    def _end(self, point: Point, why: str) -> None:
+        self._over = True
+        self.track.notes.append(f"the {self.noun} ends before ({point.y[-2]:.9g}, {point.value:.9g}), {why}")
 
     def _look_between(self, earlier: Step, step: Step, base: int) -> None:
         """Search nothing: the curve shows its own turns."""
@@ -263,7 +294,7 @@ class _Walk(Follower):
         """Add a special point. Where both multipliers of a pair meet, the locus ends."""
         at = crossing.point
         self.track.marks.append(Mark(crossing.kind, at, base + crossing.share))
-        if at.chart.kind == "neimark_sacker" and abs(np.sin(at.y[-3])) < _MEET:
+        if at.chart.kind == _PAIR and abs(np.sin(at.y[-3])) < _MEET:
             self._over = True
             where = "1" if np.cos(at.y[-3]) > 0.0 else "-1"
             self.track.notes.append(
@@ -275,7 +306,7 @@ def _is_pair(point: Point) -> bool:
     """Return whether a complex pair lies on the unit circle, and not two real multipliers around it."""
     values = multipliers(point)
     assert values is not None
-    return bool(np.min(np.abs(np.abs(values) - 1.0)) < _ON_CIRCLE) and kind_of(point) == "neimark_sacker"
+    return bool(np.min(np.abs(np.abs(values) - 1.0)) < _ON_CIRCLE) and kind_of(point) == _PAIR
 
 
 def _begin(build: Callable[[float, float], Scene], special: SpecialPoint, interval: Interval) -> tuple[Family, Point]:
