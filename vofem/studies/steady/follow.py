@@ -17,6 +17,7 @@ from vofem.studies.steady.crossings import Crossing, crossings, hidden
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.point import ORIGIN, Interval, Point, corrected, derivative_by_value, tangent_at
 from vofem.studies.steady.shooting import Shooting
+from vofem.studies.steady.signature import Signature
 from vofem.studies.steady.touching import Passage, ending, passage, signature_at
 
 Array = NDArray[np.float64]
