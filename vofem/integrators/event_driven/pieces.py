@@ -159,14 +159,19 @@ def maps(
     n, s, c = space.size, len(statuses), space.contacts.shape[0]
     wide = 2 * n if any(spectrum.blocks is not None for spectrum in spectra) else 0
     found = Maps(
-        np.zeros(s, dtype=np.int64),
-        *(np.zeros((s, n)) for _ in range(2)),
-        *(np.zeros((s, n, n)) for _ in range(2)),
-        *(np.zeros((s, wide, wide)) for _ in range(2)),
-        np.zeros((s, n)),
-        np.zeros((s, c, n)),
-        *(np.zeros((s, c)) for _ in range(2)),
-        *(np.zeros((s, c, n)) for _ in range(2)),
+        kind=np.zeros(s, dtype=np.int64),
+        delta=np.zeros((s, n)),
+        p=np.zeros((s, n)),
+        down=np.zeros((s, n, n)),
+        up=np.zeros((s, n, n)),
+        into=np.zeros((s, wide, wide)),
+        out=np.zeros((s, wide, wide)),
+        shift=np.zeros((s, n)),
+        held=np.zeros((s, c, n)),
+        closed=np.zeros((s, c)),
+        damper=np.zeros((s, c)),
+        mean_z=np.zeros((s, c, n)),
+        mean_v=np.zeros((s, c, n)),
     )
     for k, (status, spectrum) in enumerate(zip(statuses, spectra, strict=True)):
         real, m = spectrum.real, spectrum.p.size
