@@ -154,8 +154,9 @@ def _tests(middle: Point) -> list[tuple[set[str], Test]]:
     """Return functions that change their sign at special points, and the kinds of these."""
     tests: list[tuple[set[str], Test]] = [({"fold", "branch_point"}, turning)]
     if multipliers(middle) is not None:
+        at_one: list[tuple[set[str], Test]] = [({"fold", "branch_point"}, real_at(1.0))]
         tests += [
-            ({"fold", "branch_point"}, real_at(1.0)),
+            *(at_one if middle.chart.segmented else []),
             ({"period_doubling"}, real_at(-1.0)),
             ({"neimark_sacker"}, pairs_at_one(middle)),
         ]
@@ -226,7 +227,8 @@ def _single(family: Family, interval: Interval, step: Step) -> list[Crossing]:
     found: list[Crossing] = []
     changes = _changes(step)
     turned = turning(step.first) * turning(step.last) < 0.0
-    if changes is None:
+    if changes is None or not step.first.chart.segmented:
+        # Multipliers by harmonic balance are not exact, so that the branch turns a little beside a multiplier 1.
         passed = int(orientation(step.first) != orientation(step.last))
         at_one = determinant(step.first)
     else:
@@ -251,7 +253,7 @@ def _by_modulus(family: Family, interval: Interval, step: Step) -> list[Crossing
     while place < high:
         at = root(family, step, interval, modulus(place))
         kind = "" if at is None else kind_of(at[0])
-        if at is not None:
+        if at is not None and (kind != "branch_point" or step.first.chart.segmented):
             found.append(Crossing(kind, *at))
         place += 2 if kind == "neimark_sacker" else 1
     return found
