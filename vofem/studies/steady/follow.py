@@ -17,6 +17,7 @@ from vofem.studies.steady.crossings import Crossing, crossings, hidden
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.point import ORIGIN, Interval, Point, corrected, derivative_by_value, tangent_at
 from vofem.studies.steady.shooting import Shooting
+from vofem.studies.steady.signature import Signature
 from vofem.studies.steady.touching import Passage, ending, passage, signature_at
 
 Array = NDArray[np.float64]
@@ -25,13 +26,17 @@ Array = NDArray[np.float64]
 FIRST, LARGEST, LEAST = 0.01, 0.1, 1e-10
 
 #: Cosine of the angle between successive tangents below which a step is rejected, and the desired angle in rad.
-_REFUSED, _AIM = np.cos(np.radians(25.0)), np.radians(8.0)
+_REFUSED, _AIM = np.cos(np.radians(25.0)), np.radians(9.0)
 
 #: Cosine of the angle below which a step is rejected at a corner of a branch, and the largest step at a corner.
 _CORNER, _SHORT = np.cos(np.radians(80.0)), 1e-4
 
+#: While an orbit is corrected the parameter is held where a fold is farther ahead than so many steps, and where the
+#: share of the parameter in the direction of the branch is at least so much.
+_FOLD, _LEVEL = 4.0, 1e-3
+
 #: Distance in scaled coordinates within which a step may end at a grazing.
-_NEAR = 0.02
+_NEAR = 0.03
 
 #: Factors by which a step may change.
 _SHRINK, _GROW = 0.4, 2.0
@@ -302,14 +307,18 @@ class Follower:
 
     def _corrected(self, now: Point, guess: Array, step: float) -> tuple[Array, Any, Array]:
         """Return the orbit near a guess; where that fails, from states at the switches that are predicted too."""
-        common = self.family, now.chart, guess, now.scales, now.tangent, now.by_value
+        # A problem at a known value costs nothing, so the value is held where no fold is near.
+        slope = now.tangent[-1]
+        held = isinstance(now.chart, Signature) and abs(slope) > max(_FOLD * step * abs(self._bend(now)[-1]), _LEVEL)
+        normal = np.append(np.zeros(guess.size - 1), np.sign(slope)) if held else now.tangent
+        common = self.family, now.chart, guess, now.scales, normal, now.by_value
         try:
-            return corrected(*common)
+            return corrected(*common, interval=self.interval)
         except ConvergenceError:
             nodes = self._ahead(now, step)
             if nodes is None or not nodes.size:
                 raise
-            return corrected(*common, nodes=nodes)
+            return corrected(*common, nodes=nodes, interval=self.interval)
 
     def _ahead(self, now: Point, step: float) -> Array | None:
         """Return approximate states at the switches of the next orbit, from the last two orbits."""

@@ -16,13 +16,16 @@ from vofem.studies.steady.orbit import PeriodicOrbit
 Array = NDArray[np.float64]
 
 #: `Evaluation.error` at which a point counts as solved; Newton's last step makes it smaller still.
-TOLERANCE = 1e-11
+TOLERANCE = 1e-12
 
 #: Steps of Newton's method at a point, and by how much the residual may grow in the first of them.
 _STEPS, _GROWTH = 8, 10.0
 
 #: Step of the parameter by which derivatives are taken, in terms of the interval and of the value.
 _DIFFERENCE, _LEAST = 1e-6, 1e-9
+
+#: Factor by which the residual falls in a step at least where the derivative with respect to the parameter is good.
+_SLOW = 0.02
 
 #: Number of switches above which derivatives are taken along known states at the switches, so that changes do not grow.
 _MANY = 16
@@ -163,6 +166,7 @@ def corrected(
     tolerance: float = TOLERANCE,
     nodes: Array | None = None,
     improve: bool = True,
+    interval: Interval | None = None,
 ) -> tuple[Array, Any, Array]:
     """Return an orbit near a guess, on the plane through it with a normal.
 
@@ -184,6 +188,8 @@ def corrected(
         Approximate states at the switches.
     improve : bool
         Whether the derivative with respect to the parameter is improved in the iteration.
+    interval : Interval, optional
+        If it is given, the derivative with respect to the parameter is computed anew where the iteration is slow.
 
     Returns
     -------
@@ -210,6 +216,8 @@ def corrected(
                 raise ConvergenceError("Newton's method does not converge")
         if now.error <= tolerance:
             return _lean(y, now, by_value)
+        if interval is not None and k > 1 and moved[-1] != 0.0 and now.error > _SLOW * before.error:
+            by_value = derivative_by_value(family, interval, chart, y, now)
         matrix = np.empty((y.size, y.size))
         matrix[:-1, :-1] = now.jacobian * scales[:-1]
         matrix[:-1, -1] = by_value * scales[-1]
