@@ -9,8 +9,6 @@ import vofem as vf
 from vofem.errors import ArgumentError, MethodError
 from vofem.io import plot
 
-pytestmark = pytest.mark.kernels("plain")
-
 
 def damped(omega, damping):
     mass = vf.Mass(1.0, stiffness=1.0, damping=damping, name="mass")

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,8 +38,8 @@ _ALONG, _BY_VALUE = 1e-5, 1e-6
 #: Weight of the condition beside the residual of the orbit: the digits of the parameters depend on it.
 _WEIGHT = 100.0
 
-#: Factor of the step by the parameter where four values are used.
-_WIDER = 100.0
+#: Factor of the step by the parameter where six values are used.
+_WIDER = 1000.0
 
 
 class _Borders(NamedTuple):
@@ -170,9 +170,11 @@ class Extended:
             ends = [self._at(problem, y[:m], sign * step, derivative=not branch) for sign in (1.0, -1.0)]
         by_value = (ends[0].residual - ends[1].residual) / (2.0 * step) if ends else np.zeros(m)
         if branch:
-            # Here the derivative is a part of the condition itself, and is to have as many digits as that.
-            far = [self._at(problem, y[:m], sign * 2.0 * step, derivative=False).residual for sign in (1.0, -1.0)]
-            by_value = (4.0 * by_value - (far[0] - far[1]) / (4.0 * step)) / 3.0
+            # Here the derivative is a part of the condition itself: six values give it more digits.
+            for away, share in ((2.0, -0.3), (3.0, 1.0 / 30.0)):
+                far = [self._at(problem, y[:m], sign * away * step, derivative=False).residual for sign in (1.0, -1.0)]
+                by_value = by_value + share * (far[0] - far[1]) / (3.0 * step)
+            by_value = 1.5 * by_value
         matrix = self._matrix(problem, now, y[m], by_value)
         test = self._tested(problem, now, matrix)
         assert self._borders is not None
@@ -183,7 +185,7 @@ class Extended:
             residual[: rows.size] += y[m] * left[:, 0] / rows
         parts = np.array([test.g[0].real, test.g[0].imag]) if self.kind == "neimark_sacker" else test.g
         residual[m:] = parts
-        error = max(float(now.error), _WEIGHT * float(np.max(np.abs(parts))))
+        error = max(float(now.error), (1.0 if branch else _WEIGHT) * float(np.max(np.abs(parts))))
         if not derivative:
             return ExtendedEvaluation(now, residual, np.empty((0, 0)), error)
         turned = complex(np.exp(1j * y[m]))
@@ -422,3 +424,15 @@ class Extended:
 
     def _like(self, inner: Any, held: int) -> Extended:
         return Extended(inner, self.family, self.kind, self.size, held)
+
+
+@dataclass(frozen=True)
+class SpecialEquations:
+    """The equations of a special orbit on a branch, with `value` as the last unknown, for Newton's method."""
+
+    chart: Extended
+    tolerance: ClassVar[float] = 1e-13
+
+    def evaluate(self, unknowns: Array, *, derivative: bool = True) -> ExtendedEvaluation:
+        """Return the equations."""
+        return self.chart.evaluate(self.chart.family.of(unknowns), unknowns, derivative=derivative)

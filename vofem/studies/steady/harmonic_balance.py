@@ -255,7 +255,7 @@ class HarmonicBalance:
         x, level, step = start, 0.0, 1.0
         while level < 1.0 and step >= _SMALLEST:
             target = min(1.0, level + step)
-            weaker: Any = _Weaker(self, target)
+            weaker = _Weaker(self, target)
             try:
                 x = solved(weaker, x, _TRIES).unknowns
                 level, step = target, 2.0 * step
