@@ -18,6 +18,7 @@ from vofem.lookup import rows_over
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.system import State
+from vofem.time_functions.parts import frequency_words
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -145,7 +146,12 @@ class PeriodicOrbit(Shown):
 
     def __repr__(self) -> str:
         times = f" over {self.periods} periods of the loads" if self.periods > 1 else ""
-        return f"PeriodicOrbit({self.method}, omega = {self.omega:.9g} rad/s{times}, {self.stability})"
+        return f"PeriodicOrbit({self.method}, {self.frequency_words(9)}{times}, {self.stability})"
+
+    def frequency_words(self, digits: int = 6) -> str:
+        """Return the frequency as a text, in the unit in which those of the loads were given."""
+        loads = (getattr(effect, name, None) for effect in self.scene.effects for name in ("f", "acceleration"))
+        return frequency_words(self.omega, loads, digits)
 
     @cached_property
     def multipliers(self) -> Complex | None:
