@@ -17,6 +17,7 @@ from vofem.initial import StoredState
 from vofem.lookup import rows_over
 from vofem.result import Result
 from vofem.scene import Scene
+from vofem.studies.steady.grazed import grazed
 from vofem.system import State
 from vofem.time_functions.parts import frequency_words
 
@@ -163,7 +164,21 @@ class PeriodicOrbit(Shown):
     @property
     def stability(self) -> str:
         """A sentence about the stability."""
+        if self.grazes:
+            return f"at a grazing of contact {self.grazes!r}, stability undecided"
         return {True: "stable", False: "unstable", None: "stability not decided"}[self.stable]
+
+    @cached_property
+    def grazes(self) -> str:
+        """Name of a contact with ``acts_on="displacement"`` that the orbit grazes within rounding; empty without one.
+
+        The force jumps there, so the multipliers are those of orbits on one side of the grazing, or large without
+        bound.
+        """
+        laws = self.scene.model.system.contacts
+        if self.method != "shooting" or laws is None or not np.any(laws.jump & (laws.gap != 0.0)):
+            return ""
+        return grazed(self.result)
 
     @property
     def scene(self) -> Scene:
@@ -181,10 +196,12 @@ class PeriodicOrbit(Shown):
 
         None if this is not decided. This is so if multipliers are not known, or if the largest one lies on the unit
         circle within rounding, as at special points and in conservative scenes, or by harmonic balance within the error
-        of the harmonics that are left out.
+        of the harmonics that are left out, or if the orbit `grazes` a contact.
         """
         if not isinstance(self._stable, Unknown):
             return self._stable
+        if self.grazes:
+            return None
         if self.multipliers is None:
             return None
         size = np.abs(self.multipliers)
