@@ -155,6 +155,11 @@ def test_paths_lead_to_numbers():
     other = with_value_at(spring, "push.amplitude", 5.0)
     assert (other.push.amplitude, other.push.omega, other.stiffness, spring.push.amplitude) == (5.0, 3.0, 1.0, 2.0)
     assert with_value_at(spring, "stiffness", 7.0).stiffness == 7.0
+    in_hertz = PushedSpring(MASS, stiffness=1.0, push=vf.Sine(2.0, frequency=3.0))
+    assert with_value_at(in_hertz, "push.frequency", 4.0).push == vf.Sine(2.0, frequency=4.0)
+    assert with_value_at(in_hertz, "push.amplitude", 1.0).push.frequency == 3.0
+    assert with_value_at(in_hertz, "push.omega", 4.0).push == vf.Sine(2.0, 4.0)
+    assert with_value_at(spring, "push.frequency", 4.0).push == vf.Sine(2.0, frequency=4.0)
     for path in ("push.amplitud", "stifness", "push.omega.x"):
         with pytest.raises(vf.ArgumentError, match=r"has no parameter .*(did you mean|it has none)"):
             value_at(spring, path)

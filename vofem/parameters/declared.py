@@ -60,7 +60,9 @@ class Declaration:
 
 
 @dataclass_transform(eq_default=False, field_specifiers=(field,))
-def declared(*, frozen: bool = False, eq: bool | None = None, bare: bool = False) -> Callable[[C], C]:
+def declared(
+    *, frozen: bool = False, eq: bool | None = None, bare: bool = False, either: tuple[str, ...] = ()
+) -> Callable[[C], C]:
     """Make a dataclass whose fields are parameters, each annotated with its `Kind`.
 
     The constructor checks all of them and then runs the rules of the class, see `rule`.
@@ -75,6 +77,8 @@ def declared(*, frozen: bool = False, eq: bool | None = None, bare: bool = False
     bare : bool
         Whether the value of its only field may stand for the whole table of a scene file, as in
         ``polynomial = [1, 2]``.
+    either : tuple of str
+        Parameters of which one is given, and from which a rule finds the first one.
     """
 
     def make(cls: C) -> C:
@@ -99,6 +103,7 @@ def declared(*, frozen: bool = False, eq: bool | None = None, bare: bool = False
             for name, member in vars(base).items()
             if hasattr(member, "needs") and getattr(made, name) is member
         )
+        made._either = either
         made._bare = next(iter(known)) if bare else ""
         made.__doc__ = _documented(made)
         public(made)
@@ -194,7 +199,8 @@ def _documented(cls: type) -> str:
 def values_of(thing: Any) -> dict[str, Any]:
     """Return the arguments with which an object would be made again, by name."""
     if is_declared(type(thing)):
-        return {name: getattr(thing, name) for name in thing._declarations}
+        values = {name: getattr(thing, name) for name in thing._declarations}
+        return values | _alone(thing, next((name for name in thing._either[1:] if values[name] is not None), None))
     parameters = list(inspect.signature(type(thing).__init__).parameters.values())[1:]
     for parameter in parameters:
         if not hasattr(thing, parameter.name) and parameter.default is parameter.empty:
@@ -245,7 +251,14 @@ def changed(thing: Any, **changes: Any) -> Any:
         if not all(hasattr(thing, name) or name in changes for name in names):
             raise
         values = {name: getattr(thing, name) for name in names if name not in changes}
+    if is_declared(type(thing)):
+        values |= _alone(thing, next((name for name in thing._either if name in changes), None))
     return type(thing)(**values | changes)
+
+
+def _alone(thing: Any, given: str | None) -> dict[str, None]:
+    """Return None for the parameters in whose place another one is given."""
+    return {} if given is None else {name: None for name in thing._either if name != given}
 
 
 def value_at(thing: Any, path: str) -> Any:

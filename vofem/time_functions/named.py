@@ -18,7 +18,7 @@ from vofem.time_functions.piece import Piece
 Array = NDArray[np.float64]
 
 
-@declared(frozen=True)
+@declared(frozen=True, either=("omega", "frequency"))
 class Sine(TimeFunction):
     """``amplitude * sin(omega t + phase)``; either `omega` or `frequency` is given.
 
@@ -32,9 +32,10 @@ class Sine(TimeFunction):
     omega: Annotated[float, Real("rad/s", "Angular frequency.")] = None  # type: ignore[assignment]
     phase: Annotated[float, Real("rad", "Phase.")] = 0.0
     _: KW_ONLY
-    frequency: Annotated[float | None, Real("Hz", "Frequency; omega is ``2 pi frequency``.")] = field(
-        default=None, compare=False, repr=False
-    )
+    frequency: Annotated[
+        float | None,
+        Real("Hz", "Frequency; omega is ``2 pi frequency``. Texts and scene files repeat what was given."),
+    ] = field(default=None, compare=False)
 
     @rule("omega", "frequency")
     def _one_frequency(self) -> None:
@@ -45,7 +46,10 @@ class Sine(TimeFunction):
             )
         if self.frequency is not None:
             object.__setattr__(self, "omega", 2.0 * np.pi * self.frequency)
-            object.__setattr__(self, "frequency", None)
+
+    def __repr__(self) -> str:
+        given = f"omega={self.omega!r}" if self.frequency is None else f"frequency={self.frequency!r}"
+        return f"Sine(amplitude={self.amplitude!r}, {given}, phase={self.phase!r})"
 
     def __call__(self, t: ArrayLike) -> Array:
         """Return the values at times t."""
