@@ -7,7 +7,7 @@ import inspect
 import itertools
 import textwrap
 import typing
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Collection, Hashable, Mapping
 from dataclasses import MISSING, dataclass, field
 from typing import Any, TypeVar, dataclass_transform, get_type_hints
 
@@ -196,17 +196,18 @@ def _documented(cls: type) -> str:
 # -- values, copies and paths -----------------------------------------------------------------------
 
 
-def values_of(thing: Any) -> dict[str, Any]:
-    """Return the arguments with which an object would be made again, by name."""
+def values_of(thing: Any, unless: Collection[str] = ()) -> dict[str, Any]:
+    """Return the arguments with which an object would be made again, by name; `unless` need not be known."""
     if is_declared(type(thing)):
         values = {name: getattr(thing, name) for name in thing._declarations}
         return values | _alone(thing, next((name for name in thing._either[1:] if values[name] is not None), None))
     parameters = list(inspect.signature(type(thing).__init__).parameters.values())[1:]
     for parameter in parameters:
-        if not hasattr(thing, parameter.name) and parameter.default is parameter.empty:
+        name = parameter.name
+        if not hasattr(thing, name) and name not in unless and parameter.default is parameter.empty:
             raise ArgumentError(
-                f"{_shown(thing)} does not tell its argument {parameter.name!r}; make another one and give it instead "
-                "of what changes"
+                f"{_shown(thing)} does not tell its argument {name!r}; make another one and give it instead of what "
+                "changes"
             )
     return {p.name: getattr(thing, p.name) for p in parameters if hasattr(thing, p.name)}
 
@@ -237,20 +238,19 @@ def content_of(value: Any) -> Hashable:
 def changed(thing: Any, **changes: Any) -> Any:
     """Return an object that is made anew, with some arguments changed and the others as they are.
 
+    The name of an argument may be a path, such as ``"f.amplitude"``, see `value_at`.
+
     Raises
     ------
     ArgumentError
         If an argument is unknown or out of range; or if the class is not declared, and its objects do not have their
         arguments as attributes.
     """
-    try:
-        values = values_of(thing)
-    except ArgumentError:
-        # What changes need not be known.
-        names = list(inspect.signature(type(thing).__init__).parameters)[1:]
-        if not all(hasattr(thing, name) or name in changes for name in names):
-            raise
-        values = {name: getattr(thing, name) for name in names if name not in changes}
+    for path in [name for name in changes if "." in name]:
+        first, _, rest = path.partition(".")
+        inner = changes.get(first, getattr(thing, _known(thing, first, path)))
+        changes[first] = changed(inner, **{rest: changes.pop(path)})
+    values = values_of(thing, changes)
     if is_declared(type(thing)):
         values |= _alone(thing, next((name for name in thing._either if name in changes), None))
     return type(thing)(**values | changes)
@@ -272,13 +272,6 @@ def value_at(thing: Any, path: str) -> Any:
     for part in path.split("."):
         thing = getattr(thing, _known(thing, part, path))
     return thing
-
-
-def with_value_at(thing: Any, path: str, value: Any) -> Any:
-    """Return a copy of an object with another value at a path, see `value_at`."""
-    first, _, rest = path.partition(".")
-    inner = getattr(thing, _known(thing, first, path))
-    return changed(thing, **{first: with_value_at(inner, rest, value) if rest else value})
 
 
 def _known(thing: Any, name: str, path: str) -> str:
