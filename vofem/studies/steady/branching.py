@@ -50,9 +50,7 @@ def other_direction(family: Family, point: Point, along: Array) -> Array:
     def bent(direction: Array) -> float:
         """Return the second derivative of the equations along a direction of the plane, on the left null vector."""
         ends = [point.y + sign * _DIFFERENCE * (direction @ plane) * point.scales for sign in (1.0, -1.0)]
-        residuals = [
-            point.chart.evaluate(family.at(y[-1]), y[:-1], derivative=False).residual for y in (*ends, point.y)
-        ]
+        residuals = [point.chart.evaluate(family.of(y), y[:-1], derivative=False).residual for y in (*ends, point.y)]
         return float(normal @ (residuals[0] + residuals[1] - 2.0 * residuals[2]))
 
     first, second = bent(np.array([1.0, 0.0])), bent(np.array([0.0, 1.0]))
@@ -87,7 +85,7 @@ def neighbours(family: Family, interval: Interval, point: Point, direction: Arra
                 y, evaluation, _ = corrected(family, point.chart, guess, point.scales, direction, point.by_value)
                 by_value = derivative_by_value(family, interval, point.chart, y, evaluation)
                 tangent = tangent_at(evaluation, by_value, point.scales, direction)
-                ends.append(Point(point.chart, y, family.at(y[-1]), evaluation, point.scales, by_value, tangent))
+                ends.append(Point(point.chart, y, family.of(y), evaluation, point.scales, by_value, tangent))
         except ConvergenceError as error:
             failure = error
             continue

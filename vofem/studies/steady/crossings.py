@@ -110,7 +110,7 @@ def crossings(family: Family, step: Step, interval: Interval) -> list[Crossing]:
     """
     shorter = repeats(step.first, step.last)
     if shorter is not None:
-        at = _root(family, step, interval, shorter)
+        at = root(family, step, interval, shorter)
         if at is not None:
             return [Crossing("shorter", at_flip(family, at[0], interval), at[1])]
     return _found(family, interval, step, None)
@@ -249,7 +249,7 @@ def _by_modulus(family: Family, interval: Interval, step: Step) -> list[Crossing
     found: list[Crossing] = []
     place = low
     while place < high:
-        at = _root(family, step, interval, modulus(place))
+        at = root(family, step, interval, modulus(place))
         kind = "" if at is None else kind_of(at[0])
         if at is not None:
             found.append(Crossing(kind, *at))
@@ -267,7 +267,7 @@ def _located(
         assert begin is not None
         passed = np.sign(change) * (np.arange(abs(change)) + 0.5)
         tests = [counted(which, begin[which] + float(one)) for one in passed]
-    found = [_root(family, step, interval, one) for one in (tests if change else [])]
+    found = [root(family, step, interval, one) for one in (tests if change else [])]
     return [Crossing(kind, *at) for at in found if at is not None]
 
 
@@ -277,7 +277,7 @@ def _at_turn(family: Family, interval: Interval, step: Step, passed: bool, at_on
     At a fold the determinant changes its sign with the direction of the branch. Where it does not, the branch comes
     back along mirrored orbits: another branch of orbits, mostly symmetric ones, passes there.
     """
-    at = _root(family, step, interval, turning)
+    at = root(family, step, interval, turning)
     if at is None:
         return []
     point, share = at
@@ -294,7 +294,7 @@ def _at_turn(family: Family, interval: Interval, step: Step, passed: bool, at_on
     found = [Crossing("fold", point, share, True)]
     for part in (_Part(Step(step.first, beside[0]), 0.0, low), _Part(Step(beside[1], step.last), high, 1.0)):
         if orientation(part.step.first) != orientation(part.step.last):
-            other = _root(family, part.step, interval, at_one)
+            other = root(family, part.step, interval, at_one)
             if other is not None:
                 share = part.low + other[1] * (part.high - part.low)
                 found.append(Crossing("branch_point", other[0], share))
@@ -310,7 +310,7 @@ def _on_other(family: Family, interval: Interval, step: Step, point: Point, at_o
         other = neighbours(family, interval, point, other_direction(family, point, step.secant))
     except ConvergenceError:
         return point
-    at = _root(family, other, interval, at_one)
+    at = root(family, other, interval, at_one)
     return point if at is None else replace(at[0], tangent=point.tangent)
 
 
@@ -408,7 +408,7 @@ def _vertex(known: dict[float, float]) -> _Vertex:
 # -- roots --------------------------------------------------------------------------------------------
 
 
-def _root(family: Family, step: Step, interval: Interval, test: Test) -> tuple[Point, float] | None:
+def root(family: Family, step: Step, interval: Interval, test: Test) -> tuple[Point, float] | None:
     """Return where a test function changes its sign, by the Illinois form of the secant iteration."""
     best: tuple[Point, float] | None = None
     smallest = largest = np.inf

@@ -140,6 +140,7 @@ class HarmonicBalance:
     """
 
     tolerance = 1e-13
+    parameters: tuple[float, ...] = ()
 
     def __init__(
         self,

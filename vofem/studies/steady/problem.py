@@ -57,6 +57,8 @@ class OrbitProblem(Protocol):
     scales : ndarray, shape (n,)
         Positive sizes by which unknowns are divided before they are compared with each other; they need to be right
         up to a common factor. A problem without unknowns of different kinds gives ones.
+    parameters : tuple of float
+        Values of the parameters at which the problem was built along a branch.
     tolerance : float
         `Evaluation.error` at or below which the equations count as solved.
     """
@@ -65,6 +67,7 @@ class OrbitProblem(Protocol):
     periods: int
     size: int
     scales: Array
+    parameters: tuple[float, ...]
     tolerance: float
 
     def from_rest(self) -> Array:
