@@ -151,7 +151,7 @@ OTHERS = {
 OWN = {
     *("README.md", "pictures.md", "steady-states.md", "sweeps.md"),
     *("first-scene.md", "strip-on-a-stop.md", "tube-in-supports.md", "chain.md"),
-    "fitting.md",
+    *("fitting.md", "derivatives.md"),
 }
 
 
@@ -226,3 +226,13 @@ def test_links_lead_somewhere(page):
             heads = re.findall(r"^#+ (.*)$", goal.read_text(encoding="utf-8"), re.MULTILINE)
             slugs = {re.sub(r"[^a-z0-9 _-]", "", head.lower()).replace(" ", "-") for head in heads}
             assert anchor in slugs, f"{page.name} links to {target}"
+
+
+def test_the_page_on_derivatives_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    names = run_page(DOCS / "derivatives.md")
+    d = names["d"]
+    assert d.notes == []
+    assert d.displacement(names["tip"]).shape == (1001, 3)
+    # A larger gap delays the first impact.
+    assert d.contacts["stop"].closings[0, 0] > 0.0
