@@ -56,6 +56,8 @@ from .io.scene_file import load_scene as load_scene
 from .polynomial import Polynomial as Polynomial
 from .result import Result as Result
 from .scene import Scene as Scene
+from .sensitivities import Parameter as Parameter
+from .sensitivities import sensitivities as sensitivities
 from .simulate.explanation import explain as explain
 from .simulate.simulation import simulate as simulate
 from .statics import Equilibrium as Equilibrium

@@ -285,7 +285,7 @@ def phase_portrait(
         times = np.unique(np.concatenate([np.linspace(0.0, one.period, _DENSE), _events(one)[0]]))
         drawn.append((one.result.displacement(place, times), one.result.velocity(place, times)))
     scale = length(float(max(np.abs(u).max() for u, _ in drawn)))
-    frequencies = [f"{one.omega:.6g} rad/s" for one in orbits]
+    frequencies = [one.frequency_words() for one in orbits]
     same = len(set(frequencies)) == 1
     for k, (one, (u, v)) in enumerate(zip(orbits, drawn, strict=True)):
         color = ink() if k == 0 else COLORS[(k - 1) % len(COLORS)]

@@ -16,10 +16,10 @@ import numpy as np
 from vofem.errors import MissingCallableError, SceneFileError
 from vofem.files.hdf5 import check_format, mark_format, writing
 from vofem.files.whole import target
-from vofem.io.scenes.place import Book
 from vofem.io.scenes.reader import read_tables
 from vofem.io.scenes.writer import scene_to_toml
 from vofem.io.storage.tree import read_tree, write_tree
+from vofem.parameters.place import Book
 from vofem.scene import Scene
 from vofem.studies.steady import Branch, BranchCounters, Locus, PeriodicOrbit, SpecialPoint
 from vofem.studies.steady.branch import Orbits
