@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebfit, chebpts1, chebval
 from numpy.typing import NDArray
 
 from vofem.errors import ConvergenceError
 from vofem.studies.steady.between import Step, point_between
-from vofem.studies.steady.branching import neighbours, other_direction
 from vofem.studies.steady.census import (
     Census,
     Test,
@@ -34,7 +34,7 @@ from vofem.studies.steady.census import (
     turning,
 )
 from vofem.studies.steady.family import Family
-from vofem.studies.steady.point import Interval, Point
+from vofem.studies.steady.point import Interval, Point, derivative_by_value, tangent_at
 from vofem.studies.steady.shorter import at_flip, repeats
 
 Array = NDArray[np.float64]
@@ -55,8 +55,18 @@ _LOOKS, _CLOSE = 16, 1e-8
 #: Values of a test that are rounding, as those of conservative scenes, where multipliers come in reciprocal pairs.
 _ROUNDING = 1e-9
 
+#: Nodes of polynomials around a branch point, and half the parts of a step in which they lie, first and last.
+_CHEBYSHEV = chebpts1(8)
+_WINDOWS = (0.2, 0.1, 0.03, 0.01, 0.003)
+
+#: Last coefficient of such a polynomial over the largest one that is small enough.
+_DECAYED = 1e-9
+
 #: How near to a special point, as a share of its part of the step, its neighbours are compared.
 _BESIDE = 0.02
+
+#: The same, where other special points may hide between a special point and the ends of its part.
+_AROUND = (0.5, 0.1, 0.02)
 
 
 @dataclass(frozen=True)
@@ -184,11 +194,12 @@ def _around(family: Family, interval: Interval, part: _Part, found: list[Crossin
     """Return the parts of a step between the special points that were found in it, where they hide others."""
     points, shares = [part.step.first], [0.0]
     for one in sorted(found, key=lambda crossing: crossing.share):
-        for share in (one.share - _BESIDE * one.share, one.share + _BESIDE * (1.0 - one.share)):
+        before = [one.share - beside * one.share for beside in _AROUND]
+        for share in (*before, *(one.share + beside * (1.0 - one.share) for beside in reversed(_AROUND))):
             if share <= shares[-1]:
                 continue
             try:
-                points.append(point_between(family, part.step, interval, share))
+                points.append(point_between(family, part.step, interval, share, tangent=False))
             except ConvergenceError:
                 return []
             shares.append(share)
@@ -199,12 +210,23 @@ def _around(family: Family, interval: Interval, part: _Part, found: list[Crossin
         for (a, b), (low, high) in zip(itertools.pairwise(points), itertools.pairwise(shares), strict=True)
     ]
     # A part with a special point of those found in it shows that one alone.
-    return [
+    wanted = [
         one
         for one in parts
         if census(one.step.first) != census(one.step.last)
         and not any(one.low <= known.share * (part.high - part.low) + part.low <= one.high for known in found)
     ]
+    return [
+        replace(one, step=Step(*(_directed(family, interval, point) for point in (one.step.first, one.step.last))))
+        for one in wanted
+    ]
+
+
+def _directed(family: Family, interval: Interval, point: Point) -> Point:
+    """Return a point with the direction of the branch there, on the side of its tangent so far."""
+    y, evaluation = point.y, point.evaluation
+    by_value = derivative_by_value(family, interval, point.chart, y, evaluation)
+    return replace(point, by_value=by_value, tangent=tangent_at(evaluation, by_value, point.scales, point.tangent))
 
 
 def _changes(step: Step) -> Census | None:
@@ -267,8 +289,10 @@ def _located(
         assert begin is not None
         passed = np.sign(change) * (np.arange(abs(change)) + 0.5)
         tests = [counted(which, begin[which] + float(one)) for one in passed]
-    found = [_root(family, step, interval, one) for one in (tests if change else [])]
-    return [Crossing(kind, *at) for at in found if at is not None]
+    found = [(one, _root(family, step, interval, one)) for one in (tests if change else [])]
+    if kind == "branch_point":
+        found = [(one, None if at is None else _interpolated(family, interval, step, one, at)) for one, at in found]
+    return [Crossing(kind, *at) for _, at in found if at is not None]
 
 
 def _at_turn(family: Family, interval: Interval, step: Step, passed: bool, at_one: Test) -> list[Crossing]:
@@ -289,29 +313,52 @@ def _at_turn(family: Family, interval: Interval, step: Step, passed: bool, at_on
     except ConvergenceError:
         return [Crossing("fold", point, share, True)]
     if orientation(beside[0]) == orientation(beside[1]):
-        return [Crossing("branch_point", _on_other(family, interval, Step(*beside), point, at_one), share, True)]
+        return [Crossing("branch_point", *_interpolated(family, interval, step, turning, at), True)]
     # A fold, and apart from it in the same step a branch point.
     found = [Crossing("fold", point, share, True)]
     for part in (_Part(Step(step.first, beside[0]), 0.0, low), _Part(Step(beside[1], step.last), high, 1.0)):
         if orientation(part.step.first) != orientation(part.step.last):
             other = _root(family, part.step, interval, at_one)
             if other is not None:
-                share = part.low + other[1] * (part.high - part.low)
-                found.append(Crossing("branch_point", other[0], share))
+                other = _interpolated(family, interval, part.step, at_one, other)
+                found += part.placed([Crossing("branch_point", *other)])
     return found
 
 
-def _on_other(family: Family, interval: Interval, step: Step, point: Point, at_one: Test) -> Point:
-    """Return a branch point at which a branch turns as it lies on the branch that passes there.
+def _interpolated(
+    family: Family, interval: Interval, step: Step, test: Test, at: tuple[Point, float]
+) -> tuple[Point, float]:
+    """Return the branch point near an orbit and its share of a step, from polynomials through orbits around it.
 
-    On the branch that turns, the equations with the plane across it become singular there, which spoils digits.
+    At a branch point itself the equations are singular, and near it the corrected orbits lose digits.
     """
-    try:
-        other = neighbours(family, interval, point, other_direction(family, point, step.secant))
-    except ConvergenceError:
-        return point
-    at = _root(family, other, interval, at_one)
-    return point if at is None else replace(at[0], tangent=point.tangent)
+    point, share = at
+    for half in _WINDOWS:
+        low, high = max(share - half, 0.0), min(share + half, 1.0)
+        try:
+            points = [
+                point_between(family, step, interval, low + 0.5 * (high - low) * (1.0 + node)) for node in _CHEBYSHEV
+            ]
+        except ConvergenceError:
+            return at
+        values = chebfit(_CHEBYSHEV, np.array([test(one) for one in points]), _CHEBYSHEV.size - 1)
+        inside = np.linspace(-1.0, 1.0, 17)
+        for _ in range(12):
+            signs = np.sign(chebval(inside, values))
+            changes = np.flatnonzero(signs[:-1] != signs[1:])
+            if changes.size != 1:
+                return at
+            inside = np.linspace(inside[changes[0]], inside[changes[0] + 1], 17)
+        root = float(inside[0])
+        share = low + 0.5 * (high - low) * (1.0 + root)
+        if abs(values[-1]) <= _DECAYED * np.abs(values).max():
+            break
+    coordinates = np.array([one.y / one.scales for one in points])
+    y = chebval(root, chebfit(_CHEBYSHEV, coordinates, _CHEBYSHEV.size - 1)) * point.scales
+    evaluation = point.chart.evaluate(family.at(y[-1]), y[:-1])
+    if not evaluation.error <= _CLOSE:
+        return at
+    return _directed(family, interval, replace(point, y=y, problem=family.at(y[-1]), evaluation=evaluation)), share
 
 
 # -- crossings that undo each other -------------------------------------------------------------------
