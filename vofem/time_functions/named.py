@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +16,7 @@ from vofem.time_functions.piece import Piece
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, init=False)
+@dataclass(frozen=True, init=False, repr=False)
 class Sine(TimeFunction):
     """``amplitude * sin(omega t + phase)``; either `omega` or `frequency` is given.
 
@@ -29,7 +29,7 @@ class Sine(TimeFunction):
     phase : float
         Phase in rad.
     frequency : float, optional
-        Frequency in Hz; omega is ``2 pi frequency``.
+        Frequency in Hz; omega is ``2 pi frequency``. Texts and scene files repeat what was given.
 
     Raises
     ------
@@ -40,6 +40,7 @@ class Sine(TimeFunction):
     amplitude: float
     omega: float
     phase: float
+    frequency: float | None = field(init=False, compare=False)
 
     def __init__(
         self, amplitude: float, omega: float | None = None, phase: float = 0.0, *, frequency: float | None = None
@@ -50,10 +51,16 @@ class Sine(TimeFunction):
                 "rad/s, or frequency in Hz"
             )
         if frequency is not None:
-            omega = 2.0 * np.pi * number("Sine: frequency", frequency)
+            frequency = number("Sine: frequency", frequency)
+            omega = 2.0 * np.pi * frequency
         object.__setattr__(self, "amplitude", number("Sine: amplitude", amplitude))
         object.__setattr__(self, "omega", number("Sine: omega", omega))
         object.__setattr__(self, "phase", number("Sine: phase", phase))
+        object.__setattr__(self, "frequency", frequency)
+
+    def __repr__(self) -> str:
+        given = f"omega={self.omega!r}" if self.frequency is None else f"frequency={self.frequency!r}"
+        return f"Sine(amplitude={self.amplitude!r}, {given}, phase={self.phase!r})"
 
     def __call__(self, t: ArrayLike) -> Array:
         """Return the values at times t."""

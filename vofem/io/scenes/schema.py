@@ -52,7 +52,11 @@ _FUNCTIONS |= _table(
         "sine",
         functions.Sine,
         {"amplitude": NUMBER, "omega": NUMBER, "phase": NUMBER, "frequency": NUMBER},
-        values=lambda made: {"amplitude": made.amplitude, "omega": made.omega, "phase": made.phase},
+        values=lambda made: {
+            "amplitude": made.amplitude,
+            **({"omega": made.omega} if made.frequency is None else {"frequency": made.frequency}),
+            "phase": made.phase,
+        },
     ),
     Entry("constant", functions.Constant, {"value": NUMBER}, bare="value"),
     Entry("ramp", functions.Ramp, {"slope": NUMBER, "start": NUMBER, "stop": NUMBER}),

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.polynomial.chebyshev import chebfit, chebpts1, chebval
 from numpy.typing import NDArray
 
 from vofem.errors import ConvergenceError
@@ -33,7 +32,9 @@ from vofem.studies.steady.census import (
     real_at,
     turning,
 )
+from vofem.studies.steady.extended import Extended, SpecialEquations
 from vofem.studies.steady.family import Family
+from vofem.studies.steady.newton import solved
 from vofem.studies.steady.point import Interval, Point, derivative_by_value, tangent_at
 from vofem.studies.steady.shorter import at_flip, repeats
 
@@ -55,12 +56,8 @@ _LOOKS, _CLOSE = 16, 1e-8
 #: Values of a test that are rounding, as those of conservative scenes, where multipliers come in reciprocal pairs.
 _ROUNDING = 1e-9
 
-#: Nodes of polynomials around a branch point, and half the parts of a step in which they lie, first and last.
-_CHEBYSHEV = chebpts1(8)
-_WINDOWS = (0.2, 0.1, 0.03, 0.01, 0.003)
-
-#: Last coefficient of such a polynomial over the largest one that is small enough.
-_DECAYED = 1e-9
+#: Steps of Newton's method to a branch point, and how far it may lie from where it was seen, in scaled coordinates.
+_NEWTON, _NEARBY = 12, 1e-3
 
 #: How near to a special point, as a share of its part of the step, its neighbours are compared.
 _BESIDE = 0.02
@@ -120,7 +117,7 @@ def crossings(family: Family, step: Step, interval: Interval) -> list[Crossing]:
     """
     shorter = repeats(step.first, step.last)
     if shorter is not None:
-        at = _root(family, step, interval, shorter)
+        at = root(family, step, interval, shorter)
         if at is not None:
             return [Crossing("shorter", at_flip(family, at[0], interval), at[1])]
     return _found(family, interval, step, None)
@@ -164,8 +161,9 @@ def _tests(middle: Point) -> list[tuple[set[str], Test]]:
     """Return functions that change their sign at special points, and the kinds of these."""
     tests: list[tuple[set[str], Test]] = [({"fold", "branch_point"}, turning)]
     if multipliers(middle) is not None:
+        at_one: list[tuple[set[str], Test]] = [({"fold", "branch_point"}, real_at(1.0))]
         tests += [
-            ({"fold", "branch_point"}, real_at(1.0)),
+            *(at_one if middle.chart.segmented else []),
             ({"period_doubling"}, real_at(-1.0)),
             ({"neimark_sacker"}, pairs_at_one(middle)),
         ]
@@ -248,7 +246,8 @@ def _single(family: Family, interval: Interval, step: Step) -> list[Crossing]:
     found: list[Crossing] = []
     changes = _changes(step)
     turned = turning(step.first) * turning(step.last) < 0.0
-    if changes is None:
+    if changes is None or not step.first.chart.segmented:
+        # Multipliers by harmonic balance are not exact, so that the branch turns a little beside a multiplier 1.
         passed = int(orientation(step.first) != orientation(step.last))
         at_one = determinant(step.first)
     else:
@@ -271,9 +270,9 @@ def _by_modulus(family: Family, interval: Interval, step: Step) -> list[Crossing
     found: list[Crossing] = []
     place = low
     while place < high:
-        at = _root(family, step, interval, modulus(place))
+        at = root(family, step, interval, modulus(place))
         kind = "" if at is None else kind_of(at[0])
-        if at is not None:
+        if at is not None and (kind != "branch_point" or step.first.chart.segmented):
             found.append(Crossing(kind, *at))
         place += 2 if kind == "neimark_sacker" else 1
     return found
@@ -289,10 +288,10 @@ def _located(
         assert begin is not None
         passed = np.sign(change) * (np.arange(abs(change)) + 0.5)
         tests = [counted(which, begin[which] + float(one)) for one in passed]
-    found = [(one, _root(family, step, interval, one)) for one in (tests if change else [])]
+    found = [root(family, step, interval, one) for one in (tests if change else [])]
     if kind == "branch_point":
-        found = [(one, None if at is None else _interpolated(family, interval, step, one, at)) for one, at in found]
-    return [Crossing(kind, *at) for _, at in found if at is not None]
+        found = [None if at is None else (_exact(family, interval, at[0]), at[1]) for at in found]
+    return [Crossing(kind, *at) for at in found if at is not None]
 
 
 def _at_turn(family: Family, interval: Interval, step: Step, passed: bool, at_one: Test) -> list[Crossing]:
@@ -301,7 +300,7 @@ def _at_turn(family: Family, interval: Interval, step: Step, passed: bool, at_on
     At a fold the determinant changes its sign with the direction of the branch. Where it does not, the branch comes
     back along mirrored orbits: another branch of orbits, mostly symmetric ones, passes there.
     """
-    at = _root(family, step, interval, turning)
+    at = root(family, step, interval, turning)
     if at is None:
         return []
     point, share = at
@@ -313,52 +312,31 @@ def _at_turn(family: Family, interval: Interval, step: Step, passed: bool, at_on
     except ConvergenceError:
         return [Crossing("fold", point, share, True)]
     if orientation(beside[0]) == orientation(beside[1]):
-        return [Crossing("branch_point", *_interpolated(family, interval, step, turning, at), True)]
+        return [Crossing("branch_point", _exact(family, interval, point), share, True)]
     # A fold, and apart from it in the same step a branch point.
     found = [Crossing("fold", point, share, True)]
     for part in (_Part(Step(step.first, beside[0]), 0.0, low), _Part(Step(beside[1], step.last), high, 1.0)):
         if orientation(part.step.first) != orientation(part.step.last):
-            other = _root(family, part.step, interval, at_one)
+            other = root(family, part.step, interval, at_one)
             if other is not None:
-                other = _interpolated(family, interval, part.step, at_one, other)
-                found += part.placed([Crossing("branch_point", *other)])
+                share = part.low + other[1] * (part.high - part.low)
+                found.append(Crossing("branch_point", _exact(family, interval, other[0]), share))
     return found
 
 
-def _interpolated(
-    family: Family, interval: Interval, step: Step, test: Test, at: tuple[Point, float]
-) -> tuple[Point, float]:
-    """Return the branch point near an orbit and its share of a step, from polynomials through orbits around it.
-
-    At a branch point itself the equations are singular, and near it the corrected orbits lose digits.
-    """
-    point, share = at
-    for half in _WINDOWS:
-        low, high = max(share - half, 0.0), min(share + half, 1.0)
-        try:
-            points = [
-                point_between(family, step, interval, low + 0.5 * (high - low) * (1.0 + node)) for node in _CHEBYSHEV
-            ]
-        except ConvergenceError:
-            return at
-        values = chebfit(_CHEBYSHEV, np.array([test(one) for one in points]), _CHEBYSHEV.size - 1)
-        inside = np.linspace(-1.0, 1.0, 17)
-        for _ in range(12):
-            signs = np.sign(chebval(inside, values))
-            changes = np.flatnonzero(signs[:-1] != signs[1:])
-            if changes.size != 1:
-                return at
-            inside = np.linspace(inside[changes[0]], inside[changes[0] + 1], 17)
-        root = float(inside[0])
-        share = low + 0.5 * (high - low) * (1.0 + root)
-        if abs(values[-1]) <= _DECAYED * np.abs(values).max():
-            break
-    coordinates = np.array([one.y / one.scales for one in points])
-    y = chebval(root, chebfit(_CHEBYSHEV, coordinates, _CHEBYSHEV.size - 1)) * point.scales
-    evaluation = point.chart.evaluate(family.at(y[-1]), y[:-1])
-    if not evaluation.error <= _CLOSE:
-        return at
-    return _directed(family, interval, replace(point, y=y, problem=family.at(y[-1]), evaluation=evaluation)), share
+def _exact(family: Family, interval: Interval, point: Point) -> Point:
+    """Return a branch point solved as one; along a branch the equations become singular there, which spoils digits."""
+    equations = SpecialEquations(Extended(point.chart, family, "branch_point", interval.size))
+    try:
+        found = solved(equations, np.concatenate([point.y[:-1], [0.0, point.value]]), _NEWTON).unknowns
+    except ConvergenceError:
+        return point
+    y = np.delete(found, -2)
+    if np.linalg.norm((y - point.y) / point.scales) > _NEARBY:
+        return point
+    evaluation = point.chart.evaluate(family.of(y), y[:-1])
+    by_value = derivative_by_value(family, interval, point.chart, y, evaluation)
+    return replace(point, y=y, problem=family.of(y), evaluation=evaluation, by_value=by_value)
 
 
 # -- crossings that undo each other -------------------------------------------------------------------
@@ -455,7 +433,7 @@ def _vertex(known: dict[float, float]) -> _Vertex:
 # -- roots --------------------------------------------------------------------------------------------
 
 
-def _root(family: Family, step: Step, interval: Interval, test: Test) -> tuple[Point, float] | None:
+def root(family: Family, step: Step, interval: Interval, test: Test) -> tuple[Point, float] | None:
     """Return where a test function changes its sign, by the Illinois form of the secant iteration."""
     best: tuple[Point, float] | None = None
     smallest = largest = np.inf

@@ -38,6 +38,9 @@ _TELLING = 1e-2
 class OriginChart:
     """The unknowns of the problem as coordinates."""
 
+    #: Whether orbits are divided into segments, whose switches are watched.
+    segmented = False
+
     def evaluate(self, problem: Any, y: Array, *, derivative: bool = True, nodes: None = None) -> Any:
         """Return the equations."""
         return problem.evaluate(y, derivative=derivative)
@@ -140,7 +143,8 @@ def derivative_by_value(family: Family, interval: Interval, chart: Any, y: Array
     nodes = chart.nodes(evaluation) if len(getattr(chart, "switches", ())) > _MANY else None
 
     def residual(away: float) -> Array:
-        return np.asarray(chart.evaluate(family.at(value + away), y[:-1], derivative=False, nodes=nodes).residual)
+        beside = np.append(y[:-1], value + away)
+        return np.asarray(chart.evaluate(family.of(beside), y[:-1], derivative=False, nodes=nodes).residual)
 
     if chart is ORIGIN:
         step = -step if value > 0.5 * (low + high) else step
@@ -201,7 +205,7 @@ def corrected(
     before: Any = None
     moved = np.zeros_like(y)
     for k in range(steps):
-        now = chart.evaluate(family.at(y[-1]), y[:-1], nodes=nodes)
+        now = chart.evaluate(family.of(y), y[:-1], nodes=nodes)
         if not np.isfinite(now.error):
             raise ConvergenceError("the motion diverges")
         if before is not None:

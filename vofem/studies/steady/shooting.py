@@ -161,6 +161,7 @@ class Shooting:
     """
 
     tolerance = 1e-13
+    parameters: tuple[float, ...] = ()
 
     def __init__(
         self,

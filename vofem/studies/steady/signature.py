@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -179,6 +179,9 @@ class Signature:
     switches: tuple[Switch, ...]
     anchor: float
     periods: int
+
+    #: Orbits are divided into segments, whose switches are watched.
+    segmented: ClassVar[bool] = True
 
     @property
     def turn(self) -> float:

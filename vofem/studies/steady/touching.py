@@ -171,7 +171,7 @@ def _vanishing(now: Point, after: Point, without: Sequence[int] = ()) -> list[_C
     """Return touches whose length passes zero, and switches of two contacts that change their order."""
     chart: Signature = now.chart
     first, last = chart.lengths(now.y[:-1]), chart.lengths(after.y[:-1])
-    n = after.y.size - 1 - len(chart.switches)
+    n = after.problem.size
     found: list[_Change] = []
     inside: set[int] = set()
     ended = []
@@ -236,7 +236,7 @@ def _begins(family: Family, interval: Interval, now: Point, after: Point, guess:
     chart, y, place = old.with_touch(guess[:-1], (extreme.contact,), extreme.phase)
     at = _with_length(family, interval, chart, np.append(y, guess[-1]), place, 0.0)
     phase = float(chart.phases(at.y[:-1])[place - at.problem.size])
-    state = _point(family, interval, old, _without_length(chart, at.y, place), now.tangent)
+    state = _point(family, interval, old, _without_length(at, place), now.tangent)
     _between(now, after, state.y)
     state = _along(now, state)
     known = [(extreme.contact, phase), *zip((s.contact for s in old.switches), old.phases(state.y[:-1]), strict=True)]
@@ -351,7 +351,7 @@ def _rise(family: Family, point: Point, contact: int, phase: float) -> float:
     values = []
     for sign in (1.0, -1.0):
         y = point.y + sign * _DIFFERENCE * point.tangent * point.scales
-        problem = family.at(y[-1])
+        problem = family.of(y)
         evaluation = point.chart.evaluate(problem, y[:-1], derivative=False)
         z, _ = problem.to_modes(point.chart.at_phase(problem, evaluation, phase))
         values.append(float(problem.space.contacts[contact] @ z) - float(problem.system.contacts.gap[contact]))
@@ -383,14 +383,14 @@ def _along(now: Point, point: Point) -> Point:
     return point if point.tangent @ now.tangent >= 0.0 else replace(point, tangent=-point.tangent)
 
 
-def _without_length(chart: Signature, y: Array, place: int) -> Array:
-    n = y.size - 1 - len(chart.switches)
-    return np.append(chart.without(y[:-1], [place - n - 1, place - n])[1], y[-1])
+def _without_length(at: Point, place: int) -> Array:
+    n = at.problem.size
+    return np.append(at.chart.without(at.y[:-1], [place - n - 1, place - n])[1], at.y[-1])
 
 
 def _point(family: Family, interval: Interval, chart: Signature, y: Array, towards: Array) -> Point:
     """Return a point of a branch, its tangent on the side of a direction in scaled coordinates."""
-    problem = family.at(y[-1])
+    problem = family.of(y)
     evaluation = chart.evaluate(problem, y[:-1])
     scales = np.append(chart.scales(problem, evaluation), interval.size)
     by_value = derivative_by_value(family, interval, chart, y, evaluation)
@@ -404,7 +404,7 @@ def _with_length(
     """Return the orbit near a guess at which one length has a value."""
     guess = guess.copy()
     guess[place] = length
-    problem = family.at(guess[-1])
+    problem = family.of(guess)
     evaluation = chart.evaluate(problem, guess[:-1])
     scales = np.append(chart.scales(problem, evaluation), interval.size)
     by_value = derivative_by_value(family, interval, chart, guess, evaluation)
@@ -414,7 +414,7 @@ def _with_length(
     y[place] = length
     by_value = derivative_by_value(family, interval, chart, y, evaluation)
     tangent = tangent_at(evaluation, by_value, scales, normal)
-    return Point(chart, y, family.at(y[-1]), evaluation, scales, by_value, tangent)
+    return Point(chart, y, family.of(y), evaluation, scales, by_value, tangent)
 
 
 def _lengthened(family: Family, interval: Interval, at: Point, places: list[tuple[int, int]], length: float) -> Point:
@@ -423,6 +423,6 @@ def _lengthened(family: Family, interval: Interval, at: Point, places: list[tupl
     for place, contacts in places:
         guess[place] = length
         guess[place - contacts] -= 0.5 * length
-        if place + contacts < guess.size - 1:
+        if place + contacts < at.problem.size + len(at.chart.switches):
             guess[place + contacts] -= 0.5 * length
     return _with_length(family, interval, at.chart, guess, places[0][0], length)
