@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import dataclasses
 import inspect
 from collections.abc import Mapping
 from typing import Any
@@ -15,6 +14,7 @@ from vofem._validate import nearest
 from vofem.bodies.base import Body, BodyPoint
 from vofem.bodies.beam import Beam
 from vofem.errors import ArgumentError
+from vofem.parameters.declared import changed
 from vofem.scene import Scene
 from vofem.time_functions import Constant, Ramp, Sine, TimeFunction
 from vofem.time_functions.base import Scaled
@@ -129,7 +129,7 @@ def with_function(function: Any, path: tuple[str, ...], change: Any) -> Any:
     if isinstance(function, tuple):
         k = int(step)
         return (*function[:k], with_function(function[k], rest, change), *function[k + 1 :])
-    return dataclasses.replace(function, **{step: with_function(getattr(function, step), rest, change)})
+    return changed(function, **{step: with_function(getattr(function, step), rest, change)})
 
 
 # -- places and initial states ------------------------------------------------------------------------
@@ -180,9 +180,7 @@ def after(scene: Scene, thing: Any, field: str, elements: tuple[int, ...] | None
         setattr(new, name, point.body.at(point.x + amount))
     elif (known := function_at(thing, field)) is not None:
         first, _, last, path = known
-        function = with_function(
-            getattr(thing, first), path, lambda f: dataclasses.replace(f, **{last: getattr(f, last) + amount})
-        )
+        function = with_function(getattr(thing, first), path, lambda f: changed(f, **{last: getattr(f, last) + amount}))
         new = copy.copy(thing)
         setattr(new, first, function)
     else:
