@@ -50,6 +50,7 @@ def python_of(page):
             [
                 "backbone.png",
                 "cantilever.png",
+                "loci.png",
                 "lowest.png",
                 "multipliers.png",
                 "orbits.png",
