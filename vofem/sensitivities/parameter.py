@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem._validate import nearest, number, public, whole
-from vofem.bodies.beam import Beam
 from vofem.errors import ArgumentError
 from vofem.scene import Scene
 from vofem.sensitivities.change import INITIAL, LINEAR, PLACES, after, check_field, function_at
@@ -103,6 +102,12 @@ class Parameter:
         """
         things = (*scene.bodies, *scene.effects)
         return tuple(_lookup(self, things, target) for target in self.targets)
+
+    def carried(self, scene: Scene, other: Scene) -> Parameter:
+        """Return the parameter of a scene as that of another scene, whose objects are in the same order."""
+        things, same = (*scene.bodies, *scene.effects), (*other.bodies, *other.effects)
+        places = [next(k for k, thing in enumerate(things) if thing is target) for target in self.found(scene)]
+        return Parameter([same[k] for k in places], self.field, element=self.elements, bounds=self.bounds)
 
     def check(self, scene: Scene) -> None:
         """Raise an error if the scene has no number at this place.
@@ -221,8 +226,3 @@ def _bounds(bounds: Any) -> tuple[float, float]:
     if not low < high:
         raise ArgumentError(f"Parameter: bounds is {bounds!r}, expected two increasing numbers")
     return low, high
-
-
-def elements_of(beam: Beam) -> int:
-    """Return the number of elements of a beam."""
-    return int(beam.element_lengths.size)
