@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 import vofem as vf
+from vofem.io import plot
 
 pytestmark = pytest.mark.kernels("plain")
 
@@ -172,3 +173,17 @@ def test_a_frequency_in_hertz():
     for wrong in ({}, {"omega": 1.0, "frequency": 1.0}):
         with pytest.raises(vf.ArgumentError, match="exactly one"):
             vf.Sine(1.0, **wrong)
+
+
+def test_what_was_given_in_hertz_stays_in_hertz(tmp_path):
+    m = vf.Mass(1.0, 100.0, damping=0.4, name="m")
+    scene = vf.Scene([m], [vf.PointLoad(m, vf.Sine(1.0, frequency=1.5))])
+    vf.dump_scene(scene, tmp_path / "scene.toml")
+    assert "frequency = 1.5" in (tmp_path / "scene.toml").read_text()
+    for one in (scene, vf.load_scene(tmp_path / "scene.toml").scene):
+        assert "frequency=1.5" in repr(one.effects[0].f)
+        orbit = vf.periodic(one)
+        assert "1.5 Hz" in repr(orbit)
+        assert plot.phase_portrait(orbit, one.bodies[0]).get_title().endswith("1.5 Hz")
+    with pytest.raises(vf.ArgumentError, match=r"1\.5 Hz"):
+        vf.periodic(vf.Scene([m], [*scene.effects, vf.PointLoad(m, vf.Sine(1.0, frequency=2.0**0.5))]))

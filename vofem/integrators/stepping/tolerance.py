@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from vofem.errors import ConvergenceError
 from vofem.integrators.method import Method
+from vofem.integrators.observer import Observer
 from vofem.integrators.registry import advice
 from vofem.integrators.stepping.checks import check_times
 from vofem.integrators.stepping.record import Path, Record
@@ -296,7 +297,7 @@ def _tangents(laws: Laws, first: int, u: Array, tangents: Array) -> None:
 
 def under_tolerance(
     system: System, start: State, t_end: float, method: Method, scheme: Scheme, tol: float, counters: Counters,
-    resumed: bool,
+    resumed: bool, observer: Observer | None,
 ) -> StepDoubling:  # fmt: skip
     """Return a run whose steps follow a tolerance, ready to begin.
 
@@ -317,7 +318,7 @@ def under_tolerance(
     trial = StepDoubling(system, start, Counters(), t_end, method, scheme, _COARSER * tol, 0.5)
     trial.size_of_motion = run.size_of_motion
     hit = trial.initial.size < trial.equations.laws.table.size or bool(np.any(trial.initial == CLOSED))
-    found, switched = _trial(trial, check_times(t_end, None, system.size))
+    found, switched = _trial(trial, check_times(t_end, None, system.size), observer)
     if hit or switched:
         # This run gives the largest displacement more accurately than the rough one.
         run.size_of_motion = min(run.size_of_motion, trial.largest_of(found))
@@ -325,7 +326,7 @@ def under_tolerance(
     return run
 
 
-def _trial(run: Run, times: Array) -> tuple[Array, bool]:
+def _trial(run: Run, times: Array, observer: Observer | None = None) -> tuple[Array, bool]:
     """Run to the end; return the displacements at some times, shape (n_times, n), and whether a law switched."""
     out = run.record(times, None)
     out.q[:] = 0.0
@@ -333,6 +334,8 @@ def _trial(run: Run, times: Array) -> tuple[Array, bool]:
     try:
         while not run.finished:
             run.advance(out)
+            if observer is not None:
+                observer(run.reached(), None)
     except ConvergenceError:
         # At large steps a stiff law may leave no solution in double precision. The displacements before that are used;
         # the run itself takes other steps, or raises the error.

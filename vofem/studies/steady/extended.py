@@ -19,13 +19,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import ConvergenceError
 from vofem.studies.steady.family import Family
+from vofem.studies.steady.newton import direction
 from vofem.studies.steady.orbit import PeriodicOrbit
 
 Array = NDArray[np.float64]
@@ -34,8 +35,11 @@ Complex = NDArray[np.complex128]
 #: Steps of differences along the null vector and by the parameter, relative to their scales.
 _ALONG, _BY_VALUE = 1e-5, 1e-6
 
-#: Factor of the step by the parameter where four values are used.
-_WIDER = 100.0
+#: Weight of the condition beside the residual of the orbit: the digits of the parameters depend on it.
+_WEIGHT = 100.0
+
+#: Factor of the step by the parameter where six values are used.
+_WIDER = 1000.0
 
 
 class _Borders(NamedTuple):
@@ -67,7 +71,7 @@ class ExtendedEvaluation:
     jacobian : ndarray, shape (m, m)
         Empty without derivatives.
     error : float
-        The larger of the orbit's error and of the condition's residual.
+        The larger of the orbit's error and of the condition's weighted residual.
     bend : float
         Second derivative of the equations along the null vector, on the left null vector: zero at a cusp of folds.
     critical : tuple of complex
@@ -166,9 +170,11 @@ class Extended:
             ends = [self._at(problem, y[:m], sign * step, derivative=not branch) for sign in (1.0, -1.0)]
         by_value = (ends[0].residual - ends[1].residual) / (2.0 * step) if ends else np.zeros(m)
         if branch:
-            # Here the derivative is a part of the condition itself, and is to have as many digits as that.
-            far = [self._at(problem, y[:m], sign * 2.0 * step, derivative=False).residual for sign in (1.0, -1.0)]
-            by_value = (4.0 * by_value - (far[0] - far[1]) / (4.0 * step)) / 3.0
+            # Here the derivative is a part of the condition itself: six values give it more digits.
+            for away, share in ((2.0, -0.3), (3.0, 1.0 / 30.0)):
+                far = [self._at(problem, y[:m], sign * away * step, derivative=False).residual for sign in (1.0, -1.0)]
+                by_value = by_value + share * (far[0] - far[1]) / (3.0 * step)
+            by_value = 1.5 * by_value
         matrix = self._matrix(problem, now, y[m], by_value)
         test = self._tested(problem, now, matrix)
         assert self._borders is not None
@@ -179,7 +185,7 @@ class Extended:
             residual[: rows.size] += y[m] * left[:, 0] / rows
         parts = np.array([test.g[0].real, test.g[0].imag]) if self.kind == "neimark_sacker" else test.g
         residual[m:] = parts
-        error = max(float(now.error), float(np.max(np.abs(parts))))
+        error = max(float(now.error), (1.0 if branch else _WEIGHT) * float(np.max(np.abs(parts))))
         if not derivative:
             return ExtendedEvaluation(now, residual, np.empty((0, 0)), error)
         turned = complex(np.exp(1j * y[m]))
@@ -196,15 +202,28 @@ class Extended:
             # With respect to the parameter the test itself is differentiated.
             moved = [self._tested(problem, one, self._matrix(problem, one, y[m], by_value)).g[0] for one in ends]
             slope = (moved[0] - moved[1]) / (2.0 * step)
-            bend = float((slopes[0, : columns.size] @ (columns * test.right[:, 0])).real)
+            bend = self._bend(now, slopes[0], columns * test.right[:, 0]) if self.kind == "fold" else bend
             if self.kind == "neimark_sacker":
                 n = problem.size
                 by_angle = (test.left[:n].conj() * rows[:n]) @ (1j * turned * columns[:n] * test.right[:n, 0])
                 for row, part in ((m, np.real), (m + 1, np.imag)):
-                    jacobian[row, :m], jacobian[row, m], jacobian[row, -1] = part(slopes[0]), part(by_angle), part(slope)
+                    jacobian[row, :m], jacobian[row, m], jacobian[row, -1] = (
+                        part(slopes[0]),
+                        part(by_angle),
+                        part(slope),
+                    )
             else:
                 jacobian[m, :m], jacobian[m, -1] = slopes[0], slope
         return ExtendedEvaluation(now, residual, jacobian, error, bend, critical.get(self.kind, (1.0 + 0.0j,)))
+
+    @staticmethod
+    def _bend(now: Any, slope: Array, along: Array) -> float:
+        """Return the change of a test along the null vector, with which the switches move too."""
+        n = along.size
+        if n < slope.size:
+            moved = direction(now.jacobian[n:, n:], now.jacobian[n:, :n] @ along)
+            along = np.append(along, -moved)
+        return float(slope @ along)
 
     def _grazing(self, problem: Any, y: Array, now: Any, derivative: bool) -> ExtendedEvaluation:
         """Return the equations of an orbit with a touch of length zero."""
@@ -298,7 +317,7 @@ class Extended:
         return np.array(found)
 
     def _derivatives(self, problem: Any, inner: Array, away: Array) -> Array:
-        """Return derivatives of the orbit's equations at a change of its coordinates, and of `value` at branch points."""
+        """Return derivatives of the equations at a change of coordinates, and of `value` at branch points."""
         m = inner.size
         moved = inner.copy()
         moved[: min(away.size, m)] += away[:m]
@@ -405,3 +424,15 @@ class Extended:
 
     def _like(self, inner: Any, held: int) -> Extended:
         return Extended(inner, self.family, self.kind, self.size, held)
+
+
+@dataclass(frozen=True)
+class SpecialEquations:
+    """The equations of a special orbit on a branch, with `value` as the last unknown, for Newton's method."""
+
+    chart: Extended
+    tolerance: ClassVar[float] = 1e-13
+
+    def evaluate(self, unknowns: Array, *, derivative: bool = True) -> ExtendedEvaluation:
+        """Return the equations."""
+        return self.chart.evaluate(self.chart.family.of(unknowns), unknowns, derivative=derivative)

@@ -200,8 +200,8 @@ class Follower:
                 step *= _SHRINK
                 if step < LEAST:
                     track.notes.append(
-                        f"the {self.noun} was lost at {now.value:.12g}: Newton's method does not converge for the smallest "
-                        f"step{self._why}; the motion beyond may chatter or touch two contacts at once"
+                        f"the {self.noun} was lost at {now.value:.12g}: Newton's method does not converge for the "
+                        f"smallest step{self._why}; the motion beyond may chatter or touch two contacts at once"
                     )
                     break
                 continue
@@ -434,7 +434,9 @@ class Follower:
         # The points beyond the first orbit are the beginning of the branch again.
         last = len(points) - 2 + share - _AGAIN
         self.track.marks[:] = [mark for mark in self.track.marks if mark.place < last]
-        self.track.notes.append(f"the {self.noun} is closed: it has come back to its first orbit at {points[0].value:.12g}")
+        self.track.notes.append(
+            f"the {self.noun} is closed: it has come back to its first orbit at {points[0].value:.12g}"
+        )
         return True
 
     def _last(self, now: Point, after: Point, end: float) -> tuple[Point, float] | None:
@@ -457,7 +459,8 @@ class Follower:
         if end == self.interval.start and len(values) > 1:
             farthest = max(values, key=lambda value: abs(value - end))
             self.track.notes.append(
-                f"the {self.noun} turned near {farthest:.12g} and left the interval through its own start, at {end:.12g}"
+                f"the {self.noun} turned near {farthest:.12g} and left the interval through its own start, at "
+                f"{end:.12g}"
             )
         return last, 0.0
 

@@ -197,21 +197,27 @@ def locus(
     orbit = special.orbit
     if orbit.method != "shooting" and special.kind not in ("fold", "branch_point"):
         raise MethodError(
-            f"locus: a {special.kind} is followed by shooting, and this one was found by harmonic balance, which follows "
-            "folds and branch points; find it with vofem.continuation(..., method='shooting')"
+            f"locus: a {special.kind} is followed by shooting, and this one was found by harmonic balance, which "
+            "follows folds and branch points; find it with vofem.continuation(..., method='shooting')"
         )
     interval = Interval(start, stop)
     family, first = _begin(build, special, interval)
     counters = BranchCounters()
     walker = _Walk(
-        family, interval, counters, largest=max_step, most=max_points, seconds=max_seconds, noun=f"locus of {special.kind}"
+        family,
+        interval,
+        counters,
+        largest=max_step,
+        most=max_points,
+        seconds=max_seconds,
+        noun=f"locus of {special.kind}",
     )
     first = walker.directed(first)
     if special.kind == "branch_point" and abs(first.tangent[-3]) > _UNFOLDED:
         raise ArgumentError(
-            f"locus: the branch point at {special.value:.9g} exists for {start:.9g} alone: with another value of the other "
-            "parameter the branches no longer meet, because the scenes are not symmetric. Follow a fold beside it, or "
-            "change a parameter that leaves the scene symmetric"
+            f"locus: the branch point at {special.value:.9g} exists for {start:.9g} alone: with another value of the "
+            "other parameter the branches no longer meet, because the scenes are not symmetric. Follow a fold beside "
+            "it, or change a parameter that leaves the scene symmetric"
         )
     with branch_progress(interval, progress, "locus") as report:
         track = walker.follow(first, report=report)
@@ -396,4 +402,3 @@ def _touch(problem: Shooting, inner: Any, y: Array, special: SpecialPoint) -> tu
     nearest = min(low, key=lambda e: abs(e.height))
     chart, y, place = inner.with_touch(y, (contact,), nearest.phase)
     return chart, y, place - problem.size
-

@@ -44,6 +44,17 @@ class Evaluation(Protocol):
         """Floquet multipliers by decreasing modulus; None if the method does not compute them."""
 
 
+class Equations(Protocol):
+    """As many equations as unknowns; `OrbitProblem` describes the members."""
+
+    @property
+    def tolerance(self) -> float:
+        """`Evaluation.error` at or below which the equations count as solved."""
+
+    def evaluate(self, unknowns: Array, *, derivative: bool = True) -> Any:
+        """Return the equations, an `Evaluation`."""
+
+
 class OrbitProblem(Protocol):
     """Periodic orbits of one scene as roots of equations.
 
