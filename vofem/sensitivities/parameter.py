@@ -199,9 +199,10 @@ def _lookup(parameter: Parameter, things: tuple[Any, ...], target: Any) -> Any:
     if not isinstance(target, str):
         if any(thing is target for thing in things):
             return target
+        # The scenes of a branch are built anew, so an object stands for the one of its class and name.
         target_name = getattr(target, "name", None)
         same = [t for t in things if type(t) is type(target) and getattr(t, "name", None) == target_name]
-        if isinstance(target_name, str) and len(same) == 1:
+        if len(same) == 1:
             return same[0]
         raise ArgumentError(
             f"{parameter.describe()}: {target!r} is not in the scene; give one of its bodies or effects"
