@@ -7,7 +7,7 @@ from typing import Annotated
 
 from vofem.assembly import SystemBuilder
 from vofem.bodies.base import Point
-from vofem.effects.kinds import AtPoint, Called, End
+from vofem.effects.kinds import Acting, AtPoint, Called, End
 from vofem.effects.two_points import TwoPoints
 from vofem.parameters import Real, declared, rule
 
@@ -49,7 +49,7 @@ class Dashpot(TwoPoints):
 
 
 @declared()
-class RotationalSpring:
+class RotationalSpring(Acting):
     """A linear spring on the slope of a beam, to ground or to the slope at another point.
 
     It is a `Spring` with ``of="rotation"``.
@@ -69,10 +69,6 @@ class RotationalSpring:
         for end in self.points():
             end.slope_row()
 
-    def points(self) -> tuple[Point, ...]:
-        """Return the point, and the other where there is one."""
-        return (self.point,) if self.other is None else (self.point, self.other)
-
     def compile(self, builder: SystemBuilder) -> None:
         """Add ``k b b'`` to K, b being the row of the slope or of the difference of slopes."""
         builder.add_stiffness(builder.difference(self.point, self.other, slope=True), self.stiffness)
@@ -84,7 +80,7 @@ class RotationalSpring:
 
 
 @declared()
-class PointMass:
+class PointMass(Acting):
     """A mass, with or without rotary inertia, fixed to a point."""
 
     point: End
@@ -97,10 +93,6 @@ class PointMass:
     def _point_rotates(self) -> None:
         if self.inertia:
             self.point.slope_row()
-
-    def points(self) -> tuple[Point, ...]:
-        """Return the point."""
-        return (self.point,)
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add the mass, and the rotary inertia where there is one, to M."""

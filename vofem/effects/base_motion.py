@@ -6,14 +6,14 @@ from dataclasses import KW_ONLY
 from typing import Annotated
 
 from vofem.assembly import SystemBuilder
-from vofem.bodies.base import Body, Point
-from vofem.effects.kinds import Called, OnBody
+from vofem.bodies.base import Body
+from vofem.effects.kinds import Acting, Called, OnBody
 from vofem.parameters import declared
 from vofem.time_functions import Load, OfTime, as_time_function
 
 
 @declared()
-class BaseMotion:
+class BaseMotion(Acting):
     """A body whose base accelerates: its supports, its springs to ground and the stops beside it.
 
     Displacements of the body are then counted from the base. The motion acts
@@ -26,10 +26,6 @@ class BaseMotion:
     acceleration: Annotated[Load, OfTime("m/s^2", "Acceleration of the base, positive upward.")]
     _: KW_ONLY
     name: Called = None
-
-    def points(self) -> tuple[Point, ...]:
-        """Return a point of the body, so that the scene can check it."""
-        return (self.body.at("left") if hasattr(self.body, "at") else self.body,)  # type: ignore[return-value]
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add the load."""

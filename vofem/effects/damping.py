@@ -9,23 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.assembly import SystemBuilder
-from vofem.bodies.base import Point
-from vofem.effects.kinds import Called
+from vofem.effects.kinds import Acting, Called
 from vofem.parameters import Real, RealOrArray, declared
 
 
 @declared()
-class RayleighDamping:
+class RayleighDamping(Acting):
     """Rayleigh damping ``C = alpha M + beta K``. M and K include linear attachments, and no contacts."""
 
     alpha: Annotated[float, Real("1/s", "Factor of the mass matrix.", least=0)]
     beta: Annotated[float, Real("s", "Factor of the stiffness matrix.", least=0)] = 0.0
     _: KW_ONLY
     name: Called = None
-
-    def points(self) -> tuple[Point, ...]:
-        """Return nothing: it acts on the whole system."""
-        return ()
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add to C."""
@@ -37,7 +32,7 @@ class RayleighDamping:
 
 
 @declared()
-class ModalDamping:
+class ModalDamping(Acting):
     """Ratios of critical damping in the vibration modes of the structure with all contacts open.
 
     Raises
@@ -58,10 +53,6 @@ class ModalDamping:
     ]
     _: KW_ONLY
     name: Called = None
-
-    def points(self) -> tuple[Point, ...]:
-        """Return nothing: it acts on the whole system."""
-        return ()
 
     def compile(self, builder: SystemBuilder) -> None:
         """Declare the ratio."""

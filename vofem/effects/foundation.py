@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.assembly import ContactEntry, SystemBuilder
-from vofem.bodies.base import Point, Row
+from vofem.bodies.base import Row
 from vofem.bodies.beam import Beam
 from vofem.bodies.coefficient import evaluate_along
 from vofem.bodies.cubics import hermite
 from vofem.bodies.kinds import Along
-from vofem.effects.kinds import OnBody
+from vofem.effects.kinds import Acting, OnBody
 from vofem.errors import ArgumentError
 from vofem.parameters import CHOSEN, Flag, Name, Real, declared, label_of, rule
 
@@ -29,7 +29,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(7)
 
 
 @declared()
-class Foundation:
+class Foundation(Acting):
     """A Winkler foundation along a whole beam: a force ``-k(x) eta`` per length.
 
     The beam may lift off from a one-sided foundation. Such a foundation is modelled by a contact below every node
@@ -65,10 +65,6 @@ class Foundation:
             raise ArgumentError(
                 f"{label_of(self)}: gap is {self.gap:g} m, but a two-sided foundation has none; set one_sided"
             )
-
-    def points(self) -> tuple[Point, ...]:
-        """Return a point of the beam, so that the scene can check it."""
-        return (self.beam.at("left"),)
 
     def along(self, x: Array) -> Array:
         """Return k in N/m per m at points x, checked."""

@@ -7,13 +7,13 @@ from typing import Annotated, Literal
 
 from vofem.assembly import SystemBuilder
 from vofem.bodies.base import Point
-from vofem.effects.kinds import AtPoint, End, Named
+from vofem.effects.kinds import Acting, AtPoint, End, Named
 from vofem.errors import ArgumentError
 from vofem.parameters import CHOSEN, Choice, declared, label_of, rule
 
 
 @declared()
-class Joint:
+class Joint(Acting):
     """Ties a point of one body to a point of another one.
 
     The tie is a condition on the degrees of freedom, not a stiff spring: one
@@ -55,10 +55,6 @@ class Joint:
         if self.kind == "rigid":
             self.a.slope_row()
             self.b.slope_row()
-
-    def points(self) -> tuple[Point, ...]:
-        """Return a and b."""
-        return self.a, self.b
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add the condition of equal displacements, and of equal rotations where the joint is rigid."""

@@ -10,7 +10,7 @@ from vofem._validate import nearest
 from vofem.bodies.base import Body, BodyPoint, Point, as_point
 from vofem.bodies.beam import Beam
 from vofem.errors import ArgumentError
-from vofem.parameters import Choice, Kind, Label, Name, Real
+from vofem.parameters import Choice, Kind, Label, Name, Real, declarations
 from vofem.parameters.place import INVALID, Book, Invalid, Place
 
 _NAME = Name()
@@ -148,6 +148,21 @@ class AtPoint(Kind):
     def described(self) -> dict[str, Any]:
         """Return a text or a table."""
         return {"$ref": "#/$defs/point", **super().described()}
+
+
+class Acting:
+    """An effect whose parameters tell the points that it touches."""
+
+    def points(self) -> tuple[Point, ...]:
+        """Return the points among its parameters, and one of each body; none where it acts on the whole system."""
+        found: list[Any] = []
+        for name, one in declarations(type(self)).items():
+            if isinstance(one.kind, AtPoint):
+                found.append(getattr(self, name))
+            elif isinstance(one.kind, OnBody):
+                body = getattr(self, name)
+                found.append(body.at("left") if hasattr(body, "at") else body)
+        return tuple(point for point in found if point is not None)
 
 
 #: The ends of an effect on two points, or on a point and ground.

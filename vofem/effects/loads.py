@@ -14,24 +14,20 @@ from vofem.bodies.base import Point
 from vofem.bodies.beam import Beam
 from vofem.bodies.coefficient import evaluate_along
 from vofem.bodies.kinds import Along
-from vofem.effects.kinds import AtPoint, Called, End, OnBody
+from vofem.effects.kinds import Acting, AtPoint, Called, End, OnBody
 from vofem.errors import ArgumentError
 from vofem.parameters import Real, declared, rule
 from vofem.time_functions import Constant, Load, OfTime, TimeFunction, as_time_function
 
 
 @declared()
-class PointLoad:
+class PointLoad(Acting):
     """A force at a point, positive upward."""
 
     point: End
     f: Annotated[Load, OfTime("N", "The force.")]
     _: KW_ONLY
     name: Called = None
-
-    def points(self) -> tuple[Point, ...]:
-        """Return the point."""
-        return (self.point,)
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add the load."""
@@ -43,7 +39,7 @@ class PointLoad:
 
 
 @declared()
-class PointMoment:
+class PointMoment(Acting):
     """A moment at a point of a beam. A positive moment does positive work when the slope grows."""
 
     point: Annotated[Point, AtPoint("Point of a beam, ``beam.at(x)``.")]
@@ -54,10 +50,6 @@ class PointMoment:
     @rule("point")
     def _point_rotates(self) -> None:
         self.point.slope_row()
-
-    def points(self) -> tuple[Point, ...]:
-        """Return the point."""
-        return (self.point,)
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add the load."""
@@ -82,7 +74,7 @@ class LoadAlong(Along):
 
 
 @declared()
-class DistributedLoad:
+class DistributedLoad(Acting):
     """A force per length on a beam, ``p(x) f(t)``, positive upward."""
 
     beam: Annotated[Beam, OnBody("The beam on which the load acts.", beam=True)]
@@ -90,10 +82,6 @@ class DistributedLoad:
     f: Annotated[Load, OfTime("", "A factor over time, without unit.")] = 1.0
     _: KW_ONLY
     name: Called = None
-
-    def points(self) -> tuple[Point, ...]:
-        """Return a point of the beam, so that the scene can check it."""
-        return (self.beam.at("left"),)
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add the consistent load vector."""
@@ -112,7 +100,7 @@ class DistributedLoad:
 
 
 @declared()
-class Gravity:
+class Gravity(Acting):
     """The weight of everything that has mass, point masses included, acting downward from t = 0 on.
 
     A scene that starts undeformed is dropped into its own weight: it swings to
@@ -123,10 +111,6 @@ class Gravity:
     g: Annotated[float, Real("m/s^2", "Acceleration, positive downward.")] = 9.81
     _: KW_ONLY
     name: Called = None
-
-    def points(self) -> tuple[Point, ...]:
-        """Return nothing: it acts on all bodies."""
-        return ()
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add a constant load in proportion to mass."""
