@@ -11,17 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import ConvergenceError
 from vofem.integrators.event_driven.flow import modes_of
-from vofem.integrators.event_driven.motion import Forcing, Motion, start_motion
-from vofem.integrators.event_driven.pinned import Reactions, reactions
+from vofem.integrators.event_driven.regime import Motion, Regime, start_motion
 from vofem.integrators.event_driven.solution import EventSolution
-from vofem.integrators.event_driven.spectrum import Spectrum
 from vofem.integrators.event_driven.tangent import acceleration, oscillators
 from vofem.linalg.exponential import matrix_change, oscillator_changes
 from vofem.system import Counters, System
@@ -94,43 +91,23 @@ class Course:
         self.system, self.horizon = system, horizon
         self.space = modes_of(system, counters)
         self._solution = EventSolution(system, self.space, horizon, np.zeros(1), counters)
-        self._forcing: dict[bytes, Forcing] = {}
-        self._rows: dict[bytes, tuple[Array, Array]] = {}
+        # The loads have no breakpoints.
+        self.loads = self._solution.exosystem = self._solution.loads_between(np.array([0.0, horizon]))
 
-    def forcing(self, status: Status, time: float) -> Forcing:
-        """Return the modal force at a time in s."""
-        key = status.tobytes()
-        if key not in self._forcing:
-            self._forcing[key] = self._solution.forcing(0.0, status)
-        at_zero = self._forcing[key]
-        turned = at_zero.harmonic * np.exp(1j * at_zero.omega * time)
-        return Forcing(at_zero.omega, turned, at_zero.constant, at_zero.slope)
+    def regime(self, status: Status) -> Regime:
+        """Return the linear piece of a contact status."""
+        return self._solution.regime(status, 0)
 
     def load(self, time: float) -> Array:
         """Return the modal load at a time in s, shape (n,)."""
-        return self._loads[0] + (self._loads[2] @ np.exp(1j * self._loads[1] * time)).real
-
-    @cached_property
-    def _loads(self) -> tuple[Array, Array, NDArray[np.complex128]]:
-        nothing = np.zeros(self.space.contacts.shape[0], dtype=np.int64)
-        force = self._solution.forcing(0.0, nothing)
-        return force.constant, force.omega, force.harmonic
-
-    def spectrum(self, status: Status) -> Spectrum:
-        """Return the eigensystem of a status."""
-        return self._solution.spectrum_of(status)
+        used = self.loads.function[0] >= 0
+        values = self.loads.at(np.array([time]))[0, 0, used]
+        return np.asarray(values @ self._solution.load_vectors[self.loads.function[0, used]])
 
     def rates(self, status: Status, time: float, displacement: Array, velocity: Array) -> Array:
         """Return the rates of a modal state, shape (2n,)."""
         a = acceleration(self.space, self.system.contacts, status, displacement, velocity, self.load(time))
         return np.concatenate([velocity, a])
-
-    def reactions(self, stretch: Stretch) -> Reactions:
-        """Return the reactions of the pinned contacts of a segment."""
-        laws = self.system.contacts
-        assert laws is not None
-        spectrum = stretch.motion.spectrum
-        return reactions(self.space, laws, stretch.status, spectrum, self.forcing(stretch.status, stretch.time))
 
     def along(
         self, time: float, displacement: Array, velocity: Array, statuses: Sequence[Status], durations: Array,
@@ -161,10 +138,11 @@ class Course:
         shift = np.zeros(k)
         first_size = None if columns is None else np.abs(columns).max(axis=0, initial=0.0)
         for index, (status, duration) in enumerate(zip(statuses, durations.tolist(), strict=True)):
-            spectrum = self.spectrum(status)
+            regime = self.regime(status)
+            spectrum = regime.spectrum
             if duration < 0.0 and -duration * float(np.max(spectrum.delta, initial=0.0)) > _GROWTH:
                 raise ConvergenceError("a segment became so short that its motion cannot be followed backwards")
-            motion = start_motion(spectrum, displacement, velocity, self.forcing(status, time), self.horizon)
+            motion = start_motion(regime, displacement, velocity, self.loads.at(np.array([time]))[0])
             displacement, velocity = motion.displacement, motion.velocity
             first = self.rates(status, time, displacement, velocity)
             z, v = motion.mode_changes(np.array([duration]))
@@ -174,7 +152,7 @@ class Course:
             mean_columns = np.zeros((self.space.contacts.shape[0], k))
             if columns is not None and lengthen is not None:
                 fixed = columns - np.outer(first, shift)
-                fixed, rows = self._followed(spectrum, status, duration, fixed)
+                fixed, rows = self._followed(regime, duration, fixed)
                 more = self._later(duration, mean, velocity, first, last)
                 slope = v[:, 0] / duration if duration else first[mean.size :]
                 contacts = self.space.contacts
@@ -200,14 +178,14 @@ class Course:
     def _later(self, duration: float, mean: Array, velocity: Array, first: Array, last: Array) -> Array:
         """Return the derivative of the mean velocity with respect to the duration, shape (n,)."""
         n = mean.size
-        fastest = float(np.max(self._loads[1], initial=1.0 / self.horizon))
+        fastest = float(np.max(self.loads.omega, initial=1.0 / self.horizon))
         if abs(duration) * fastest > _SHORT:
             return (velocity - mean) / duration
         return first[n:] / 6.0 + last[n:] / 3.0
 
-    def _followed(self, spectrum: Spectrum, status: Status, duration: float, columns: Array) -> tuple[Array, Array]:
+    def _followed(self, regime: Regime, duration: float, columns: Array) -> tuple[Array, Array]:
         """Return columns at a fixed time after a duration, and the mean rates of the contacts in them."""
-        n = self.space.size
+        n, spectrum = self.space.size, regime.spectrum
         z, v = spectrum.to_blocks(columns[:n], columns[n:], shifted=False)
         delta, p = spectrum.delta[:, None], spectrum.p[:, None]
         turn, sine = oscillator_changes(spectrum.delta, spectrum.p, np.array([duration]))
@@ -227,16 +205,7 @@ class Course:
                 mean = change / duration if duration else generator @ both
                 after_z[k], after_v[k] = z[k] + change[: k.size], v[k] + change[k.size :]
                 mean_z[k], mean_v[k] = mean[: k.size], mean[k.size :]
-        w, u = self._rows_of(spectrum, status)
-        rows = w @ mean_z
-        if u.shape[1]:
-            rows = rows + u @ mean_v
-        return np.concatenate(spectrum.to_modes(after_z, after_v, shifted=False)), rows
-
-    def _rows_of(self, spectrum: Spectrum, status: Status) -> tuple[Array, Array]:
-        """Return (W, U) with the contacts' coordinates ``W z + U v`` of block states, each (n_contacts, m)."""
-        key = status.tobytes()
-        if key not in self._rows:
-            modes = spectrum.real.modes
-            self._rows[key] = spectrum.functions(self.space.contacts if modes is None else self.space.contacts @ modes)
-        return self._rows[key]
+        rows = np.stack(np.split(regime.coordinates, 2, axis=1), axis=1)[:, :, regime.loads :]
+        return np.concatenate(spectrum.to_modes(after_z, after_v, shifted=False)), rows[:, 0] @ mean_z + rows[
+            :, 1
+        ] @ mean_v

@@ -341,17 +341,16 @@ class Signature:
         laws, n = problem.system.contacts, now.displacement.size
         assert laws is not None
         held = int(np.sum(now.status[:contact] == PINNED))
-        force = problem.course.reactions(now)
-        full = float(laws.stiffness[contact] * laws.gap[contact])
-        value = float(force.at(now.motion, np.array([now.duration]))[held, 0]) - (full if status == CLOSED else 0.0)
+        force, full = now.motion.regime.reactions, float(laws.stiffness[contact] * laws.gap[contact])
+        assert force is not None
+        value = float(now.motion.reactions(np.array([now.duration]))[held, 0]) - (full if status == CLOSED else 0.0)
         derived = np.zeros(0)
         if derivative:
-            real, turned = now.motion.spectrum.real, np.exp(1j * now.motion.omega * now.duration)
-            own = force.displacement[held], force.velocity[held]
-            wave = float((1j * now.motion.omega * force.harmonic[held] * turned).real.sum())
+            real, own = now.motion.spectrum.real, (force.displacement[held], force.velocity[held])
             derived = own[0] @ real.down(now.columns[:n]) + own[1] @ real.down(now.columns[n:])
             # The columns move with the end of the segment, the load's phase does too.
-            derived = derived + (wave + float(force.slope[held])) * now.shift
+            wave = float(force.loads[held] @ problem.course.loads.at(np.array([now.time + now.duration]))[0, 1])
+            derived = derived + wave * now.shift
         return value, derived, full
 
     # -- coordinates ----------------------------------------------------------------------------------
