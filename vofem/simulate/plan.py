@@ -23,7 +23,7 @@ from vofem.laws.table import build_laws
 from vofem.progress import Progress, RunProgress
 from vofem.result import Result
 from vofem.scene import Scene
-from vofem.simulate.methods import cheaper, without_steps
+from vofem.simulate.methods import cheaper, exact_instead, without_steps
 from vofem.simulate.start_time import model_at
 from vofem.system import State, System
 
@@ -88,6 +88,10 @@ def run_plan(
         raise MethodError(reason)
     wanted = plan.compiled if plan.compiled is not None else decided()
     choice = choose(kind_of_run(method, system), wanted)
+    hint = ""
+    if not method.exact and "tol" in plan.options:
+        better = exact_instead(system, plan.t_end, plan.options["tol"])
+        hint = f"{better} needs no steps here" if better else ""
     while True:
         planned = replace(plan, compiled=choice.compiled)
         save = None if writer is None else writer(planned)
@@ -95,7 +99,7 @@ def run_plan(
         begun = time.thread_time()
         try:
             with (
-                RunProgress(plan.t_end, progress, save, every, first) as run_progress,
+                RunProgress(plan.t_end, progress, save, every, first, hint) as run_progress,
                 kernels(compiled=choice.compiled, patience=choice.patience),
                 blas_threads(system.size),
             ):

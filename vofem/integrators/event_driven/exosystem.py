@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.system import Load
 from vofem.time_functions import TimeFunction
 
 Array = NDArray[np.float64]
@@ -69,6 +71,31 @@ class Exosystem:
         sine = np.where(waves, np.sin(omega * late) / np.where(waves, omega, 1.0), late)
         value, rate = first[:, 0], first[:, 1]
         return np.stack([cosine * value + sine * rate, cosine * rate - omega**2 * sine * value], axis=1)
+
+
+def gathered(loads: Sequence[Load], rows: Array) -> tuple[list[Any], Array]:
+    """Return the functions of time of some loads, equal ones once, and for each the sum of its modal load vectors.
+
+    Parameters
+    ----------
+    loads : sequence of Load
+    rows : ndarray, shape (n_loads, n)
+        Modal load vectors.
+    """
+    places: dict[Any, int] = {}
+    functions: list[Any] = []
+    owner = []
+    for load in loads:
+        function = load.function
+        key = function if getattr(type(function), "__hash__", None) is not None else id(function)
+        if key not in places:
+            places[key] = len(functions)
+            functions.append(function)
+        owner.append(places[key])
+    vectors = np.zeros((len(functions), rows.shape[1]))
+    for place, vector in zip(owner, rows, strict=True):
+        vectors[place] += vector
+    return functions, vectors
 
 
 def exosystem(functions: Sequence[TimeFunction], edges: Array, *, constant: bool) -> Exosystem:

@@ -17,7 +17,7 @@ from vofem.integrators.base import (
     Sensitivity,
     status_at,
 )
-from vofem.integrators.event_driven.exosystem import Exosystem, exosystem
+from vofem.integrators.event_driven.exosystem import Exosystem, exosystem, gathered
 from vofem.integrators.event_driven.modal_samples import ModalSamples
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.integrators.event_driven.pinned import may_pin, should_pin
@@ -71,24 +71,6 @@ _LOOKS = 257
 _TOUCHING = 4.0 * float(np.finfo(float).eps)
 
 
-def _gathered(system: System, space: ModalSpace) -> tuple[list[Any], Array]:
-    """Return the functions of time of the loads, equal ones once, and for each the sum of its modal load vectors."""
-    places: dict[Any, int] = {}
-    functions: list[Any] = []
-    owner = []
-    for load in system.loads:
-        function = load.function
-        key = function if getattr(type(function), "__hash__", None) is not None else id(function)
-        if key not in places:
-            places[key] = len(functions)
-            functions.append(function)
-        owner.append(places[key])
-    vectors = np.zeros((len(functions), space.size))
-    for place, vector in zip(owner, space.loads, strict=True):
-        vectors[place] += vector
-    return functions, vectors
-
-
 def _sums_of_squares(states: Array, weight: Array) -> Array:
     """Return the sums of weighted squares of states (n, n_times) whose times are rows in memory, shape (n_times,)."""
     sums = np.empty(states.shape[1])
@@ -135,7 +117,7 @@ class EventSolution:
         # Gap functions at the end of the last segment, before an event there.
         self.gaps_now: Array | None = None
         self._initial = np.empty(0, dtype=np.int64)
-        self.load_functions, self.load_vectors = _gathered(system, space)
+        self.load_functions, self.load_vectors = gathered(system.loads, space.loads)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the solution without its last samples, which can be computed again."""

@@ -1,0 +1,467 @@
+"""The contact statuses of a motion in flat arrays, and kernels that follow the motion through known segments.
+
+In each status the motion is free motion of blocks, the loads among them; see `regime.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.integrators.event_driven.blocks import Blocks, change
+from vofem.integrators.event_driven.clusters import Group
+from vofem.integrators.event_driven.exosystem import Exosystem
+from vofem.integrators.event_driven.modal_space import ModalSpace
+from vofem.integrators.event_driven.regime import Regime
+from vofem.integrators.event_driven.spectrum import Spectrum
+from vofem.kernels.jit import jit, plain_form
+from vofem.linalg.exponential import matrix_change, oscillator, oscillator_change, oscillator_changes
+from vofem.system import CLOSED, PINNED, ContactLaws
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+#: How block states follow from modal states: they are the same, by real modes, or by a matrix for whole states.
+_SAME, _REAL, _COMPLEX = 0, 1, 2
+
+#: Shares of a motion of few segments at which its size is measured, besides their ends, and what is few.
+_INSIDE = np.array([0.13, 0.37, 0.61, 0.86])
+_FEW = 5
+
+#: Duration, over the time in which the fastest load turns by 1 rad, below which the difference of mean and last
+#: velocity is computed from accelerations.
+_SHORT = 1e-5
+
+#: A column that has shrunk to this share of its first size is zero.
+_NOTHING = 1e-33
+
+
+class Structure(NamedTuple):
+    """What a motion depends on beside its status: c contacts, n modes, e loads.
+
+    Attributes
+    ----------
+    stiffness, damping : ndarray, shape (n,)
+    coupling : ndarray, shape (n, n)
+        Damping that couples modes; empty without any.
+    rows : ndarray, shape (c, n)
+    gap : ndarray, shape (c,)
+        Coordinates at which the springs of closed contacts are free of force.
+    sources : ndarray, shape (e, n)
+        Modal forces of the loads.
+    """
+
+    stiffness: Array
+    damping: Array
+    coupling: Array
+    rows: Array
+    gap: Array
+    sources: Array
+
+
+class Maps(NamedTuple):
+    """Blocks of s statuses, and how their states follow from modal states of n modes.
+
+    A status with pinned contacts has fewer blocks than there are modes. Its arrays are filled with zeros.
+
+    Attributes
+    ----------
+    kind : ndarray of int, shape (s,)
+    delta, p : ndarray, shape (s, n)
+    down, up : ndarray, shape (s, n, n)
+        Displacements of blocks from those of modes, and back.
+    into, out : ndarray, shape (s, 2n, 2n)
+        The same for states; empty where no status needs them.
+    shift : ndarray, shape (s, n)
+        Modal displacements that put pinned contacts at their gaps.
+    held : ndarray, shape (s, c, n)
+        Orthonormal rows that span those of the pinned contacts.
+    closed, damper : ndarray, shape (s, c)
+        Stiffness and damping of the closed contacts, zero for others.
+    mean_z, mean_v : ndarray, shape (s, c, n)
+        Contacts' coordinates from block states.
+    """
+
+    kind: IntArray
+    delta: Array
+    p: Array
+    down: Array
+    up: Array
+    into: Array
+    out: Array
+    shift: Array
+    held: Array
+    closed: Array
+    damper: Array
+    mean_z: Array
+    mean_v: Array
+
+
+class Pieces(NamedTuple):
+    """Loads, and the blocks of s statuses under them: e loads, M = e + n blocks.
+
+    Attributes
+    ----------
+    first : ndarray, shape (2, e)
+        Values and rates of the loads at t = 0.
+    omega : ndarray, shape (e,)
+        Their frequencies in rad/s, 0 for lines.
+    of : ndarray, shape (s, 8, M)
+    pairs : ndarray of int, shape (s,)
+        Numbers of coupled blocks.
+    pair, gain : ndarray, shapes (s, r, 2) and (s, r, 4)
+        See `Blocks`.
+    steady : ndarray, shape (s, 2n, 2e)
+        Steady answers of the blocks.
+    work, bits : ndarray, shapes (6, M) and (M,)
+        Work space.
+    """
+
+    first: Array
+    omega: Array
+    of: Array
+    pairs: IntArray
+    pair: IntArray
+    gain: Array
+    steady: Array
+    work: Array
+    bits: IntArray
+
+
+def structure(space: ModalSpace, laws: ContactLaws | None, vectors: Array, loads: Exosystem) -> Structure:
+    """Return what motions depend on beside their status, from the modal vectors of the loads' functions."""
+    coupling = np.empty((0, 0)) if space.coupling is None else np.ascontiguousarray(space.coupling)
+    gap = np.zeros(0) if laws is None else laws.offset.astype(float)
+    sources, function = np.zeros((loads.size, space.size)), loads.function[0]
+    sources[function >= 0] = vectors[function[function >= 0]]
+    return Structure(space.stiffness, space.damping, coupling, np.ascontiguousarray(space.contacts), gap, sources)
+
+
+def maps(
+    space: ModalSpace, laws: ContactLaws | None, statuses: Sequence[IntArray], spectra: Sequence[Spectrum]
+) -> Maps:
+    """Return the blocks of some statuses."""
+    n, s, c = space.size, len(statuses), space.contacts.shape[0]
+    wide = 2 * n if any(spectrum.blocks is not None for spectrum in spectra) else 0
+    found = Maps(
+        kind=np.zeros(s, dtype=np.int64),
+        delta=np.zeros((s, n)),
+        p=np.zeros((s, n)),
+        down=np.zeros((s, n, n)),
+        up=np.zeros((s, n, n)),
+        into=np.zeros((s, wide, wide)),
+        out=np.zeros((s, wide, wide)),
+        shift=np.zeros((s, n)),
+        held=np.zeros((s, c, n)),
+        closed=np.zeros((s, c)),
+        damper=np.zeros((s, c)),
+        mean_z=np.zeros((s, c, n)),
+        mean_v=np.zeros((s, c, n)),
+    )
+    for k, (status, spectrum) in enumerate(zip(statuses, spectra, strict=True)):
+        real, m = spectrum.real, spectrum.p.size
+        modes = np.eye(n) if real.modes is None else real.modes
+        found.delta[k, :m], found.p[k, :m] = spectrum.delta, spectrum.p
+        found.down[k, :m], found.up[k, :, :m] = modes.T, modes
+        found.kind[k] = _SAME if real.modes is None else _REAL
+        if spectrum.blocks is not None:
+            found.kind[k] = _COMPLEX
+            for first, rows in ((0, slice(0, m)), (n, slice(m, 2 * m))):
+                into, out = spectrum.blocks.into[rows], spectrum.blocks.out[:, rows]
+                found.into[k, first : first + m, :n] = into[:, :m] @ modes.T
+                found.into[k, first : first + m, n:] = into[:, m:] @ modes.T
+                found.out[k, :n, first : first + m] = modes @ out[:m]
+                found.out[k, n:, first : first + m] = modes @ out[m:]
+        z, v = spectrum.functions(space.contacts @ modes)
+        found.mean_z[k, :, :m] = z
+        found.mean_v[k, :, : v.shape[1]] = v
+        if laws is not None:
+            found.closed[k] = laws.stiffness * (status == CLOSED)
+            found.damper[k] = laws.damping * (status == CLOSED)
+        pinned = space.contacts[status == PINNED]
+        if pinned.shape[0]:
+            found.held[k, : pinned.shape[0]] = np.linalg.qr(pinned.T)[0].T
+            assert real.shift is not None
+            found.shift[k] = real.shift
+    return found
+
+
+def pieces(regimes: Sequence[Regime], loads: Exosystem, n: int) -> Pieces:
+    """Return the blocks of some statuses of n modes, under loads without breakpoints."""
+    s, e, r = len(regimes), loads.size, max(regime.blocks.pair.shape[0] for regime in regimes)
+    of, steady = np.ones((s, 8, e + n)), np.zeros((s, 2, n, 2 * e))
+    pairs, pair, gain = np.zeros(s, dtype=np.int64), np.zeros((s, r, 2), dtype=np.int64), np.zeros((s, r, 4))
+    for k, regime in enumerate(regimes):
+        blocks, m = regime.blocks, regime.spectrum.p.size
+        of[k, :, : e + m], pairs[k] = blocks.of, blocks.pair.shape[0]
+        pair[k, : pairs[k]], gain[k, : pairs[k]] = blocks.pair, blocks.gain
+        steady[k, :, :m] = regime.answers.steady.reshape(2, m, 2 * e)
+    work, bits = np.empty((6, e + n)), np.zeros(e + n, dtype=np.int64)
+    return Pieces(
+        loads.at(np.zeros(1))[0], loads.omega[0], of, pairs, pair, gain, steady.reshape(s, 2 * n, 2 * e), work, bits
+    )
+
+
+# -- kernels ------------------------------------------------------------------------------------------
+
+
+@jit
+def _into_blocks(maps: Maps, s: int, z: Array, v: Array) -> tuple[Array, Array]:
+    """Return block states, each (n, k), of differences of modal states, each (n, k)."""
+    if maps.kind[s] == 0:
+        return z, v
+    if maps.kind[s] == 1:
+        return maps.down[s] @ z, maps.down[s] @ v
+    n = z.shape[0]
+    both = maps.into[s] @ np.concatenate((z, v))
+    return both[:n], both[n:]
+
+
+@jit
+def _out_of_blocks(maps: Maps, s: int, z: Array, v: Array) -> tuple[Array, Array]:
+    """Return differences of modal states, each (n, k), of block states, each (n, k)."""
+    if maps.kind[s] == 0:
+        return z, v
+    if maps.kind[s] == 1:
+        return maps.up[s] @ z, maps.up[s] @ v
+    n = z.shape[0]
+    both = maps.out[s] @ np.concatenate((z, v))
+    return both[:n], both[n:]
+
+
+@jit
+def _loads_at(loads: Pieces, time: float) -> Array:
+    """Return values and rates of the loads at a time, shape (2, e)."""
+    found = np.empty((2, loads.omega.size))
+    for j in range(loads.omega.size):
+        w, value, rate = loads.omega[j], loads.first[0, j], loads.first[1, j]
+        if w == 0.0:
+            found[0, j], found[1, j] = value + time * rate, rate
+        else:
+            cosine, sine = np.cos(w * time), np.sin(w * time)
+            found[0, j], found[1, j] = cosine * value + sine / w * rate, cosine * rate - w * sine * value
+    return found
+
+
+@jit
+def _answered(steady: Array, w: Array) -> Array:
+    """Return the steady answers (2n,) to states (2, e) of the loads."""
+    found = np.zeros(steady.shape[0])
+    for j in range(w.shape[1]):
+        found += w[0, j] * steady[:, j] + w[1, j] * steady[:, w.shape[1] + j]
+    return found
+
+
+@jit
+def _block_changes(
+    loads: Pieces, groups: list[Group | None] | None, s: int, z: Array, v: Array, time: float, tau: float
+) -> tuple[Array, Array]:
+    """Return by how much block states, each (n, 1), that hold at a time have changed after tau."""
+    n, e = z.shape[0], loads.omega.size
+    begin, moved = np.empty((2, e + n)), np.empty((2, e + n))
+    begin[:, :e] = _loads_at(loads, time)
+    steady = _answered(loads.steady[s], begin[:, :e])
+    begin[0, e:], begin[1, e:] = z[:, 0] - steady[:n], v[:, 0] - steady[n:]
+    r = loads.pairs[s]
+    of, pair, gain = loads.of[s], loads.pair[s, :r], loads.gain[s, :r]
+    if groups is None:
+        change(Blocks(of, pair, gain, None, loads.work, loads.bits), begin, tau, moved)
+    else:
+        change(Blocks(of, pair, gain, groups[s], loads.work, loads.bits), begin, tau, moved)
+    steady = _answered(loads.steady[s], moved[:, :e])
+    return (moved[0, e:] + steady[:n]).reshape(n, 1), (moved[1, e:] + steady[n:]).reshape(n, 1)
+
+
+@jit
+def _rates(structure: Structure, maps: Maps, loads: Pieces, s: int, time: float, z: Array, v: Array) -> Array:
+    """Return the rates of a modal state under a status, shape (2n,)."""
+    w = _loads_at(loads, time)
+    force = -structure.stiffness * z - structure.damping * v
+    for j in range(w.shape[1]):
+        force += w[0, j] * structure.sources[j]
+    if structure.coupling.size:
+        force -= structure.coupling @ v
+    for j in range(structure.gap.size):
+        if maps.closed[s, j] != 0.0 or maps.damper[s, j] != 0.0:
+            row = structure.rows[j]
+            push = maps.closed[s, j] * (np.sum(row * z) - structure.gap[j]) + maps.damper[s, j] * np.sum(row * v)
+            force -= push * row
+    for j in range(structure.gap.size):
+        row = maps.held[s, j]
+        force -= np.sum(row * force) * row
+    return np.concatenate((v, force))
+
+
+@jit
+def _turned(delta: Array, p: Array, t: float, z: Array, v: Array) -> tuple[Array, Array]:
+    """Return free block states, each (n, k), after a time."""
+    after_z, after_v = np.empty_like(z), np.empty_like(v)
+    for i in range(p.size):
+        c, s = oscillator(delta[i], p[i], t)
+        for j in range(z.shape[1]):
+            after_z[i, j] = c * z[i, j] + s * (v[i, j] + delta[i] * z[i, j])
+            after_v[i, j] = c * v[i, j] - s * (p[i] * z[i, j] + delta[i] * v[i, j])
+    return after_z, after_v
+
+
+@plain_form(_turned)
+def _turned_at_once(delta: Array, p: Array, t: float, z: Array, v: Array) -> tuple[Array, Array]:
+    """Do what `_turned` does, for all blocks at once."""
+    c, s = np.empty((p.size, 1)), np.empty((p.size, 1))
+    for i in range(p.size):
+        c[i], s[i] = oscillator(delta[i], p[i], t)
+    d, q = delta[:, None], p[:, None]
+    return c * z + s * (v + d * z), c * v - s * (q * z + d * v)
+
+
+@jit
+def _mean_weights(delta: Array, p: Array, t: float) -> tuple[Array, Array]:
+    """Return means over a time of the rates of ``c`` and ``s`` of `oscillator`, each (n,)."""
+    turn, sine = np.empty(p.size), np.empty(p.size)
+    for i in range(p.size):
+        turn[i], sine[i] = oscillator_change(delta[i], p[i], t)
+    return turn / t, sine / t
+
+
+@plain_form(_mean_weights)
+def _mean_weights_at_once(delta: Array, p: Array, t: float) -> tuple[Array, Array]:
+    """Do what `_mean_weights` does, for all blocks at once."""
+    turn, sine = oscillator_changes(delta, p, np.array([t]))
+    return turn[:, 0] / t, sine[:, 0] / t
+
+
+@jit
+def _columns_of_group(
+    group: Group | None, duration: float, before: tuple[Array, Array], after: tuple[Array, Array],
+    weights: tuple[Array, Array], maps: Maps, s: int,
+) -> Array:  # fmt: skip
+    """Fill in the columns of the blocks of a group; return the mean rates of the contacts in all columns, (c, k)."""
+    if group is None:
+        return weights[0] @ before[0] + weights[1] @ before[1]
+    g, e = group.member.size, group.scale.size // 2
+    member = group.member - e
+    both = np.concatenate((before[0][member], before[1][member]))
+    generator = group.matrix[: 2 * g, : 2 * g].copy()
+    moved = matrix_change(generator, duration) @ both
+    mean = moved / duration if duration != 0.0 else generator @ both
+    after[0][member], after[1][member] = both[:g] + moved[:g], both[g:] + moved[g:]
+    weights[0][:, member] = weights[1][:, member] = 0.0
+    rows = weights[0] @ before[0] + weights[1] @ before[1]
+    return np.asarray(rows + maps.mean_z[s][:, member] @ mean[:g] + maps.mean_v[s][:, member] @ mean[g:])
+
+
+@jit
+def _columns_after(
+    maps: Maps, groups: list[Group | None] | None, s: int, duration: float, columns: Array
+) -> tuple[Array, Array]:
+    """Return columns (2n, k) at a fixed time after a duration, and the mean rates of the contacts in them, (c, k)."""
+    n = columns.shape[0] // 2
+    z, v = _into_blocks(maps, s, columns[:n].copy(), columns[n:].copy())
+    delta, p = maps.delta[s], maps.p[s]
+    after_z, after_v = _turned(delta, p, duration, z, v)
+    if duration != 0.0:
+        turn, sine = _mean_weights(delta, p, duration)
+    else:
+        turn, sine = -delta, np.ones(n)
+    rows_z, rows_v = maps.mean_z[s], maps.mean_v[s]
+    weight_z = rows_z * (turn + sine * delta) - rows_v * (sine * p)
+    weight_v = rows_z * sine + rows_v * (turn - sine * delta)
+    if groups is None:
+        rows = weight_z @ z + weight_v @ v
+    else:
+        rows = _columns_of_group(groups[s], duration, (z, v), (after_z, after_v), (weight_z, weight_v), maps, s)
+    after_z, after_v = _out_of_blocks(maps, s, after_z, after_v)
+    return np.concatenate((after_z, after_v)), rows
+
+
+@jit
+def pass_segments(
+    structure: Structure, maps: Maps, loads: Pieces, groups: list[Group | None] | None, time: float, state: Array,
+    status: IntArray, durations: Array, columns: Array, lengthen: Array, nodes: Array, all_columns: Array,
+    horizon: float,
+) -> tuple[Array, Array, Array, Array, Array, Array, Array, Array]:  # fmt: skip
+    """Follow a motion from a modal state (2n,) at a time through m segments, with k columns (2n, k).
+
+    The columns at the ends of segments are written to `all_columns`, shape (m, 2n, k) or empty.
+
+    Returns
+    -------
+    starts, ends : ndarray, shape (m, 2n)
+        Modal states.
+    means : ndarray, shape (m, c)
+        Mean rates of the contacts' coordinates.
+    shifts : ndarray, shape (m, k)
+        Derivatives of the times of the ends.
+    end_rows, mean_rows : ndarray, shape (m, c, k)
+        Derivatives of the contacts' coordinates at the ends, and of their mean rates.
+    columns : ndarray, shape (2n, k)
+        At the end of the last segment.
+    sizes : ndarray, shape (2,)
+        Largest norms of displacement and velocity.
+    """
+    m, n, c, k = durations.size, state.size // 2, structure.gap.size, columns.shape[1]
+    starts, ends, means = np.empty((m, 2 * n)), np.empty((m, 2 * n)), np.zeros((m, c))
+    shifts, end_rows, mean_rows = np.zeros((m, k)), np.zeros((m, c, k)), np.zeros((m, c, k))
+    shift, sizes = np.zeros(k), np.zeros(2)
+    first_size = np.zeros(k)
+    for j in range(k):
+        first_size[j] = np.max(np.abs(columns[:, j]))
+    fastest = 1.0 / horizon
+    for j in range(loads.omega.size):
+        fastest = max(fastest, loads.omega[j])
+    state = state.copy()
+    for i in range(m):
+        s, h = status[i], durations[i]
+        z, v = state[:n].copy(), state[n:].copy()
+        block_z, block_v = _into_blocks(maps, s, (z - maps.shift[s]).reshape(n, 1), v.reshape(n, 1))
+        pinned = np.any(maps.held[s] != 0.0)
+        if pinned:
+            held_z, held_v = _out_of_blocks(maps, s, block_z, block_v)
+            z, v = held_z[:, 0] + maps.shift[s], held_v[:, 0].copy()
+        starts[i, :n], starts[i, n:] = z, v
+        first = _rates(structure, maps, loads, s, time, z, v)
+        change_z, change_v = _block_changes(loads, groups, s, block_z, block_v, time, h)
+        change_z, change_v = _out_of_blocks(maps, s, change_z, change_v)
+        dz, dv = change_z[:, 0].copy(), change_v[:, 0].copy()
+        mean = dz / h if h != 0.0 else v
+        means[i] = structure.rows @ mean
+        last_z, last_v = z + dz, v + dv
+        ends[i, :n], ends[i, n:] = last_z, last_v
+        sizes[0] = max(sizes[0], np.sqrt(np.sum(last_z * last_z)))
+        sizes[1] = max(sizes[1], np.sqrt(np.sum(last_v * last_v)))
+        if m < _FEW:
+            for share in _INSIDE:
+                more_z, more_v = _block_changes(loads, groups, s, block_z, block_v, time, share * h)
+                more_z, more_v = _out_of_blocks(maps, s, more_z, more_v)
+                sizes[0] = max(sizes[0], np.sqrt(np.sum((z + more_z[:, 0]) ** 2)))
+                sizes[1] = max(sizes[1], np.sqrt(np.sum((v + more_v[:, 0]) ** 2)))
+        if k:
+            last = _rates(structure, maps, loads, s, time + h, last_z, last_v)
+            for a in range(2 * n):
+                columns[a] = columns[a] - first[a] * shift
+            columns, rows = _columns_after(maps, groups, s, h, columns)
+            later = (last_v - mean) / h if abs(h) * fastest > _SHORT else first[n:] / 6.0 + last[n:] / 3.0
+            slope = structure.rows @ (dv / h if h != 0.0 else first[n:].copy())
+            more = structure.rows @ later
+            for j in range(c):
+                mean_rows[i, j] = rows[j] + slope[j] * shift + more[j] * lengthen[i]
+            shift = shift + lengthen[i]
+            for j in range(k):
+                if np.max(np.abs(columns[:, j])) < _NOTHING * first_size[j]:
+                    columns[:, j] = 0.0
+            for a in range(2 * n):
+                columns[a] = columns[a] + last[a] * shift
+            shifts[i] = shift
+            end_rows[i] = structure.rows @ columns[:n].copy()
+            if all_columns.size:
+                all_columns[i] = columns
+        time += h
+        state = ends[i].copy()
+        if i < nodes.shape[0]:
+            if k:
+                columns[:, k - 1] += ends[i] - nodes[i]
+            state = nodes[i].copy()
+    return starts, ends, means, shifts, end_rows, mean_rows, columns, sizes
