@@ -69,6 +69,12 @@ class CompiledFunction:
         return self._dispatcher
 
     @property
+    def prepared(self) -> Callable[..., Any]:
+        """The plain function, which numba compiles from now on with the kernels that it calls."""
+        _numba()
+        return self.py_func
+
+    @property
     def callee(self) -> Any:
         """The function as other compiled functions call it."""
         if self._callee is None:

@@ -15,8 +15,7 @@ from vofem.integrators.stepped import interpolated
 from vofem.integrators.stepping.checks import check_contacts
 from vofem.integrators.stepping.kernel import Chunk
 from vofem.kernels.jit import jit
-from vofem.laws.evaluate import commit_all, dissipated, force_at, stored
-from vofem.laws.table import Laws
+from vofem.laws.law import END, FORCE, HISTORY, LOSS, START, STORED, Laws, ask, commit_laws
 from vofem.system import CLOSED, OPEN, ContactLaws
 
 Array = NDArray[np.float64]
@@ -50,7 +49,7 @@ class Path:
     """
 
     def __init__(self, rows: int, n: int, laws: Laws, pots: int, lags: bool) -> None:
-        m = laws.table.size
+        m = laws.table.shape[0]
         q, v, a = np.zeros((3, rows, n))
         u, reaction, damper = np.zeros((3, rows, m))
         self.chunk = Chunk(
@@ -313,7 +312,7 @@ class Record:
             last = np.flatnonzero(self.wanted[begin:end])
             if last.size:
                 self.past = path.chunk.past[row[last[-1]] - 1].copy()
-                commit_all(laws._replace(state=self.past), np.ascontiguousarray(u[:, last[-1]]))
+                commit_laws(laws._replace(state=self.past), np.ascontiguousarray(u[:, last[-1]]))
         if pots:
             left = np.maximum(row - 1, 0)
             row = np.where(x > 0.0, row, 0)
@@ -376,16 +375,16 @@ def _along(laws: Laws, states: Array, u: Array, histories: Array) -> None:
     for k in range(u.shape[1]):
         for i in range(laws.state.size):
             laws.state[i] = states[k, i]
-        for j in range(laws.table.size):
-            if laws.table[j]["end"] > laws.table[j]["start"]:
-                i = laws.table[j]["history"]
-                histories[0, i, k] = force_at(laws, j, u[j, k])
-                histories[1, i, k] = stored(laws, j, u[j, k])
-                histories[2, i, k] = dissipated(laws, j, u[j, k])
+        for j in range(laws.table.shape[0]):
+            if laws.table[j, END] > laws.table[j, START]:
+                i = laws.table[j, HISTORY]
+                histories[0, i, k] = ask(laws, j, FORCE, u[j, k], u[j, k])
+                histories[1, i, k] = ask(laws, j, STORED, u[j, k], u[j, k])
+                histories[2, i, k] = laws.state[laws.table[j, START]] + ask(laws, j, LOSS, u[j, k], u[j, k])
 
 
 def hysteretic_energy(laws: Laws, state: Array, u: Array) -> tuple[float, float]:
     """Return the energies in J that all laws with internal variables store at u, and that they have dissipated."""
-    found = np.zeros((3, int(laws.table["history"].max()) + 1, 1))
+    found = np.zeros((3, int(laws.table[:, HISTORY].max()) + 1, 1))
     _along(laws, state[None, :], u[:, None], found)
     return float(found[1].sum()), float(found[2].sum())

@@ -12,6 +12,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,8 @@ from vofem.io.storage.stand_ins import (
     name_of,
 )
 from vofem.io.storage.stored_field import StoredField
-from vofem.io.storage.tree import name_of_class
+from vofem.io.storage.tree import class_named, name_of_class
+from vofem.kernels.jit import CompiledFunction
 from vofem.laws import LawGroup, ScalarLaw, past_of
 from vofem.polynomial import Polynomial
 from vofem.scene import Scene, as_scene
@@ -127,6 +129,8 @@ class Encoder:
             return "plain", self._law(value)
         if isinstance(value, TimeFunction) and name_of_class(type(value)) is None:
             return "plain", StoredFunction.of(value, self._times)
+        if isinstance(value, FunctionType | CompiledFunction) and name_of_class(value) is not None:
+            return "function", name_of_class(value)
         if callable(value) and name_of_class(type(value)) is None:
             return "plain", StoredCallable(name_of(value))
         return None
@@ -212,6 +216,8 @@ def decode(tag: str, record: Any) -> Any:
         return BeamPoint(*record)
     if tag == "resolved":
         return Resolved(record)
+    if tag == "function":
+        return class_named(record)
     if tag == "scene":
         return Scene(record["bodies"], [_effect(effect) for effect in record["effects"]], record["initial"])
     raise KeyError(f"{tag!r} is no part of a scene")

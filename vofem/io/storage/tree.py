@@ -33,14 +33,17 @@ Decode = Callable[[str, Any], Any]
 _PARTS = ("data", "indices", "indptr")
 _SPARSE = ("csr_matrix", "csc_matrix", "csr_array", "csc_array")
 
-#: Name of every data class that a file may hold. Files know classes by these names only, so a class may be moved or
-#: renamed; then its place here changes.
+#: Name of every data class and every function of a law that a file may hold. Files know them by these names only, so
+#: they may be moved or renamed; then their place here changes.
 NAMES = {
     "approximated": "vofem.time_functions.approximated:Approximated",
-    "called_law": "vofem.laws.called:CalledLaw",
+    "backbone_law": "vofem.laws.hysteretic:backbone_law",
+    "backbone_slopes": "vofem.laws.hysteretic:cyclic_slopes",
     "constant": "vofem.time_functions.base:Constant",
     "contacts": "vofem.laws.contact:ContactLaws",
     "counters": "vofem.system:Counters",
+    "elements_law": "vofem.laws.hysteretic:elements",
+    "elements_slopes": "vofem.laws.hysteretic:element_slopes",
     "exponential_order": "vofem.fractional.laws:ExponentialOrder",
     "hysteretic_law": "vofem.laws.hysteretic:HystereticLaw",
     "hysteretic_laws": "vofem.laws.hysteretic:HystereticLaws",
@@ -85,14 +88,14 @@ NAMES = {
 _NAMES_OF = {place: name for name, place in NAMES.items()}
 
 
-def name_of_class(kind: type) -> str | None:
-    """Return the name of a class in files, or None if a file cannot hold its objects."""
+def name_of_class(kind: Any) -> str | None:
+    """Return the name of a class or of a law's function in files, or None if a file cannot hold it."""
     return _NAMES_OF.get(f"{kind.__module__}:{kind.__qualname__}")
 
 
 @cache
 def class_named(name: str) -> Any:
-    """Return the class that a name in `NAMES` stands for, imported when it is first needed."""
+    """Return the class or function that a name in `NAMES` stands for, imported when it is first needed."""
     module, _, qualified = NAMES[name].partition(":")
     return getattr(import_module(module), qualified)
 
