@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.laws.law import STORED, Law, LawSet
+from vofem.laws.law import FORCE, STORED, Law, LawSet
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -170,12 +170,13 @@ class LawGroup:
 
         Energy that depends on internal variables is recorded along the run.
         """
-        parts = [self.alone.along(j, STORED, u[j]) for j, law in enumerate(self.forms) if not law.remembers]
-        return np.sum([np.zeros(u.shape[1]), *parts], axis=0)
+        if self.recorded:
+            return np.zeros(u.shape[1])
+        return np.asarray(np.sum(self.alone.everywhere(STORED, u), axis=0))
 
     def reactions(self, u: Array) -> Array:
         """Return the forces in N that follow from u alone, shape (n_laws, n_times), for u of the same shape."""
-        return np.stack([self.alone.force(j, row) for j, row in enumerate(u)])
+        return self.alone.everywhere(FORCE, u)
 
     def numbers(self) -> Array:
         """Return all numbers that define the laws, by which two groups are compared; Python functions have none."""

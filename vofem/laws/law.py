@@ -300,6 +300,13 @@ def _along(laws: Laws, j: int, what: int, u: Array, answers: Array) -> None:
         answers[i] = ask(laws, j, what, u[i], u[i])
 
 
+@jit
+def _everywhere(laws: Laws, what: int, u: Array, answers: Array) -> None:
+    for j in range(u.shape[0]):
+        for i in range(u.shape[1]):
+            answers[j, i] = ask(laws, j, what, u[j, i], u[j, i])
+
+
 # -- laws for all other code --------------------------------------------------------------------------------
 
 
@@ -391,6 +398,15 @@ class LawSet:
         answers = np.empty(u.size)
         _along(self.records, j, what, np.ascontiguousarray(u.ravel()), answers)
         return answers.reshape(u.shape)
+
+    def everywhere(self, what: int, u: Array) -> Array:
+        """Return what every law answers at coordinates u, shape (n_laws, n), of the same shape."""
+        u = np.ascontiguousarray(u, dtype=float)
+        if all(isinstance(law.function, CompiledFunction) for law in self.laws):
+            answers = np.empty(u.shape)
+            _everywhere(self.records, what, u, answers)
+            return answers
+        return np.stack([self.along(j, what, row) for j, row in enumerate(u)])
 
     def force(self, j: int, u: Array) -> Array:
         """Return forces of law j at coordinates u, N."""

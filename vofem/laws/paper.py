@@ -153,10 +153,6 @@ class PrintedLaws(ListedLaws):
         """Return stiffness, linear limit and limit load."""
         return np.array([self.driven.stiffness, self.driven.linear_limit, self.driven.limit])
 
-    def potential(self, u: Array) -> Array:
-        """Return zeros: the energy is recorded along the run."""
-        return np.zeros(u.shape[1])
-
 
 def path_needed(label: str) -> str:
     """Return why a law with internal variables has no equilibrium without a load path."""

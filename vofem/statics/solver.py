@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from vofem.errors import SingularSystemError
 from vofem.integrators.rounding import graded
 from vofem.laws import CLOSED, OPEN, PINNED, LawSet
+from vofem.laws.law import FORCE, TANGENT
 from vofem.laws.rows import all_rows
 from vofem.statics.coordinates import Coordinates
 from vofem.statics.line_search import lowest
@@ -139,8 +140,10 @@ class EquilibriumSolver:
         reaction, tangent, status = np.empty(u.size), np.empty(u.size), np.full(u.size, CLOSED, dtype=np.int64)
         if self._contacts is not None:
             reaction[:first], tangent[:first], status[:first] = self._contacts.respond(u[:first], width)
-        for j in range(first, u.size):
-            reaction[j], tangent[j] = self.laws.force(j, u[[j]])[0], self.laws.tangent(j, u[[j]])[0]
+        if first < u.size:
+            reaction[first:], tangent[first:] = (
+                self.laws.everywhere(what, u[:, None])[first:, 0] for what in (FORCE, TANGENT)
+            )
         return reaction, tangent, reaction - tangent * u, status
 
     def _near(self, u: Array) -> NDArray[np.int64]:

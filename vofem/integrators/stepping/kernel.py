@@ -325,7 +325,9 @@ def advance(
         else:
             _predict(q0, v0, a0, q1, v1, dt, dt * dt * numbers.cqa, dt * numbers.cva)
             for j in range(m):
-                work.base[j], work.rate[j] = dot(rows, j, q1), dot(rows, j, v1)
+                work.base[j] = dot(rows, j, q1)
+                # Only dampers ask for it, and springpots, which count as such.
+                work.rate[j] = dot(rows, j, v1) if dampers else 0.0
         if pots is not None:
             begin_springpots(pots, k, laws, way, chunk.pots, u0, work.base, work.rate)
         for j in range(m):
@@ -411,7 +413,7 @@ def advance(
         else:
             _correct(q1, v1, a0, a1, x, dt * dt * numbers.cqw, dt * numbers.cvw, 1.0 / (1.0 - numbers.alpha_m))
         for j in range(m):
-            chunk.u[k + 1, j] = dot(rows, j, q1)
+            chunk.u[k + 1, j] = work.base[j] if explicit else dot(rows, j, q1)
             chunk.reaction[k + 1, j] = found[j]
             if dampers:
                 damper = damper_over(laws, j, way, u0[j], chunk.u[k + 1, j], dot(rows, j, v1))
@@ -446,9 +448,10 @@ def _react(
     m, reach, acts = y.size, per_y * weight, False
     for i in range(m):
         free[i] = (work.rate[i] if way.explicit else work.base[i]) + per_y * free[i]
-        for j in range(m):
-            if work.held[j] != 0.0:
-                free[i] += reach * compliance[i, j] * work.held[j]
+    for j in range(m):
+        if work.held[j] != 0.0:
+            for i in range(m):
+                free[i] += reach * compliance[j, i] * work.held[j]
     for j in range(m):
         force[j] = force_over(laws, j, way, u0[j], work.base[j] if way.explicit else free[j], free[j], before[j])
         acts = acts or force[j] != 0.0
@@ -460,9 +463,11 @@ def _react(
         off, size, size_of = 0.0, 0, 0.0
         for j in range(m):
             y[j], change[j] = free[j], 0.0
-            for i in range(m):
-                if found[i] != 0.0:
-                    y[j] -= reach * compliance[j, i] * found[i]
+        for i in range(m):
+            if found[i] != 0.0:
+                for j in range(m):
+                    y[j] -= reach * compliance[i, j] * found[i]
+        for j in range(m):
             if way.explicit:
                 # Forces are known but for dampers, which are linear in the rate.
                 slope[j] = slope_over(laws, j, way, u0[j], work.base[j])

@@ -120,19 +120,24 @@ class Switches:
         s = path.chunk.u[first : path.filled + 1, :m] - laws.gap
         q = path.chunk.q[first + 1 : path.filled + 1, self._columns]
         sizes = (self._sizes @ np.abs(q).T).T + np.abs(laws.gap)
-        sizes = np.maximum.accumulate(np.append(self.size, sizes))
-        self.size = float(sizes[-1])
-        noise = _ROUNDING * sizes[1:].reshape(-1, m)
-        # A gap function within its rounding leaves the status as it was.
-        known = np.vstack([np.ones((1, m), dtype=bool), np.abs(s[1:]) > noise])
-        status = np.vstack([self.status[None, :], np.where(s[1:] > 0.0, CLOSED, OPEN)])
-        last = np.maximum.accumulate(np.where(known, np.arange(count + 1)[:, None], 0), axis=0)
-        status = np.take_along_axis(status, last, axis=0)
-        acts = (path.chunk.reaction[first + 1 : path.filled + 1, :m] != 0.0) | (status[:-1] == CLOSED)
-        turned = np.where(status[:-1] == CLOSED, s[1:] < 0.0, s[1:] > 0.0)
-        path.turns[first + 1 : path.filled + 1] = np.any(acts & turned, axis=1)
-        step, contact = np.nonzero(status[1:] != status[:-1])
-        self.status = status[-1]
+        before, closed = self.size, np.empty((count + 1, m), dtype=bool)
+        self.size = max(before, float(sizes.max()))
+        closed[0] = self.status == CLOSED
+        np.greater(s[1:], 0.0, out=closed[1:])
+        rows = slice(first + 1, path.filled + 1)
+        path.turns[rows] = False
+        if np.abs(s[1:]).min() <= _ROUNDING * self.size:
+            # A gap function within its rounding leaves the status as it was.
+            noise = _ROUNDING * np.maximum.accumulate(np.append(before, sizes))[1:].reshape(-1, m)
+            known = np.vstack([np.ones((1, m), dtype=bool), np.abs(s[1:]) > noise])
+            last = np.maximum.accumulate(np.where(known, np.arange(count + 1)[:, None], 0), axis=0)
+            closed = np.take_along_axis(closed, last, axis=0)
+        turned = np.where(closed[:-1], s[1:] < 0.0, s[1:] > 0.0)
+        step, contact = np.nonzero(turned)
+        acts = (path.chunk.reaction[rows][step, contact] != 0.0) | closed[step, contact]
+        path.turns[first + 1 + step[acts]] = True
+        step, contact = np.nonzero(closed[1:] != closed[:-1])
+        self.status = np.where(closed[-1], CLOSED, OPEN)
         if not step.size:
             return
         before, after = s[step, contact], s[step + 1, contact]
@@ -141,7 +146,7 @@ class Switches:
         row = first + 1 + step
         t = path.t[row] - path.dt[row] * (1.0 - np.clip(part, 0.0, 1.0))
         within = t <= t_end * (1.0 + 1e-12)
-        self.log.append(np.column_stack([t, contact, status[step + 1, contact]])[within])
+        self.log.append(np.column_stack([t, contact, np.where(closed[step + 1, contact], CLOSED, OPEN)])[within])
 
 
 class Record:

@@ -258,7 +258,7 @@ class StepDoubling(StepSizeControl, Run):
         if laws.state.size:
             laws.state[:] = chunk.past[0]
             tangents = np.zeros(chunk.u.shape)
-            for j in np.flatnonzero(self.bends[m:]) + m:
+            for j in (np.flatnonzero(self.bends[m:]) + m).tolist():
                 tangents[:, j] = laws.tangent(j, chunk.u[:, j])
             stiff = np.max(np.abs(tangents), axis=0)
             jumps = np.max(np.abs(tangents[1:] - tangents[:-1]), axis=0) > 0.5 * stiff
