@@ -212,6 +212,9 @@ def test_progress(monkeypatch):
     monkeypatch.setattr(sys, "stderr", screen)
     vf.simulate(scene, 100.0, method="energy_conserving", dt=1e-2)
     assert "100 s" in screen.getvalue()
+    # Steps under a tolerance may take long: the bar says what does not.
+    vf.simulate(scene, 2.0, method="energy_conserving", tol=0.1)
+    assert "event_driven needs no steps here" in screen.getvalue()
     quiet = io.StringIO()
     monkeypatch.setattr(sys, "stderr", quiet)
     vf.simulate(scene, 100.0, method="energy_conserving", dt=1e-2)

@@ -325,6 +325,9 @@ def test_the_displacement_law_on_a_branch():
             # The linear response reaches the stop: in closed form.
             w = point.value
             assert 0.15 / abs(1.0 - w**2 + 0.1j * w) == pytest.approx(1.0, abs=1e-11)
+            # The multipliers are those of one side.
+            assert point.orbit.stable is None
+            assert "at a grazing" in point.orbit.stability
             continue
         assert returned(point.orbit, start) == pytest.approx(start, abs=1e-9)
         # Differences of the return along the eigenvector of the critical multiplier.

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from orbit_scenes import nlvib_03
+from orbit_scenes import bilinear, nlvib_03
 
 import vofem as vf
 from vofem.studies.steady.harmonic_balance import HarmonicBalance
@@ -213,6 +213,21 @@ def test_multipliers_of_a_beam_agree_with_shooting(damped):
         assert orbit.stable
     assert errors[1] < (1e-5 if damped else 1e-6)
     assert errors[1] < 0.1 * errors[0]
+
+
+def test_special_points_along_a_branch():
+    """A flip by the multipliers of harmonic balance approaches that of shooting with the third power of H."""
+    (exact,) = vf.continuation(bilinear, 2.5, 2.2).special
+    assert exact.kind == "period_doubling"
+    errors = []
+    for harmonics in (10, 20):
+        branch = vf.continuation(bilinear, 2.5, 2.2, method="harmonic_balance", harmonics=harmonics)
+        (flip,) = branch.special
+        assert flip.kind == "period_doubling"
+        assert np.min(np.abs(flip.orbit.multipliers + 1.0)) < 1e-9
+        errors.append(abs(flip.value - exact.value))
+    assert errors[1] < 2e-6
+    assert 5.0 < errors[0] / errors[1] < 12.0
 
 
 def test_too_few_harmonics_do_not_decide_the_stability():

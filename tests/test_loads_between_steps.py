@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 import vofem as vf
+from vofem.io import plot
 
 pytestmark = pytest.mark.kernels("plain")
 
@@ -108,6 +109,18 @@ def test_a_tolerance_holds_across_a_pulse_also_between_steps(tol, stiffness):
     assert np.max(np.abs(result.displacement(m) - expected)) < 10.0 * tol * np.max(np.abs(expected))
 
 
+@pytest.mark.parametrize("tol", [3e-3, 3e-2])
+def test_steps_that_become_shorter_at_a_pulse_take_its_impulse_once(tol):
+    linear, bilinear = vf.Mass(1.0, 100.1, damping=20.0), vf.Mass(1.0, 0.1, damping=20.0)
+    spring = vf.BilinearSpring(bilinear, stiffness=100.0, linear_limit=0.01, hardening=0.01)
+    pulse, times = vf.Pulse(3.0, 15.0, 0.02), np.linspace(14.9, 16.0, 401)
+    right = vf.simulate(vf.Scene([linear], [vf.PointLoad(linear, pulse)]), 20.0, times=times).displacement(linear)
+    # The spring does not yield.
+    scene = vf.Scene([bilinear], [spring, vf.PointLoad(bilinear, pulse)])
+    found = vf.simulate(scene, 20.0, method="generalized_alpha", tol=tol, times=times).displacement(bilinear)
+    assert np.max(np.abs(found - right)) < 2.0 * tol * np.max(right)
+
+
 def test_a_tolerance_holds_under_a_sine_whose_phase_the_steps_might_follow():
     """Steps that are large at one phase of the load only would add up to 1e-4."""
     m = vf.Mass(1.0, 4.0)
@@ -160,3 +173,17 @@ def test_a_frequency_in_hertz():
     for wrong in ({}, {"omega": 1.0, "frequency": 1.0}):
         with pytest.raises(vf.ArgumentError, match="exactly one"):
             vf.Sine(1.0, **wrong)
+
+
+def test_what_was_given_in_hertz_stays_in_hertz(tmp_path):
+    m = vf.Mass(1.0, 100.0, damping=0.4, name="m")
+    scene = vf.Scene([m], [vf.PointLoad(m, vf.Sine(1.0, frequency=1.5))])
+    vf.dump_scene(scene, tmp_path / "scene.toml")
+    assert "frequency = 1.5" in (tmp_path / "scene.toml").read_text()
+    for one in (scene, vf.load_scene(tmp_path / "scene.toml").scene):
+        assert "frequency=1.5" in repr(one.effects[0].f)
+        orbit = vf.periodic(one)
+        assert "1.5 Hz" in repr(orbit)
+        assert plot.phase_portrait(orbit, one.bodies[0]).get_title().endswith("1.5 Hz")
+    with pytest.raises(vf.ArgumentError, match=r"1\.5 Hz"):
+        vf.periodic(vf.Scene([m], [*scene.effects, vf.PointLoad(m, vf.Sine(1.0, frequency=2.0**0.5))]))

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import KW_ONLY, dataclass
+from typing import Annotated, ClassVar
 
 import numpy as np
 import pytest
@@ -12,16 +12,14 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import vofem as vf
-from vofem.bodies.base import as_point
+from vofem.effects.kinds import AtPoint
 from vofem.io.scene_file import load_scene
-from vofem.io.scenes.entry import Entry
-from vofem.io.scenes.kinds import POSITIVE
-from vofem.io.scenes.parts import PointByName
 from vofem.io.scenes.schema import EFFECTS
 from vofem.kernels.jit import jit
 from vofem.laws import HystereticLaw, Law, LawGroup, SmoothLaws
 from vofem.laws.group import ListedLaws
 from vofem.laws.law import COMMIT, FORCE, LOSS, MEAN, STORED, TANGENT, affine
+from vofem.parameters import Name, Real, declared
 
 pytestmark = pytest.mark.kernels("plain")
 
@@ -53,12 +51,15 @@ class SinhLaw:
         return self.stiffness * math.cosh(u / self.length)
 
 
+@declared()
 class SinhSpring:
     """The effect: a spring from a point to ground."""
 
-    def __init__(self, point, *, stiffness, length, name="sinh"):
-        self.name, self.point = name, as_point(f"SinhSpring {name!r}: point", point)
-        self.stiffness, self.length = stiffness, length
+    point: Annotated[vf.bodies.Point, AtPoint()]
+    _: KW_ONLY
+    stiffness: Annotated[float, Real("N/m", "Stiffness at u = 0.", above=0.0)]
+    length: Annotated[float, Real("m", "Elongation over which the spring stiffens.", above=0.0)]
+    name: Annotated[str, Name()] = "sinh"
 
     def points(self):
         return (self.point,)
@@ -397,11 +398,7 @@ def test_statics_takes_it_harmonic_balance_does_not_and_runs_with_it_are_saved(t
 
 
 def test_an_entry_makes_it_part_of_scene_files(tmp_path, monkeypatch):
-    monkeypatch.setitem(
-        EFFECTS,
-        "sinh_spring",
-        Entry("sinh_spring", SinhSpring, {"point": PointByName(), "stiffness": POSITIVE, "length": POSITIVE}),
-    )
+    monkeypatch.setitem(EFFECTS, "sinh_spring", SinhSpring)
     file = tmp_path / "scene.toml"
     file.write_text(
         '[[mass]]\nname = "m"\nmass = 1.0\n[[sinh_spring]]\npoint = "m"\nstiffness = 40.0\nlength = 0.1\n'

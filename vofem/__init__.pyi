@@ -56,6 +56,8 @@ from .io.scene_file import load_scene as load_scene
 from .polynomial import Polynomial as Polynomial
 from .result import Result as Result
 from .scene import Scene as Scene
+from .sensitivities import Parameter as Parameter
+from .sensitivities import sensitivities as sensitivities
 from .simulate.explanation import explain as explain
 from .simulate.simulation import simulate as simulate
 from .statics import Equilibrium as Equilibrium
@@ -67,11 +69,13 @@ from .studies.diagrams import basins as basins
 from .studies.diagrams import bifurcation_diagram as bifurcation_diagram
 from .studies.diagrams import stability_map as stability_map
 from .studies.steady import Branch as Branch
+from .studies.steady import Locus as Locus
 from .studies.steady import PeriodicOrbit as PeriodicOrbit
 from .studies.steady import SpecialPoint as SpecialPoint
 from .studies.steady import backbone as backbone
 from .studies.steady import continuation as continuation
 from .studies.steady import frequency_response as frequency_response
+from .studies.steady import locus as locus
 from .studies.steady import lyapunov as lyapunov
 from .studies.steady import periodic as periodic
 from .studies.steady import poincare as poincare

@@ -9,6 +9,7 @@ import numpy as np
 
 from vofem.system import System
 from vofem.time_functions import Sine, Tabulated
+from vofem.time_functions.parts import parts_of
 
 
 def doubtful(system: System, t_end: float) -> list[str]:
@@ -39,15 +40,6 @@ def undamped(system: System) -> list[str]:
         "scene: nothing damps the motion, so no orbit attracts its neighbours, and resonances are not bounded; add "
         "RayleighDamping, ModalDamping or a Dashpot if the structure has losses"
     ]
-
-
-def parts_of(function: Any) -> Iterator[Any]:
-    """Yield the functions of which a sum, or a multiple of a function, is made."""
-    inner = getattr(function, "terms", None) or [one for one in (getattr(function, "function", None),) if one]
-    if not inner:
-        yield function
-    for part in inner:
-        yield from parts_of(part)
 
 
 def _of_load(name: str, function: Any, t_end: float) -> Iterator[str]:

@@ -118,15 +118,17 @@ class RunProgress:
         Seconds of wall time between two snapshots.
     first : str
         Work that takes long before the first step; shown until the run reports its first time.
+    hint : str
+        Shown beside the bar: what would make the run shorter.
     """
 
     def __init__(
         self, t_end: float, progress: Progress, save: Callable[[dict[str, Any]], None] | None, every: float,
-        first: str = "",
+        first: str = "", hint: str = "",
     ) -> None:  # fmt: skip
         label = "simulate", "the time reached and t_end"
         self._bar = TerminalBar(label, progress, t_end, "t = {task.completed:.4g} of {task.total:.4g} s")
-        self._t_end, self._save, self._every, self._first = t_end, save, every, first
+        self._t_end, self._save, self._every, self._first, self._hint = t_end, save, every, first, hint
         self._saved = time.monotonic()
 
     @property
@@ -134,13 +136,17 @@ class RunProgress:
         """Whether nothing is to be shown, called or saved."""
         return self._save is None and self._bar.idle
 
-    def __call__(self, t: float, snapshot: Callable[[], dict[str, Any]], last: bool = False) -> None:
-        """Take note of the time reached in s."""
+    def __call__(self, t: float, snapshot: Callable[[], dict[str, Any]] | None, last: bool = False) -> None:
+        """Take note of the time reached in s, without a snapshot that of a coarser run before the run."""
+        if snapshot is None:
+            self._bar.update(t, self._hint or "a coarser run first", at_once=bool(self._first))
+            self._first = ""
+            return
         if self._save is not None and (last or time.monotonic() - self._saved >= self._every):
             self._save(snapshot())
             self._saved = time.monotonic()
         # The work before the first step, such as compilation, is over, so its description is removed at once.
-        self._bar.update(t, at_once=bool(self._first), report=(t, self._t_end))
+        self._bar.update(t, self._hint, at_once=bool(self._first), report=(t, self._t_end))
         self._first = ""
 
     def __enter__(self) -> Self:

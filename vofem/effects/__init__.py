@@ -48,4 +48,4 @@ __all__ = [
     "TimeFunction",
 ]
 
-public(*(globals()[name] for name in __all__ if name != "TimeFunction"))
+public(Approximated)

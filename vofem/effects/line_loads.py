@@ -14,6 +14,7 @@ from vofem.effects.base_motion import BaseMotion
 from vofem.effects.foundation import Foundation
 from vofem.effects.loads import DistributedLoad, Gravity
 from vofem.errors import MissingCallableError
+from vofem.time_functions import as_time_function
 
 Array = NDArray[np.float64]
 
@@ -58,11 +59,11 @@ def line_loads(effects: Iterable[Any], beam: Beam) -> LineLoads:
     for effect in effects:
         match effect:
             case DistributedLoad() if effect.beam is beam:
-                loads.append((effect.along, effect.f))
+                loads.append((effect.along, as_time_function(effect.f)))
             case Gravity():
                 loads.append((lambda x, g=effect.g: -g * beam.mass_per_length(x), np.ones_like))  # type: ignore[misc]
             case BaseMotion() if effect.body is beam:
-                loads.append((lambda x: -beam.mass_per_length(x), effect.acceleration))
+                loads.append((lambda x: -beam.mass_per_length(x), as_time_function(effect.acceleration)))
             case Foundation() if effect.beam is beam and not effect.one_sided:
                 bedding.append(effect.along)
             case _:

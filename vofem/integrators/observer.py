@@ -14,14 +14,14 @@ Snapshot = dict[str, Any]
 class Observer(Protocol):
     """A function that a run calls from time to time, to show progress and to save checkpoints."""
 
-    def __call__(self, t: float, snapshot: Callable[[], Snapshot], last: bool = False) -> None:
+    def __call__(self, t: float, snapshot: Callable[[], Snapshot] | None, last: bool = False) -> None:
         """Take notice of the time t in s that the run has reached.
 
         Parameters
         ----------
         t : float
         snapshot : callable
-            Returns the state of the run as plain data, from which it can be resumed.
+            Returns the state of the run as plain data, from which it can be resumed. None in a coarser run before it.
         last : bool
             Whether the run is interrupted after this call.
         """

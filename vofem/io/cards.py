@@ -17,7 +17,7 @@ from vofem.histories.touches import spans_of
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.simulate.explanation import Explanation
-from vofem.studies.steady import Branch, PeriodicOrbit
+from vofem.studies.steady import Branch, Locus, PeriodicOrbit
 
 #: Contacts, special points and lines that are listed; orbits whose amplitude is drawn.
 _CONTACTS, _SPECIAL, _LINES, _ORBITS = 6, 10, 12, 40
@@ -29,7 +29,7 @@ Rows = Iterable[tuple[str, str]]
 
 
 def card_of(thing: Any) -> str:
-    """Return the card of a Result, PeriodicOrbit, Branch, Scene, Explanation or Table as HTML."""
+    """Return the card of a Result, PeriodicOrbit, Branch, Locus, Scene, Explanation or Table as HTML."""
     for kind, make in _CARDS:
         if isinstance(thing, kind):
             return make(thing)
@@ -106,6 +106,22 @@ def _branch(branch: Branch) -> str:
     return _card("Branch", rows, _axes(figure) if len(branch) else "", branch.notes)
 
 
+def _locus(locus: Locus) -> str:
+    low, high = locus.values.min(axis=0), locus.values.max(axis=0)
+    rows = [
+        ("kind", locus.kind.replace("_", " ")),
+        ("value", f"{low[0]:.6g} to {high[0]:.6g}"),
+        ("other", f"{low[1]:.6g} to {high[1]:.6g}"),
+    ]
+    rows += [(one.kind.replace("_", " "), f"{one.value:.9g}, {one.other:.9g}") for one in locus.special[:_SPECIAL]]
+
+    def figure(axes: Any) -> None:
+        axes.plot(*locus.values.T, color="#16181d", linewidth=1.0)
+        axes.set(xlabel="value", ylabel="other")
+
+    return _card("Locus", rows, _axes(figure), locus.notes)
+
+
 def _scene(scene: Scene) -> str:
     rows = [("body", body.summary()) for body in scene.bodies[:_LINES]]
     if len(scene.bodies) > _LINES:
@@ -148,6 +164,7 @@ _CARDS: tuple[tuple[type, Callable[[Any], str]], ...] = (
     (Result, _result),
     (PeriodicOrbit, _orbit),
     (Branch, _branch),
+    (Locus, _locus),
     (Scene, _scene),
     (Explanation, _explanation),
     (Table, _table),

@@ -13,7 +13,14 @@ from vofem.io.pictures.maps import state_map
 from vofem.io.pictures.profiles import shapes
 from vofem.io.pictures.space_time import space_time
 from vofem.io.pictures.spectra import spectrum
-from vofem.io.pictures.steady import backbone_curve, multipliers, phase_portrait, poincare_section, response_curve
+from vofem.io.pictures.steady import (
+    backbone_curve,
+    locus,
+    multipliers,
+    phase_portrait,
+    poincare_section,
+    response_curve,
+)
 from vofem.io.pictures.sweeps import sweep_curves
 from vofem.io.pictures.work_precision import work_precision
 
@@ -24,6 +31,7 @@ __all__ = [
     "event_raster",
     "force_histogram",
     "impact_statistics",
+    "locus",
     "multipliers",
     "phase_portrait",
     "poincare_section",

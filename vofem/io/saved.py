@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def load(path: str | os.PathLike[str], *, scene: Scene | None = None) -> Any:
-    """Read a file that `Result.save`, `Branch.save` or `vofem.sweep` has written.
+    """Read a file that `Result.save`, `Branch.save`, `Locus.save` or `vofem.sweep` has written.
 
     Every quantity at `times` is the same as before, to the last bit. For an
     event-driven run this also holds at other times, on a machine with the same
@@ -37,7 +37,7 @@ def load(path: str | os.PathLike[str], *, scene: Scene | None = None) -> Any:
 
     Returns
     -------
-    Result, Branch or Sweep
+    Result, Branch, Locus or Sweep
         Of the store of a sweep its table, with all rows that are stored. The function is not in the file.
 
     Raises
@@ -45,7 +45,7 @@ def load(path: str | os.PathLike[str], *, scene: Scene | None = None) -> Any:
     StorageError
         If the file is missing, of another kind, damaged, or of another format.
     ArgumentError
-        If the scene is not the same, or the file holds a branch, which keeps its scenes.
+        If the scene is not the same, or the file holds a branch or a locus, which keep their scenes.
     MissingCallableError
         If the run has bodies of other classes and the scene was not given.
     """
@@ -57,10 +57,11 @@ def load(path: str | os.PathLike[str], *, scene: Scene | None = None) -> Any:
     if holds_sweep(path):
         return stored_sweep(Path(path))
     with reading(path) as file:
-        if branch_file.GROUP not in file:
+        what = branch_file.holds(file)
+        if not what:
             return run_file.read(file, scene)
         if scene is not None:
-            raise ArgumentError(f"load: {path} holds a branch with its scenes, expected a run; leave out scene=")
+            raise ArgumentError(f"load: {path} holds a {what} with its scenes, expected a run; leave out scene=")
         return branch_file.read(file)
 
 

@@ -103,14 +103,18 @@ def cheaper(system: System, t_end: float) -> list[str]:
 _MUCH = 10_000
 
 
+def exact_instead(system: System, t_end: float, tol: float) -> str:
+    """Return the method without steps that ``method="auto"`` takes in place of steps under a tolerance, or ""."""
+    better = choose(system, t_end, tol).method
+    return better if method_named(better).exact else ""
+
+
 def without_steps(system: System, t_end: float, tol: float, steps: int) -> list[str]:
     """Return a note if a run took many steps under a tolerance where ``method="auto"`` takes none."""
-    if steps * system.size < _MUCH:
-        return []
-    better = choose(system, t_end, tol)
-    if not method_named(better.method).exact:
+    better = exact_instead(system, t_end, tol) if steps * system.size >= _MUCH else ""
+    if not better:
         return []
     return [
-        f"cost: tol = {tol:g} took {steps} steps, and stiff stops or quick modes ask for more of them; {better.method} "
+        f"cost: tol = {tol:g} took {steps} steps, and stiff stops or quick modes ask for more of them; {better} "
         "takes no steps and meets any tolerance for this scene, and method='auto' chooses it"
     ]

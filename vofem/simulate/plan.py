@@ -22,7 +22,7 @@ from vofem.laws.law import FEWEST_IN_BAND
 from vofem.progress import Progress, RunProgress
 from vofem.result import Result
 from vofem.scene import Scene
-from vofem.simulate.methods import cheaper, without_steps
+from vofem.simulate.methods import cheaper, exact_instead, without_steps
 from vofem.simulate.start_time import model_at
 from vofem.system import State, System
 
@@ -87,6 +87,10 @@ def run_plan(
         raise MethodError(reason)
     wanted = plan.compiled if plan.compiled is not None else decided()
     choice = choose(kind_of_run(method, system), wanted)
+    hint = ""
+    if not method.exact and "tol" in plan.options:
+        better = exact_instead(system, plan.t_end, plan.options["tol"])
+        hint = f"{better} needs no steps here" if better else ""
     while True:
         planned = replace(plan, compiled=choice.compiled)
         save = None if writer is None else writer(planned)
@@ -94,7 +98,7 @@ def run_plan(
         begun = time.thread_time()
         try:
             with (
-                RunProgress(plan.t_end, progress, save, every, first) as run_progress,
+                RunProgress(plan.t_end, progress, save, every, first, hint) as run_progress,
                 kernels(compiled=choice.compiled, patience=choice.patience),
                 blas_threads(system.size),
             ):
@@ -122,7 +126,8 @@ def kind_of_run(method: Method, system: System) -> str:
         return method.name
     count = sum(len(group) for group in system.laws)
     parts = ["steps", *(["many laws" if count >= FEWEST_IN_BAND else "laws"] if count else [])]
-    return ", ".join([*parts, *sorted({group.kind for group in system.laws})])
+    # Loops hold no formulas of laws, but what springpots need over a step.
+    return ", ".join([*parts, *(["springpots"] if not all(group.past_is_kept for group in system.laws) else [])])
 
 
 def _run(scene: Scene, plan: Plan, observer: RunProgress | None, snapshot: dict[str, Any] | None) -> Result:

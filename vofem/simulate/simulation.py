@@ -79,7 +79,8 @@ def simulate(
     progress : bool or callable, optional
         Whether a progress bar is shown on the standard error stream. None, the
         default, shows it if that is a terminal and the run takes longer than a
-        second. A function is called with the time reached and t_end, in s.
+        second. Beside steps under a tolerance it names a method that needs
+        none. A function is called with the time reached and t_end, in s.
     probes : points, or dict of str to point, optional
         Points whose motion is recorded at every step, however few `times` there
         are; see `Result.probes`. Methods without steps record it at `times`.

@@ -10,8 +10,9 @@ at grazings too.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,12 +20,11 @@ from numpy.typing import NDArray
 from vofem.errors import ConvergenceError
 from vofem.integrators.event_driven.flow import modes_of
 from vofem.integrators.event_driven.motion import Forcing, Motion, start_motion
+from vofem.integrators.event_driven.pieces import Answers, Maps, Structure, answers, maps, pass_segments, structure
 from vofem.integrators.event_driven.pinned import Reactions, reactions
-from vofem.integrators.event_driven.solution import EventSolution
-from vofem.integrators.event_driven.spectrum import Spectrum
-from vofem.integrators.event_driven.tangent import acceleration, oscillators
-from vofem.linalg.exponential import matrix_change, oscillator_changes
-from vofem.system import Counters, System
+from vofem.integrators.event_driven.spectrum import Spectra, Spectrum
+from vofem.system import CLOSED, Counters, System
+from vofem.time_functions import TimeFunction
 
 Array = NDArray[np.float64]
 Status = NDArray[np.int64]
@@ -32,50 +32,78 @@ Status = NDArray[np.int64]
 #: Largest growth of a motion over a segment of negative duration, as the logarithm of a factor.
 _GROWTH = 20.0
 
-#: Duration, over the time in which the fastest motion of the loads turns by 1 rad, below which the difference of mean
-#: and last velocity is computed from accelerations.
-_SHORT = 1e-5
-
-#: A column that has shrunk to this share of its first size is zero.
-_NOTHING = 1e-33
+#: Sets of statuses whose maps a system keeps.
+_MOST_SETS = 4
 
 
 @dataclass(frozen=True)
-class Stretch:
-    """A segment of a motion.
+class Path:
+    """A motion through m segments with k columns, over n modes and c contacts.
 
     Attributes
     ----------
-    time, duration : float
-        In s; the duration may be slightly negative.
-    status : ndarray of int, shape (n_contacts,)
-    motion : Motion
-    displacement, velocity : ndarray, shape (n,)
-        Modal state at the end.
-    mean : ndarray, shape (n,)
-        Mean velocity; that at the start if the duration is zero.
-    first, last : ndarray, shape (2n,)
-        Rates of the state at both ends, under the status of the segment.
+    course : Course
+    statuses : list of ndarray of int, each (c,)
+    times, durations : ndarray, shape (m,)
+        In s; durations may be slightly negative.
+    starts, ends : ndarray, shape (m, 2n)
+        Modal states.
+    means : ndarray, shape (m, c)
+        Mean rates of the contacts' coordinates; those at the start if the duration is zero.
+    shifts : ndarray, shape (m, k)
+        Derivatives of the times of the ends.
+    end_rows, mean_rows : ndarray, shape (m, c, k)
+        Derivatives of the contacts' coordinates at the ends, whose times move with `shifts`, and of `means`.
     columns : ndarray, shape (2n, k)
-        Derivatives of the state at the end, whose time moves with `shift`; empty without columns.
-    shift : ndarray, shape (k,)
-        Derivatives of the time of the end.
-    mean_columns : ndarray, shape (n_contacts, k)
-        Derivatives of the mean rates of the contacts' coordinates.
+        Derivatives of the last state.
+    all_columns : ndarray, shape (m, 2n, k)
+        Derivatives of the states at all ends; empty where they were not asked for.
+    sizes : (float, float)
+        Largest norms of displacement and velocity.
     """
 
-    time: float
-    duration: float
-    status: Status
-    motion: Motion
-    displacement: Array
-    velocity: Array
-    mean: Array
-    first: Array
-    last: Array
+    course: Course
+    statuses: Sequence[Status]
+    times: Array
+    durations: Array
+    starts: Array
+    ends: Array
+    means: Array
+    shifts: Array
+    end_rows: Array
+    mean_rows: Array
     columns: Array
-    shift: Array
-    mean_columns: Array
+    all_columns: Array
+    sizes: tuple[float, float]
+
+    def stripped(self) -> Path:
+        """Return the path without its columns, which take memory."""
+        nothing = np.empty((0, 0, 0))
+        return replace(
+            self,
+            shifts=np.empty((0, 0)),
+            end_rows=nothing,
+            mean_rows=nothing,
+            columns=np.empty((0, 0)),
+            all_columns=nothing,
+        )
+
+    def motion(self, segment: int) -> Motion:
+        """Return the motion of a segment."""
+        return self.course.motion(self.statuses[segment], float(self.times[segment]), self.starts[segment])
+
+    def reactions(self, segment: int) -> Reactions:
+        """Return the reactions of the pinned contacts of a segment."""
+        return self.course.reactions(self.statuses[segment], float(self.times[segment]))
+
+
+class _Table(NamedTuple):
+    """The statuses that a course has met: their numbers, and arrays for compiled code."""
+
+    numbers: dict[bytes, int]
+    statuses: list[Status]
+    maps: Maps
+    answers: Answers
 
 
 class Course:
@@ -93,53 +121,85 @@ class Course:
     def __init__(self, system: System, horizon: float, counters: Counters) -> None:
         self.system, self.horizon = system, horizon
         self.space = modes_of(system, counters)
-        self._solution = EventSolution(system, self.space, horizon, np.zeros(1), counters)
+        self._spectra = Spectra(self.space, system.contacts, counters, system.cache)
         self._forcing: dict[bytes, Forcing] = {}
-        self._rows: dict[bytes, tuple[Array, Array]] = {}
+        self._table: _Table | None = None
 
     def forcing(self, status: Status, time: float) -> Forcing:
         """Return the modal force at a time in s."""
         key = status.tobytes()
         if key not in self._forcing:
-            self._forcing[key] = self._solution.forcing(0.0, status)
+            laws, shift_force = self.system.contacts, self.spectrum(status).real.shift_force
+            constant = self._load.constant
+            if laws is not None:
+                constant = constant + (laws.stiffness * laws.offset * (status == CLOSED)) @ self.space.contacts
+            self._forcing[key] = self._load._replace(
+                constant=constant if shift_force is None else constant + shift_force
+            )
         at_zero = self._forcing[key]
-        turned = at_zero.harmonic * np.exp(1j * at_zero.omega * time)
-        return Forcing(at_zero.omega, turned, at_zero.constant, at_zero.slope)
-
-    def load(self, time: float) -> Array:
-        """Return the modal load at a time in s, shape (n,)."""
-        return self._loads[0] + (self._loads[2] @ np.exp(1j * self._loads[1] * time)).real
+        return at_zero._replace(harmonic=at_zero.harmonic * np.exp(1j * at_zero.omega * time)) if time else at_zero
 
     @cached_property
-    def _loads(self) -> tuple[Array, Array, NDArray[np.complex128]]:
-        nothing = np.zeros(self.space.contacts.shape[0], dtype=np.int64)
-        force = self._solution.forcing(0.0, nothing)
-        return force.constant, force.omega, force.harmonic
+    def _load(self) -> Forcing:
+        """The modal load at t = 0."""
+        n = self.space.size
+        constant, waves = np.zeros(n), dict[float, Any]()
+        for load, vector in zip(self.system.loads, self.space.loads, strict=True):
+            assert isinstance(load.function, TimeFunction)
+            piece = load.function.piece(0.0)
+            constant = constant + piece.constant * vector
+            for omega, amplitude in piece.harmonics:
+                waves[omega] = waves.get(omega, 0.0) + amplitude * vector
+        harmonic = np.array([*waves.values()], dtype=complex).reshape(len(waves), n).T
+        return Forcing(np.array([*waves], dtype=float), np.ascontiguousarray(harmonic), constant, np.zeros(n))
 
     def spectrum(self, status: Status) -> Spectrum:
         """Return the eigensystem of a status."""
-        return self._solution.spectrum_of(status)
+        return self._spectra[status]
 
-    def rates(self, status: Status, time: float, displacement: Array, velocity: Array) -> Array:
-        """Return the rates of a modal state, shape (2n,)."""
-        a = acceleration(self.space, self.system.contacts, status, displacement, velocity, self.load(time))
-        return np.concatenate([velocity, a])
+    def motion(self, status: Status, time: float, state: Array) -> Motion:
+        """Return the motion from a modal state, shape (2n,), at a time in s."""
+        n = self.space.size
+        return start_motion(self.spectrum(status), state[:n], state[n:], self.forcing(status, time), self.horizon)
 
-    def reactions(self, stretch: Stretch) -> Reactions:
-        """Return the reactions of the pinned contacts of a segment."""
+    def reactions(self, status: Status, time: float) -> Reactions:
+        """Return the reactions of pinned contacts under the loads from a time on."""
         laws = self.system.contacts
         assert laws is not None
-        spectrum = stretch.motion.spectrum
-        return reactions(self.space, laws, stretch.status, spectrum, self.forcing(stretch.status, stretch.time))
+        return reactions(self.space, laws, status, self.spectrum(status), self.forcing(status, time))
+
+    @cached_property
+    def _structure(self) -> Structure:
+        return structure(self.space, self.system.contacts, self._load)
+
+    def _known(self, statuses: Sequence[Status]) -> _Table:
+        """Return the arrays of all statuses so far, some new ones among them."""
+        now = self._table
+        known = {} if now is None else now.numbers
+        new = {status.tobytes(): status for status in statuses if status.tobytes() not in known}
+        if now is not None and not new:
+            return now
+        every = [*([] if now is None else now.statuses), *new.values()]
+        keys = [status.tobytes() for status in every]
+        spectra = [self.spectrum(status) for status in every]
+
+        def made() -> Maps:
+            return maps(self.space, self.system.contacts, every, spectra)
+
+        of_system = self.system.cache.get("maps of statuses", b"".join(keys), made, _MOST_SETS)
+        loads = answers(spectra, [self.forcing(status, 0.0) for status in every], self.horizon)
+        self._table = _Table({key: k for k, key in enumerate(keys)}, every, of_system, loads)
+        return self._table
 
     def along(
-        self, time: float, displacement: Array, velocity: Array, statuses: Sequence[Status], durations: Array,
-        columns: Array | None = None, lengthen: Array | None = None, nodes: Array | None = None,
-    ) -> list[Stretch]:  # fmt: skip
+        self, time: float, state: Array, statuses: Sequence[Status], durations: Array,
+        columns: Array | None = None, lengthen: Array | None = None, nodes: Array | None = None, *, every: bool = False,
+    ) -> Path:  # fmt: skip
         """Return the motion from a modal state at a time in s through segments.
 
         Parameters
         ----------
+        state : ndarray, shape (2n,)
         statuses : sequence of ndarray of int, each (n_contacts,)
         durations : ndarray, shape (m,)
             In s.
@@ -150,93 +210,30 @@ class Course:
         nodes : ndarray, shape (m - 1, 2n), optional
             States at which the segments after the first begin, in place of the ends of the segments before. The last
             column then contains the differences, as they grow along the motion.
+        every : bool
+            Whether the columns are kept at the ends of all segments.
 
         Raises
         ------
         ConvergenceError
             If a motion that is followed backwards in time grows too much.
         """
-        found: list[Stretch] = []
-        k = 0 if columns is None else columns.shape[1]
-        shift = np.zeros(k)
-        first_size = None if columns is None else np.abs(columns).max(axis=0, initial=0.0)
-        for index, (status, duration) in enumerate(zip(statuses, durations.tolist(), strict=True)):
-            spectrum = self.spectrum(status)
-            if duration < 0.0 and -duration * float(np.max(spectrum.delta, initial=0.0)) > _GROWTH:
-                raise ConvergenceError("a segment became so short that its motion cannot be followed backwards")
-            motion = start_motion(spectrum, displacement, velocity, self.forcing(status, time), self.horizon)
-            displacement, velocity = motion.displacement, motion.velocity
-            first = self.rates(status, time, displacement, velocity)
-            z, v = motion.mode_changes(np.array([duration]))
-            mean = z[:, 0] / duration if duration else velocity
-            displacement, velocity = displacement + z[:, 0], velocity + v[:, 0]
-            last = self.rates(status, time + duration, displacement, velocity)
-            mean_columns = np.zeros((self.space.contacts.shape[0], k))
-            if columns is not None and lengthen is not None:
-                fixed = columns - np.outer(first, shift)
-                fixed, rows = self._followed(spectrum, status, duration, fixed)
-                more = self._later(duration, mean, velocity, first, last)
-                slope = v[:, 0] / duration if duration else first[mean.size :]
-                contacts = self.space.contacts
-                mean_columns = rows + np.outer(contacts @ slope, shift) + np.outer(contacts @ more, lengthen[index])
-                shift = shift + lengthen[index]
-                assert first_size is not None
-                fixed[:, np.abs(fixed).max(axis=0, initial=0.0) < _NOTHING * first_size] = 0.0
-                columns = fixed + np.outer(last, shift)
-            found.append(
-                Stretch(
-                    time, duration, status, motion, displacement, velocity, mean, first, last,
-                    np.empty((2 * mean.size, 0)) if columns is None else columns, shift, mean_columns,
-                )
-            )  # fmt: skip
-            time += duration
-            if nodes is not None and index < len(nodes):
-                if columns is not None:
-                    columns = columns.copy()
-                    columns[:, -1] += np.concatenate([displacement, velocity]) - nodes[index]
-                displacement, velocity = nodes[index, : mean.size], nodes[index, mean.size :]
-        return found
-
-    def _later(self, duration: float, mean: Array, velocity: Array, first: Array, last: Array) -> Array:
-        """Return the derivative of the mean velocity with respect to the duration, shape (n,)."""
-        n = mean.size
-        fastest = float(np.max(self._loads[1], initial=1.0 / self.horizon))
-        if abs(duration) * fastest > _SHORT:
-            return (velocity - mean) / duration
-        return first[n:] / 6.0 + last[n:] / 3.0
-
-    def _followed(self, spectrum: Spectrum, status: Status, duration: float, columns: Array) -> tuple[Array, Array]:
-        """Return columns at a fixed time after a duration, and the mean rates of the contacts in them."""
-        n = self.space.size
-        z, v = spectrum.to_blocks(columns[:n], columns[n:], shifted=False)
-        delta, p = spectrum.delta[:, None], spectrum.p[:, None]
-        turn, sine = oscillator_changes(spectrum.delta, spectrum.p, np.array([duration]))
-        push, pull = p * z + delta * v, v + delta * z
-        mean_turn, mean_sine = (turn / duration, sine / duration) if duration else (-delta, np.ones_like(delta))
-        mean_z, mean_v = mean_turn * z + mean_sine * pull, mean_turn * v - mean_sine * push
-        # One added to a change would spoil what has decayed.
-        cosine, sine = (part[:, None] for part in oscillators(spectrum.delta, spectrum.p, duration))
-        after_z, after_v = cosine * z + sine * pull, cosine * v - sine * push
-        if spectrum.plain is not None:
-            assert spectrum.blocks is not None
-            for cluster in spectrum.blocks.clusters:
-                k = cluster.member
-                both = np.concatenate([z[k], v[k]])
-                generator = np.ascontiguousarray(cluster.generator)
-                change = matrix_change(generator, duration) @ both
-                mean = change / duration if duration else generator @ both
-                after_z[k], after_v[k] = z[k] + change[: k.size], v[k] + change[k.size :]
-                mean_z[k], mean_v[k] = mean[: k.size], mean[k.size :]
-        w, u = self._rows_of(spectrum, status)
-        rows = w @ mean_z
-        if u.shape[1]:
-            rows = rows + u @ mean_v
-        return np.concatenate(spectrum.to_modes(after_z, after_v, shifted=False)), rows
-
-    def _rows_of(self, spectrum: Spectrum, status: Status) -> tuple[Array, Array]:
-        """Return (W, U) with the contacts' coordinates ``W z + U v`` of block states, each (n_contacts, m)."""
-        key = status.tobytes()
-        if key not in self._rows:
-            modes = spectrum.real.modes
-            self._rows[key] = spectrum.functions(self.space.contacts if modes is None else self.space.contacts @ modes)
-        return self._rows[key]
+        table, size = self._known(statuses), 2 * self.space.size
+        numbers = np.array([table.numbers[status.tobytes()] for status in statuses], dtype=np.int64)
+        backwards = durations < 0.0
+        if backwards.any() and np.any(-durations * table.maps.delta.max(axis=1, initial=0.0)[numbers] > _GROWTH):
+            raise ConvergenceError("a segment became so short that its motion cannot be followed backwards")
+        if columns is None or lengthen is None:
+            columns, lengthen = np.empty((size, 0)), np.empty((durations.size, 0))
+        k = columns.shape[1]
+        kept = np.empty((durations.size if every else 0, size, k))
+        nodes = np.empty((0, size)) if nodes is None else np.ascontiguousarray(nodes)
+        starts, ends, means, shifts, end_rows, mean_rows, last, sizes = pass_segments(
+            self._structure, table.maps, table.answers, time, np.ascontiguousarray(state), numbers, durations,
+            np.array(columns, order="C"), np.ascontiguousarray(lengthen), nodes, kept, self.horizon,
+        )  # fmt: skip
+        times = time + np.append(0.0, np.cumsum(durations[:-1]))
+        return Path(
+            self, statuses, times, durations, starts, ends, means, shifts, end_rows, mean_rows, last, kept,
+            (float(sizes[0]), float(sizes[1])),
+        )  # fmt: skip

@@ -253,7 +253,9 @@ def _implicit(method: Method, scheme: Scheme, asked: Asked, blow_up: float, advi
         return _equal(method, scheme, asked, dt, counters, notes, blow_up)
     if dt is not None:
         raise ArgumentError("simulate: dt and tol were both given; tol chooses the steps, leave out dt")
-    run = under_tolerance(system, start, t_end, method, scheme, asked.tol, counters, asked.resume is not None)
+    run = under_tolerance(
+        system, start, t_end, method, scheme, asked.tol, counters, asked.resume is not None, asked.observer
+    )
     _note_chatter(system, notes)
     note_loads(system, None, t_end, notes)
     stored = np.linspace(0.0, t_end, _STEPS + 1) if asked.times is None else asked.times

@@ -172,6 +172,8 @@ class Record:
         What the checks of the run know of every contact, see `checks`.
     total : ndarray, shape (2 + n_pots,)
         Work of the loads, what dampers took, and the work of each springpot at the last state that is complete, J.
+    most : float
+        Largest sum of the first two so far, J.
     points : list of ndarray
         Time, q, v and a of points, in pieces.
     """
@@ -188,7 +190,7 @@ class Record:
         self.q, self.v, self.a = np.full((3, times.size, n), np.nan)
         self.work, self.dissipated = np.zeros((2, times.size))
         self.histories, self.past = np.zeros((3, histories, times.size)), laws.state.copy()
-        self.cursor, self.contact_checks, self.total = 0, table, np.zeros(2 + pots)
+        self.cursor, self.contact_checks, self.total, self.most = 0, table, np.zeros(2 + pots), 0.0
         self.points: list[Array] = []
         self._begun, self._laws, self._rows = False, laws, rows
         self._contacts = rows[: table.shape[0]] if len(table) else None
@@ -200,7 +202,7 @@ class Record:
         self._points = None if probes is None else probes.rows[:, order]
 
     #: What a checkpoint holds beside stored times and points.
-    _STATE = ("past", "contact_checks", "total", "cursor", "_begun")
+    _STATE = ("past", "contact_checks", "total", "most", "cursor", "_begun")
     _STORED = ("q", "v", "a", "work", "dissipated")
 
     def saved(self) -> dict[str, Any]:
@@ -260,6 +262,7 @@ class Record:
             self._store_start(path, _accelerations(path, np.zeros(1, dtype=np.int64))[0][0] if means else path.out[0])
         self._store(path, last, totals, means)
         self.total, self._begun = totals[-1].copy(), True
+        self.most = max(self.most, float(np.max(np.abs(totals[:, 0]) + np.abs(totals[:, 1]))))
         path.keep(last)
 
     def _rates(self, chunk: Chunk, last: int) -> Array:

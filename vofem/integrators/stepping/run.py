@@ -92,13 +92,14 @@ class Forcing(NamedTuple):
 
     Attributes
     ----------
-    values : ndarray, shape (steps or steps + 1, 2 n_loads)
-        Of the loads and of what they move within steps: means over steps where laws act by means, else at their ends.
+    values, means : ndarray, shape (steps, 2 n_loads)
+        Of the loads and of what they move within steps: in the balance of a step, and over it.
     first : ndarray, shape (steps, n_loads)
-        First moments over the steps; all zero, or no rows, where loads enter by values at ends.
+        First moments over the steps, used where laws act by means.
     """
 
     values: Array
+    means: Array
     first: Array
 
 
@@ -229,23 +230,10 @@ class Run:
 
     # -- loads ------------------------------------------------------------------------------------------
 
-    def nodal(self, first: int, count: int, dt: float, known: Array | None = None) -> Forcing:
-        """Return the loads of steps of one size by what stands for their values at the ends.
-
-        Those at the beginning of the first step, shape (2 n_loads,), may be known from the steps before.
-        """
-        begin = 0 if known is None else 1
-        mean, second = self.over.nodal(first + begin, count + 1 - begin, dt)
-        values = np.concatenate([mean, -0.5 * dt**2 * second]).T
-        if known is not None:
-            values = np.vstack([known, values])
-        if first == 0 and not self.scheme.explicit:
-            values[0, : self.at_start.size] = self.at_start
-        return Forcing(values, np.empty((0, self.vectors.shape[0])))
-
     def moments(self, moments: Array, dt: float) -> Forcing:
         """Return the loads of steps of one size by their moments, shape (3, n_loads, steps)."""
-        return Forcing(np.concatenate([moments[0], -0.5 * dt**2 * moments[2]]).T, moments[1].T)
+        means = np.concatenate([moments[0], -0.5 * dt**2 * moments[2]]).T
+        return Forcing(means, means, moments[1].T)
 
     def _acting(self, values: Array) -> int:
         """Return how many of the vectors in `Loaded.loads` act: slow loads move nothing within steps."""
@@ -331,14 +319,12 @@ class Run:
         solves : int
             Negative where there is no solution; `taken` is the number of steps before that.
         """
-        known, b = self.size(dt), 1.0 - self.scheme.alpha_f
-        values, n = forcing.values, self.system.size
+        known, values, n = self.size(dt), forcing.values, self.system.size
         force = shift = np.empty((0, n))
         if self.vectors.size:
             count = self._acting(values)
-            values = values if self.scheme.mean else b * values[1:] + (1.0 - b) * values[:-1]
             force = values[:, :count] @ known.loads[:count]
-            if np.any(forcing.first):
+            if self.scheme.mean and np.any(forcing.first):
                 shift = forcing.first @ known.shift
         chunk, size = path.steps(t.size), known.size
         self.taken, solves = advance(
@@ -370,12 +356,11 @@ class Run:
             if np.any(forcing.first):
                 along -= forcing.first @ (known.shift @ known.loads.T)
                 path.work[rows] = dt * np.einsum("ke,ke->k", a[1:] @ known.inertia.T, forcing.first)
-            path.work[rows] += dt * np.einsum("ke,ke->k", along, forcing.values)
+            path.work[rows] += dt * np.einsum("ke,ke->k", along, forcing.means)
         elif self.vectors.size:
-            acting = self._acting(forcing.values)
+            acting = self._acting(forcing.means)
             along = q @ known.loads[:acting].T
-            mean = 0.5 * (forcing.values[1:, :acting] + forcing.values[:-1, :acting])
-            path.work[rows] = np.einsum("ke,ke->k", along[1:] - along[:-1], mean)
+            path.work[rows] = np.einsum("ke,ke->k", along[1:] - along[:-1], forcing.means[:, :acting])
         if self._lossy is not None:
             if scheme.mean:
                 rate = 0.5 * (v[1:] + v[:-1])
@@ -405,22 +390,6 @@ class Run:
             out += a[1:]
         path.filled += count
         self.switches.step_on(path, count, self.t_end)
-
-    @contextmanager
-    def kicked(self, path: Path) -> Iterator[None]:
-        """Give the structure within this block the impulse that loads have at t = 0, where the run stands there."""
-        if self.path.t[0] > 0.0 or self.path.filled > 0 or not np.any(self.kick):
-            yield
-            return
-        v = path.chunk.v[0].copy()
-        path.chunk.v[0] += self.kick
-        try:
-            yield
-        finally:
-            path.chunk.v[0] = v
-            # The work of the impulse is what the kinetic energy gains.
-            gain = _products(self.equations.mass, self.kick[None, :])[0]
-            path.work[0] = float(gain @ (v + 0.5 * self.kick))
 
     def take(self, out: Record) -> None:
         """Record the states of the path that are complete."""
@@ -596,15 +565,17 @@ class EqualSteps(Run):
         if scheme.mean:
             forcing = self.moments(self.over.steps(first, count, dt), dt)
         else:
-            forcing = self.nodal(first, count, dt, self.nodes)
-            self.nodes = forcing.values[-1]
+            nodes = self._nodal(first, count)
+            b = 1.0 - scheme.alpha_f
+            values, means = b * nodes[1:] + (1.0 - b) * nodes[:-1], 0.5 * (nodes[1:] + nodes[:-1])
+            forcing = Forcing(values, means, np.empty((0, self.vectors.shape[0])))
+            self.nodes = nodes[-1]
         with self.kicked(path):
             solves = self.steps(path, dt, t, forcing, pots)
             if self.taken:
-                rows = self.taken if scheme.mean else self.taken + 1
-                self.enter(path, dt, t[: self.taken], Forcing(forcing.values[:rows], forcing.first[: self.taken]))
+                self.enter(path, dt, t[: self.taken], Forcing(*(part[: self.taken] for part in forcing)))
                 if scheme.explicit:
-                    self.load = forcing.values[self.taken] @ self.size(dt).loads
+                    self.load = nodes[self.taken] @ self.size(dt).loads
         self.done += self.taken
         self.take(out)
         self.solves += max(solves, 0)
@@ -613,6 +584,33 @@ class EqualSteps(Run):
         if solves < 0:
             t_lost = (first + self.taken) * dt
             raise self.lost(f"found no solution of the step from t = {t_lost:g} s at dt = {dt:g} s", "reduce dt")
+
+    def _nodal(self, first: int, count: int) -> Array:
+        """Return what stands for the loads' values at the ends of steps, shape (count + 1, 2 n_loads)."""
+        begin = 0 if self.nodes is None else 1
+        mean, second = self.over.nodal(first + begin, count + 1 - begin, self.dt)
+        values = np.concatenate([mean, -0.5 * self.dt**2 * second]).T
+        if self.nodes is not None:
+            values = np.vstack([self.nodes, values])
+        if first == 0 and not self.scheme.explicit:
+            values[0, : self.at_start.size] = self.at_start
+        return values
+
+    @contextmanager
+    def kicked(self, path: Path) -> Iterator[None]:
+        """Give the structure within this block the impulse that loads have at t = 0, where the run stands there."""
+        if self.path.t[0] > 0.0 or self.path.filled > 0 or not np.any(self.kick):
+            yield
+            return
+        v = path.chunk.v[0].copy()
+        path.chunk.v[0] += self.kick
+        try:
+            yield
+        finally:
+            path.chunk.v[0] = v
+            # The work of the impulse is what the kinetic energy gains.
+            gain = _products(self.equations.mass, self.kick[None, :])[0]
+            path.work[0] = float(gain @ (v + 0.5 * self.kick))
 
 
 def march(
@@ -719,7 +717,7 @@ def _check(run: Run, out: Record, first: float, dt: float, blow_up: float) -> fl
     (in_springs, loss), chunk = run.in_springs(out), run.path.chunk
     now = stored_energy(run.system, chunk.q[0][run.back], chunk.v[0][run.back]) + in_springs
     work, dissipated = float(out.total[0]), float(out.total[1]) + loss
-    scale = abs(first) + abs(work) + abs(dissipated) + run.uncounted()
+    scale = abs(first) + out.most + abs(loss) + run.uncounted()
     excess = now - first - work + dissipated
     if not excess <= blow_up * scale + 1e-300:
         raise run.blown_up(f"{now:.3g} J, from {first:.3g} J at the start and {work:.3g} J of work", dt)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from vofem.errors import ConvergenceError
 from vofem.integrators.method import Method
+from vofem.integrators.observer import Observer
 from vofem.integrators.registry import advice
 from vofem.integrators.stepping.checks import check_times
 from vofem.integrators.stepping.record import Path, Record
@@ -87,11 +88,13 @@ class StepDoubling(StepSizeControl, Run):
         Size of the last step in s, 0 before the first one.
     gain : ndarray, shape (n,)
         What the acceleration of the method gained in it.
+    means : ndarray, shape (2 n_loads,)
+        Of the loads over it.
     """
 
     place = (
         *Run.place, *StepSizeControl.place, "tolerance", "steps_taken", "coarsest", "beyond", "farthest", "coarser",
-        "fineness", "last", "gain",
+        "fineness", "last", "gain", "means",
     )  # fmt: skip
 
     def __init__(
@@ -108,6 +111,7 @@ class StepDoubling(StepSizeControl, Run):
         self.period = self.over.period(t_end)
         self.steps_taken, self.coarsest, self.beyond, self.fineness = 0, 0.0, False, fineness
         self.farthest, self.last, self.gain = 0.0, 0.0, np.zeros(system.size)
+        self.means = np.zeros(2 * self.vectors.shape[0])
         self.coarser = np.empty((0, 0))
 
     def largest_of(self, displacement: Array) -> float:
@@ -138,6 +142,9 @@ class StepDoubling(StepSizeControl, Run):
             row, t, dt = path.filled, self.time, self.length(self.level)
             if self.ticks == 0:
                 self.begin(0.5 * dt)
+                self.means = np.zeros(2 * self.vectors.shape[0])
+                if not self.scheme.mean:
+                    self.means[: self.at_start.size] = self.at_start
             known = path.chunk.a[row].copy(), None if past is None else past.y.copy()
             tried = self.attempt(t, dt)
             if tried.solves < 0 and self.at_smallest:
@@ -153,22 +160,20 @@ class StepDoubling(StepSizeControl, Run):
                 past.y[:] = known[1]
         assert tried.halves is not None
         half, mean = 0.5 * dt, self.scheme.mean
-        with self.kicked(path):
-            self.enter(path, half, np.array([t + half, t + dt]), tried.halves)
+        self.enter(path, half, np.array([t + half, t + dt]), tried.halves)
         self.solves += tried.solves
         after = self.ticks + 2 ** (HALVINGS - self.level)
         self.beyond = (self.ticks if mean else after) >= self.last_tick
         self.farthest = max(self.farthest, float(np.max(self.weight * np.abs(path.chunk.q[path.filled]))))
         self.step_on(tried.ratio)
         self.gain = path.chunk.a[path.filled] - path.chunk.a[path.filled - 1]
-        self.coarsest, self.last = max(self.coarsest, half), half
+        self.coarsest, self.last, self.means = max(self.coarsest, half), half, tried.halves.means[-1]
         self.steps_taken += 0 if self.beyond and mean else 2
         self.count(self.steps_taken, self.steps_taken)
 
     def attempt(self, t: float, dt: float) -> Attempt:
         """Take the next step whole, and again in halves, which stay in the rows after the last one."""
         path, aside, scheme, half = self.path, self.aside, self.scheme, 0.5 * dt
-        number = self.ticks // 2 ** (HALVINGS - self.level)
         parts = self.over.parts(t, t + dt)
         between, y = 0.0, None if self.past is None else self.past.y.copy()
         moments = np.empty((3, 0, 3))
@@ -178,10 +183,7 @@ class StepDoubling(StepSizeControl, Run):
             # steps and does not accumulate, but states between steps have it.
             moved = fluctuations @ np.abs(half * self.size(half).shift)
             between = float(np.max(self.weight * moved, initial=0.0)) / self.whole
-        if scheme.mean:
-            whole, halves = self.moments(moments[:, :, :1], dt), self.moments(moments[:, :, 1:], half)
-        else:
-            whole, halves = self.nodal(number, 1, dt), self.nodal(2 * number, 2, half)
+        whole, halves = self._loads(moments[:, :, :1], dt), self._loads(moments[:, :, 1:], half)
         row, solves = path.filled, 0
         for mine, other in zip(aside.chunk, path.chunk, strict=True):
             mine[0] = other[row]
@@ -195,12 +197,26 @@ class StepDoubling(StepSizeControl, Run):
                 self.past.y[:] = y
                 middles = np.array(ends) - 0.5 * size
                 pots = self.past.over(size, middles)
-            with self.kicked(onto):
-                more = self.steps(onto, size, np.array(ends), forcing, pots)
+            more = self.steps(onto, size, np.array(ends), forcing, pots)
             if more < 0:
                 return Attempt(-1)
             solves += more
         return Attempt(solves, max(self._ratio(dt, whole, halves), between), halves)
+
+    def _loads(self, moments: Array, dt: float) -> Forcing:
+        """Return the loads of the next steps of one size by their moments, shape (3, n_loads, steps).
+
+        Where laws do not act by means, the mean over a step is moved to the time of balance by its change since the
+        step before. So no step takes what acts after its end, and the sum over equal steps is the loads' impulse.
+        """
+        forcing = self.moments(moments, dt)
+        if self.scheme.mean:
+            return forcing
+        before = np.vstack([self.means, forcing.means])[:-1]
+        apart = np.full((before.shape[0], 1), dt)
+        apart[0] = 0.5 * (dt + self.last)
+        ahead = (0.5 - self.scheme.alpha_f) * dt / apart
+        return forcing._replace(values=forcing.means + ahead * (forcing.means - before))
 
     def _ratio(self, dt: float, whole: Forcing, halves: Forcing) -> float:
         """Return the error of displacements of the step that was tried over its share of the tolerance."""
@@ -270,7 +286,7 @@ class StepDoubling(StepSizeControl, Run):
 
 def under_tolerance(
     system: System, start: State, t_end: float, method: Method, scheme: Scheme, tol: float, counters: Counters,
-    resumed: bool,
+    resumed: bool, observer: Observer | None,
 ) -> StepDoubling:  # fmt: skip
     """Return a run whose steps follow a tolerance, ready to begin.
 
@@ -291,7 +307,7 @@ def under_tolerance(
     trial = StepDoubling(system, start, Counters(), t_end, method, scheme, _COARSER * tol, 0.5)
     trial.size_of_motion = run.size_of_motion
     hit = trial.initial.size < len(trial.laws) or bool(np.any(trial.initial == CLOSED))
-    found, switched = _trial(trial, check_times(t_end, None, system.size))
+    found, switched = _trial(trial, check_times(t_end, None, system.size), observer)
     if hit or switched:
         # This run gives the largest displacement more accurately than the rough one.
         run.size_of_motion = min(run.size_of_motion, trial.largest_of(found))
@@ -299,7 +315,7 @@ def under_tolerance(
     return run
 
 
-def _trial(run: Run, times: Array) -> tuple[Array, bool]:
+def _trial(run: Run, times: Array, observer: Observer | None = None) -> tuple[Array, bool]:
     """Run to the end; return the displacements at some times, shape (n_times, n), and whether a law switched."""
     out = run.record(times, None)
     out.q[:] = 0.0
@@ -307,6 +323,8 @@ def _trial(run: Run, times: Array) -> tuple[Array, bool]:
     try:
         while not run.finished:
             run.advance(out)
+            if observer is not None:
+                observer(run.reached(), None)
     except ConvergenceError:
         # At large steps a stiff law may leave no solution in double precision. The displacements before that are used;
         # the run itself takes other steps, or raises the error.

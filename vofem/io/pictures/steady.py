@@ -13,7 +13,7 @@ from vofem.bodies.base import as_point
 from vofem.errors import ArgumentError
 from vofem.io.pictures.axes import COLORS, Canvas, Where, goal_of, ink, legend, plain, stroke, text_size
 from vofem.io.pictures.units import length
-from vofem.studies.steady import Branch, PeriodicOrbit, PoincareSection
+from vofem.studies.steady import Branch, Locus, PeriodicOrbit, PoincareSection
 
 Array = NDArray[np.float64]
 
@@ -25,6 +25,9 @@ MARKS = {
     "grazing": ("^", 2, "grazing"),
     "branch_point": ("P", 5, "branch point"),
 }
+
+#: The same for points at which a locus is special itself.
+_ON_LOCI = {**MARKS, "turn": ("o", 0, "turn"), "cusp": ("*", 0, "cusp")}
 
 #: Lines of orbits by their stability: width, style and name.
 _LINES = {
@@ -107,6 +110,65 @@ def response_curve(
     axes.ticklabel_format(axis="x", useOffset=False)
     axes.set_ylim(bottom=0.0)
     axes.set_title(plain(title or place.describe()), fontsize=text_size(11))
+    legend(axes, most=12)
+    return canvas.done()
+
+
+def locus(
+    curves: Locus | Sequence[Locus],
+    path: Where = None,
+    *,
+    parameter: str = "parameter",
+    other: str = "second parameter",
+    title: str = "",
+    ax: Any = None,
+) -> Any:
+    """Draw curves of special points in the plane of two parameters, with the points where they turn, end or meet.
+
+    Parameters
+    ----------
+    curves : Locus, or several of them
+        Curves that `vofem.locus` has returned. The colour is that of the kind of special point.
+    path : path of a .png, .pdf or .svg, optional
+        The file to write.
+    parameter, other : str
+        Names and units of both parameters, for the axes.
+    title : str
+    ax : matplotlib axes, optional
+        The axes to draw into. By default a new figure is made.
+
+    Returns
+    -------
+    Path or matplotlib axes
+        `path` where one is given, else the axes.
+
+    Raises
+    ------
+    ArgumentError
+        If an argument is not a locus.
+    OutputError
+        If the file cannot be written.
+    """
+    goal = goal_of(path)
+    loci = [curves] if isinstance(curves, Locus) else list(curves)
+    if not loci or not all(isinstance(one, Locus) for one in loci):
+        raise ArgumentError("locus: expected one or more loci, such as vf.locus returns")
+    canvas = Canvas("locus", goal, ax, (9.0, 5.4))
+    axes = canvas.grid[0, 0]
+    for one in loci:
+        _, number, name = MARKS[one.kind]
+        shown = f"{name} of {one.contact}" if one.contact else name
+        axes.plot(one.values[:, 0], one.values[:, 1], color=COLORS[number], linewidth=1.8, label=shown)
+        for special in one.special:
+            mark, number, name = _ON_LOCI[special.kind]
+            axes.plot(
+                special.value, special.other, mark, color=ink() if special.kind not in MARKS else COLORS[number],
+                markersize=7.0, markerfacecolor="none", markeredgewidth=1.4, linestyle="none",
+                label=name if special.kind not in MARKS else f"meets {name}",
+            )  # fmt: skip
+    axes.set(xlabel=plain(parameter), ylabel=plain(other))
+    axes.ticklabel_format(useOffset=False)
+    axes.set_title(plain(title or "loci of special points"), fontsize=text_size(11))
     legend(axes, most=12)
     return canvas.done()
 
@@ -223,7 +285,7 @@ def phase_portrait(
         times = np.unique(np.concatenate([np.linspace(0.0, one.period, _DENSE), _events(one)[0]]))
         drawn.append((one.result.displacement(place, times), one.result.velocity(place, times)))
     scale = length(float(max(np.abs(u).max() for u, _ in drawn)))
-    frequencies = [f"{one.omega:.6g} rad/s" for one in orbits]
+    frequencies = [one.frequency_words() for one in orbits]
     same = len(set(frequencies)) == 1
     for k, (one, (u, v)) in enumerate(zip(orbits, drawn, strict=True)):
         color = ink() if k == 0 else COLORS[(k - 1) % len(COLORS)]

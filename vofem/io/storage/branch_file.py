@@ -1,4 +1,4 @@
-"""A branch of steady states in one file: states and multipliers of orbits, and scenes as texts of scene files."""
+"""Branches and loci of steady states in one file: states and multipliers of orbits, scenes as texts of scene files."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ import numpy as np
 from vofem.errors import MissingCallableError, SceneFileError
 from vofem.files.hdf5 import check_format, mark_format, writing
 from vofem.files.whole import target
-from vofem.io.scenes.place import Book
 from vofem.io.scenes.reader import read_tables
 from vofem.io.scenes.writer import scene_to_toml
 from vofem.io.storage.tree import read_tree, write_tree
+from vofem.parameters.place import Book
 from vofem.scene import Scene
-from vofem.studies.steady import Branch, BranchCounters, PeriodicOrbit, SpecialPoint
+from vofem.studies.steady import Branch, BranchCounters, Locus, PeriodicOrbit, SpecialPoint
 from vofem.studies.steady.branch import Orbits
 from vofem.studies.steady.condensed import condensed, condensed_result
 from vofem.studies.steady.harmonic_balance import harmonics_in
@@ -32,11 +32,11 @@ from vofem.system import State
 
 SUFFIXES = (".h5", ".hdf")
 
-#: Name of the group by which a file is known to hold a branch and not a run.
-GROUP = "vofem_branch"
+#: Names of the groups by which a file is known to hold a branch or a locus, and not a run.
+GROUP, LOCUS = "vofem_branch", "vofem_locus"
 
 #: Version of the format. It is increased when this version could not read the new files.
-FORMAT = 2
+FORMAT = 3
 
 
 def save(branch: Branch, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
@@ -46,18 +46,47 @@ def save(branch: Branch, path: str | os.PathLike[str], *, overwrite: bool = Fals
     every = [*branch.orbits, *(point.orbit for point in special)]
     record = {
         "values": branch.values,
-        "special": [(s.kind, float(s.value), s.contact, float(s.place)) for s in special],
+        "special": _special(special),
         "counters": asdict(branch.counters),
         "notes": list(branch.notes),
         "periods": int(branch.periods),
         "interrupted": branch.interrupted,
         "orbits": _orbits(every, goal.parent),
     }
+    return _written(goal, GROUP, record, overwrite)
+
+
+def save_locus(locus: Locus, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
+    """Write a locus to one file; see `vofem.Locus.save`."""
+    goal = target(path, SUFFIXES)
+    record = {
+        "values": locus.values,
+        "kind": locus.kind,
+        "contact": locus.contact,
+        "special": _special(locus.special),
+        "counters": asdict(locus.counters),
+        "notes": list(locus.notes),
+        "interrupted": locus.interrupted,
+        "orbits": _orbits([point.orbit for point in locus.special], goal.parent),
+    }
+    return _written(goal, LOCUS, record, overwrite)
+
+
+def holds(file: h5py.File) -> str:
+    """Return what a file that is open holds: "branch", "locus", or nothing of the two."""
+    return "branch" if GROUP in file else "locus" if LOCUS in file else ""
+
+
+def _written(goal: Path, group: str, record: dict[str, Any], overwrite: bool) -> Path:
     with writing(goal, overwrite=overwrite) as blocks:
-        own = blocks.file.create_group(GROUP, track_order=True)
+        own = blocks.file.create_group(group, track_order=True)
         mark_format(own, FORMAT)
         write_tree(own, record)
     return goal
+
+
+def _special(points: Sequence[SpecialPoint]) -> list[Any]:
+    return [(s.kind, float(s.value), s.contact, float(s.place), float(s.other)) for s in points]
 
 
 def _orbits(orbits: Sequence[PeriodicOrbit], folder: Path) -> dict[str, Any]:
@@ -90,19 +119,29 @@ def _orbits(orbits: Sequence[PeriodicOrbit], folder: Path) -> dict[str, Any]:
     }
 
 
-def read(file: h5py.File) -> Branch:
-    """Return the branch that `Branch.save` has written to a file that is open; see `vofem.load`."""
-    own = file[GROUP]
+def read(file: h5py.File) -> Branch | Locus:
+    """Return the branch or locus in a file that is open; see `vofem.load`."""
+    own = file[GROUP if GROUP in file else LOCUS]
     check_format(own, FORMAT)
     record = read_tree(own)
     folder = Path(file.filename).parent
-    count = len(record["values"])
     kept = record["orbits"]
     makers = [_maker(kept, k, folder) for k in range(len(kept["method"]))]
+    count = len(makers) - len(record["special"])
     special = [
-        SpecialPoint(kind, value, makers[count + k](), contact, place)
-        for k, (kind, value, contact, place) in enumerate(record["special"])
+        SpecialPoint(kind, value, makers[count + k](), contact, place, other)
+        for k, (kind, value, contact, place, other) in enumerate(record["special"])
     ]
+    if GROUP not in file:
+        return Locus(
+            record["values"],
+            record["kind"],
+            special,
+            BranchCounters(**record["counters"]),
+            contact=record["contact"],
+            notes=record["notes"],
+            interrupted=record["interrupted"],
+        )
     return Branch(
         record["values"],
         Orbits(makers[:count]),

@@ -23,7 +23,7 @@ from vofem.simulate.plan import Plan, run_plan
 _SUFFIXES = (".checkpoint", ".h5", ".hdf")
 
 #: Version of the format. It is increased when this version could not read the new files.
-FORMAT = 2
+FORMAT = 3
 
 
 def checkpoint_writer(path: str | os.PathLike[str], scene: Scene) -> Callable[[Plan], Callable[[dict[str, Any]], None]]:

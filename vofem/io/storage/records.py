@@ -8,10 +8,8 @@ how values of Python functions are stored.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
-from pathlib import Path
 from types import FunctionType
 from typing import Any
 
@@ -19,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.bodies import Beam, BeamPoint, Mass
+from vofem.bodies.supports import ByNode
 from vofem.effects import Resolved
 from vofem.errors import ArgumentError, MissingCallableError
 from vofem.initial import StoredState
@@ -34,6 +33,7 @@ from vofem.io.storage.stored_field import StoredField
 from vofem.io.storage.tree import class_named, name_of_class
 from vofem.kernels.jit import CompiledFunction
 from vofem.laws import LawGroup, ScalarLaw, past_of
+from vofem.parameters import values_of
 from vofem.polynomial import Polynomial
 from vofem.scene import Scene, as_scene
 from vofem.system import System, same_matrix
@@ -118,7 +118,7 @@ class Encoder:
         if type(value) is Beam:
             return "beam", self._beam(value)
         if type(value) is Mass:
-            return "mass", {name: getattr(value, name) for name in ("name", "mass", "stiffness", "damping")}
+            return "mass", values_of(value)
         if type(value) is BeamPoint:
             return "point", (value.body, float(value.x))
         if type(value) is Resolved:
@@ -136,9 +136,8 @@ class Encoder:
         return None
 
     def _beam(self, beam: Beam) -> dict[str, Any]:
-        record = {name: getattr(beam, name) for name in ("name", "length", "elements", "supports", "tension")}
-        record |= {name: self._field(getattr(beam, name), beam, name) for name in ("EI", "rhoA")}
-        return record | {"mesh_file": None if beam.mesh_file is None else os.fspath(beam.mesh_file)}
+        values = {**values_of(beam), "supports": dict(beam.supports)}
+        return {**values, **{name: self._field(values[name], beam, name) for name in ("EI", "rhoA")}}
 
     def _field(self, value: Any, beam: Beam, what: str) -> Any:
         plain = not callable(value) or isinstance(value, (Polynomial, StoredField, TimeFunction))
@@ -161,7 +160,7 @@ class Encoder:
     def _effect(self, effect: Any) -> Any:
         if isinstance(effect, StoredEffect):
             return effect
-        entry = next((entry for entry in EFFECTS.values() if type(effect) is entry.made), None)
+        entry = next((name for name, cls in EFFECTS.items() if type(effect) is cls), None)
         shown = StoredEffect(
             type(effect).__name__,
             effect.describe(),
@@ -174,10 +173,10 @@ class Encoder:
             return shown
         beam = getattr(effect, "beam", None)
         values = {
-            name: self._field(value, beam, f"{name} of {entry.made.__name__}") if isinstance(beam, Beam) else value
-            for name, value in entry.values(effect).items()
+            name: self._field(value, beam, f"{name} of {type(effect).__name__}") if isinstance(beam, Beam) else value
+            for name, value in values_of(effect).items()
         }
-        return {"entry": entry.name, "values": values, "otherwise": shown}
+        return {"entry": entry, "values": values, "otherwise": shown}
 
     def _initial(self, scene: Scene) -> Any:
         initial = scene.initial
@@ -209,7 +208,7 @@ def decode(tag: str, record: Any) -> Any:
     if tag == "plain":
         return record
     if tag == "beam":
-        return _beam(**record)
+        return Beam(**{**record, "supports": ByNode(record["supports"])})
     if tag == "mass":
         return Mass(**record)
     if tag == "point":
@@ -223,21 +222,10 @@ def decode(tag: str, record: Any) -> Any:
     raise KeyError(f"{tag!r} is no part of a scene")
 
 
-def _beam(
-    name: str, length: float, elements: Any, supports: dict[int, str], tension: float, EI: Any, rhoA: Any,
-    mesh_file: str | None,
-) -> Beam:  # fmt: skip
-    beam = Beam(length, EI, rhoA, elements, None, tension, name)
-    # Supports are kept by node, because an x may differ from that of its node in the last bit.
-    beam.supports = supports
-    beam.mesh_file = None if mesh_file is None else Path(mesh_file)
-    return beam
-
-
 def _effect(record: Any) -> Any:
     if isinstance(record, StoredEffect):
         return record
     try:
-        return EFFECTS[record["entry"]].build(**record["values"])
+        return EFFECTS[record["entry"]](**record["values"])
     except MissingCallableError:
         return record["otherwise"]

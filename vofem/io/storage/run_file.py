@@ -37,7 +37,7 @@ from vofem.simulate.start_time import model_at
 SUFFIXES = (".vtkhdf", ".h5", ".hdf")
 
 #: Version of the format. It is increased when this version could not read the new files.
-FORMAT = 2
+FORMAT = 3
 
 
 def save(

@@ -5,6 +5,7 @@ from vofem.studies.steady.branch import Branch, BranchCounters
 from vofem.studies.steady.branches import continuation
 from vofem.studies.steady.exponents import LyapunovExponents, lyapunov
 from vofem.studies.steady.linear_response import FrequencyResponse, frequency_response
+from vofem.studies.steady.locus import Locus, locus
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.special import SpecialPoint
 from vofem.studies.steady.steady_state import periodic
@@ -14,6 +15,7 @@ __all__ = [
     "Branch",
     "BranchCounters",
     "FrequencyResponse",
+    "Locus",
     "LyapunovExponents",
     "PeriodicOrbit",
     "PoincareSection",
@@ -21,6 +23,7 @@ __all__ = [
     "backbone",
     "continuation",
     "frequency_response",
+    "locus",
     "lyapunov",
     "periodic",
     "poincare",

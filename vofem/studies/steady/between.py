@@ -70,7 +70,7 @@ def between(family: Family, interval: Interval, step: Step, share: float) -> tup
         if first.chart.nodes(first.evaluation) is None:
             raise
     # Near a branch point the equations are nearly singular and need an exact derivative.
-    problem = family.at(common[2][-1])
+    problem = family.of(common[2])
     start = first.chart.evaluate(problem, common[2][:-1])
     by_value = derivative_by_value(family, interval, first.chart, common[2], start)
     return corrected(*common, by_value, 16, EXACT, improve=False)
@@ -85,4 +85,4 @@ def point_between(family: Family, step: Step, interval: Interval, share: float, 
         by_value = derivative_by_value(family, interval, first.chart, y, evaluation)
         secant = (step.last.y - first.y) / first.scales
         direction = tangent_at(evaluation, by_value, first.scales, secant / np.linalg.norm(secant))
-    return Point(first.chart, y, family.at(y[-1]), evaluation, first.scales, by_value, direction)
+    return Point(first.chart, y, family.of(y), evaluation, first.scales, by_value, direction)

@@ -11,9 +11,11 @@ from vofem.studies.steady.point import Interval
 
 
 @contextlib.contextmanager
-def branch_progress(interval: Interval, progress: Progress) -> Iterator[Callable[[float], bool]]:
+def branch_progress(
+    interval: Interval, progress: Progress, what: str = "continuation"
+) -> Iterator[Callable[[float], bool]]:
     """Give a function that shows the parameter's value reached and returns whether Ctrl-C was pressed."""
-    label = "continuation", "the value reached and stop"
+    label = what, "the value reached and stop"
     counting = "{task.completed:.4g} of {task.total:.4g} along the interval"
     farthest = 0.0
     with TerminalBar(label, progress, interval.size, counting) as bar, deferred_interrupts() as interrupted:

@@ -97,7 +97,7 @@ def continuation(
     interval = Interval(start, stop)
     problem = family.at(start)
     problem, found, notes = first_orbit("continuation", problem, guess)
-    family.begin_with(start, problem)
+    family.begin_with(problem, start)
     counters = BranchCounters(search_flows=family.work.flows)
     walker = Follower(family, interval, counters, largest=max_step, most=max_points, seconds=max_seconds)
     with branch_progress(interval, progress) as report:

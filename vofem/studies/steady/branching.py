@@ -1,4 +1,4 @@
-"""The two branches that meet at a branch point.
+"""The direction of the other branch at a branch point.
 
 There the matrix of the equations with respect to unknowns and parameter loses one rank more than along a branch. Its
 null space is a plane, and second derivatives of the equations say which two directions in it are those of branches.
@@ -12,18 +12,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.errors import ConvergenceError
-from vofem.studies.steady.between import Step
 from vofem.studies.steady.family import Family
-from vofem.studies.steady.point import Interval, Point, corrected, derivative_by_value, tangent_at
+from vofem.studies.steady.point import Point
 
 Array = NDArray[np.float64]
 
 #: Step of the second differences, in scaled coordinates.
 _DIFFERENCE = 1e-4
-
-#: Distances from the point, on both sides, at which the other branch is searched.
-_ASIDE = (2e-2, 4e-3, 1e-3)
 
 
 def other_direction(family: Family, point: Point, along: Array) -> Array:
@@ -50,9 +45,7 @@ def other_direction(family: Family, point: Point, along: Array) -> Array:
     def bent(direction: Array) -> float:
         """Return the second derivative of the equations along a direction of the plane, on the left null vector."""
         ends = [point.y + sign * _DIFFERENCE * (direction @ plane) * point.scales for sign in (1.0, -1.0)]
-        residuals = [
-            point.chart.evaluate(family.at(y[-1]), y[:-1], derivative=False).residual for y in (*ends, point.y)
-        ]
+        residuals = [point.chart.evaluate(family.of(y), y[:-1], derivative=False).residual for y in (*ends, point.y)]
         return float(normal @ (residuals[0] + residuals[1] - 2.0 * residuals[2]))
 
     first, second = bent(np.array([1.0, 0.0])), bent(np.array([0.0, 1.0]))
@@ -68,29 +61,3 @@ def other_direction(family: Family, point: Point, along: Array) -> Array:
         found = [one / np.linalg.norm(one) for one in found]
         across = min(found, key=lambda one: abs(float(one @ mine)))
     return np.asarray(across @ plane)
-
-
-def neighbours(family: Family, interval: Interval, point: Point, direction: Array) -> Step:
-    """Return two orbits on both sides of a branch point, on the branch in a direction.
-
-    Raises
-    ------
-    ConvergenceError
-        If no such orbits are found.
-    """
-    failure: ConvergenceError | None = None
-    for aside in _ASIDE:
-        ends = []
-        try:
-            for sign in (-1.0, 1.0):
-                guess = point.y + sign * aside * direction * point.scales
-                y, evaluation, _ = corrected(family, point.chart, guess, point.scales, direction, point.by_value)
-                by_value = derivative_by_value(family, interval, point.chart, y, evaluation)
-                tangent = tangent_at(evaluation, by_value, point.scales, direction)
-                ends.append(Point(point.chart, y, family.at(y[-1]), evaluation, point.scales, by_value, tangent))
-        except ConvergenceError as error:
-            failure = error
-            continue
-        return Step(*ends)
-    assert failure is not None
-    raise failure

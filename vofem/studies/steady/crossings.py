@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from vofem.errors import ConvergenceError
 from vofem.studies.steady.between import Step, point_between
-from vofem.studies.steady.branching import neighbours, other_direction
 from vofem.studies.steady.census import (
     Census,
     Test,
@@ -33,8 +32,10 @@ from vofem.studies.steady.census import (
     real_at,
     turning,
 )
+from vofem.studies.steady.extended import Extended, SpecialEquations
 from vofem.studies.steady.family import Family
-from vofem.studies.steady.point import Interval, Point
+from vofem.studies.steady.newton import solved
+from vofem.studies.steady.point import Interval, Point, derivative_by_value
 from vofem.studies.steady.shorter import at_flip, repeats
 
 Array = NDArray[np.float64]
@@ -54,6 +55,9 @@ _LOOKS, _CLOSE = 16, 1e-8
 
 #: Values of a test that are rounding, as those of conservative scenes, where multipliers come in reciprocal pairs.
 _ROUNDING = 1e-9
+
+#: Steps of Newton's method to a branch point, and how far it may lie from where it was seen, in scaled coordinates.
+_NEWTON, _NEARBY = 12, 1e-3
 
 #: How near to a special point, as a share of its part of the step, its neighbours are compared.
 _BESIDE = 0.02
@@ -110,7 +114,7 @@ def crossings(family: Family, step: Step, interval: Interval) -> list[Crossing]:
     """
     shorter = repeats(step.first, step.last)
     if shorter is not None:
-        at = _root(family, step, interval, shorter)
+        at = root(family, step, interval, shorter)
         if at is not None:
             return [Crossing("shorter", at_flip(family, at[0], interval), at[1])]
     return _found(family, interval, step, None)
@@ -154,8 +158,9 @@ def _tests(middle: Point) -> list[tuple[set[str], Test]]:
     """Return functions that change their sign at special points, and the kinds of these."""
     tests: list[tuple[set[str], Test]] = [({"fold", "branch_point"}, turning)]
     if multipliers(middle) is not None:
+        at_one: list[tuple[set[str], Test]] = [({"fold", "branch_point"}, real_at(1.0))]
         tests += [
-            ({"fold", "branch_point"}, real_at(1.0)),
+            *(at_one if middle.chart.segmented else []),
             ({"period_doubling"}, real_at(-1.0)),
             ({"neimark_sacker"}, pairs_at_one(middle)),
         ]
@@ -226,7 +231,8 @@ def _single(family: Family, interval: Interval, step: Step) -> list[Crossing]:
     found: list[Crossing] = []
     changes = _changes(step)
     turned = turning(step.first) * turning(step.last) < 0.0
-    if changes is None:
+    if changes is None or not step.first.chart.segmented:
+        # Multipliers by harmonic balance are not exact, so that the branch turns a little beside a multiplier 1.
         passed = int(orientation(step.first) != orientation(step.last))
         at_one = determinant(step.first)
     else:
@@ -249,9 +255,9 @@ def _by_modulus(family: Family, interval: Interval, step: Step) -> list[Crossing
     found: list[Crossing] = []
     place = low
     while place < high:
-        at = _root(family, step, interval, modulus(place))
+        at = root(family, step, interval, modulus(place))
         kind = "" if at is None else kind_of(at[0])
-        if at is not None:
+        if at is not None and (kind != "branch_point" or step.first.chart.segmented):
             found.append(Crossing(kind, *at))
         place += 2 if kind == "neimark_sacker" else 1
     return found
@@ -267,7 +273,9 @@ def _located(
         assert begin is not None
         passed = np.sign(change) * (np.arange(abs(change)) + 0.5)
         tests = [counted(which, begin[which] + float(one)) for one in passed]
-    found = [_root(family, step, interval, one) for one in (tests if change else [])]
+    found = [root(family, step, interval, one) for one in (tests if change else [])]
+    if kind == "branch_point":
+        found = [None if at is None else (_exact(family, interval, at[0]), at[1]) for at in found]
     return [Crossing(kind, *at) for at in found if at is not None]
 
 
@@ -277,7 +285,7 @@ def _at_turn(family: Family, interval: Interval, step: Step, passed: bool, at_on
     At a fold the determinant changes its sign with the direction of the branch. Where it does not, the branch comes
     back along mirrored orbits: another branch of orbits, mostly symmetric ones, passes there.
     """
-    at = _root(family, step, interval, turning)
+    at = root(family, step, interval, turning)
     if at is None:
         return []
     point, share = at
@@ -289,29 +297,31 @@ def _at_turn(family: Family, interval: Interval, step: Step, passed: bool, at_on
     except ConvergenceError:
         return [Crossing("fold", point, share, True)]
     if orientation(beside[0]) == orientation(beside[1]):
-        return [Crossing("branch_point", _on_other(family, interval, Step(*beside), point, at_one), share, True)]
+        return [Crossing("branch_point", _exact(family, interval, point), share, True)]
     # A fold, and apart from it in the same step a branch point.
     found = [Crossing("fold", point, share, True)]
     for part in (_Part(Step(step.first, beside[0]), 0.0, low), _Part(Step(beside[1], step.last), high, 1.0)):
         if orientation(part.step.first) != orientation(part.step.last):
-            other = _root(family, part.step, interval, at_one)
+            other = root(family, part.step, interval, at_one)
             if other is not None:
                 share = part.low + other[1] * (part.high - part.low)
-                found.append(Crossing("branch_point", other[0], share))
+                found.append(Crossing("branch_point", _exact(family, interval, other[0]), share))
     return found
 
 
-def _on_other(family: Family, interval: Interval, step: Step, point: Point, at_one: Test) -> Point:
-    """Return a branch point at which a branch turns as it lies on the branch that passes there.
-
-    On the branch that turns, the equations with the plane across it become singular there, which spoils digits.
-    """
+def _exact(family: Family, interval: Interval, point: Point) -> Point:
+    """Return a branch point solved as one; along a branch the equations become singular there, which spoils digits."""
+    equations = SpecialEquations(Extended(point.chart, family, "branch_point", interval.size))
     try:
-        other = neighbours(family, interval, point, other_direction(family, point, step.secant))
+        found = solved(equations, np.concatenate([point.y[:-1], [0.0, point.value]]), _NEWTON).unknowns
     except ConvergenceError:
         return point
-    at = _root(family, other, interval, at_one)
-    return point if at is None else replace(at[0], tangent=point.tangent)
+    y = np.delete(found, -2)
+    if np.linalg.norm((y - point.y) / point.scales) > _NEARBY:
+        return point
+    evaluation = point.chart.evaluate(family.of(y), y[:-1])
+    by_value = derivative_by_value(family, interval, point.chart, y, evaluation)
+    return replace(point, y=y, problem=family.of(y), evaluation=evaluation, by_value=by_value)
 
 
 # -- crossings that undo each other -------------------------------------------------------------------
@@ -408,7 +418,7 @@ def _vertex(known: dict[float, float]) -> _Vertex:
 # -- roots --------------------------------------------------------------------------------------------
 
 
-def _root(family: Family, step: Step, interval: Interval, test: Test) -> tuple[Point, float] | None:
+def root(family: Family, step: Step, interval: Interval, test: Test) -> tuple[Point, float] | None:
     """Return where a test function changes its sign, by the Illinois form of the secant iteration."""
     best: tuple[Point, float] | None = None
     smallest = largest = np.inf

@@ -6,12 +6,17 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from vofem.errors import ArgumentError
 from vofem.scene import Scene
 from vofem.studies.steady.counters import Work
 from vofem.studies.steady.methods import chosen, problem_of
 from vofem.studies.steady.problem import OrbitProblem
 from vofem.studies.steady.rebuild import recompiled
+
+Array = NDArray[np.float64]
 
 #: Problems that are kept, by the value of the parameter.
 _KEPT = 8
@@ -26,32 +31,40 @@ class Family:
     what : str
         Name of the function whose arguments these are, for messages.
     build : callable
-        Returns the scene at a value.
+        Returns the scene at a value of each parameter.
     method : str
         "auto" is replaced at the first value.
     periods : int
     harmonics : int, optional
     work : Work
+    parameters : int
+        Number of parameters.
     """
 
     what: str
-    build: Callable[[float], Scene]
+    build: Callable[..., Scene]
     method: str = "auto"
     periods: int = 1
     harmonics: int | None = None
     work: Work = field(default_factory=Work)
-    _known: dict[float, OrbitProblem] = field(default_factory=dict)
+    parameters: int = 1
+    _known: dict[tuple[float, ...], OrbitProblem] = field(default_factory=dict)
     _latest: OrbitProblem | None = None
 
-    def at(self, value: float) -> Any:
-        """Return the equations at a value of the parameter."""
-        value = float(value)
-        known = self._known.get(value)
+    def of(self, y: Array) -> Any:
+        """Return the equations at the parameters of a point, which are the last of its coordinates."""
+        return self.at(*y[y.size - self.parameters :].tolist())
+
+    def at(self, *values: float) -> Any:
+        """Return the equations at a value of each parameter."""
+        values = tuple(map(float, values))
+        known = self._known.get(values)
         if known is not None:
             return known
-        scene = self.build(value)
+        scene = self.build(*values)
         if not isinstance(scene, Scene):
-            raise ArgumentError(f"{self.what}: build({value:g}) returned {scene!r}, expected a vofem.Scene")
+            shown = ", ".join(f"{value:g}" for value in values)
+            raise ArgumentError(f"{self.what}: build({shown}) returned {scene!r}, expected a vofem.Scene")
         if self._latest is not None:
             scene = recompiled(scene, self._latest.scene)
         self.method = chosen(scene, self.method, self.harmonics)
@@ -60,16 +73,18 @@ class Family:
         )
         while len(self._known) >= _KEPT:
             del self._known[next(iter(self._known))]
-        self._known[value] = self._latest = problem
+        problem.parameters = values
+        self._known[values] = self._latest = problem
         return problem
 
-    def begin_with(self, value: float, problem: OrbitProblem) -> None:
-        """Use a given problem at a value of the parameter. Later problems are derived from it."""
-        self._known = {float(value): problem}
+    def begin_with(self, problem: OrbitProblem, *values: float) -> None:
+        """Use a given problem at a value of each parameter. Later problems are derived from it."""
+        problem.parameters = tuple(map(float, values))
+        self._known = {problem.parameters: problem}
         self._latest = problem
 
     def over(self, periods: int) -> Family:
         """Return the family of orbits over another number of periods, which shares modes but has its own counters."""
-        other = Family(self.what, self.build, self.method, periods, self.harmonics)
+        other = Family(self.what, self.build, self.method, periods, self.harmonics, parameters=self.parameters)
         other._latest = self._latest
         return other

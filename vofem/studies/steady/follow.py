@@ -26,13 +26,17 @@ Array = NDArray[np.float64]
 FIRST, LARGEST, LEAST = 0.01, 0.1, 1e-10
 
 #: Cosine of the angle between successive tangents below which a step is rejected, and the desired angle in rad.
-_REFUSED, _AIM = np.cos(np.radians(25.0)), np.radians(8.0)
+_REFUSED, _AIM = np.cos(np.radians(25.0)), np.radians(9.0)
 
 #: Cosine of the angle below which a step is rejected at a corner of a branch, and the largest step at a corner.
 _CORNER, _SHORT = np.cos(np.radians(80.0)), 1e-4
 
+#: While an orbit is corrected the parameter is held where a fold is farther ahead than so many steps, and where the
+#: share of the parameter in the direction of the branch is at least so much.
+_FOLD, _LEVEL = 4.0, 1e-3
+
 #: Distance in scaled coordinates within which a step may end at a grazing.
-_NEAR = 0.02
+_NEAR = 0.03
 
 #: Factors by which a step may change.
 _SHRINK, _GROW = 0.4, 2.0
@@ -103,6 +107,8 @@ class Follower:
         Points.
     seconds : float, optional
         Time after which the walk ends.
+    noun : str
+        What is followed, for notes.
     """
 
     def __init__(
@@ -114,9 +120,10 @@ class Follower:
         largest: float = LARGEST,
         most: int = 5000,
         seconds: float | None = None,
+        noun: str = "branch",
     ) -> None:
         self.family, self.interval, self.counters = family, interval, counters
-        self.largest, self.most, self.seconds = largest, most, seconds
+        self.largest, self.most, self.seconds, self.noun = largest, most, seconds, noun
         self.track = Track()
         self._flows_counted = family.work.flows
         self._over = False
@@ -133,6 +140,10 @@ class Follower:
         self._flows_counted = done
 
     # -- points ---------------------------------------------------------------------------------------
+
+    def located(self, step: Step) -> list[Crossing]:
+        """Return the special points of a step, except grazings."""
+        return crossings(self.family, step, self.interval)
 
     def point(self, chart: Any, y: Array, towards: Array, evaluation: Any = None) -> Point:
         """Return a point with its tangent on the side of a direction in scaled coordinates."""
@@ -172,7 +183,7 @@ class Follower:
         begun = time.monotonic()
         while not self._over:
             if len(track.points) >= self.most:
-                track.notes.append(f"the branch was followed for {self.most} points; raise max_points to go on")
+                track.notes.append(f"the {self.noun} was followed for {self.most} points; raise max_points to go on")
                 break
             if self.seconds is not None and time.monotonic() - begun > self.seconds:
                 track.notes.append(
@@ -189,8 +200,8 @@ class Follower:
                 step *= _SHRINK
                 if step < LEAST:
                     track.notes.append(
-                        f"the branch was lost at {now.value:.12g}: Newton's method does not converge for the smallest "
-                        f"step{self._why}; the motion beyond may chatter or touch two contacts at once"
+                        f"the {self.noun} was lost at {now.value:.12g}: Newton's method does not converge for the "
+                        f"smallest step{self._why}; the motion beyond may chatter or touch two contacts at once"
                     )
                     break
                 continue
@@ -199,7 +210,7 @@ class Follower:
             # What comes after the branch, such as pictures, is to hear of it too.
             if report is not None and report(now.value):
                 track.interrupted = True
-                track.notes.append(f"interrupted at {now.value:.9g}, the end of the branch")
+                track.notes.append(f"interrupted at {now.value:.9g}, the end of the {self.noun}")
         self.counters.points = len(track.points)
         track.marks.sort(key=lambda mark: mark.place)
         return track
@@ -214,7 +225,7 @@ class Follower:
             if after is None:
                 return self._ending(now, step)
             passed = None
-            if isinstance(chart, Signature):
+            if chart.segmented:
                 passed = passage(self.family, self.interval, now, after)
         except (ConvergenceError, np.linalg.LinAlgError) as error:
             self._why = f" ({error})"
@@ -239,7 +250,7 @@ class Follower:
 
     def _ending(self, now: Point, step: float) -> tuple[Point, float] | None:
         """Pass a grazing ahead that no step reaches, because several touches end there at once."""
-        if not isinstance(now.chart, Signature):
+        if not now.chart.segmented:
             return None
         try:
             passed = ending(self.family, self.interval, now)
@@ -261,7 +272,7 @@ class Follower:
         if passed.after is None:
             names = " and ".join(repr(laws.names[contact]) for contact in passed.grazed)
             self.track.notes.append(
-                f"the branch ends at {passed.at.value:.12g}, where contacts {names} are grazed by one orbit. With "
+                f"the {self.noun} ends at {passed.at.value:.12g}, where contacts {names} are grazed by one orbit. With "
                 "forces that jump, as those of acts_on='displacement', orbits that touch one of them or all may begin "
                 "there: follow those that you want from a value beyond, with guess="
             )
@@ -272,7 +283,7 @@ class Follower:
 
     def _recentred(self, now: Point) -> Point:
         """Return a point with its anchor away from all switches."""
-        if not isinstance(now.chart, Signature):
+        if not now.chart.segmented:
             return now
         found = now.chart.recentred(now.problem, now.y[:-1], now.tangent * now.scales)
         if found is None:
@@ -296,14 +307,18 @@ class Follower:
 
     def _corrected(self, now: Point, guess: Array, step: float) -> tuple[Array, Any, Array]:
         """Return the orbit near a guess; where that fails, from states at the switches that are predicted too."""
-        common = self.family, now.chart, guess, now.scales, now.tangent, now.by_value
+        # A problem at a known value costs nothing, so the value is held where no fold is near.
+        slope = now.tangent[-1]
+        held = isinstance(now.chart, Signature) and abs(slope) > max(_FOLD * step * abs(self._bend(now)[-1]), _LEVEL)
+        normal = np.append(np.zeros(guess.size - 1), np.sign(slope)) if held else now.tangent
+        common = self.family, now.chart, guess, now.scales, normal, now.by_value
         try:
-            return corrected(*common)
+            return corrected(*common, interval=self.interval)
         except ConvergenceError:
             nodes = self._ahead(now, step)
             if nodes is None or not nodes.size:
                 raise
-            return corrected(*common, nodes=nodes)
+            return corrected(*common, nodes=nodes, interval=self.interval)
 
     def _ahead(self, now: Point, step: float) -> Array | None:
         """Return approximate states at the switches of the next orbit, from the last two orbits."""
@@ -320,7 +335,7 @@ class Follower:
         Under harmonic balance a branch has a corner where a slider begins to slip. There short steps may turn farther.
         """
         refused = _REFUSED if isinstance(now.problem, Shooting) or step > _SHORT else _CORNER
-        problem = self.family.at(y[-1])
+        problem = self.family.of(y)
         chart = now.chart
         scales = np.append(chart.scales(problem, evaluation), self.interval.size)
         # First the cheap test, with the derivative from the correction.
@@ -345,7 +360,7 @@ class Follower:
         self._count("flows")
         base = len(track.points) - 1
         if step is not None:
-            found = [] if self._leaving_another else crossings(self.family, step, self.interval)
+            found = [] if self._leaving_another else self.located(step)
             for crossing in found:
                 self._mark(crossing, step, base)
                 if self._over:
@@ -419,7 +434,9 @@ class Follower:
         # The points beyond the first orbit are the beginning of the branch again.
         last = len(points) - 2 + share - _AGAIN
         self.track.marks[:] = [mark for mark in self.track.marks if mark.place < last]
-        self.track.notes.append(f"the branch is closed: it has come back to its first orbit at {points[0].value:.12g}")
+        self.track.notes.append(
+            f"the {self.noun} is closed: it has come back to its first orbit at {points[0].value:.12g}"
+        )
         return True
 
     def _last(self, now: Point, after: Point, end: float) -> tuple[Point, float] | None:
@@ -432,7 +449,7 @@ class Follower:
         try:
             y, evaluation, _ = corrected(self.family, now.chart, guess, now.scales, normal, now.by_value)
             last = self.point(now.chart, y, now.tangent, evaluation)
-            if isinstance(now.chart, Signature) and passage(self.family, self.interval, now, last) is not None:
+            if now.chart.segmented and passage(self.family, self.interval, now, last) is not None:
                 return None
         except ConvergenceError:
             return None
@@ -442,14 +459,15 @@ class Follower:
         if end == self.interval.start and len(values) > 1:
             farthest = max(values, key=lambda value: abs(value - end))
             self.track.notes.append(
-                f"the branch turned near {farthest:.12g} and left the interval through its own start, at {end:.12g}"
+                f"the {self.noun} turned near {farthest:.12g} and left the interval through its own start, at "
+                f"{end:.12g}"
             )
         return last, 0.0
 
 
 def point_at(family: Family, interval: Interval, chart: Any, y: Array, towards: Array, evaluation: Any = None) -> Point:
     """Return a point with its tangent on the side of a direction in scaled coordinates."""
-    problem = family.at(y[-1])
+    problem = family.of(y)
     evaluation = chart.evaluate(problem, y[:-1]) if evaluation is None else evaluation
     scales = np.append(chart.scales(problem, evaluation), interval.size)
     by_value = derivative_by_value(family, interval, chart, y, evaluation)

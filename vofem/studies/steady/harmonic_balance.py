@@ -17,8 +17,9 @@ harmonics of the force beyond H, which are known.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -81,12 +82,15 @@ class HarmonicEvaluation:
         Size of the motion, m.
     settled : ndarray of bool, shape (n_laws,)
         Whether internal variables repeat after a period.
+    change : callable
+        Returns the multipliers.
     """
 
     residual: Array
     size: float
     settled: NDArray[np.bool_]
     slope: Array | None = field(repr=False, default=None)
+    change: Callable[[], Complex | None] = field(repr=False, default=lambda: None)
     flow: ClassVar[None] = None
 
     @property
@@ -103,10 +107,10 @@ class HarmonicEvaluation:
             return np.inf
         return size / self.size if self.size > 0.0 else float(size > 0.0)
 
-    @property
-    def multipliers(self) -> None:
-        """None, because harmonic balance does not compute multipliers."""
-        return None
+    @cached_property
+    def multipliers(self) -> Complex | None:
+        """Floquet multipliers of the motion, with the error of its harmonics; None where they are not computed."""
+        return self.change()
 
 
 class HarmonicBalance:
@@ -140,6 +144,7 @@ class HarmonicBalance:
     """
 
     tolerance = 1e-13
+    parameters: tuple[float, ...] = ()
 
     def __init__(
         self,
@@ -250,7 +255,7 @@ class HarmonicBalance:
         x, level, step = start, 0.0, 1.0
         while level < 1.0 and step >= _SMALLEST:
             target = min(1.0, level + step)
-            weaker: Any = _Weaker(self, target)
+            weaker = _Weaker(self, target)
             try:
                 x = solved(weaker, x, _TRIES).unknowns
                 level, step = target, 2.0 * step
@@ -330,7 +335,13 @@ class HarmonicBalance:
         balance = self.free[:, : h + 1] - np.einsum("kij,jk->ik", self.compliance[: h + 1], forces)
         residual = u - to_real(balance.T).T
         slope = self._slope(slopes) if derivative else None
-        return HarmonicEvaluation(residual.ravel(), float(np.linalg.norm(u)), settled, slope)
+
+        def change() -> Complex | None:
+            if self._undecided is not None:
+                return None
+            return self._multipliers(self._motion(self._forces(u, self.reach)[0]))
+
+        return HarmonicEvaluation(residual.ravel(), float(np.linalg.norm(u)), settled, slope, change)
 
     def _forces(
         self, u: Array, wanted: int, derivative: bool = False, strength: float = 1.0
@@ -376,20 +387,17 @@ class HarmonicBalance:
                 f"{label} still changes after {PASSES} cycles of this motion, as laws that harden under cyclic loads "
                 "do; the orbit is that after as many cycles"
             )
-        motion, reason = self._motion(forces), self._undecided()
-        if reason is not None:
-            notes.append(reason)
-
-        @cache
-        def known() -> Complex | None:
-            return self._multipliers(motion)
+        motion = self._motion(forces)
+        if self._undecided is not None:
+            notes.append(self._undecided)
 
         def doubt() -> float:
             """Return a bound from the change of leading multipliers by the harmonics beyond those of the unknowns."""
             kept = motion.coefficients[:, : self.harmonics + 1]
-            few, many = self._multipliers(HarmonicMotion(self.system, self.rest, self.laws, kept, self.omega)), known()
-            if few is None or many is None:
+            many = evaluation.multipliers
+            if many is None:
                 return np.inf
+            few = self._multipliers(HarmonicMotion(self.system, self.rest, self.laws, kept, self.omega))
             leading = many[np.abs(many) >= _LEADING * np.abs(many).max()]
             return float(max(DECIDED, _SAFETY * np.abs(leading[:, None] - few).min(axis=1).max()))
 
@@ -398,7 +406,7 @@ class HarmonicBalance:
             "harmonic_balance",
             self.loads.omega,
             self.periods,
-            multipliers=known,
+            multipliers=lambda: evaluation.multipliers,
             decided=doubt,
             residual=evaluation.error,
             result=lambda: harmonic_result(self.scene, motion, tuple(notes)),
@@ -430,6 +438,7 @@ class HarmonicBalance:
             modal[:, k] = self._answer(k, right[:, None])[:, 0]
         return HarmonicMotion(self.system, self.rest, self.laws, modal, self.omega)
 
+    @cached_property
     def _undecided(self) -> str | None:
         """Return why multipliers of the motions are not computed, or None."""
         with_past = [group for group in self.system.laws if group.linear]
@@ -444,10 +453,8 @@ class HarmonicBalance:
             )
         return None
 
-    def _multipliers(self, motion: HarmonicMotion) -> Complex | None:
-        """Return the Floquet multipliers of a motion; None where they are not computed."""
-        if self._undecided() is not None:
-            return None
+    def _multipliers(self, motion: HarmonicMotion) -> Complex:
+        """Return the Floquet multipliers of a motion."""
         rows = all_rows(self.groups)
         series = np.zeros((0, 1)) if rows is None else motion.along(rows)
         tangents = [self.laws.tangent(j, series[j], self.omega) for j in range(self.laws.size)]

@@ -150,9 +150,9 @@ class LinearRest:
             before, count = now, 2 * count
         if self.error > _ROUNDING:
             raise ConvergenceError(
-                f"{count} Ritz vectors leave the response at {sampled.max():.4g} rad/s uncertain by {self.error:.1e} "
-                "of itself: the frequency is too high for so many degrees of freedom. Ask for lower frequencies or "
-                "fewer harmonics"
+                f"{count} Ritz vectors leave the response at {sampled.max():.4g} rad/s "
+                f"({sampled.max() / (2.0 * np.pi):.4g} Hz) uncertain by {self.error:.1e} of itself: the frequency is "
+                "too high for so many degrees of freedom. Ask for lower frequencies or fewer harmonics"
             )
 
     def _in_ritz_vectors(self, vectors: Array, rigid: int, counters: Counters) -> None:

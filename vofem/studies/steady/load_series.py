@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from vofem.errors import ArgumentError
 from vofem.system import Load, System
 from vofem.time_functions import TimeFunction
+from vofem.time_functions.parts import frequency_words
 
 Complex = NDArray[np.complex128]
 
@@ -57,8 +58,8 @@ def _series(what: str, load: Load, omega: float, harmonics: int) -> Complex:
             k = round(w / omega)
             if k > harmonics:
                 raise ArgumentError(
-                    f"{what}: {load.name} acts at {w:.9g} rad/s, which is harmonic {k} of the orbit; give "
-                    f"harmonics={2 * k} or more"
+                    f"{what}: {load.name} acts at {frequency_words(w, [function], 9)}, which is harmonic {k} of the "
+                    f"orbit; give harmonics={2 * k} or more"
                 )
             found[k] += amplitude if k else amplitude.real
         return found

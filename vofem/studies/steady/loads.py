@@ -9,10 +9,10 @@ from math import gcd, lcm
 import numpy as np
 
 from vofem._validate import number
-from vofem.doubtful import parts_of
 from vofem.errors import ArgumentError
 from vofem.system import Load, System
 from vofem.time_functions import Sine, TimeFunction
+from vofem.time_functions.parts import frequency_words, parts_of
 
 #: Largest whole number in a ratio of two frequencies of loads, and the accepted relative error of the ratio.
 _LARGEST, _EXACT = 1000, 1e-12
@@ -116,8 +116,9 @@ def _fundamental(what: str, frequencies: list[tuple[Load, float]]) -> float:
         ratio = Fraction(w / base).limit_denominator(_LARGEST)
         if ratio == 0 or ratio.numerator > _LARGEST or abs(float(ratio) - w / base) > _EXACT * w / base:
             raise ArgumentError(
-                f"{what}: {load.name} has {w:.17g} rad/s and {first.name} has {base:.17g} rad/s, which have no common "
-                "period; choose frequencies in the ratio of small whole numbers"
+                f"{what}: {load.name} has {frequency_words(w, [load.function], 17)} and {first.name} has "
+                f"{frequency_words(base, [first.function], 17)}, which have no common period; choose frequencies in "
+                "the ratio of small whole numbers"
             )
         ratios.append(ratio)
     divisor = Fraction(gcd(*(r.numerator for r in ratios)), lcm(*(r.denominator for r in ratios)))

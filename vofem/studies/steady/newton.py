@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import ConvergenceError
-from vofem.studies.steady.problem import Evaluation, OrbitProblem
+from vofem.studies.steady.problem import Equations, Evaluation
 
 Array = NDArray[np.float64]
 
@@ -34,7 +34,7 @@ class Solved:
     evaluation: Evaluation
 
 
-def solved(problem: OrbitProblem, guess: Array, steps: int = _STEPS) -> Solved:
+def solved(problem: Equations, guess: Array, steps: int = _STEPS) -> Solved:
     """Return the orbit near a guess by Newton's method, steps halved while the residual grows.
 
     Raises
@@ -61,7 +61,7 @@ def solved(problem: OrbitProblem, guess: Array, steps: int = _STEPS) -> Solved:
     raise ConvergenceError(f"Newton's method left a residual of {best:.2e} of the motion")
 
 
-def _shorter(problem: OrbitProblem, x: Array, step: Array, now: Evaluation) -> tuple[Array, Evaluation] | None:
+def _shorter(problem: Equations, x: Array, step: Array, now: Evaluation) -> tuple[Array, Evaluation] | None:
     """Return the longest of a step and its halves that lowers the residual; None where rounding or a kink stops it."""
     factor = 1.0
     for _ in range(_HALVINGS):

@@ -17,7 +17,9 @@ from vofem.initial import StoredState
 from vofem.lookup import rows_over
 from vofem.result import Result
 from vofem.scene import Scene
+from vofem.studies.steady.grazed import grazed
 from vofem.system import State
+from vofem.time_functions.parts import frequency_words
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -145,7 +147,12 @@ class PeriodicOrbit(Shown):
 
     def __repr__(self) -> str:
         times = f" over {self.periods} periods of the loads" if self.periods > 1 else ""
-        return f"PeriodicOrbit({self.method}, omega = {self.omega:.9g} rad/s{times}, {self.stability})"
+        return f"PeriodicOrbit({self.method}, {self.frequency_words(9)}{times}, {self.stability})"
+
+    def frequency_words(self, digits: int = 6) -> str:
+        """Return the frequency as a text, in the unit in which those of the loads were given."""
+        loads = (getattr(effect, name, None) for effect in self.scene.effects for name in ("f", "acceleration"))
+        return frequency_words(self.omega, loads, digits)
 
     @cached_property
     def multipliers(self) -> Complex | None:
@@ -157,7 +164,21 @@ class PeriodicOrbit(Shown):
     @property
     def stability(self) -> str:
         """A sentence about the stability."""
+        if self.grazes:
+            return f"at a grazing of contact {self.grazes!r}, stability undecided"
         return {True: "stable", False: "unstable", None: "stability not decided"}[self.stable]
+
+    @cached_property
+    def grazes(self) -> str:
+        """Name of a contact with ``acts_on="displacement"`` that the orbit grazes within rounding; empty without one.
+
+        The force jumps there, so the multipliers are those of orbits on one side of the grazing, or large without
+        bound.
+        """
+        laws = self.scene.model.system.contacts
+        if self.method != "shooting" or laws is None or not np.any(laws.jump & (laws.gap != 0.0)):
+            return ""
+        return grazed(self.result)
 
     @property
     def scene(self) -> Scene:
@@ -175,10 +196,12 @@ class PeriodicOrbit(Shown):
 
         None if this is not decided. This is so if multipliers are not known, or if the largest one lies on the unit
         circle within rounding, as at special points and in conservative scenes, or by harmonic balance within the error
-        of the harmonics that are left out.
+        of the harmonics that are left out, or if the orbit `grazes` a contact.
         """
         if not isinstance(self._stable, Unknown):
             return self._stable
+        if self.grazes:
+            return None
         if self.multipliers is None:
             return None
         size = np.abs(self.multipliers)

@@ -16,13 +16,16 @@ from vofem.studies.steady.orbit import PeriodicOrbit
 Array = NDArray[np.float64]
 
 #: `Evaluation.error` at which a point counts as solved; Newton's last step makes it smaller still.
-TOLERANCE = 1e-11
+TOLERANCE = 1e-12
 
 #: Steps of Newton's method at a point, and by how much the residual may grow in the first of them.
 _STEPS, _GROWTH = 8, 10.0
 
 #: Step of the parameter by which derivatives are taken, in terms of the interval and of the value.
 _DIFFERENCE, _LEAST = 1e-6, 1e-9
+
+#: Factor by which the residual falls in a step at least where the derivative with respect to the parameter is good.
+_SLOW = 0.02
 
 #: Number of switches above which derivatives are taken along known states at the switches, so that changes do not grow.
 _MANY = 16
@@ -34,6 +37,9 @@ _TELLING = 1e-2
 @dataclass(frozen=True)
 class OriginChart:
     """The unknowns of the problem as coordinates."""
+
+    #: Whether orbits are divided into segments, whose switches are watched.
+    segmented = False
 
     def evaluate(self, problem: Any, y: Array, *, derivative: bool = True, nodes: None = None) -> Any:
         """Return the equations."""
@@ -137,7 +143,8 @@ def derivative_by_value(family: Family, interval: Interval, chart: Any, y: Array
     nodes = chart.nodes(evaluation) if len(getattr(chart, "switches", ())) > _MANY else None
 
     def residual(away: float) -> Array:
-        return np.asarray(chart.evaluate(family.at(value + away), y[:-1], derivative=False, nodes=nodes).residual)
+        beside = np.append(y[:-1], value + away)
+        return np.asarray(chart.evaluate(family.of(beside), y[:-1], derivative=False, nodes=nodes).residual)
 
     if chart is ORIGIN:
         step = -step if value > 0.5 * (low + high) else step
@@ -159,6 +166,7 @@ def corrected(
     tolerance: float = TOLERANCE,
     nodes: Array | None = None,
     improve: bool = True,
+    interval: Interval | None = None,
 ) -> tuple[Array, Any, Array]:
     """Return an orbit near a guess, on the plane through it with a normal.
 
@@ -180,6 +188,8 @@ def corrected(
         Approximate states at the switches.
     improve : bool
         Whether the derivative with respect to the parameter is improved in the iteration.
+    interval : Interval, optional
+        If it is given, the derivative with respect to the parameter is computed anew where the iteration is slow.
 
     Returns
     -------
@@ -195,7 +205,7 @@ def corrected(
     before: Any = None
     moved = np.zeros_like(y)
     for k in range(steps):
-        now = chart.evaluate(family.at(y[-1]), y[:-1], nodes=nodes)
+        now = chart.evaluate(family.of(y), y[:-1], nodes=nodes)
         if not np.isfinite(now.error):
             raise ConvergenceError("the motion diverges")
         if before is not None:
@@ -206,6 +216,8 @@ def corrected(
                 raise ConvergenceError("Newton's method does not converge")
         if now.error <= tolerance:
             return _lean(y, now, by_value)
+        if interval is not None and k > 1 and moved[-1] != 0.0 and now.error > _SLOW * before.error:
+            by_value = derivative_by_value(family, interval, chart, y, now)
         matrix = np.empty((y.size, y.size))
         matrix[:-1, :-1] = now.jacobian * scales[:-1]
         matrix[:-1, -1] = by_value * scales[-1]

@@ -44,6 +44,17 @@ class Evaluation(Protocol):
         """Floquet multipliers by decreasing modulus; None if the method does not compute them."""
 
 
+class Equations(Protocol):
+    """As many equations as unknowns; `OrbitProblem` describes the members."""
+
+    @property
+    def tolerance(self) -> float:
+        """`Evaluation.error` at or below which the equations count as solved."""
+
+    def evaluate(self, unknowns: Array, *, derivative: bool = True) -> Any:
+        """Return the equations, an `Evaluation`."""
+
+
 class OrbitProblem(Protocol):
     """Periodic orbits of one scene as roots of equations.
 
@@ -57,6 +68,8 @@ class OrbitProblem(Protocol):
     scales : ndarray, shape (n,)
         Positive sizes by which unknowns are divided before they are compared with each other; they need to be right
         up to a common factor. A problem without unknowns of different kinds gives ones.
+    parameters : tuple of float
+        Values of the parameters at which the problem was built along a branch.
     tolerance : float
         `Evaluation.error` at or below which the equations count as solved.
     """
@@ -65,6 +78,7 @@ class OrbitProblem(Protocol):
     periods: int
     size: int
     scales: Array
+    parameters: tuple[float, ...]
     tolerance: float
 
     def from_rest(self) -> Array:

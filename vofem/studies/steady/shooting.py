@@ -161,6 +161,7 @@ class Shooting:
     """
 
     tolerance = 1e-13
+    parameters: tuple[float, ...] = ()
 
     def __init__(
         self,
@@ -238,16 +239,16 @@ class Shooting:
             z, v = np.linalg.solve(self.frame, np.stack([z, v], axis=1)).T
         return np.concatenate([z, v])
 
-    def modal(self, columns: Array) -> Array:
-        """Return states in unknowns, shape (2n, k), in modes."""
-        return columns if self.frame is None else np.concatenate(self.to_modes(columns))
+    def modal(self, states: Array) -> Array:
+        """Return modal states, shape (2n,) or (2n, k), of states in unknowns."""
+        return states if self.frame is None else np.concatenate(self.to_modes(states))
 
-    def unmodal(self, columns: Array) -> Array:
-        """Return modal states, shape (2n, k), in unknowns."""
+    def unmodal(self, states: Array) -> Array:
+        """Return states in unknowns, shape (2n,) or (2n, k), of modal states."""
         if self.frame is None:
-            return columns
+            return states
         n = self.size // 2
-        return np.concatenate([np.linalg.solve(self.frame, part) for part in (columns[:n], columns[n:])])
+        return np.concatenate([np.linalg.solve(self.frame, part) for part in (states[:n], states[n:])])
 
     def from_state(self, state: State) -> Array:
         """Return the unknowns of a state over the free degrees of freedom."""
@@ -273,14 +274,12 @@ class Shooting:
 
     def linear_response(self) -> Array:
         """Return the unknowns of the periodic motion with all contacts open."""
-        n, nothing = self.space.size, np.zeros(self.space.size)
+        n = self.space.size
         status = np.full(self.space.contacts.shape[0], OPEN, dtype=np.int64)
         period = np.array([self.loads.period])
-        (one,) = self.course.along(0.0, nothing, nothing, [status], period, np.eye(2 * n), np.zeros((1, 2 * n)))
+        path = self.course.along(0.0, np.zeros(2 * n), [status], period, np.eye(2 * n), np.zeros((1, 2 * n)))
         self.work.flows += 1
-        end = np.concatenate([one.displacement, one.velocity])
-        state = np.linalg.lstsq(np.eye(2 * n) - one.columns, end, rcond=1e-12)[0]
-        return self.to_unknowns(state[:n], state[n:])
+        return self.unmodal(np.linalg.lstsq(np.eye(2 * n) - path.columns, path.ends[0], rcond=1e-12)[0])
 
     def from_orbit(self, orbit: Any) -> Array:
         """Return the unknowns of an orbit, of the last period of a `Result`, or of anything a run can start from."""

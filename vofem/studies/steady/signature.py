@@ -14,14 +14,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import ConvergenceError
-from vofem.integrators.event_driven.along import Stretch
+from vofem.integrators.event_driven.along import Path
 from vofem.integrators.event_driven.flow import Flow, Start
+from vofem.integrators.event_driven.motion import Motion
 from vofem.linalg.eigen import eigenvalues
 from vofem.studies.steady.orbit import DECIDED, PeriodicOrbit
 from vofem.studies.steady.shooting import Shooting, relative
@@ -33,11 +34,11 @@ Complex = NDArray[np.complex128]
 #: Samples of an orbit among which extremes of gap functions are searched, at least so many in a segment.
 _SAMPLES, _LEAST_SAMPLES = 600, 16
 
+#: Parts into which a bracket of an extreme is divided, and how many times.
+_PARTS, _CUTS = 40, 8
+
 #: The anchor is moved if a switch comes nearer to it than this share of the longest segment.
 _NEAR_ANCHOR = 0.15
-
-#: Shares of the orbit at which its size is measured, besides the ends of segments.
-_INSIDE = np.array([0.13, 0.37, 0.61, 0.86])
 
 #: Height of an extreme on the wrong side, over the size of the motion, that is rounding.
 ROUNDING = 1e-11
@@ -53,9 +54,6 @@ _SHORT = 1e-5
 
 #: Condition of the equations of the switches above which multipliers need a generalised eigenvalue problem.
 _SINGULAR = 1e3
-
-
-_NO_COLUMNS = np.empty((0, 0))
 
 
 class Switch(NamedTuple):
@@ -87,8 +85,8 @@ class SignatureEvaluation:
     problem : Shooting
     y : ndarray, shape (m,)
         The unknowns.
-    stretches : list of Stretch
-        Without columns.
+    path : Path
+        The motion through the segments.
     residual : ndarray, shape (m,)
     jacobian : ndarray, shape (m, m)
         Empty without derivatives.
@@ -101,7 +99,7 @@ class SignatureEvaluation:
     chart: Signature
     problem: Shooting
     y: Array
-    stretches: list[Stretch]
+    path: Path
     residual: Array
     jacobian: Array
     error: float
@@ -114,8 +112,7 @@ class SignatureEvaluation:
 
     def stripped(self) -> SignatureEvaluation:
         """Return the evaluation without the columns of its segments, which take memory."""
-        lean = [replace(s, columns=_NO_COLUMNS, mean_columns=_NO_COLUMNS) for s in self.stretches]
-        return replace(self, stretches=lean)
+        return replace(self, path=self.path.stripped())
 
     def change_after(self, time: float) -> Array:
         """Return by how much the modal state has changed after a time in s from the anchor on, shape (2n,)."""
@@ -183,6 +180,9 @@ class Signature:
     anchor: float
     periods: int
 
+    #: Orbits are divided into segments, whose switches are watched.
+    segmented: ClassVar[bool] = True
+
     @property
     def turn(self) -> float:
         """Length of the orbit in rad."""
@@ -247,43 +247,41 @@ class Signature:
             lengthen[:k, n:own] = np.eye(k) / omega
             lengthen[k, n:own] = -1.0 / omega
         problem.work.flows += derivative
-        stretches = problem.course.along(
-            self.anchor / omega, *problem.to_modes(y[:n]), self.statuses, lengths / omega, columns, lengthen, nodes
-        )
-        end = stretches[-1]
-        closing = problem.to_unknowns(end.displacement, end.velocity) - y[:n]
-        size = self._sizes(problem, stretches)
+        path = problem.course.along(
+            self.anchor / omega, problem.modal(y[:n]), self.statuses, lengths / omega, columns, lengthen, nodes,
+            every=columns is not None and (nodes is not None or self._releases),
+        )  # fmt: skip
+        closing = problem.unmodal(path.ends[-1]) - y[:n]
         residual, jacobian = np.empty(n + k), np.empty((n + k, n + k) if derivative else (0, 0))
         error = 0.0
         if nodes is not None:
-            closing = closing + problem.unmodal(end.columns[:, -1:])[:, 0]
-            for stretch, node in zip(stretches, nodes, strict=False):
-                error = max(error, relative(np.concatenate([stretch.displacement, stretch.velocity]) - node, size))
+            closing = closing + problem.unmodal(path.columns[:, -1])
+            apart = path.ends[:-1] - nodes
+            error = max((relative(one, path.sizes) for one in apart), default=0.0)
         residual[:n] = closing
         if derivative:
-            jacobian[:n] = problem.unmodal(end.columns[:, :own])
+            jacobian[:n] = problem.unmodal(path.columns[:, :own])
             jacobian[:n, :n] -= np.eye(n)
-        error = max(error, relative(closing, size))
-        for index in range(k):
-            value, row, scale = self._switching(problem, stretches, index, size, columns is not None)
+        error = max(error, relative(closing, path.sizes))
+        if k:
+            values, rows, sizes = self._switching(problem, path)
             if nodes is not None:
-                value += float(row[-1])
-            residual[n + index] = value / scale
-            error = max(error, abs(value) / scale)
+                values = values + rows[:, -1]
+            residual[n:] = values / sizes
+            error = max(error, float(np.abs(residual[n:]).max()))
             if derivative:
-                jacobian[n + index] = row[:own] / scale
-        return SignatureEvaluation(self, problem, y.copy(), stretches, residual, jacobian, error, size)
+                jacobian[n:] = rows[:, :own] / sizes[:, None]
+        return SignatureEvaluation(self, problem, y.copy(), path, residual, jacobian, error, path.sizes)
 
     def nodes(self, evaluation: SignatureEvaluation, moved: Array | None = None) -> Array:
         """Return the modal states at the switches, after a change of the unknowns where one is given, shape (k, 2n)."""
-        n = evaluation.problem.size
-        found = np.empty((len(self.switches), n))
-        for node, stretch in zip(found, evaluation.stretches, strict=False):
-            node[: n // 2], node[n // 2 :] = stretch.displacement, stretch.velocity
-            if moved is not None:
-                node += stretch.columns[:, : moved.size] @ moved
-                if stretch.columns.shape[1] > moved.size:
-                    node += stretch.columns[:, -1]
+        path, k = evaluation.path, len(self.switches)
+        found = path.ends[:k].copy()
+        if moved is not None:
+            columns = path.all_columns[:k]
+            found += columns[:, :, : moved.size] @ moved
+            if columns.shape[2] > moved.size:
+                found += columns[:, :, -1]
         return found
 
     def smooth(self, problem: Shooting) -> bool:
@@ -294,65 +292,62 @@ class Signature:
         used = sorted({contact for contact, _ in self.switches})
         return not np.any((laws.jump & (laws.gap > 0.0))[used] | (laws.damping[used] > 0.0))
 
-    @staticmethod
-    def _sizes(problem: Shooting, stretches: Sequence[Stretch]) -> tuple[float, float]:
-        """Return the largest norms of modal displacement and velocity at ends of segments and between them."""
-        z = [s.displacement for s in stretches]
-        v = [s.velocity for s in stretches]
-        if len(stretches) < 5:
-            for s in stretches:
-                more_z, more_v = s.motion.modes(_INSIDE * s.duration)
-                z, v = [*z, *more_z.T], [*v, *more_v.T]
-        return max(float(np.linalg.norm(part)) for part in z), max(float(np.linalg.norm(part)) for part in v)
-
-    def _switching(
-        self, problem: Shooting, stretches: list[Stretch], index: int, size: tuple[float, float], derivative: bool
-    ) -> tuple[float, Array, float]:
-        """Return the equation of a switch: its value, its derivative, and the size to which it is compared."""
-        contact, _ = self.switches[index]
-        laws, row, now = problem.system.contacts, problem.space.contacts[contact], stretches[index]
+    def _switching(self, problem: Shooting, path: Path) -> tuple[Array, Array, Array]:
+        """Return the equations of k switches: values (k,), derivatives (k, columns), and sizes to compare with (k,)."""
+        laws, rows = problem.system.contacts, problem.space.contacts
         assert laws is not None
-        n, partner = row.size, self.partners[index]
-        if now.status[contact] == PINNED:
-            return self._released(problem, now, contact, self.switches[index].status, derivative)
-        norm = float(np.linalg.norm(row))
-        if partner is None:
-            value = float(row @ now.displacement) - float(laws.gap[contact])
-            return value, row @ now.columns[:n], max(norm * size[0], abs(float(laws.gap[contact])), 1e-300)
-        between = stretches[partner + 1 : index + 1]
-        durations = np.array([s.duration for s in between])
-        whole = float(durations.sum())
-        share = durations / whole if whole != 0.0 else np.full(len(between), 1.0 / len(between))
-        means = np.array([float(row @ s.mean) for s in between])
-        value = float(share @ means)
-        derived = np.zeros(0)
-        if derivative:
-            derived = share @ np.array([s.mean_columns[contact] for s in between])
-            if len(between) > 1 and whole != 0.0:
-                steps = np.diff(np.array([stretches[partner].shift, *(s.shift for s in between)]), axis=0)
-                derived = derived + ((means - value) / whole) @ steps
-        return value, derived, max(norm * size[1], 1e-300)
+        n, k = rows.shape[1], len(self.switches)
+        contacts, number = self._contacts, np.arange(k)
+        norms = np.linalg.norm(rows, axis=1)[contacts]
+        # The coordinate is at the gap.
+        gap = laws.gap[contacts]
+        values = np.einsum("ij,ij->i", rows[contacts], path.ends[:k, :n]) - gap
+        derived = path.end_rows[number, contacts]
+        sizes = np.maximum(norms * path.sizes[0], np.abs(gap))
+        # It changes as much as nothing from one switch of a contact to its next one.
+        again = self._again
+        values[again] = path.means[again, contacts[again]]
+        derived[again] = path.mean_rows[again, contacts[again]]
+        sizes[again] = norms[again] * path.sizes[1]
+        for index in again.tolist():
+            partner = self.partners[index]
+            assert partner is not None
+            if partner < index - 1:
+                values[index], derived[index] = _mean(path, int(contacts[index]), partner, index)
+        for index, (contact, status) in enumerate(self.switches):
+            if self.statuses[index][contact] == PINNED:
+                values[index], derived[index], sizes[index] = self._released(problem, path, index, contact, status)
+        return values, derived, np.maximum(sizes, 1e-300)
+
+    @cached_property
+    def _releases(self) -> bool:
+        """Whether any switch releases a pinned contact."""
+        return any(self.statuses[k][contact] == PINNED for k, (contact, _) in enumerate(self.switches))
+
+    @cached_property
+    def _contacts(self) -> NDArray[np.int64]:
+        return np.array([contact for contact, _ in self.switches], dtype=np.int64)
+
+    @cached_property
+    def _again(self) -> NDArray[np.int64]:
+        """Numbers of the switches of contacts that have switched before."""
+        return np.array([k for k, partner in enumerate(self.partners) if partner is not None], dtype=np.int64)
 
     @staticmethod
-    def _released(
-        problem: Shooting, now: Stretch, contact: int, status: int, derivative: bool
-    ) -> tuple[float, Array, float]:
+    def _released(problem: Shooting, path: Path, index: int, contact: int, status: int) -> tuple[float, Array, float]:
         """Return the equation of a release: the reaction reaches zero, or the force of the closed contact."""
-        laws, n = problem.system.contacts, now.displacement.size
+        laws, n = problem.system.contacts, problem.size // 2
         assert laws is not None
-        held = int(np.sum(now.status[:contact] == PINNED))
-        force = problem.course.reactions(now)
+        held = int(np.sum(path.statuses[index][:contact] == PINNED))
+        force, motion, duration = path.reactions(index), path.motion(index), float(path.durations[index])
         full = float(laws.stiffness[contact] * laws.gap[contact])
-        value = float(force.at(now.motion, np.array([now.duration]))[held, 0]) - (full if status == CLOSED else 0.0)
-        derived = np.zeros(0)
-        if derivative:
-            real, turned = now.motion.spectrum.real, np.exp(1j * now.motion.omega * now.duration)
-            own = force.displacement[held], force.velocity[held]
-            wave = float((1j * now.motion.omega * force.harmonic[held] * turned).real.sum())
-            derived = own[0] @ real.down(now.columns[:n]) + own[1] @ real.down(now.columns[n:])
-            # The columns move with the end of the segment, the load's phase does too.
-            derived = derived + (wave + float(force.slope[held])) * now.shift
-        return value, derived, full
+        value = float(force.at(motion, np.array([duration]))[held, 0]) - (full if status == CLOSED else 0.0)
+        columns = path.all_columns[index] if path.all_columns.size else np.empty((2 * n, 0))
+        real, turned = motion.spectrum.real, np.exp(1j * motion.omega * duration)
+        wave = float((1j * motion.omega * force.harmonic[held] * turned).real.sum())
+        derived = force.displacement[held] @ real.down(columns[:n]) + force.velocity[held] @ real.down(columns[n:])
+        # The columns move with the end of the segment, the load's phase does too.
+        return value, derived + (wave + float(force.slope[held])) * path.shifts[index], full
 
     # -- coordinates ----------------------------------------------------------------------------------
 
@@ -368,10 +363,10 @@ class Signature:
 
     def at_phase(self, problem: Shooting, evaluation: SignatureEvaluation, phase: float) -> Array:
         """Return the state in unknowns at a phase of the loads, shape (2n,)."""
-        stretches, omega = evaluation.stretches, problem.loads.omega
+        path, omega = evaluation.path, problem.loads.omega
         time = (self.anchor + (phase - self.anchor) % self.turn) / omega
-        index = max((k for k, s in enumerate(stretches) if s.time <= time), default=0)
-        z, v = stretches[index].motion.modes(np.array([time - stretches[index].time]))
+        index = max(np.flatnonzero(path.times <= time).tolist(), default=0)
+        z, v = path.motion(index).modes(np.array([time - path.times[index]]))
         return problem.to_unknowns(z[:, 0], v[:, 0])
 
     def unknowns(self, problem: Shooting, y: Array, evaluation: SignatureEvaluation) -> Array:
@@ -422,9 +417,9 @@ class Signature:
                 continue
             later = [e.time * omega for e in flow.events[index + 1 :] if e.contact == event.contact]
             segment = int(np.searchsorted(phases, phase))
-            stretch = evaluation.stretches[segment]
-            low = phase / omega - stretch.time
-            high = min((later[0] / omega - stretch.time) if later else stretch.duration, stretch.duration)
+            begun, duration = float(evaluation.path.times[segment]), float(evaluation.path.durations[segment])
+            low = phase / omega - begun
+            high = min((later[0] / omega - begun) if later else duration, duration)
             if high <= low:
                 return None
             found = self._extremes_in(problem, evaluation, segment, event.contact, np.linspace(low, high, 33))
@@ -436,12 +431,12 @@ class Signature:
         if problem.system.contacts is None:
             return []
         found: list[Extreme] = []
-        for k, stretch in enumerate(evaluation.stretches):
-            if stretch.duration <= 0.0:
+        for k, duration in enumerate(evaluation.path.durations.tolist()):
+            if duration <= 0.0:
                 continue
-            count = max(_LEAST_SAMPLES, int(_SAMPLES * stretch.duration / problem.duration))
-            tau = np.linspace(0.0, stretch.duration, count + 1)
-            for j in np.flatnonzero(stretch.status != PINNED).tolist():
+            count = max(_LEAST_SAMPLES, int(_SAMPLES * duration / problem.duration))
+            tau = np.linspace(0.0, duration, count + 1)
+            for j in np.flatnonzero(self.statuses[k] != PINNED).tolist():
                 found += self._extremes_in(problem, evaluation, k, j, tau)
         return found
 
@@ -452,15 +447,16 @@ class Signature:
         """Return the extremes of one gap function between times of a segment, shape (m,)."""
         laws, row = problem.system.contacts, problem.space.contacts[contact]
         assert laws is not None
-        stretch, found = evaluation.stretches[segment], []
+        motion, found = evaluation.path.motion(segment), []
         size = max(float(np.linalg.norm(row)) * evaluation.sizes[0], abs(float(laws.gap[contact])))
-        sign = -1.0 if stretch.status[contact] == CLOSED else 1.0
-        rate = sign * (row @ stretch.motion.modes(tau)[1])
+        sign = -1.0 if evaluation.chart.statuses[segment][contact] == CLOSED else 1.0
+        rate = sign * (row @ motion.modes(tau)[1])
         for i in np.flatnonzero((rate[:-1] > 0.0) & (rate[1:] <= 0.0)).tolist():
-            place = _root_of_rate(stretch, row, tau[i], tau[i + 1])
-            z = stretch.motion.modes(np.array([place]))[0][:, 0]
+            place = _root_of_rate(motion, row, tau[i], tau[i + 1])
+            z = motion.modes(np.array([place]))[0][:, 0]
             height = sign * (float(row @ z) - float(laws.gap[contact])) / size
-            found.append(Extreme(contact, segment, (stretch.time + place) * problem.loads.omega, height))
+            phase = (float(evaluation.path.times[segment]) + place) * problem.loads.omega
+            found.append(Extreme(contact, segment, phase, height))
         return found
 
     # -- other signatures -----------------------------------------------------------------------------
@@ -554,12 +550,10 @@ class Signature:
         # The last part ends at a fixed phase.
         moves[first, 0] = -moves[:first, 0].sum()
         column = problem.modal(tangent[:n, None])
-        stretches = problem.course.along(
-            self.anchor / omega, *problem.to_modes(y[:n]), self.statuses[: first + 1], cut / omega, column, moves
+        path = problem.course.along(
+            self.anchor / omega, problem.modal(y[:n]), self.statuses[: first + 1], cut / omega, column, moves
         )
-        end = stretches[-1]
-        state = problem.to_unknowns(end.displacement, end.velocity)
-        moved = problem.unmodal(end.columns)[:, 0]
+        state, moved = problem.unmodal(path.ends[-1]), problem.unmodal(path.columns[:, 0])
         switches = (*self.switches[first:], *self.switches[:first])
         anchor = self.anchor + float(cut.sum())
         # Shifted by whole orbits, so that the phase stays small.
@@ -596,16 +590,27 @@ def _without_short(switches: list[tuple[float, int]]) -> list[tuple[float, int]]
     return left
 
 
-def _root_of_rate(stretch: Stretch, row: Array, low: float, high: float) -> float:
+def _mean(path: Path, contact: int, partner: int, index: int) -> tuple[float, Array]:
+    """Return the mean rate of a contact between two switches with others in between, and its derivatives (columns,)."""
+    between = slice(partner + 1, index + 1)
+    durations, means = path.durations[between], path.means[between, contact]
+    whole = float(durations.sum())
+    share = durations / whole if whole != 0.0 else np.full(durations.size, 1.0 / durations.size)
+    value = float(share @ means)
+    derived = share @ path.mean_rows[between, contact]
+    if whole != 0.0:
+        derived = derived + ((means - value) / whole) @ np.diff(path.shifts[partner : index + 1], axis=0)
+    return value, derived
+
+
+def _root_of_rate(motion: Motion, row: Array, low: float, high: float) -> float:
     """Return where a rate vanishes between two times of a segment at which it has opposite signs."""
-    from scipy.optimize import brentq
-
-    def rate(tau: float) -> float:
-        return float(row @ stretch.motion.modes(np.array([tau]))[1][:, 0])
-
-    if rate(low) * rate(high) >= 0.0:
-        return low if abs(rate(low)) < abs(rate(high)) else high
-    return float(brentq(rate, low, high, xtol=1e-16, rtol=1e-14))
+    for _ in range(_CUTS):
+        tau = np.linspace(low, high, _PARTS + 1)
+        rate = row @ motion.modes(tau)[1]
+        k = int(np.argmax(rate[:-1] * rate[1:] <= 0.0))
+        low, high = float(tau[k]), float(tau[k + 1])
+    return low
 
 
 def signature_of(problem: Shooting, flow: Flow) -> tuple[Signature, Array]:

@@ -29,6 +29,8 @@ class SpecialPoint:
     place : float
         Position of the point on the branch: the number of the orbit before it, plus the fraction of the way to the next
         orbit.
+    other : float
+        Value of the second parameter on a `Locus`; NaN on a branch.
     """
 
     kind: str
@@ -36,3 +38,4 @@ class SpecialPoint:
     orbit: PeriodicOrbit
     contact: str = ""
     place: float = 0.0
+    other: float = float("nan")

@@ -93,7 +93,7 @@ def first_orbit(what: str, problem: OrbitProblem, guess: Any) -> tuple[OrbitProb
         If none is found, or one that repeats earlier than after the given number of periods.
     """
     if isinstance(problem, Shooting):
-        problem = _as_guess(problem, guess)
+        problem = as_guess(problem, guess)
     notes: tuple[str, ...] = ()
     if guess is None and isinstance(problem, Shooting):
         settled = from_rest(what, problem)
@@ -121,7 +121,7 @@ def first_orbit(what: str, problem: OrbitProblem, guess: Any) -> tuple[OrbitProb
     return problem, found, notes
 
 
-def _as_guess(problem: Shooting, guess: Any) -> Shooting:
+def as_guess(problem: Shooting, guess: Any) -> Shooting:
     """Return the problem of a large system with as many vectors as were needed for the orbit that is the guess."""
     few = problem.condensed
     known = guess.truncation if isinstance(guess, PeriodicOrbit) and guess.method == "shooting" else None

@@ -118,14 +118,25 @@ def passage(family: Family, interval: Interval, now: Point, after: Point) -> Pas
         raise ConvergenceError(
             f"the orbit does not repeat under an ordinary run, by {after.evaluation.closing:.1e} of the motion"
         )
+    return _first(family, interval, now, after, changes)
+
+
+def _first(family: Family, interval: Interval, now: Point, after: Point, changes: list[_Change]) -> Passage:
+    """Return the first of some changes of the signature between two neighbours, and of those that come before it."""
     last = after
     for _ in range(_MOST):
         change = min(changes, key=lambda one: one.share)
         found = _located(family, interval, now, last, change)
         changes = _vanishing(now, found.before, found.grazed) or _touching(now, found.before, _TOGETHER)
+        last = found.before
+        if not changes and change.pairs and len(found.grazed) > 1:
+            # Contacts that are grazed there together may have touched before.
+            place = now.problem.size + change.pairs[0][1]
+            half = now.y + 0.5 * (found.before.y - now.y)
+            last = _along(now, _with_length(family, interval, now.chart, half, place, half[place]))
+            changes = _touching(now, last)
         if not changes:
             return found
-        last = found.before
     raise ConvergenceError("too many changes of contact in one step")
 
 
@@ -146,12 +157,10 @@ def ending(family: Family, interval: Interval, now: Point) -> Passage | None:
     length = float(lengths[p + 1 : k + 1].sum())
     ahead = length / float(-rates[p + 1 : k + 1].sum())
     after = replace(now, y=now.y + 1.1 * ahead * now.tangent * now.scales)
-    found = _ends(family, interval, now, after, now.y + ahead * now.tangent * now.scales, tuple(short))
+    found = _first(family, interval, now, after, [_Change(1.0 / 1.1, pairs=tuple(short))])
     away = float(np.linalg.norm((found.before.y - now.y) / now.scales))
     if found.after is None or away > 10.0 * _NEARLY or abs(found.at.value - now.value) > _NEARLY * interval.size:
         raise ConvergenceError("a change of contact was found elsewhere")
-    if _touching(now, found.before, _TOGETHER):
-        return None
     return found
 
 
@@ -159,7 +168,7 @@ def _vanishing(now: Point, after: Point, without: Sequence[int] = ()) -> list[_C
     """Return touches whose length passes zero, and switches of two contacts that change their order."""
     chart: Signature = now.chart
     first, last = chart.lengths(now.y[:-1]), chart.lengths(after.y[:-1])
-    n = after.y.size - 1 - len(chart.switches)
+    n = after.problem.size
     found: list[_Change] = []
     inside: set[int] = set()
     ended = []
@@ -224,37 +233,37 @@ def _begins(family: Family, interval: Interval, now: Point, after: Point, guess:
     chart, y, place = old.with_touch(guess[:-1], (extreme.contact,), extreme.phase)
     at = _with_length(family, interval, chart, np.append(y, guess[-1]), place, 0.0)
     phase = float(chart.phases(at.y[:-1])[place - at.problem.size])
-    state = _point(family, interval, old, _without_length(chart, at.y, place), now.tangent)
+    state = _point(family, interval, old, _without_length(at, place), now.tangent)
     _between(now, after, state.y)
     state = _along(now, state)
-    known: dict[int, list[float]] = {extreme.contact: [phase]}
-    for p, switch in zip(old.phases(state.y[:-1]), old.switches, strict=True):
-        known.setdefault(switch.contact, []).append(float(p))
-    others = [
-        e
-        for e in old.extremes(state.problem, state.evaluation)
-        if abs(e.height) <= _TOGETHER and not any(_alike(old, e.phase, p) for p in known.get(e.contact, ()))
-    ]
+    known = [(extreme.contact, phase), *zip((s.contact for s in old.switches), old.phases(state.y[:-1]), strict=True)]
+    others = _grazing(state, known)
     grazed = tuple(sorted((extreme.contact, *(e.contact for e in others))))
     if not others:
         beyond = _lengthened(family, interval, at, [(place, 1)], BEYOND)
         return Passage(state, state, beyond, grazed)
     if _jump(at.problem, grazed):
         return Passage(state, state, None, grazed)
-    groups: list[tuple[float, list[int]]] = [(phase, [extreme.contact])]
-    for e in others:
-        mine = [group for group in groups if _alike(old, group[0], e.phase)]
+    every = [extreme._replace(phase=phase), *others]
+    return Passage(state, state, _touched(family, interval, state, every), grazed)
+
+
+def _touched(family: Family, interval: Interval, at: Point, extremes: Sequence[Extreme]) -> Point:
+    """Return the orbit that touches contacts at extremes of an orbit which just grazes them."""
+    groups: list[tuple[float, list[int]]] = []
+    for e in extremes:
+        mine = [group for group in groups if _alike(at.chart, group[0], e.phase)]
         if mine:
             mine[0][1].append(e.contact)
         else:
             groups.append((e.phase, [e.contact]))
     places: list[tuple[int, int]] = []
-    chart, y = old, state.y[:-1]
+    chart, y = at.chart, at.y[:-1]
     for when, contacts in sorted(groups, reverse=True):
         chart, y, place = chart.with_touch(y, tuple(contacts), when)
         places = [(place, len(contacts)), *((other + 2 * len(contacts), size) for other, size in places)]
     many = replace(at, chart=chart, y=np.append(y, at.value))
-    return Passage(state, state, _lengthened(family, interval, many, places, _SEVERAL), grazed)
+    return _lengthened(family, interval, many, places, _SEVERAL if len(extremes) > 1 else BEYOND)
 
 
 def _ends(
@@ -304,7 +313,21 @@ def _ends(
     outside = _point(family, interval, out, y, np.append(np.zeros(y.size - 1), 1.0))
     if _rise(family, outside, contact, phase) * (-1.0 if status == 1 else 1.0) > 0.0:
         outside = replace(outside, tangent=-outside.tangent)
-    return Passage(before, outside, outside, grazed)
+    other = _grazing(outside, [(contact, phase)]) if single else []
+    if not other or _jump(now.problem, [e.contact for e in other]):
+        return Passage(before, outside, outside, grazed)
+    # Those that touched no longer do, and those that did not begin to: so this branch crosses that without touches.
+    return Passage(before, outside, _touched(family, interval, outside, other), (*grazed, *(e.contact for e in other)))
+
+
+def _grazing(point: Point, known: Sequence[tuple[int, float]]) -> list[Extreme]:
+    """Return the extremes of gap functions of an orbit that graze their contacts, without some contacts and phases."""
+    chart: Signature = point.chart
+    return [
+        e
+        for e in chart.extremes(point.problem, point.evaluation)
+        if abs(e.height) <= _TOGETHER and not any(e.contact == c and _alike(chart, e.phase, p) for c, p in known)
+    ]
 
 
 def _rise(family: Family, point: Point, contact: int, phase: float) -> float:
@@ -312,7 +335,7 @@ def _rise(family: Family, point: Point, contact: int, phase: float) -> float:
     values = []
     for sign in (1.0, -1.0):
         y = point.y + sign * _DIFFERENCE * point.tangent * point.scales
-        problem = family.at(y[-1])
+        problem = family.of(y)
         evaluation = point.chart.evaluate(problem, y[:-1], derivative=False)
         z, _ = problem.to_modes(point.chart.at_phase(problem, evaluation, phase))
         values.append(float(problem.space.contacts[contact] @ z) - float(problem.system.contacts.gap[contact]))
@@ -344,14 +367,14 @@ def _along(now: Point, point: Point) -> Point:
     return point if point.tangent @ now.tangent >= 0.0 else replace(point, tangent=-point.tangent)
 
 
-def _without_length(chart: Signature, y: Array, place: int) -> Array:
-    n = y.size - 1 - len(chart.switches)
-    return np.append(chart.without(y[:-1], [place - n - 1, place - n])[1], y[-1])
+def _without_length(at: Point, place: int) -> Array:
+    n = at.problem.size
+    return np.append(at.chart.without(at.y[:-1], [place - n - 1, place - n])[1], at.y[-1])
 
 
 def _point(family: Family, interval: Interval, chart: Signature, y: Array, towards: Array) -> Point:
     """Return a point of a branch, its tangent on the side of a direction in scaled coordinates."""
-    problem = family.at(y[-1])
+    problem = family.of(y)
     evaluation = chart.evaluate(problem, y[:-1])
     scales = np.append(chart.scales(problem, evaluation), interval.size)
     by_value = derivative_by_value(family, interval, chart, y, evaluation)
@@ -365,7 +388,7 @@ def _with_length(
     """Return the orbit near a guess at which one length has a value."""
     guess = guess.copy()
     guess[place] = length
-    problem = family.at(guess[-1])
+    problem = family.of(guess)
     evaluation = chart.evaluate(problem, guess[:-1])
     scales = np.append(chart.scales(problem, evaluation), interval.size)
     by_value = derivative_by_value(family, interval, chart, guess, evaluation)
@@ -375,7 +398,7 @@ def _with_length(
     y[place] = length
     by_value = derivative_by_value(family, interval, chart, y, evaluation)
     tangent = tangent_at(evaluation, by_value, scales, normal)
-    return Point(chart, y, family.at(y[-1]), evaluation, scales, by_value, tangent)
+    return Point(chart, y, family.of(y), evaluation, scales, by_value, tangent)
 
 
 def _lengthened(family: Family, interval: Interval, at: Point, places: list[tuple[int, int]], length: float) -> Point:
@@ -384,6 +407,6 @@ def _lengthened(family: Family, interval: Interval, at: Point, places: list[tupl
     for place, contacts in places:
         guess[place] = length
         guess[place - contacts] -= 0.5 * length
-        if place + contacts < guess.size - 1:
+        if place + contacts < at.problem.size + len(at.chart.switches):
             guess[place + contacts] -= 0.5 * length
     return _with_length(family, interval, at.chart, guess, places[0][0], length)

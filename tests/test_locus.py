@@ -1,0 +1,195 @@
+"""Curves of special points in two parameters, against branches at other values and a known meeting of two flips."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import vofem as vf
+from vofem.errors import ArgumentError, MethodError
+from vofem.io import plot
+
+
+def damped(omega, damping):
+    mass = vf.Mass(1.0, stiffness=1.0, damping=damping, name="mass")
+    stop = vf.Contact(mass, gap=0.0, stiffness=8.0, side="above", acts_on="penetration", name="stop")
+    return vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(1.0, omega))])
+
+
+def two_masses(omega, amplitude):
+    """NLvib's example 03 with the amplitude of the load as a second parameter."""
+    a, b = vf.Mass(1.0, name="a"), vf.Mass(1.0, stiffness=1.0, damping=0.03, name="b")
+    effects = [
+        vf.Spring(a, b, stiffness=1.0),
+        vf.Dashpot(a, b, damping=0.03),
+        vf.Contact(a, gap=1.0, stiffness=100.0, side="above", acts_on="penetration", name="stop"),
+        vf.PointLoad(b, vf.Sine(amplitude, omega, phase=np.pi / 2)),
+    ]
+    return vf.Scene([a, b], effects)
+
+
+def between_stops(omega, amplitude, gap=0.5):
+    mass = vf.Mass(1.0, stiffness=1.0, damping=0.1, name="mass")
+    stops = [
+        vf.Contact(
+            mass, gap=gap if side == "below" else 0.5, stiffness=20.0, side=side, acts_on="penetration", name=side
+        )
+        for side in ("above", "below")
+    ]
+    return vf.Scene([mass], [*stops, vf.PointLoad(mass, vf.Sine(amplitude, omega))])
+
+
+@pytest.fixture(scope="module")
+def branches():
+    """Return the branches of the two masses for two amplitudes of the load."""
+    return [vf.continuation(lambda omega, a=a: two_masses(omega, a), 0.8, 0.5) for a in (0.1, 0.105)]
+
+
+@pytest.fixture(scope="module")
+def flips():
+    branch = vf.continuation(lambda omega: damped(omega, 1.2), 6.0, 2.0)
+    return [s for s in branch.special if s.kind == "period_doubling"]
+
+
+def test_two_flips_meet(flips):
+    """The locus begins at one flip, turns where both meet, and comes back through the other."""
+    found = vf.locus(damped, flips[0], 1.2, 1.5)
+    assert found.kind == "period_doubling"
+    assert tuple(found.values[0]) == pytest.approx((flips[0].value, 1.2), abs=1e-11)
+    assert tuple(found.values[-1]) == pytest.approx((flips[1].value, 1.2), abs=1e-11)
+    (turn,) = found.special
+    assert turn.kind == "turn"
+    assert turn.other == pytest.approx(1.2276185314, abs=1e-10)
+    assert found.values[:, 1].max() == turn.other
+    assert np.min(np.abs(turn.orbit.multipliers + 1.0)) < 1e-8
+    assert any("turned" in note for note in found.notes)
+
+
+def nearest(branch, special, kind=None):
+    return min((s for s in branch.special if s.kind == special.kind), key=lambda s: abs(s.value - special.value))
+
+
+@pytest.mark.parametrize(("index", "kind"), [
+    (0, "grazing"), (1, "fold"), (2, "fold"), (3, "period_doubling"), (5, "neimark_sacker"), (7, "grazing"),
+])  # fmt: skip
+def test_a_locus_leads_to_the_special_point_of_another_branch(branches, index, kind):
+    """Also a fold that lies 6e-9 rad/s from its grazing."""
+    first, second = branches
+    special = first.special[index]
+    assert special.kind == kind
+    found = vf.locus(two_masses, special, 0.1, 0.105)
+    assert found.contact == special.contact
+    value, other = found.values[-1]
+    assert other == 0.105
+    assert value == pytest.approx(nearest(second, special).value, abs=1e-10)
+
+
+def test_loci_of_folds_and_flips_meet_at_one_point(branches):
+    """Where both multipliers lie on the circle, the point is on either curve."""
+    fold, flip = branches[0].special[2:4]
+    (at_fold,) = vf.locus(two_masses, fold, 0.1, 0.105).special
+    (at_flip,) = vf.locus(two_masses, flip, 0.1, 0.105).special
+    assert (at_fold.kind, at_flip.kind) == ("period_doubling", "fold")
+    assert (at_fold.value, at_fold.other) == pytest.approx((at_flip.value, at_flip.other), abs=1e-10)
+    multipliers = at_fold.orbit.multipliers
+    assert max(np.min(np.abs(multipliers - one)) for one in (1.0, -1.0)) < 1e-6
+
+
+def test_two_folds_meet_at_a_cusp():
+    """A softly limited beam has no folds below the cusp, two close ones above, and the locus has its tip there."""
+    beam = vf.Beam(length=1.0, EI=1.0, rhoA=1.0, elements=2, supports={"left": "clamped"}, name="beam")
+    tip = beam.at(1.0)
+    rest = [
+        vf.Contact(tip, gap=0.005, stiffness=5.0, side="below", acts_on="penetration", name="stop"),
+        vf.ModalDamping(0.03),
+    ]
+
+    def build(omega, amplitude):
+        return vf.Scene([beam], [*rest, vf.PointLoad(tip, vf.Sine(amplitude, omega))])
+
+    start = 0.0011
+    folds = [s for s in vf.continuation(lambda w: build(w, start), 3.0, 4.5).special if s.kind == "fold"]
+    assert len(folds) == 2
+    found = vf.locus(build, folds[0], start, 0.0009)
+    assert found.values[-1] == pytest.approx((folds[1].value, start), abs=1e-10)
+    (cusp,) = found.special
+    assert cusp.kind == "cusp"
+    assert found.values[:, 1].min() == cusp.other
+    apart = []
+    for factor in (1.0001, 0.9999):
+        branch = vf.continuation(lambda w, f=factor: build(w, f * cusp.other), 3.3, 3.8)
+        apart.append([s.value for s in branch.special if s.kind == "fold"])
+    assert [len(one) for one in apart] == [2, 0]
+    assert apart[0] == pytest.approx([cusp.value] * 2, abs=1e-3)
+
+
+def test_branch_points_of_a_symmetric_scene():
+    """Both branch points are ends of one curve; they exist for equal stops alone."""
+    points = vf.continuation(lambda w: between_stops(w, 0.8), 0.75, 1.2).special
+    assert [s.kind for s in points] == ["branch_point"] * 2
+    found = vf.locus(between_stops, points[0], 0.8, 0.5, max_step=0.25)
+    assert found.values[-1] == pytest.approx((points[1].value, 0.8), abs=1e-10)
+    (turn,) = found.special
+    assert turn.kind == "turn"
+    assert 0.5 < turn.other < 0.8
+    with pytest.raises(ArgumentError, match="not symmetric"):
+        vf.locus(lambda w, gap: between_stops(w, 0.8, gap), points[0], 0.5, 0.6)
+
+
+def test_a_grazing_by_its_closed_form(branches):
+    """The linear response reaches the stop: amplitude times compliance equals the gap, along the whole curve."""
+    found = vf.locus(two_masses, branches[0].special[0], 0.1, 0.3)
+    for omega, amplitude in found.values:
+        stiffness = np.array([[1.0, -1.0], [-1.0, 2.0]])
+        damping = 0.03 * stiffness
+        matrix = stiffness + 1j * omega * damping - omega**2 * np.eye(2)
+        assert abs(amplitude * np.linalg.solve(matrix, [0.0, 1.0])[0]) == pytest.approx(1.0, abs=1e-9)
+
+
+def test_a_locus_is_saved_loaded_and_drawn(flips, tmp_path):
+    found = vf.locus(damped, flips[0], 1.2, 1.5)
+    again = vf.load(found.save(tmp_path / "locus.h5"))
+    assert isinstance(again, vf.Locus)
+    assert np.array_equal(again.values, found.values)
+    assert (again.kind, again.notes, again.counters) == (found.kind, found.notes, found.counters)
+    assert [(s.kind, s.value, s.other) for s in again.special] == [(s.kind, s.value, s.other) for s in found.special]
+    assert again.special[0].orbit.multipliers == pytest.approx(found.special[0].orbit.multipliers)
+    assert plot.locus(again, tmp_path / "locus.png").exists()
+    assert "turn" in repr(again)
+    with pytest.raises(ArgumentError, match="holds a locus"):
+        vf.load(tmp_path / "locus.h5", scene=damped(3.0, 1.2))
+    with pytest.raises(ArgumentError, match="one or more loci"):
+        plot.locus([])
+
+
+def test_limits_and_interruption(flips):
+    few = vf.locus(damped, flips[0], 1.2, 1.5, max_points=4)
+    assert len(few) == 4
+    assert "max_points" in few.notes[-1]
+    assert "max_seconds" in vf.locus(damped, flips[0], 1.2, 1.5, max_seconds=1e-9).notes[-1]
+    seen = []
+    vf.locus(damped, flips[0], 1.2, 1.21, progress=lambda now, stop: seen.append((now, stop)))
+    assert seen[-1] == (1.21, 1.21)
+
+
+def test_bad_arguments(flips, branches):
+    flip = flips[0]
+    for arguments, message in [
+        ((None, flip, 1.2, 1.3), "expected a function"),
+        ((damped, flip.orbit, 1.2, 1.3), "an entry of the list special"),
+        ((damped, flip, 1.2, 1.2), "both 1.2"),
+        ((damped, flip, 1.2, "far"), "stop"),
+        ((damped, flip, 1.21, 1.3), "as start the value of the other parameter"),
+        ((two_masses, flip, 1.2, 1.3), "degrees of freedom|bod"),
+        ((lambda value, other: None, flip, 1.2, 1.3), r"build\(3.56647, 1.2\) returned None"),
+    ]:
+        with pytest.raises(ArgumentError, match=message):
+            vf.locus(*arguments)
+    special = branches[0].special[0]
+    with pytest.raises(ArgumentError, match="'none'"):
+        vf.locus(two_masses, vf.SpecialPoint("grazing", special.value, special.orbit, "none"), 0.1, 0.2)
+    with pytest.raises(ArgumentError, match="no complex multipliers"):
+        vf.locus(damped, vf.SpecialPoint("neimark_sacker", flip.value, flip.orbit), 1.2, 1.3)
+    orbit = vf.periodic(damped(3.0, 1.2), method="harmonic_balance", harmonics=5)
+    with pytest.raises(MethodError, match="harmonic balance"):
+        vf.locus(damped, vf.SpecialPoint("period_doubling", 3.0, orbit), 1.2, 1.3)

@@ -1,0 +1,438 @@
+"""Special orbits as solutions of equations: those of the orbit and the condition that makes it special.
+
+A fold has a singular Jacobian matrix A, a flip a singular matrix for the multiplier -1, a Neimark-Sacker point one for
+``exp(i theta)`` with a further unknown theta. A matrix with borders tells how far A is from being singular:
+
+    [A   b] [v]   [0]
+    [c*  0] [g] = [1]
+
+with g = 0 where A is singular, and ``dg = -w* dA v`` with w from the transposed equations. At a branch point the matrix
+of derivatives by unknowns and parameter has two null vectors, so there are two numbers g. One of the two equations is
+balanced by a further unknown, a multiple s of b that is added to the equations of the orbit; it vanishes at branch
+points. A grazing has a touch of length zero. All these equations are analytic as those of the orbit are.
+
+W. Govaerts, Numerical Methods for Bifurcations of Dynamical Equilibria, SIAM 2000, doi:10.1137/1.9780898719543.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.errors import ConvergenceError
+from vofem.studies.steady.family import Family
+from vofem.studies.steady.newton import direction
+from vofem.studies.steady.orbit import PeriodicOrbit
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+#: Steps of differences along the null vector and by the parameter, relative to their scales.
+_ALONG, _BY_VALUE = 1e-5, 1e-6
+
+#: Weight of the condition beside the residual of the orbit: the digits of the parameters depend on it.
+_WEIGHT = 100.0
+
+#: Factor of the step by the parameter where six values are used.
+_WIDER = 1000.0
+
+
+class _Borders(NamedTuple):
+    """What is fixed while a condition is solved: scales of rows (m,) and columns (k,), and borders (m, 1), (k, j)."""
+
+    rows: Array
+    columns: Array
+    left: NDArray[Any]
+    right: NDArray[Any]
+
+
+class _Test(NamedTuple):
+    """A bordered matrix: the numbers g (j,), null vectors of the matrix (k, j), and its left null vector (m,)."""
+
+    g: NDArray[Any]
+    right: NDArray[Any]
+    left: NDArray[Any]
+
+
+@dataclass(frozen=True)
+class ExtendedEvaluation:
+    """The equations of a special orbit.
+
+    Attributes
+    ----------
+    orbit : Evaluation
+        That of the orbit.
+    residual : ndarray, shape (m,)
+    jacobian : ndarray, shape (m, m)
+        Empty without derivatives.
+    error : float
+        The larger of the orbit's error and of the condition's weighted residual.
+    bend : float
+        Second derivative of the equations along the null vector, on the left null vector: zero at a cusp of folds.
+    critical : tuple of complex
+        The multipliers that make the orbit special.
+    """
+
+    orbit: Any
+    residual: Array
+    jacobian: Array
+    error: float
+    bend: float = np.nan
+    critical: tuple[complex, ...] = ()
+
+    @property
+    def size(self) -> float:
+        """Size of the displacements."""
+        return float(self.orbit.size)
+
+    @property
+    def sizes(self) -> tuple[float, float]:
+        """Sizes of modal displacements and velocities."""
+        sizes: tuple[float, float] = self.orbit.sizes
+        return sizes
+
+    @property
+    def closing(self) -> float:
+        """Difference of both ends of an ordinary run over the orbit, over the size of the motion."""
+        return float(self.orbit.closing)
+
+    @cached_property
+    def multipliers(self) -> Complex | None:
+        """Floquet multipliers of the orbit without those that make it special."""
+        values: Complex | None = self.orbit.multipliers
+        if values is None:
+            return None
+        for one in self.critical:
+            values = np.delete(values, int(np.argmin(np.abs(values - one))))
+        return values
+
+    def compare(self, flow: Any) -> float:
+        """Return `closing` from a known flow over the orbit."""
+        return float(self.orbit.compare(flow))
+
+    def stripped(self) -> ExtendedEvaluation:
+        """Return the evaluation without what takes memory."""
+        lean = self.orbit.stripped() if hasattr(self.orbit, "stripped") else self.orbit
+        return replace(self, orbit=lean)
+
+
+class Extended:
+    """Coordinates of special orbits: those of the orbit, theta or s where the kind has it, and the parameter `value`.
+
+    The parameter along which a locus is followed comes last, as in every `Point`, and is no coordinate.
+
+    Parameters
+    ----------
+    inner : OriginChart or Signature
+        Coordinates of the orbits.
+    family : Family
+        Orbits over two parameters.
+    kind : str
+        As in `SpecialPoint`.
+    size : float
+        Scale of `value`.
+    held : int
+        Number of the switch that ends the touch of length zero of a grazing.
+    """
+
+    def __init__(self, inner: Any, family: Family, kind: str, size: float, held: int = -1) -> None:
+        self.inner, self.family, self.kind, self.size, self.held = inner, family, kind, size, held
+        #: Number of coordinates beyond those of the orbit.
+        self.more = 2 if kind in ("neimark_sacker", "branch_point") else 1
+        self._borders: _Borders | None = None
+
+    def __getattr__(self, name: str) -> Any:
+        """Return what does not depend on coordinates from the orbits' own chart."""
+        return getattr(self.inner, name)
+
+    @cached_property
+    def touches(self) -> list[tuple[int, int]]:
+        """Pairs of switches of one contact of which the second undoes the first, without the touch of length zero."""
+        return [pair for pair in self.inner.touches if pair[1] != self.held]
+
+    # -- equations ------------------------------------------------------------------------------------
+
+    def evaluate(self, problem: Any, y: Array, *, derivative: bool = True, nodes: None = None) -> ExtendedEvaluation:
+        """Return the equations at the orbit's coordinates, theta or s, and `value`, shape (m,)."""
+        m = y.size - self.more
+        now = self.inner.evaluate(problem, y[:m])
+        if self.kind == "grazing":
+            return self._grazing(problem, y, now, derivative)
+        branch = self.kind == "branch_point"
+        step = (_WIDER if branch else 1.0) * _BY_VALUE * self.size
+        ends: list[Any] = []
+        if derivative or branch:
+            ends = [self._at(problem, y[:m], sign * step, derivative=not branch) for sign in (1.0, -1.0)]
+        by_value = (ends[0].residual - ends[1].residual) / (2.0 * step) if ends else np.zeros(m)
+        if branch:
+            # Here the derivative is a part of the condition itself: six values give it more digits.
+            for away, share in ((2.0, -0.3), (3.0, 1.0 / 30.0)):
+                far = [self._at(problem, y[:m], sign * away * step, derivative=False).residual for sign in (1.0, -1.0)]
+                by_value = by_value + share * (far[0] - far[1]) / (3.0 * step)
+            by_value = 1.5 * by_value
+        matrix = self._matrix(problem, now, y[m], by_value)
+        test = self._tested(problem, now, matrix)
+        assert self._borders is not None
+        rows, columns, left, _ = self._borders
+        residual = np.empty(y.size)
+        residual[:m] = now.residual
+        if branch:
+            residual[: rows.size] += y[m] * left[:, 0] / rows
+        parts = np.array([test.g[0].real, test.g[0].imag]) if self.kind == "neimark_sacker" else test.g
+        residual[m:] = parts
+        error = max(float(now.error), (1.0 if branch else _WEIGHT) * float(np.max(np.abs(parts))))
+        if not derivative:
+            return ExtendedEvaluation(now, residual, np.empty((0, 0)), error)
+        turned = complex(np.exp(1j * y[m]))
+        critical = {"period_doubling": (-1.0 + 0.0j,), "neimark_sacker": (turned, turned.conjugate())}
+        jacobian = np.zeros((y.size, y.size))
+        jacobian[:m, :m], jacobian[:m, -1] = now.jacobian, by_value
+        if branch:
+            jacobian[: rows.size, m] = left[:, 0] / rows
+        slopes = self._slopes(problem, y[:m], test)
+        bend = np.nan
+        if branch:
+            jacobian[m:, :m], jacobian[m:, -1] = slopes[:, :m], slopes[:, m]
+        else:
+            # With respect to the parameter the test itself is differentiated.
+            moved = [self._tested(problem, one, self._matrix(problem, one, y[m], by_value)).g[0] for one in ends]
+            slope = (moved[0] - moved[1]) / (2.0 * step)
+            bend = self._bend(now, slopes[0], columns * test.right[:, 0]) if self.kind == "fold" else bend
+            if self.kind == "neimark_sacker":
+                n = problem.size
+                by_angle = (test.left[:n].conj() * rows[:n]) @ (1j * turned * columns[:n] * test.right[:n, 0])
+                for row, part in ((m, np.real), (m + 1, np.imag)):
+                    jacobian[row, :m], jacobian[row, m], jacobian[row, -1] = (
+                        part(slopes[0]),
+                        part(by_angle),
+                        part(slope),
+                    )
+            else:
+                jacobian[m, :m], jacobian[m, -1] = slopes[0], slope
+        return ExtendedEvaluation(now, residual, jacobian, error, bend, critical.get(self.kind, (1.0 + 0.0j,)))
+
+    @staticmethod
+    def _bend(now: Any, slope: Array, along: Array) -> float:
+        """Return the change of a test along the null vector, with which the switches move too."""
+        n = along.size
+        if n < slope.size:
+            moved = direction(now.jacobian[n:, n:], now.jacobian[n:, :n] @ along)
+            along = np.append(along, -moved)
+        return float(slope @ along)
+
+    def _grazing(self, problem: Any, y: Array, now: Any, derivative: bool) -> ExtendedEvaluation:
+        """Return the equations of an orbit with a touch of length zero."""
+        m, place = y.size - 1, problem.size + self.held
+        residual = np.append(now.residual, y[place])
+        error = max(float(now.error), abs(float(y[place])))
+        if not derivative:
+            return ExtendedEvaluation(now, residual, np.empty((0, 0)), error)
+        step = _BY_VALUE * self.size
+        ends = [self._at(problem, y[:m], sign * step, derivative=False) for sign in (1.0, -1.0)]
+        jacobian = np.zeros((m + 1, m + 1))
+        jacobian[:m, :m], jacobian[:m, m] = now.jacobian, (ends[0].residual - ends[1].residual) / (2.0 * step)
+        jacobian[m, place] = 1.0
+        return ExtendedEvaluation(now, residual, jacobian, error)
+
+    def _at(self, problem: Any, inner: Array, away: float, *, derivative: bool = True) -> Any:
+        """Return the equations of the orbit at another `value`."""
+        value, *others = problem.parameters
+        return self.inner.evaluate(self.family.at(value + away, *others), inner, derivative=derivative)
+
+    def _reduced(self, problem: Any) -> bool:
+        """Return whether the switches do not change the motion to first order, so that multipliers need none of them.
+
+        Then the equations of the switches, which are singular at grazings, are left out of the condition.
+        """
+        return bool(getattr(self.inner, "switches", ())) and self.kind != "branch_point" and self.inner.smooth(problem)
+
+    def _matrix(self, problem: Any, now: Any, angle: float, by_value: Array) -> NDArray[Any]:
+        """Return the matrix that is singular at special orbits."""
+        n = problem.size
+        if self.kind == "branch_point":
+            return np.concatenate([now.jacobian, by_value[:, None]], axis=1)
+        matrix = now.jacobian[:n, :n] if self._reduced(problem) else now.jacobian
+        multiplier = {"period_doubling": -1.0, "neimark_sacker": np.exp(1j * angle)}.get(self.kind, 1.0)
+        if multiplier == 1.0:
+            return np.asarray(matrix)
+        matrix = matrix.astype(type(multiplier), copy=True)
+        matrix[np.arange(n), np.arange(n)] += 1.0 - multiplier
+        return np.asarray(matrix)
+
+    def _tested(self, problem: Any, now: Any, matrix: NDArray[Any]) -> _Test:
+        """Return the test of a matrix, with borders that are taken from the first one."""
+        rows_count, columns_count = matrix.shape
+        if self._borders is None:
+            columns = np.append(self.inner.scales(problem, now), self.size)[:columns_count]
+            norms = np.linalg.norm(matrix * columns, axis=1)
+            rows = 1.0 / np.where(norms > 0.0, norms, 1.0)
+            left, _, right = np.linalg.svd(rows[:, None] * matrix * columns)
+            few = 1 + columns_count - rows_count
+            self._borders = _Borders(rows, columns, left[:, -1:], right[-few:].conj().T)
+        rows, columns, left, right = self._borders
+        j = right.shape[1]
+        bordered = np.zeros((rows_count + j, rows_count + j), dtype=matrix.dtype)
+        bordered[:rows_count, :columns_count] = rows[:, None] * matrix * columns
+        bordered[:rows_count, columns_count:] = left
+        bordered[rows_count:, :columns_count] = right.conj().T
+        ones = np.zeros((rows_count + j, j))
+        ones[rows_count:] = np.eye(j)
+        one = np.zeros(rows_count + j)
+        one[-1] = 1.0
+        try:
+            found = np.linalg.solve(bordered, ones)
+            other = np.linalg.solve(bordered.conj().T, one)
+        except np.linalg.LinAlgError as error:
+            raise ConvergenceError("the matrix of a special orbit is singular") from error
+        return _Test(found[columns_count:].ravel(), found[:columns_count], other[:rows_count])
+
+    def _slopes(self, problem: Any, inner: Array, test: _Test) -> NDArray[Any]:
+        """Return derivatives of the tests by the orbit's coordinates, and by `value` at branch points.
+
+        Second derivatives of the equations do not depend on their order. Those of all coordinates on the null vectors
+        are therefore one difference of Jacobian matrices along each null vector.
+        """
+        assert self._borders is not None
+        rows, columns, _, _ = self._borders
+        weights = test.left.conj() * rows
+        found = []
+        for vector in (columns[:, None] * test.right).T:
+            parts = [np.ascontiguousarray(vector.real)]
+            if np.iscomplexobj(vector):
+                parts.append(np.ascontiguousarray(vector.imag))
+            slopes = []
+            for part in parts:
+                # A step of a certain length in scaled coordinates.
+                length = float(np.linalg.norm(part / columns))
+                step = _ALONG / length if length > 0.0 else 1.0
+                ends = [self._derivatives(problem, inner, sign * step * part) for sign in (1.0, -1.0)]
+                slopes.append((ends[0] - ends[1])[: rows.size] / (2.0 * step))
+            total = slopes[0] if len(slopes) == 1 else slopes[0] + 1j * slopes[1]
+            found.append(-(weights @ total))
+        return np.array(found)
+
+    def _derivatives(self, problem: Any, inner: Array, away: Array) -> Array:
+        """Return derivatives of the equations at a change of coordinates, and of `value` at branch points."""
+        m = inner.size
+        moved = inner.copy()
+        moved[: min(away.size, m)] += away[:m]
+        if self.kind != "branch_point":
+            return np.asarray(self.inner.evaluate(problem, moved).jacobian)
+        step = _ALONG * self.size
+        at = float(away[m])
+        ends = [self._at(problem, moved, at + sign * step, derivative=False).residual for sign in (1.0, -1.0)]
+        by_value = (ends[0] - ends[1]) / (2.0 * step)
+        return np.concatenate([self._at(problem, moved, at).jacobian, by_value[:, None]], axis=1)
+
+    # -- coordinates ----------------------------------------------------------------------------------
+
+    def scales(self, problem: Any, evaluation: ExtendedEvaluation) -> Array:
+        """Return sizes of the coordinates."""
+        return np.concatenate([self.inner.scales(problem, evaluation.orbit), np.ones(self.more - 1), [self.size]])
+
+    def nodes(self, evaluation: ExtendedEvaluation, moved: Array | None = None) -> None:
+        """Return nothing: special orbits are near enough to their predictions."""
+        return
+
+    def lengths(self, y: Array) -> Array:
+        """Return the lengths of all segments in rad."""
+        return np.asarray(self.inner.lengths(y[: -self.more]))
+
+    def phases(self, y: Array) -> Array:
+        """Return the phases of the switches in rad."""
+        return np.asarray(self.inner.phases(y[: -self.more]))
+
+    def unknowns(self, problem: Any, y: Array, evaluation: ExtendedEvaluation) -> Array:
+        """Return the unknowns of the orbit's problem."""
+        return np.asarray(self.inner.unknowns(problem, y[: -self.more], evaluation.orbit))
+
+    def orbit(self, problem: Any, y: Array, evaluation: ExtendedEvaluation) -> PeriodicOrbit:
+        """Return the orbit."""
+        orbit: PeriodicOrbit = self.inner.orbit(problem, y[: -self.more], evaluation.orbit)
+        return orbit
+
+    def at_phase(self, problem: Any, evaluation: ExtendedEvaluation, phase: float) -> Array:
+        """Return the state in unknowns at a phase of the loads."""
+        return np.asarray(self.inner.at_phase(problem, evaluation.orbit, phase))
+
+    # -- comparison with a flow -----------------------------------------------------------------------
+
+    def flow(self, problem: Any, y: Array) -> Any:
+        """Return the ordinary flow over one period of the orbit."""
+        return self.inner.flow(problem, y[: -self.more])
+
+    def follows(self, problem: Any, y: Array, flow: Any) -> bool:
+        """Return whether the events of a flow are those of the signature."""
+        return bool(self.inner.follows(problem, y[: -self.more], flow))
+
+    def first_touch(self, evaluation: ExtendedEvaluation, flow: Any) -> Any:
+        """Return the extreme at the first touch of a flow that is none of the signature's."""
+        return self.inner.first_touch(evaluation.orbit, flow)
+
+    def extremes(self, problem: Any, evaluation: ExtendedEvaluation) -> list[Any]:
+        """Return the extremes of gap functions at which contacts might switch."""
+        return list(self.inner.extremes(problem, evaluation.orbit))
+
+    # -- other signatures -----------------------------------------------------------------------------
+
+    def with_touch(self, y: Array, contacts: tuple[int, ...], phase: float) -> tuple[Extended, Array, int]:
+        """Return the chart with a touch of length zero; see `Signature.with_touch`."""
+        inner, changed, place = self.inner.with_touch(y[: -self.more], contacts, phase)
+        first = place - (changed.size - len(inner.switches)) - len(contacts)
+        held = self.held + 2 * len(contacts) if 0 <= first <= self.held else self.held
+        return self._like(inner, held), np.append(changed, y[-self.more :]), place
+
+    def without(self, y: Array, gone: Sequence[int]) -> tuple[Extended, Array]:
+        """Return the chart without some switches."""
+        inner, changed = self.inner.without(y[: -self.more], gone)
+        return self._like(inner, self.held - sum(k < self.held for k in gone)), np.append(changed, y[-self.more :])
+
+    def swapped(self, y: Array, place: int) -> tuple[Extended, Array]:
+        """Return the chart with two neighbouring switches in the other order."""
+        inner, changed = self.inner.swapped(y[: -self.more], place)
+        return self._like(inner, self.held), np.append(changed, y[-self.more :])
+
+    def recentred(self, problem: Any, y: Array, tangent: Array) -> tuple[Extended, Array, Array] | None:
+        """Return the chart with its anchor away from all switches, or None; see `Signature.recentred`."""
+        m = y.size - self.more
+        found = self.inner.recentred(problem, y[:m], np.append(tangent[:m], tangent[-1]))
+        if found is None:
+            return None
+        inner, changed, turned = found
+        held = self.held
+        if held >= 0:
+            count = len(inner.switches)
+            first = next(k for k in range(count) if self._turned(k) == inner.switches and self._follows(y, k, changed))
+            held = (held - first) % count
+        return self._like(inner, held), np.append(changed, y[m:]), np.append(turned[:-1], tangent[m:])
+
+    def _turned(self, first: int) -> tuple[Any, ...]:
+        switches = self.inner.switches
+        return (*switches[first:], *switches[:first])
+
+    def _follows(self, y: Array, first: int, changed: Array) -> bool:
+        """Return whether coordinates with another anchor begin with a switch."""
+        lengths, count = self.lengths(y), len(self.inner.switches)
+        around = np.append(lengths[1:count], lengths[0] + lengths[count])
+        later = changed[changed.size - count + 1 :]
+        return bool(np.allclose(np.roll(around, -first)[: count - 1], later, atol=1e-9))
+
+    def _like(self, inner: Any, held: int) -> Extended:
+        return Extended(inner, self.family, self.kind, self.size, held)
+
+
+@dataclass(frozen=True)
+class SpecialEquations:
+    """The equations of a special orbit on a branch, with `value` as the last unknown, for Newton's method."""
+
+    chart: Extended
+    tolerance: ClassVar[float] = 1e-13
+
+    def evaluate(self, unknowns: Array, *, derivative: bool = True) -> ExtendedEvaluation:
+        """Return the equations."""
+        return self.chart.evaluate(self.chart.family.of(unknowns), unknowns, derivative=derivative)
