@@ -60,6 +60,10 @@ class CompiledFunction:
         self._callee: Any = None
         update_wrapper(self, function)
 
+    def __reduce__(self) -> str:
+        # Pickled by its place in its module, as a plain function is.
+        return str(self.py_func.__qualname__)
+
     @property
     def dispatcher(self) -> Any:
         """The function as numba sees it."""

@@ -92,6 +92,10 @@ class LawGroup:
         """Names of the laws with the class of their effect, for messages."""
         raise NotImplementedError
 
+    def __getstate__(self) -> dict[str, Any]:
+        # What is derived is derived again in another process.
+        return {name: value for name, value in vars(self).items() if name not in ("forms", "alone")}
+
     def __len__(self) -> int:
         return int(self.rows.shape[0])
 

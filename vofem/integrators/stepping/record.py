@@ -120,15 +120,15 @@ class Switches:
         s = path.chunk.u[first : path.filled + 1, :m] - laws.gap
         q = path.chunk.q[first + 1 : path.filled + 1, self._columns]
         sizes = (self._sizes @ np.abs(q).T).T + np.abs(laws.gap)
-        before, closed = self.size, np.empty((count + 1, m), dtype=bool)
-        self.size = max(before, float(sizes.max()))
+        largest, closed = self.size, np.empty((count + 1, m), dtype=bool)
+        self.size = max(largest, float(sizes.max()))
         closed[0] = self.status == CLOSED
         np.greater(s[1:], 0.0, out=closed[1:])
         rows = slice(first + 1, path.filled + 1)
         path.turns[rows] = False
         if np.abs(s[1:]).min() <= _ROUNDING * self.size:
             # A gap function within its rounding leaves the status as it was.
-            noise = _ROUNDING * np.maximum.accumulate(np.append(before, sizes))[1:].reshape(-1, m)
+            noise = _ROUNDING * np.maximum.accumulate(np.append(largest, sizes))[1:].reshape(-1, m)
             known = np.vstack([np.ones((1, m), dtype=bool), np.abs(s[1:]) > noise])
             last = np.maximum.accumulate(np.where(known, np.arange(count + 1)[:, None], 0), axis=0)
             closed = np.take_along_axis(closed, last, axis=0)
