@@ -184,7 +184,8 @@ class LawGroup:
 
     def numbers(self) -> Array:
         """Return all numbers that define the laws, by which two groups are compared; Python functions have none."""
-        return np.concatenate([np.zeros(0), *(np.append(law.parameters, law.past) for law in self.forms)])
+        laws = () if self.linear else self.forms
+        return np.concatenate([np.zeros(0), *(np.append(law.parameters, law.past) for law in laws)])
 
     #: Whether another run can start with the past that the laws have at the end of a run.
     past_is_kept: ClassVar[bool] = True

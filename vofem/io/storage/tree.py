@@ -33,69 +33,42 @@ Decode = Callable[[str, Any], Any]
 _PARTS = ("data", "indices", "indptr")
 _SPARSE = ("csr_matrix", "csc_matrix", "csr_array", "csc_array")
 
-#: Name of every data class and every function of a law that a file may hold. Files know them by these names only, so
-#: they may be moved or renamed; then their place here changes.
+#: Name of every data class that a file may hold. Files know classes by these names only, so a class may be moved or
+#: renamed; then its place here changes.
 NAMES = {
     "approximated": "vofem.time_functions.approximated:Approximated",
-    "backbone_law": "vofem.laws.hysteretic:backbone_law",
-    "backbone_slopes": "vofem.laws.hysteretic:cyclic_slopes",
-    "constant": "vofem.time_functions.base:Constant",
     "contacts": "vofem.laws.contact:ContactLaws",
     "counters": "vofem.system:Counters",
-    "elements_law": "vofem.laws.hysteretic:elements",
-    "elements_slopes": "vofem.laws.hysteretic:element_slopes",
     "exponential_order": "vofem.fractional.laws:ExponentialOrder",
-    "hysteretic_law": "vofem.laws.hysteretic:HystereticLaw",
-    "hysteretic_laws": "vofem.laws.hysteretic:HystereticLaws",
-    "linear_level": "vofem.laws.paper:LinearLevel",
-    "linear_softening": "vofem.effects.softening:LinearSoftening",
     "load": "vofem.system:Load",
     "mesh": "vofem.bodies.mesh:LineMesh",
     "modes": "vofem.integrators.event_driven.modal_space:ModalSpace",
-    "model": "vofem.assembly.model:Model",
     "piece": "vofem.time_functions.piece:Piece",
     "plan": "vofem.simulate.plan:Plan",
-    "polynomial": "vofem.polynomial:Polynomial",
-    "printed_law": "vofem.laws.paper:PrintedLaw",
-    "printed_laws": "vofem.laws.paper:PrintedLaws",
     "probe_rows": "vofem.integrators.base:ProbeRows",
-    "pulse": "vofem.time_functions.named:Pulse",
-    "ramp": "vofem.time_functions.named:Ramp",
+    "recorded": "vofem.io.storage.recorded:Recorded",
+    "recorded_load": "vofem.io.storage.recorded:RecordedLoad",
     "samples": "vofem.integrators.base:Samples",
-    "scaled": "vofem.time_functions.base:Scaled",
     "sensitivity": "vofem.integrators.base:Sensitivity",
     "shifted": "vofem.time_functions.shifted:Shifted",
-    "shifted_order": "vofem.laws.springpot:ShiftedOrder",
-    "sine": "vofem.time_functions.named:Sine",
-    "smooth_laws": "vofem.laws.smooth:SmoothLaws",
     "spring_samples": "vofem.integrators.base:SpringSamples",
-    "springpot_law": "vofem.laws.springpot:SpringpotLaw",
-    "springpot_laws": "vofem.laws.springpot:SpringpotLaws",
     "state": "vofem.system:State",
-    "stored_callable": "vofem.io.storage.stand_ins:StoredCallable",
-    "stored_effect": "vofem.io.storage.stand_ins:StoredEffect",
-    "stored_field": "vofem.io.storage.stored_field:StoredField",
-    "stored_function": "vofem.io.storage.stand_ins:StoredFunction",
-    "stored_law": "vofem.io.storage.stand_ins:StoredLaw",
     "stored_state": "vofem.initial:StoredState",
-    "sum": "vofem.time_functions.base:Sum",
     "system": "vofem.system:System",
-    "tabulated": "vofem.time_functions.tabulated:Tabulated",
-    "tabulated_order": "vofem.fractional.laws:TabulatedOrder",
     "truncation": "vofem.integrators.base:Truncation",
 }
 
 _NAMES_OF = {place: name for name, place in NAMES.items()}
 
 
-def name_of_class(kind: Any) -> str | None:
-    """Return the name of a class or of a law's function in files, or None if a file cannot hold it."""
+def name_of_class(kind: type) -> str | None:
+    """Return the name of a class in files, or None if a file cannot hold its objects."""
     return _NAMES_OF.get(f"{kind.__module__}:{kind.__qualname__}")
 
 
 @cache
 def class_named(name: str) -> Any:
-    """Return the class or function that a name in `NAMES` stands for, imported when it is first needed."""
+    """Return the class that a name in `NAMES` stands for, imported when it is first needed."""
     module, _, qualified = NAMES[name].partition(":")
     return getattr(import_module(module), qualified)
 

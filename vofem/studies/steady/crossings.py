@@ -35,7 +35,7 @@ from vofem.studies.steady.census import (
 from vofem.studies.steady.extended import Extended, SpecialEquations
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.newton import solved
-from vofem.studies.steady.point import Interval, Point, derivative_by_value
+from vofem.studies.steady.point import Interval, Point, derivative_by_value, tangent_at
 from vofem.studies.steady.shorter import at_flip, repeats
 
 Array = NDArray[np.float64]
@@ -61,6 +61,9 @@ _NEWTON, _NEARBY = 12, 1e-3
 
 #: How near to a special point, as a share of its part of the step, its neighbours are compared.
 _BESIDE = 0.02
+
+#: The same, where other special points may hide between a special point and the ends of its part.
+_AROUND = (0.5, 0.1, 0.02)
 
 
 @dataclass(frozen=True)
@@ -189,11 +192,12 @@ def _around(family: Family, interval: Interval, part: _Part, found: list[Crossin
     """Return the parts of a step between the special points that were found in it, where they hide others."""
     points, shares = [part.step.first], [0.0]
     for one in sorted(found, key=lambda crossing: crossing.share):
-        for share in (one.share - _BESIDE * one.share, one.share + _BESIDE * (1.0 - one.share)):
+        before = [one.share - beside * one.share for beside in _AROUND]
+        for share in (*before, *(one.share + beside * (1.0 - one.share) for beside in reversed(_AROUND))):
             if share <= shares[-1]:
                 continue
             try:
-                points.append(point_between(family, part.step, interval, share))
+                points.append(point_between(family, part.step, interval, share, tangent=False))
             except ConvergenceError:
                 return []
             shares.append(share)
@@ -204,12 +208,23 @@ def _around(family: Family, interval: Interval, part: _Part, found: list[Crossin
         for (a, b), (low, high) in zip(itertools.pairwise(points), itertools.pairwise(shares), strict=True)
     ]
     # A part with a special point of those found in it shows that one alone.
-    return [
+    wanted = [
         one
         for one in parts
         if census(one.step.first) != census(one.step.last)
         and not any(one.low <= known.share * (part.high - part.low) + part.low <= one.high for known in found)
     ]
+    return [
+        replace(one, step=Step(*(_directed(family, interval, point) for point in (one.step.first, one.step.last))))
+        for one in wanted
+    ]
+
+
+def _directed(family: Family, interval: Interval, point: Point) -> Point:
+    """Return a point with the direction of the branch there, on the side of its tangent so far."""
+    y, evaluation = point.y, point.evaluation
+    by_value = derivative_by_value(family, interval, point.chart, y, evaluation)
+    return replace(point, by_value=by_value, tangent=tangent_at(evaluation, by_value, point.scales, point.tangent))
 
 
 def _changes(step: Step) -> Census | None:
