@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import KW_ONLY, dataclass
+from typing import Annotated, ClassVar
 
 import numpy as np
 import pytest
@@ -12,11 +12,8 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import vofem as vf
-from vofem.bodies.base import as_point
+from vofem.effects.kinds import AtPoint
 from vofem.io.scene_file import load_scene
-from vofem.io.scenes.entry import Entry
-from vofem.io.scenes.kinds import POSITIVE
-from vofem.io.scenes.parts import PointByName
 from vofem.io.scenes.schema import EFFECTS
 from vofem.kernels.jit import jit
 from vofem.laws import LawGroup, SmoothLaws
@@ -24,6 +21,7 @@ from vofem.laws.callbacks import FORCE, LOSS, MEAN, STORED, TANGENT
 from vofem.laws.called import CalledLaw
 from vofem.laws.group import ListedLaws
 from vofem.laws.kinds import AFFINE
+from vofem.parameters import Name, Real, declared
 
 pytestmark = pytest.mark.kernels("plain")
 
@@ -55,12 +53,15 @@ class SinhLaw:
         return self.stiffness * math.cosh(u / self.length)
 
 
+@declared()
 class SinhSpring:
     """The effect: a spring from a point to ground."""
 
-    def __init__(self, point, *, stiffness, length, name="sinh"):
-        self.name, self.point = name, as_point(f"SinhSpring {name!r}: point", point)
-        self.stiffness, self.length = stiffness, length
+    point: Annotated[vf.bodies.Point, AtPoint()]
+    _: KW_ONLY
+    stiffness: Annotated[float, Real("N/m", "Stiffness at u = 0.", above=0.0)]
+    length: Annotated[float, Real("m", "Elongation over which the spring stiffens.", above=0.0)]
+    name: Annotated[str, Name()] = "sinh"
 
     def points(self):
         return (self.point,)
@@ -126,14 +127,17 @@ def test_harmonic_balance_takes_it(omega):
 
 def test_a_run_with_it_is_saved_and_loaded(tmp_path):
     mass = vf.Mass(1.0, name="m")
-    result = vf.simulate(scene_of(mass), 0.5, method="energy_conserving", dt=1e-2)
+    scene = scene_of(mass)
+    result = vf.simulate(scene, 0.5, method="energy_conserving", dt=1e-2)
     result.save(tmp_path / "run.h5")
-    again = vf.load(tmp_path / "run.h5")
+    with pytest.raises(vf.MissingCallableError, match=r"SinhSpring 'sinh' at .*of a class of another package.*scene="):
+        vf.load(tmp_path / "run.h5")
+    with pytest.raises(vf.ArgumentError, match="the scene is another one than that of the file"):
+        vf.load(tmp_path / "run.h5", scene=vf.Scene([mass], [vf.Spring(mass, stiffness=1.0)]))
+    again = vf.load(tmp_path / "run.h5", scene=scene)
     loaded = again.scene.bodies[0]
     assert np.array_equal(again.displacement(loaded), result.displacement(mass))
     assert np.array_equal(again.energy.strain, result.energy.strain)
-    with pytest.raises(vf.MissingCallableError, match=r"SinhSpring 'sinh': its force at an elongation of .* 'SinhLaw'"):
-        again.model.system.laws[0].reactions(np.array([[10.0]]))
 
 
 @dataclass(frozen=True)
@@ -398,17 +402,15 @@ def test_statics_takes_it_harmonic_balance_does_not_and_runs_with_it_are_saved(t
         vf.periodic(own)
     result = vf.simulate(own, 5.0, method="energy_conserving", dt=0.01)
     result.save(tmp_path / "run.h5")
-    again = vf.load(tmp_path / "run.h5")
+    with pytest.raises(vf.MissingCallableError, match=r"Spring 's' at .*of a class of another package.*scene="):
+        vf.load(tmp_path / "run.h5")
+    again = vf.load(tmp_path / "run.h5", scene=own)
     assert np.array_equal(again.displacement(again.scene.bodies[0]), result.displacement(own_mass))
     assert np.array_equal(again.energy.dissipated, result.energy.dissipated)
 
 
 def test_an_entry_makes_it_part_of_scene_files(tmp_path, monkeypatch):
-    monkeypatch.setitem(
-        EFFECTS,
-        "sinh_spring",
-        Entry("sinh_spring", SinhSpring, {"point": PointByName(), "stiffness": POSITIVE, "length": POSITIVE}),
-    )
+    monkeypatch.setitem(EFFECTS, "sinh_spring", SinhSpring)
     file = tmp_path / "scene.toml"
     file.write_text(
         '[[mass]]\nname = "m"\nmass = 1.0\n[[sinh_spring]]\npoint = "m"\nstiffness = 40.0\nlength = 0.1\n'

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import inspect
 import os
 import pickle
 import tomllib
@@ -16,11 +15,12 @@ from hypothesis import strategies as st
 from scenes import paper_beam
 
 import vofem as vf
+from vofem.files import toml_text
 from vofem.io.scene_file import OutputSettings, RunSettings, UniformTimes, scene_to_toml
-from vofem.io.scenes import toml_text
-from vofem.io.scenes.place import Book, Place
-from vofem.io.scenes.schema import BODIES, EFFECTS, TIME_FUNCTION
-from vofem.time_functions import Scaled, Sum
+from vofem.io.scenes.schema import BODIES, EFFECTS, keys, read_table
+from vofem.parameters import Real, declarations
+from vofem.parameters.place import Book, Place
+from vofem.time_functions import OfTime, Scaled, Sum
 
 MESHES = Path(__file__).parent.parent / "meshes"
 
@@ -138,7 +138,7 @@ def test_every_effect_of_the_package_is_in_the_schema_or_refused():
         "MaterialDamping",
     }
     functions = {"Sine", "Constant", "Ramp", "Pulse", "Tabulated"}
-    known = {entry.made.__name__ for entry in EFFECTS.values()}
+    known = {cls.__name__ for cls in EFFECTS.values()}
     assert set(vf.effects.__all__) - known - without_entry - functions == set()
 
 
@@ -261,7 +261,7 @@ def test_random_scenes(tmp_path_factory, data):
     assert scene_to_toml(again, folder=folder) == text
     for one, two in zip(scene.effects, again.effects, strict=True):
         assert type(one) is type(two)
-        for key in EFFECTS[{e.made: n for n, e in EFFECTS.items()}[type(one)]].keys:
+        for key in keys(type(one)):
             a, b = getattr(one, key), getattr(two, key)
             if isinstance(a, vf.TimeFunction):
                 t = np.linspace(0.0, 3.0, 7)
@@ -613,29 +613,29 @@ def test_contacts_without_a_name_are_numbered(tmp_path):
 
 
 NUMERIC = [
-    (entry, key)
-    for entry in (*BODIES.values(), *EFFECTS.values())
-    for key, kind in entry.keys.items()
-    if hasattr(kind, "positive")
+    (cls, key)
+    for cls in (*BODIES.values(), *EFFECTS.values())
+    for key, one in declarations(cls).items()
+    if isinstance(one.kind, Real)
 ]
 
 
-@pytest.mark.parametrize(("entry", "key"), NUMERIC, ids=lambda v: getattr(v, "name", v))
-@pytest.mark.parametrize("value", [-1.0, 0.0])
-def test_the_schema_and_the_classes_agree_on_signs(entry, key, value):
-    """The schema repeats them so that all problems of a table can be found at once."""
+@pytest.mark.parametrize(("cls", "key"), NUMERIC, ids=lambda v: getattr(v, "__name__", v))
+@pytest.mark.parametrize("value", [-1.0, 0.0, 2.0, np.nan, np.inf, True, "1"])
+def test_files_and_constructors_refuse_the_same_numbers(cls, key, value):
     beam = vf.Beam(1.0, 1.0, 1.0, 2, name="b")
     samples = {"name": "x", "gap": 3.0, "a": beam.at(1.0), "side": "above", "acts_on": "penetration", "beam": beam,
                "point": beam.at(1.0), "f": 1.0, "EI": 1.0, "rhoA": 1.0, "elements": 2,
                "one_sided": True, "memory": "cyclic", "elongation": [1.0, 2.0], "force": [2.0, 3.0]}  # fmt: skip
-    needed = (*entry.required, "side", "length", "elements", "one_sided")
-    given = {name: samples.get(name, 1.0) for name in entry.keys if name in needed}
-    book = Book(Path())
-    entry.keys[key].read(value, Place(book, key))
+    written = {**samples, "a": "b@1.0", "point": "b@1.0", "beam": "b"}
+    known = declarations(cls)
+    needed = [name for name, one in known.items() if one.needed or name in ("side", "one_sided")]
+    book = Book(Path(), {"b": beam})
+    read_table(cls, {**{name: written.get(name, 0.5) for name in needed}, key: value}, Place(book, "table"))
     try:
-        entry.build(**{**given, key: value})
+        cls(**{**{name: samples.get(name, 0.5) for name in needed}, key: value})
     except vf.VofemError:
-        assert book.problems
+        assert [path for path, _ in book.problems] == [f"table.{key}"]
     else:
         assert not book.problems
 
@@ -643,7 +643,7 @@ def test_the_schema_and_the_classes_agree_on_signs(entry, key, value):
 def test_sums_keep_their_nesting():
     f = (vf.Sine(1.0, 2.0) + vf.Constant(1.0)) * 0.5 + 2.0
     book = Book(Path())
-    again = TIME_FUNCTION.read(TIME_FUNCTION.write(f, book), Place(book))
+    again = OfTime().read(OfTime().write(f, book), Place(book))
     assert again == f
     assert isinstance(again, Sum)
     assert isinstance(again.terms[0], Scaled)
@@ -657,21 +657,6 @@ def test_polynomial():
     for bad in ([], 3.0, [np.nan], ["x"], [[1.0]]):
         with pytest.raises(vf.ArgumentError, match="Polynomial: coefficients"):
             vf.Polynomial(bad)
-
-
-def test_every_argument_of_every_class_has_a_key():
-    """What a constructor takes and the table does not know would be lost on writing."""
-    for entry in (*BODIES.values(), *EFFECTS.values()):
-        arguments = set(inspect.signature(entry.made).parameters)
-        assert arguments <= set(entry.keys), entry.name
-
-
-def test_the_page_on_scene_files_names_every_table_and_key():
-    page = (Path(__file__).parent.parent / "docs" / "scene-files.md").read_text()
-    for entry in (*BODIES.values(), *EFFECTS.values()):
-        assert f"[[{entry.name}]]" in page
-        for key in entry.keys:
-            assert f"`{key}`" in page, (entry.name, key)
 
 
 def test_starts_from_outcomes_are_refused_by_name():

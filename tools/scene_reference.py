@@ -1,25 +1,24 @@
-"""Write docs/scene-reference.md from the schema of scene files: ``python tools/scene_reference.py``."""
+"""The page of the site on the tables of scene files, made of what the classes declare."""
 
 from __future__ import annotations
 
 import inspect
+import json
 import re
-import textwrap
 from collections.abc import Iterable
 from pathlib import Path
 
+from vofem.bodies import Beam
 from vofem.io.scenes import schema
-from vofem.io.scenes.entry import Entry
-from vofem.io.scenes.settings import OUTPUT, RESPOND, run_entry
-
-PAGE = Path(__file__).parent.parent / "docs" / "scene-reference.md"
+from vofem.io.scenes.beam import MESH
+from vofem.io.scenes.settings import OutputSettings, RespondSettings, RunSettings, run_keys
+from vofem.parameters import Declaration, Real, declarations
+from vofem.time_functions.base import FUNCTIONS
 
 _START = """\
 # Tables of scene files
 
-This page lists every table of a [scene file](scene-files.md) with its keys. It is written by
-`python tools/scene_reference.py` from the schema that `vofem.load_scene` reads files with; do not edit it. All units
-are SI.
+This page lists every table of a [scene file](scene-files.md) with its keys. All units are SI.
 """
 
 _RUN = """\
@@ -28,24 +27,6 @@ _RUN = """\
 Each of these tables occurs at most once. The tables `[initial]` and `[sweep]` are described under
 [scene files](scene-files.md) and [sweeps](sweeps.md).
 """
-
-#: Parts of docstrings in numpydoc's style.
-_SECTION = r"^(?:Parameters|Attributes)\n-+\n(.*?)(?=^\S[^\n]*\n-{3,}\n|\Z)"
-_PARAMETER = r"^(\w[^\n:]*)(?: :[^\n]*)?\n((?:[ ]{4,}[^\n]*\n?|\n(?=[ ]{4}))*)"
-
-_OPTION = "An option of a method; see `vofem.simulate`."
-
-
-def descriptions(made: type) -> dict[str, str]:
-    """Return what a class's docstring says about its parameters and attributes, by name."""
-    text = inspect.getdoc(made) or ""
-    found: dict[str, str] = {}
-    for section in re.findall(_SECTION, text, re.M | re.S):
-        for names, body in re.findall(_PARAMETER, section, re.M):
-            first = textwrap.dedent(body).strip().split("\n\n")[0]
-            for name in names.split(","):
-                found[name.strip()] = " ".join(first.split())
-    return found
 
 
 def subject(made: type) -> str:
@@ -63,47 +44,50 @@ def _value(expected: str) -> str:
     return re.sub(code, lambda found: "`" + found[0].strip("'") + "`", expected)
 
 
-def _default(entry: Entry, name: str) -> str:
-    if name in entry.required:
+def _default(one: Declaration, made: type) -> str:
+    if one.needed and not (made is Beam and one.name in ("length", "elements")):
         return "must be given"
-    value = entry._defaults.get(name)
-    if isinstance(value, bool):
-        return f"`{str(value).lower()}`"
-    if isinstance(value, (int, float)):
-        return f"`{value:g}`"
-    return f"`{value!r}`".replace("'", '"') if isinstance(value, str) else ""
+    if isinstance(one.default, bool):
+        return f"`{str(one.default).lower()}`"
+    if isinstance(one.default, (int, float)):
+        return f"`{one.default:g}`"
+    return f'`"{one.default}"`' if isinstance(one.default, str) else ""
 
 
-def table(entry: Entry, heading: str) -> list[str]:
-    """Return the section of an entry."""
-    said = descriptions(entry.made)
-    lines = [heading, "", subject(entry.made), "", "| key | value | default | meaning |", "| --- | --- | --- | --- |"]
-    for name, kind in entry.keys.items():
-        meaning = said.get(name, _OPTION if name in entry.optional else "")
-        cells = f"`{name}`", _value(kind.expected), _default(entry, name), meaning
+def table(made: type, keys: Iterable[str], heading: str) -> list[str]:
+    """Return the section of a class."""
+    known = {**declarations(made), **({"mesh": Declaration("mesh", MESH, None)} if made is Beam else {})}
+    lines = [heading, "", subject(made), "", "| key | value | default | meaning |", "| --- | --- | --- | --- |"]
+    for name in keys:
+        option = Declaration(name, Real("", "An option of a method; see `vofem.simulate`."), None)
+        one = known.get(name, option)
+        cells = f"`{name}`", _value(one.kind.expected), _default(one, made), one.kind.meaning
         lines.append("| " + " | ".join(_cell(text) for text in cells) + " |")
     return [*lines, ""]
 
 
-def _sections(entries: Iterable[Entry], form: str) -> list[str]:
-    return [line for entry in entries for line in table(entry, form.format(entry.name))]
+def _sections(classes: dict[str, type], form: str) -> list[str]:
+    return [line for name, made in classes.items() for line in table(made, schema.keys(made), form.format(name))]
 
 
 def page() -> str:
     """Return the page."""
     lines = [_START, "## Bodies", "", "These tables may occur many times.", ""]
-    lines += _sections(schema.BODIES.values(), "### `[[{}]]`")
+    lines += _sections(schema.BODIES, "### `[[{}]]`")
     lines += ["## Effects", "", "These tables may occur many times.", ""]
-    lines += _sections(schema.EFFECTS.values(), "### `[[{}]]`")
+    lines += _sections(schema.EFFECTS, "### `[[{}]]`")
     lines += [
         "## Functions of time", "",
         "A function of time is a number, or a table with one of these keys, such as "
         "`{ sine = { amplitude = 0.1, omega = 1.0 } }`.", "",
     ]  # fmt: skip
-    lines += _sections(schema._FUNCTIONS.values(), "### `{}`")
-    lines += [_RUN, *_sections((run_entry(), OUTPUT, RESPOND), "### `[{}]`")]
+    lines += _sections(FUNCTIONS, "### `{}`")
+    lines += [_RUN, *table(RunSettings, run_keys(), "### `[run]`")]
+    lines += _sections({"output": OutputSettings, "respond": RespondSettings}, "### `[{}]`")
     return "\n".join(lines).rstrip() + "\n"
 
 
-if __name__ == "__main__":
-    PAGE.write_text(page(), encoding="utf-8")
+def write(folder: Path) -> None:
+    """Write the page, and the schema beside it, to the pages of the site."""
+    (folder / "scene-file.schema.json").write_text(json.dumps(schema.json_schema(), indent=1), encoding="utf-8")
+    (folder / "scene-reference.md").write_text(page(), encoding="utf-8")

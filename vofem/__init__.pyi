@@ -49,6 +49,12 @@ from .errors import SingularSystemError as SingularSystemError
 from .errors import StepSizeError as StepSizeError
 from .errors import StorageError as StorageError
 from .errors import VofemError as VofemError
+from .fitting import Fit as Fit
+from .fitting import Measured as Measured
+from .fitting import MeasuredEvents as MeasuredEvents
+from .fitting import MeasuredFrequencies as MeasuredFrequencies
+from .fitting import MeasuredStatics as MeasuredStatics
+from .fitting import fit as fit
 from .io.saved import load as load
 from .io.saved import resume as resume
 from .io.scene_file import dump_scene as dump_scene
@@ -56,6 +62,8 @@ from .io.scene_file import load_scene as load_scene
 from .polynomial import Polynomial as Polynomial
 from .result import Result as Result
 from .scene import Scene as Scene
+from .sensitivities import Parameter as Parameter
+from .sensitivities import sensitivities as sensitivities
 from .simulate.explanation import explain as explain
 from .simulate.simulation import simulate as simulate
 from .statics import Equilibrium as Equilibrium

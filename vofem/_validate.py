@@ -51,6 +51,20 @@ class Named(Mapping[str, T]):
         return repr(self._things)
 
 
+def wrong(what: str, found: str, expected: str, hint: str = "") -> ArgumentError:
+    """Return the error that names a thing, what was found, what was expected, and the cure."""
+    error = ArgumentError(f"{what} is {found}, expected {expected}{hint}")
+    error.parts = (found, expected, hint)
+    return error
+
+
+def missing(what: str, expected: str) -> ArgumentError:
+    """Return the error for a thing that is not given."""
+    error = ArgumentError(f"{what} is missing, expected {expected}")
+    error.parts = ("", expected, "")
+    return error
+
+
 def number(
     what: str,
     value: Any,
@@ -77,29 +91,30 @@ def number(
     expected = "a positive number" if positive else "a number"
     if minimum is not None:
         expected = "a number that is not negative" if minimum == 0 else f"a number not below {minimum:g}"
-    if isinstance(value, (bool, str)) or not np.isscalar(value):
-        array = np.asarray(value) if not isinstance(value, (bool, str)) else None
+    text_or_list = isinstance(value, (bool, str, list, tuple))
+    if text_or_list or not np.isscalar(value):
+        array = None if text_or_list else np.asarray(value)
         if array is None or array.ndim != 0 or array.dtype.kind not in "iuf":
-            raise ArgumentError(f"{what} is {value!r}, expected {expected}")
+            raise wrong(what, repr(value), expected)
     try:
         result = float(value)
     except (TypeError, ValueError, OverflowError):
-        raise ArgumentError(f"{what} is {value!r}, expected {expected}") from None
+        raise wrong(what, repr(value), expected) from None
     if np.isnan(result):
-        raise ArgumentError(f"{what} is NaN, expected {expected}; look where the value was computed")
+        raise wrong(what, "NaN", expected, "; look where the value was computed")
     if finite and not abs(result) <= HUGE:
-        raise ArgumentError(f"{what} is {result!r}, expected a finite number (magnitude at most {HUGE:g})")
+        raise wrong(what, repr(result), f"a finite number (magnitude at most {HUGE:g})")
     if (positive and not result > 0) or (minimum is not None and not result >= minimum):
-        raise ArgumentError(f"{what} is {result!r}, expected {expected}")
+        raise wrong(what, repr(result), expected)
     if positive and result < TINY:
-        raise ArgumentError(f"{what} is {result!r}, expected {expected} of at least {TINY:g}")
+        raise wrong(what, repr(result), f"{expected} of at least {TINY:g}")
     return result
 
 
 def whole(what: str, value: Any, least: int = 1) -> int:
     """Return `value` as an int of at least `least`, or raise `ArgumentError` naming `what`."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-        raise ArgumentError(f"{what} is {value!r}, expected a whole number, {least} or more")
+        raise wrong(what, repr(value), f"a whole number, {least} or more")
     return int(value)
 
 
@@ -121,7 +136,7 @@ def choice(what: str, value: Any, allowed: tuple[str, ...]) -> str:
     """Return `value` if it is one of `allowed`, or raise `ArgumentError` with the nearest name."""
     if isinstance(value, str) and value in allowed:
         return value
-    raise ArgumentError(f"{what} is {value!r}, expected {one_of(allowed)}{nearest(value, allowed)}")
+    raise wrong(what, repr(value), one_of(allowed), nearest(value, allowed))
 
 
 def public(*classes: type) -> None:

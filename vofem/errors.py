@@ -17,6 +17,14 @@ class VofemError(Exception):
 class ArgumentError(VofemError, ValueError):
     """An argument has a wrong value, such as a number that is not finite, a point off the beam or an unknown name."""
 
+    #: What was found, what was expected, and a hint, where the message is made of these.
+    parts: tuple[str, str, str] | None = None
+
+    def in_a_file(self) -> str:
+        """Return the message of a key of a scene file, made of the parts."""
+        found, expected, hint = self.parts or ("", "", "")
+        return f"expected {expected}, found {found}{hint}" if found else f"missing, expected {expected}{hint}"
+
 
 class MissingPackageError(VofemError, ImportError):
     """A package that only some functions need is not installed; the message says how to install it."""

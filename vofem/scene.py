@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import copy
-import inspect
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -17,6 +16,7 @@ from vofem.effects.contact import Contact
 from vofem.errors import ArgumentError, VofemError
 from vofem.initial import Initial, StateSource
 from vofem.locks import Lock
+from vofem.parameters import changed
 from vofem.sharing import share_with_recent
 from vofem.system import State
 
@@ -167,7 +167,7 @@ class Scene(Shown):
         other : effect, optional
             The effect that takes its place. Without it a copy with changed arguments does.
         **changes
-            Arguments of the effect's constructor that change.
+            Arguments of the effect's constructor that change, or paths to numbers: ``**{"f.amplitude": 2.0}``.
 
         Raises
         ------
@@ -190,7 +190,7 @@ class Scene(Shown):
                 "Scene.replace: give either another effect or the arguments that change, such as gap=0.02"
             )
         effects = list(self.effects)
-        effects[found[0]] = _changed(effects[found[0]], changes) if other is None else other
+        effects[found[0]] = changed(effects[found[0]], **changes) if other is None else other
         scene = copy.copy(self)
         scene.__init__(self.bodies, effects)  # type: ignore[misc]
         scene._initial = self._initial
@@ -227,23 +227,6 @@ def _as_tuple(what: str, things: Any) -> tuple[Any, ...]:
     if isinstance(things, (str, bytes)) or not isinstance(things, Iterable):
         raise ArgumentError(f"Scene: {what} is {_shown(things)}, expected a list of {what}; write [...] around it")
     return tuple(things)
-
-
-def _changed(effect: Any, changes: dict[str, Any]) -> Any:
-    """Return an effect that is made anew, some arguments of its constructor changed, others as its attributes say."""
-    arguments = {}
-    for name, parameter in list(inspect.signature(type(effect).__init__).parameters.items())[1:]:
-        if name in changes:
-            continue
-        if not hasattr(effect, name):
-            if parameter.default is parameter.empty:
-                raise ArgumentError(
-                    f"Scene.replace: {_shown(effect)} does not tell its argument {name!r}; make another one and give "
-                    "it instead of what changes"
-                )
-            continue
-        arguments[name] = getattr(effect, name)
-    return type(effect)(**arguments, **changes)
 
 
 def _shown(thing: Any) -> str:

@@ -29,10 +29,14 @@ class Modes:
     ----------
     omega : ndarray, shape (count,)
         Angular frequencies in rad/s; exactly 0 for rigid motions.
+    scene : Scene
+    closed : tuple
+        Contacts that were held closed.
     """
 
-    def __init__(self, model: Model, omega: Array, shapes: Array) -> None:
-        self._model = model
+    def __init__(self, scene: Scene, closed: Sequence[Any], omega: Array, shapes: Array) -> None:
+        self.scene, self.closed = scene, tuple(closed)
+        self._model: Model = scene.model
         self.omega = omega
         self._shapes = shapes
 
@@ -49,6 +53,11 @@ class Modes:
     def frequencies(self) -> Array:
         """Frequencies in Hz, shape (count,)."""
         return self.omega / (2.0 * np.pi)
+
+    @property
+    def free_shapes(self) -> Array:
+        """Shapes over the free degrees of freedom, scaled to unit modal mass, shape (n, count)."""
+        return self._shapes
 
     def shape(self, k: int, x: ArrayLike | None = None, body: Any = None) -> Array:
         """Return the shape of a mode, scaled to unit modal mass.
@@ -135,7 +144,8 @@ def modes(scene: Scene, count: int = 6, closed: Sequence[Any] = ()) -> Modes:
     else:
         squares, shapes = _lowest(system.mass, stiffness, rigid, min(count, system.size - 2))
     count = min(count, squares.size)
-    return Modes(scene.model, np.sqrt(squares[:count]), shapes[:, :count])
+    held = (closed,) if isinstance(closed, str) else tuple(closed)
+    return Modes(scene, held, np.sqrt(squares[:count]), shapes[:, :count])
 
 
 def contact_indices(what: str, system: System, closed: Sequence[Any]) -> list[int]:

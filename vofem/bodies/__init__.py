@@ -1,6 +1,5 @@
 """Bodies: things with mass, and the points by which they are touched."""
 
-from vofem._validate import public
 from vofem.bodies.base import BaseBody, Body, BodyMatrices, DegreesOfFreedom, Point, Row, Shape, as_point
 from vofem.bodies.beam import Beam, BeamPoint
 from vofem.bodies.mass import Mass
@@ -18,5 +17,3 @@ __all__ = [
     "Shape",
     "as_point",
 ]
-
-public(Beam, Mass)

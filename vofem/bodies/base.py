@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
@@ -322,18 +321,6 @@ class Point(Protocol):
 
     def describe(self) -> str:
         """Return a name for messages, such as ``Beam 'beam-1' at x = 1 m``."""
-
-
-_counter = itertools.count(1)
-
-
-def automatic_name(name: str | None, kind: str) -> str:
-    """Return `name`, or a new unique one such as ``'beam-3'``."""
-    if name is None:
-        return f"{kind.lower()}-{next(_counter)}"
-    if not isinstance(name, str) or not name:
-        raise ArgumentError(f"{kind}: name is {name!r}, expected a non-empty string")
-    return name
 
 
 def place_of(point: Point) -> float:

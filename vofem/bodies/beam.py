@@ -4,23 +4,25 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem._validate import number
 from vofem.bodies.axis import axis_of
-from vofem.bodies.base import Array, BodyMatrices, DegreesOfFreedom, IntArray, Point, Row, Shape, automatic_name
+from vofem.bodies.base import Array, BodyMatrices, DegreesOfFreedom, IntArray, Point, Row, Shape
 from vofem.bodies.beam_matrices import beam_matrices, beam_strains, consistent_load
 from vofem.bodies.beam_point import BeamPoint
 from vofem.bodies.coefficient import Coefficient, basis_for, positive_coefficient
 from vofem.bodies.initial_field import project
+from vofem.bodies.kinds import Elements, Section, Supports
 from vofem.bodies.mesh import LineMesh
 from vofem.bodies.supports import SUPPORTS, supported_nodes
 from vofem.errors import ArgumentError
+from vofem.parameters import CHOSEN, Name, Real, content_of, declared, rule
 from vofem.sharing import recent
 
 if TYPE_CHECKING:
@@ -33,35 +35,13 @@ Along = float | ArrayLike | Callable[[Any], Any] | Mapping[str, float]
 __all__ = ["SUPPORTS", "Beam", "BeamPoint"]
 
 
+@declared()
 class Beam:
     """A straight Euler-Bernoulli beam: ``rhoA eta_tt + (EI eta'')'' - (T eta')' = p``.
 
     The degrees of freedom of every node are the displacement eta in m, positive
     upward, and the slope d(eta)/dx. For constant EI and rhoA the element matrices
     are those of Eq. 19 of the paper, with the slope as the derivative of eta.
-
-    Parameters
-    ----------
-    length : float
-        Length in m.
-    EI : float, callable of x, array_like of shape (n_elements,) or dict
-        Bending stiffness in N m^2, positive: a number, a callable of an array x,
-        one number for each element, or a dict with a number for every named
-        subdomain of a mesh.
-    rhoA : float, callable of x, array_like of shape (n_elements,) or dict
-        Mass per length in kg/m, positive, given like EI.
-    elements : int or array_like
-        The number of equal elements, with x from 0; or the increasing x of all
-        nodes in m, with ``x[-1] - x[0]`` equal to `length`. `Beam.from_mesh` reads
-        a mesh file.
-    supports : dict
-        Maps "left", "right", a named point of a mesh or the x of a node to
-        "clamped" (eta = eta' = 0), "pinned" (eta = 0) or "guided" (eta' = 0).
-        Without supports the beam is free.
-    tension : float
-        Axial force in N, constant in time, positive in tension.
-    name : str, optional
-        Unique in a scene. In Python, a name is chosen if none is given.
 
     Raises
     ------
@@ -73,28 +53,53 @@ class Beam:
     Beams compare and hash by identity and are not meant to be changed.
     """
 
-    #: The mesh file, absolute, of a beam that was made from one.
-    mesh_file: Path | None = None
+    length: Annotated[float, Real("m", "Length.", above=0.0)]
+    EI: Annotated[
+        Along,
+        Section(
+            "N m^2",
+            "Bending stiffness: a number, a callable of an array x, one number for each element, or a dict with a "
+            "number for every named subdomain of a mesh.",
+        ),
+    ]
+    rhoA: Annotated[Along, Section("kg/m", "Mass per length, given like EI.")]
+    elements: Annotated[
+        Any,
+        Elements(
+            "The number of equal elements, with x from 0; or the increasing x of all nodes in m, with ``x[-1] - x[0]`` "
+            "equal to `length`. `Beam.from_mesh` reads a mesh file."
+        ),
+    ]
+    supports: Annotated[
+        Mapping[Any, str],
+        Supports(
+            tuple(SUPPORTS),
+            'Maps "left", "right", a named point of a mesh or the x of a node to "clamped" (eta = eta\' = 0), "pinned" '
+            '(eta = 0) or "guided" (eta\' = 0). Without supports the beam is free.',
+        ),
+    ] = None  # type: ignore[assignment]
+    tension: Annotated[float, Real("N", "Axial force, constant in time, positive in tension.")] = 0.0
+    name: Annotated[str, Name("Unique in a scene. In Python, a name is chosen if none is given.", needed=True)] = CHOSEN
 
-    def __init__(
-        self,
-        length: float,
-        EI: Along,
-        rhoA: Along,
-        elements: int | ArrayLike | LineMesh,
-        supports: Mapping[Any, str] | None = None,
-        tension: float = 0.0,
-        name: str | None = None,
-    ) -> None:
-        self.name = automatic_name(name, "Beam")
-        self.length = number(f"{self.label}: length", length, positive=True)
-        self._axis = axis_of(self.label, self.length, elements)
-        #: As given: the number of equal elements, the x of all nodes, or a mesh.
-        self.elements: Any = elements if isinstance(elements, LineMesh) else np.array(elements)[()]
-        self._EI = positive_coefficient(f"{self.label}: EI", EI, self._axis)
-        self._rhoA = positive_coefficient(f"{self.label}: rhoA", rhoA, self._axis)
-        self.tension = number(f"{self.label}: tension", tension)
-        self.supports = supported_nodes(self._axis, supports)
+    @rule("elements", "length")
+    def _lay_out(self) -> None:
+        self._axis = axis_of(self.label, self.length, self.elements)
+        if not isinstance(self.elements, LineMesh):
+            self.elements = np.array(self.elements)[()]
+
+    @rule("EI", "elements", "length")
+    def _bend(self) -> None:
+        self._EI = positive_coefficient(f"{self.label}: EI", self.EI, self._axis)
+        self.EI = self._EI.value
+
+    @rule("rhoA", "elements", "length")
+    def _weigh(self) -> None:
+        self._rhoA = positive_coefficient(f"{self.label}: rhoA", self.rhoA, self._axis)
+        self.rhoA = self._rhoA.value
+
+    @rule("supports", "elements", "length")
+    def _hold(self) -> None:
+        self.supports = supported_nodes(self._axis, self.supports)
 
     @classmethod
     def from_mesh(
@@ -145,10 +150,8 @@ class Beam:
         """
         from vofem.bodies.mesh_file import read_mesh
 
-        mesh = read_mesh(path)
-        beam = cls(mesh.length, EI, rhoA, mesh, supports, tension, name)
-        beam.mesh_file = Path(os.path.abspath(path))
-        return beam
+        mesh = replace(read_mesh(path), file=os.path.abspath(path))
+        return cls(mesh.length, EI, rhoA, mesh, supports or {}, tension, name)  # type: ignore[arg-type]
 
     # -- description ------------------------------------------------------------------------------
 
@@ -169,22 +172,17 @@ class Beam:
         """Return name, elements and supports."""
         return self.summary()
 
-    @property
-    def EI(self) -> Any:
-        """Bending stiffness in N m^2: a number, an array with one for each element, or a callable of x."""
-        return self._EI.value
-
-    @property
-    def rhoA(self) -> Any:
-        """Mass per length in kg/m: a number, an array with one for each element, or a callable of x."""
-        return self._rhoA.value
-
     # -- places -----------------------------------------------------------------------------------
 
     @property
     def mesh(self) -> LineMesh | None:
         """The named points and subdomains of a mesh file, or None."""
         return self._axis.mesh
+
+    @property
+    def mesh_file(self) -> Path | None:
+        """The mesh file, absolute, of a beam that was made from one."""
+        return Path(self.mesh.file) if self.mesh is not None and self.mesh.file else None
 
     @property
     def origin(self) -> float:
@@ -265,12 +263,11 @@ class Beam:
         def make() -> BodyMatrices:
             return beam_matrices(self._axis, self._EI, self._rhoA, self.tension, self.supports)
 
-        if callable(self._EI.value) or callable(self._rhoA.value):
+        try:
+            key = content_of(self)
+        except TypeError:  # a Python function
             return make()
-        axis = self._axis
-        numbers = (axis.origin, axis.arc, axis.element_lengths, self._EI.value, self._rhoA.value, self.tension)
-        key = tuple(np.asarray(value, dtype=float).tobytes() for value in numbers)
-        return recent(("beam", *key, tuple(sorted(self.supports.items()))), make)
+        return recent(key, make)
 
     def matrices(self) -> BodyMatrices:
         """Return mass and stiffness over all nodes, and the supported degrees of freedom."""

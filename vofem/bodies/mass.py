@@ -2,34 +2,43 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 import numpy as np
 
-from vofem._validate import TINY, number
-from vofem.bodies.base import Array, BodyMatrices, DegreesOfFreedom, IntArray, Point, Row, Shape, automatic_name
+from vofem._validate import TINY, number, wrong
+from vofem.bodies.base import Array, BodyMatrices, DegreesOfFreedom, IntArray, Point, Row, Shape
 from vofem.errors import ArgumentError
+from vofem.parameters import CHOSEN, Name, Real, declared
 
 #: All masses have these, and there may be very many of them.
 _FREEDOM = DegreesOfFreedom(np.full(1, np.nan), np.zeros(1, dtype=bool))
 _BLOCK = Shape("block", np.zeros(1), np.ones((1, 1)))
 
 
+@dataclass(frozen=True)
+class MassOf(Real):
+    """A positive mass; the message on a massless body says what to do in its place."""
+
+    def check(self, what: str, value: Any) -> float:
+        """Return a float."""
+        mass = number(what, value, minimum=0)
+        if mass < TINY:
+            raise wrong(
+                what, repr(mass), f"a positive number of at least {TINY:g}", ". What is massless has no motion of its "
+                "own: join what it connects by one Spring (two in series have the stiffness k1 k2/(k1 + k2)), or give "
+                "it a small mass; a ratio of 1e-12 does no harm except to explicit methods, whose critical step it "
+                "shortens",
+            )  # fmt: skip
+        return mass
+
+
+@declared()
 class Mass:
     """A mass on a spring and a dashpot to ground: ``m u'' + c u' + k u = f``.
 
     It is a body with one degree of freedom. Where a point is asked for, the mass itself is given.
-
-    Parameters
-    ----------
-    mass : float
-        Mass in kg, positive.
-    stiffness : float
-        Stiffness of the spring to ground in N/m. With 0 there is no spring.
-    damping : float
-        Damping of the dashpot to ground in N s/m. With 0 there is no dashpot.
-    name : str, optional
-        Unique in a scene. In Python, a name is chosen if none is given.
 
     Raises
     ------
@@ -37,18 +46,14 @@ class Mass:
         For a value that is not finite, or a negative one.
     """
 
-    def __init__(self, mass: float, stiffness: float = 0.0, damping: float = 0.0, name: str | None = None) -> None:
-        self.name = automatic_name(name, "Mass")
-        self.mass = number(f"Mass {self.name!r}: mass", mass, minimum=0)
-        if self.mass < TINY:
-            raise ArgumentError(
-                f"Mass {self.name!r}: mass is {self.mass!r}, expected a positive number of at least {TINY:g}. What is "
-                "massless has no motion of its own: join what it connects by one Spring (two in series have the "
-                "stiffness k1 k2/(k1 + k2)), or give it a small mass; a ratio of 1e-12 does no harm except to "
-                "explicit methods, whose critical step it shortens"
-            )
-        self.stiffness = number(f"Mass {self.name!r}: stiffness", stiffness, minimum=0)
-        self.damping = number(f"Mass {self.name!r}: damping", damping, minimum=0)
+    mass: Annotated[float, MassOf("kg", "Mass.", above=0.0)]
+    stiffness: Annotated[
+        float, Real("N/m", "Stiffness of the spring to ground. With 0 there is no spring.", least=0)
+    ] = 0.0
+    damping: Annotated[
+        float, Real("N s/m", "Damping of the dashpot to ground. With 0 there is no dashpot.", least=0)
+    ] = 0.0
+    name: Annotated[str, Name("Unique in a scene. In Python, a name is chosen if none is given.", needed=True)] = CHOSEN
 
     def __repr__(self) -> str:
         return f"Mass(mass={self.mass:g}, stiffness={self.stiffness:g}, damping={self.damping:g}, name={self.name!r})"

@@ -37,6 +37,8 @@ class LineMesh:
         set lies off the beam.
     subdomains : dict of str to ndarray of int
         Elements of every named subdomain, counted from the left.
+    file : str
+        Absolute path of the file; empty where it came from none.
     """
 
     source: str
@@ -45,6 +47,7 @@ class LineMesh:
     lengths: Array
     points: dict[str, IntArray]
     subdomains: dict[str, IntArray]
+    file: str = ""
 
     @property
     def length(self) -> float:

@@ -16,8 +16,14 @@ from vofem.errors import ArgumentError
 SUPPORTS: dict[str, tuple[int, ...]] = {"clamped": (0, 1), "pinned": (0,), "guided": (1,)}
 
 
-def supported_nodes(axis: Axis, supports: Mapping[Any, str] | None) -> dict[int, str]:
+class ByNode(dict[int, str]):
+    """The kind of support of every supported node, counted from the left."""
+
+
+def supported_nodes(axis: Axis, supports: Mapping[Any, str] | None) -> ByNode:
     """Return the kind of support of every supported node, from kinds by place.
+
+    What is known by node already stays, because the x of a node may differ from the node in its last bit.
 
     Raises
     ------
@@ -25,9 +31,11 @@ def supported_nodes(axis: Axis, supports: Mapping[Any, str] | None) -> dict[int,
         If a place or a kind is unknown, or one node is given two kinds.
     """
     label = axis.label
+    if isinstance(supports, ByNode):
+        return ByNode(supports)
     if supports is not None and not isinstance(supports, Mapping):
         raise ArgumentError(f"{label}: supports is {supports!r}, expected a dict such as {{'left': 'clamped'}}")
-    held: dict[int, str] = {}
+    held = ByNode()
     for where, given in (supports or {}).items():
         kind = choice(f"{label}: support at {where!r}", given, tuple(SUPPORTS))
         for node in axis.nodes_at(f"{label}: the place of a support", where).tolist():

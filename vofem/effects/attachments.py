@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
-from vofem._validate import number
+from dataclasses import KW_ONLY
+from typing import Annotated
+
 from vofem.assembly import SystemBuilder
-from vofem.bodies.base import Point, as_point
+from vofem.bodies.base import Point
+from vofem.effects.kinds import AtPoint, Called, End
 from vofem.effects.two_points import TwoPoints
+from vofem.parameters import Real, declared, rule
 
 
+@declared()
 class Spring(TwoPoints):
-    """A linear spring between two points, or from a point to ground.
+    """A linear spring between two points, or from a point to ground."""
 
-    Parameters
-    ----------
-    a, b : points
-        ``beam.at(x)`` or a `Mass`. Without b it acts between a and the ground.
-    stiffness : float
-        Stiffness, N/m, not negative; N m/rad where the spring acts on rotations.
-    of : {"displacement", "rotation"}
-        Whether it acts on displacements (m, N) or on rotations of beams (rad, N m).
-    """
-
-    def __init__(self, a: Point, b: Point | None = None, *, stiffness: float, of: str = "displacement") -> None:
-        self._attach("Spring", a, b, of)
-        self.stiffness = number("Spring: stiffness", stiffness, minimum=0)
+    _: KW_ONLY
+    stiffness: Annotated[float, Real("N/m, or N m/rad where it acts on rotations", "Stiffness.", least=0)]
+    name: Called = None
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add ``k b b'`` to K."""
@@ -34,22 +29,15 @@ class Spring(TwoPoints):
         return f"Spring from {self._where()}: {self.stiffness:g} {self.units.stiffness}"
 
 
+@declared()
 class Dashpot(TwoPoints):
-    """A linear dashpot between two points, or from a point to ground.
+    """A linear dashpot between two points, or from a point to ground."""
 
-    Parameters
-    ----------
-    a, b : points
-        ``beam.at(x)`` or a `Mass`. Without b it acts between a and the ground.
-    damping : float
-        Damping constant in N s/m, or in N m s/rad if the dashpot acts on rotations; not negative.
-    of : {"displacement", "rotation"}
-        Whether it acts on displacements (m, N) or on rotations of beams (rad, N m).
-    """
+    symbol = "damper"
 
-    def __init__(self, a: Point, b: Point | None = None, *, damping: float, of: str = "displacement") -> None:
-        self._attach("Dashpot", a, b, of)
-        self.damping = number("Dashpot: damping", damping, minimum=0)
+    _: KW_ONLY
+    damping: Annotated[float, Real("N s/m, or N m s/rad where it acts on rotations", "Damping constant.", least=0)]
+    name: Called = None
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add ``c b b'`` to C."""
@@ -60,25 +48,24 @@ class Dashpot(TwoPoints):
         return f"Dashpot from {self._where()}: {self.damping:g} {self.units.damping}"
 
 
+@declared()
 class RotationalSpring:
     """A linear spring on the slope of a beam, to ground or to the slope at another point.
 
     It is a `Spring` with ``of="rotation"``.
-
-    Parameters
-    ----------
-    point : point of a beam
-        ``beam.at(x)``.
-    other : point of a beam, optional
-        With it the spring acts on the difference of both slopes, otherwise on the slope at `point`.
-    stiffness : float
-        Stiffness, N m/rad, not negative.
     """
 
-    def __init__(self, point: Point, other: Point | None = None, *, stiffness: float) -> None:
-        self.point = as_point("RotationalSpring: point", point)
-        self.other: Point | None = None if other is None else as_point("RotationalSpring: other", other)
-        self.stiffness = number("RotationalSpring: stiffness", stiffness, minimum=0)
+    point: Annotated[Point, AtPoint("Point of a beam, ``beam.at(x)``.")]
+    other: Annotated[
+        Point | None,
+        AtPoint("With it the spring acts on the difference of both slopes, otherwise on the slope at `point`."),
+    ] = None
+    _: KW_ONLY
+    stiffness: Annotated[float, Real("N m/rad", "Stiffness.", least=0)]
+    name: Called = None
+
+    @rule("point", "other")
+    def _points_rotate(self) -> None:
         for end in self.points():
             end.slope_row()
 
@@ -96,23 +83,18 @@ class RotationalSpring:
         return f"RotationalSpring on {self.point.describe()}{end}: {self.stiffness:g} N m/rad"
 
 
+@declared()
 class PointMass:
-    """A mass, with or without rotary inertia, fixed to a point.
+    """A mass, with or without rotary inertia, fixed to a point."""
 
-    Parameters
-    ----------
-    point : point
-        ``beam.at(x)`` or a `Mass`.
-    mass : float
-        Mass, kg, not negative.
-    inertia : float
-        Rotary inertia in kg m^2, not negative. Only points of beams can have one.
-    """
+    point: End
+    _: KW_ONLY
+    mass: Annotated[float, Real("kg", "Mass.", least=0)]
+    inertia: Annotated[float, Real("kg m^2", "Rotary inertia. Only points of beams can have one.", least=0)] = 0.0
+    name: Called = None
 
-    def __init__(self, point: Point, *, mass: float, inertia: float = 0.0) -> None:
-        self.point = as_point("PointMass: point", point)
-        self.mass = number("PointMass: mass", mass, minimum=0)
-        self.inertia = number("PointMass: inertia", inertia, minimum=0)
+    @rule("inertia", "point")
+    def _point_rotates(self) -> None:
         if self.inertia:
             self.point.slope_row()
 

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import KW_ONLY
+from typing import Annotated
+
 from vofem.assembly import SystemBuilder
 from vofem.bodies.base import Body, Point
-from vofem.errors import ArgumentError
-from vofem.time_functions import Load, as_time_function
+from vofem.effects.kinds import Called, OnBody
+from vofem.parameters import declared
+from vofem.time_functions import Load, OfTime, as_time_function
 
 
+@declared()
 class BaseMotion:
     """A body whose base accelerates: its supports, its springs to ground and the stops beside it.
 
@@ -15,20 +20,12 @@ class BaseMotion:
     as a load ``-M r a(t)``, where r is the unit translation. A contact or a
     spring between two bodies is refused unless both stand on bases with the
     same acceleration.
-
-    Parameters
-    ----------
-    body : Beam or Mass
-        The body that stands on the base.
-    acceleration : float, TimeFunction or callable of t
-        Acceleration of the base, m/s^2, positive upward.
     """
 
-    def __init__(self, body: Body, acceleration: Load) -> None:
-        if not isinstance(body, Body):
-            raise ArgumentError(f"BaseMotion: body is {body!r}, expected a Beam or a Mass")
-        self.body = body
-        self.acceleration = as_time_function(acceleration)
+    body: Annotated[Body, OnBody("The body that stands on the base.")]
+    acceleration: Annotated[Load, OfTime("m/s^2", "Acceleration of the base, positive upward.")]
+    _: KW_ONLY
+    name: Called = None
 
     def points(self) -> tuple[Point, ...]:
         """Return a point of the body, so that the scene can check it."""
@@ -36,7 +33,7 @@ class BaseMotion:
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add the load."""
-        builder.add_acceleration(-1.0, self.acceleration, self.describe(), self.body)
+        builder.add_acceleration(-1.0, as_time_function(self.acceleration), self.describe(), self.body)
 
     def describe(self) -> str:
         """Return body and acceleration."""

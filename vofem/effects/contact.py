@@ -2,38 +2,75 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from dataclasses import KW_ONLY, dataclass
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from vofem._validate import choice, number
+from vofem._validate import wrong
 from vofem.assembly import ContactEntry, SystemBuilder
-from vofem.bodies.base import Point, automatic_name
-from vofem.effects.side import distinct, side_of
+from vofem.bodies.base import Point
+from vofem.effects.kinds import AtPoint, End, Named
+from vofem.effects.side import Side, distinct, side_of
 from vofem.effects.two_points import TwoPoints
 from vofem.errors import ArgumentError
+from vofem.parameters import CHOSEN, Choice, Kind, OneOf, Real, declared, label_of, rule
+from vofem.parameters.place import Book, Place
 
 
+@declared()
 class Resolved:
     """The variable-order switch at a finite scaling factor s0 (Eq. 5), with the time in Eq. 4 set to 1 s.
 
     The contact stiffness grows over a finite penetration instead of jumping.
     For ``s > 0`` it is ``K0 / Gamma(1 - beta)`` with ``beta = exp(-s0 s)``; for
     ``s <= 0`` it is exactly 0.
-
-    Parameters
-    ----------
-    s0 : float
-        Scaling factor in 1/m, positive; `vofem.fractional.scaling_factor` computes one.
     """
 
-    def __init__(self, s0: float) -> None:
-        self.s0 = number("Resolved: s0", s0, positive=True)
+    s0: Annotated[float, Real("1/m", "Scaling factor; `vofem.fractional.scaling_factor` computes one.", above=0.0)]
 
     def __repr__(self) -> str:
         return f"Resolved(s0={self.s0:g})"
 
 
+@dataclass(frozen=True)
+class Switch(Kind):
+    """The switch of a contact: 'ideal', or { resolved = { s0 = ... } }."""
+
+    text: str = (
+        '"ideal" switches the stiffness at once (Eq. 8). `Resolved` is the operator at a finite scaling factor s0.'
+    )
+
+    shown = '"ideal" or Resolved'
+    expected = "'ideal' or { resolved = { s0 = 1000.0 } }"
+
+    def check(self, what: str, value: Any) -> Any:
+        """Return the switch."""
+        if value != "ideal" and not isinstance(value, Resolved):
+            raise ArgumentError(f"{what} is {value!r}, expected 'ideal' or vofem.Resolved(s0)")
+        return value
+
+    def read(self, value: Any, place: Place) -> Any:
+        """Return the text or the object."""
+        if value == "ideal":
+            return value
+        if not isinstance(value, dict) or set(value) != {"resolved"}:
+            return place.expected(self.expected, value)
+        return _RESOLVED.read(value, place)
+
+    def write(self, value: Any, book: Book) -> Any:
+        """Return the text or the table."""
+        return value if value == "ideal" else _RESOLVED.write(value, book)
+
+    def described(self) -> dict[str, Any]:
+        """Return both."""
+        return {"anyOf": [{"const": "ideal"}, _RESOLVED.described()], **super().described()}
+
+
+_RESOLVED = OneOf(classes={"resolved": Resolved})
+
+
+@declared()
 class Contact(TwoPoints):
     """A contact between two points, or between a point and a stop that is fixed in space.
 
@@ -45,33 +82,6 @@ class Contact(TwoPoints):
     zero penetration and not at zero force; its force can therefore be negative
     shortly before it opens.
 
-    Parameters
-    ----------
-    a, b : points
-        ``beam.at(x)`` or a `Mass`. With b, a is the lower point: the contact
-        closes when a has risen relative to b by more than the gap. Without b
-        the contact is a stop that is fixed in space.
-    gap : float
-        The gap in m. A negative gap is a preload; it needs ``acts_on="penetration"``.
-    stiffness : float
-        Contact stiffness K0 in N/m, positive.
-    damping : float
-        Damping constant C0 in N s/m, not negative. The damper acts only while the contact is closed.
-    side : "below" or "above"
-        The side on which a fixed stop stands. A stop below closes when ``eta < -gap``, and a stop above closes when
-        ``eta > gap``.
-    acts_on : "displacement" or "penetration"
-        "penetration" is an elastic stop behind a gap: the force is K0 times
-        ``s``. "displacement" is the paper's law: the force is K0 times the whole
-        displacement and jumps by ``K0 gap`` when the contact closes. There is no default.
-    switch : "ideal" or Resolved
-        "ideal" switches the stiffness at once (Eq. 8). `Resolved` is the operator at a finite scaling factor s0.
-    of : {"displacement", "rotation"}
-        Whether u and eta above are displacements in m, or rotations of beams in rad, positive like
-        the slope. With rotations forces are moments in N m.
-    name : str, optional
-        Unique in a scene.
-
     Raises
     ------
     ArgumentError
@@ -79,42 +89,52 @@ class Contact(TwoPoints):
         out of range.
     """
 
-    def __init__(
-        self,
-        a: Point,
-        b: Point | None = None,
-        *,
-        gap: float,
-        stiffness: float,
-        damping: float = 0.0,
-        side: Literal["below", "above"] | None = None,
-        acts_on: Literal["displacement", "penetration"] | None = None,
-        switch: Literal["ideal"] | Resolved = "ideal",
-        of: Literal["displacement", "rotation"] = "displacement",
-        name: str | None = None,
-    ) -> None:
-        self.name = automatic_name(name, "Contact")
-        label = f"Contact {self.name!r}"
-        self._attach(label, a, b, of)
-        distinct(label, self.a, self.b)
-        if acts_on is None:
-            raise ArgumentError(
-                f"{label}: acts_on is missing, expected 'displacement' (the paper's law: the force jumps by "
-                "K0*gap at closing) or 'penetration' (an elastic stop behind a gap)"
-            )
-        self.acts_on = choice(f"{label}: acts_on", acts_on, ("displacement", "penetration"))
-        self.side = side_of(label, "a contact", self.b, side)
-        self.gap = number(f"{label}: gap", gap)
+    symbol = "stop"
+
+    a: End
+    b: Annotated[
+        Point | None,
+        AtPoint(
+            "``beam.at(x)`` or a `Mass`. With b, a is the lower point: the contact closes when a has risen relative to "
+            "b by more than the gap. Without b the contact is a stop that is fixed in space."
+        ),
+    ] = None
+    _: KW_ONLY
+    gap: Annotated[float, Real("m", 'The gap. A negative gap is a preload; it needs ``acts_on="penetration"``.')]
+    stiffness: Annotated[float, Real("N/m", "Contact stiffness K0.", above=0.0)]
+    damping: Annotated[
+        float, Real("N s/m", "Damping constant C0. The damper acts only while the contact is closed.", least=0)
+    ] = 0.0
+    side: Side = None
+    acts_on: Annotated[
+        Literal["displacement", "penetration"] | None,
+        Choice(
+            ("displacement", "penetration"),
+            '"penetration" is an elastic stop behind a gap: the force is K0 times ``s``. "displacement" is the '
+            "paper's law: the force is K0 times the whole displacement and jumps by ``K0 gap`` when the contact "
+            "closes. There is no default.",
+            "'displacement' (the paper's law: the force jumps by K0*gap at closing) or 'penetration' (an elastic stop "
+            "behind a gap)",
+        ),
+    ] = None
+    switch: Annotated[Literal["ideal"] | Resolved, Switch()] = "ideal"
+    name: Named = CHOSEN
+
+    @rule("b", "a")
+    def _points_differ(self) -> None:
+        distinct(label_of(self), self.a, self.b)
+
+    @rule("side", "b")
+    def _side_of_a_stop(self) -> None:
+        side_of(label_of(self), "a contact", self.b, self.side)
+
+    @rule("gap", "acts_on")
+    def _preload(self) -> None:
         if self.acts_on == "displacement" and self.gap < 0:
-            raise ArgumentError(
-                f"{label}: gap is {self.gap:g} {self.units.coordinate}, expected a number that is not negative "
-                "with acts_on='displacement'; a preloaded contact needs acts_on='penetration'"
-            )
-        self.stiffness = number(f"{label}: stiffness", stiffness, positive=True)
-        self.damping = number(f"{label}: damping", damping, minimum=0)
-        if switch != "ideal" and not isinstance(switch, Resolved):
-            raise ArgumentError(f"{label}: switch is {switch!r}, expected 'ideal' or vofem.Resolved(s0)")
-        self.switch = switch
+            raise wrong(
+                f"{label_of(self)}: gap", f"{self.gap:g} {self.units.coordinate}", "a number that is not negative "
+                "with acts_on='displacement'", "; a preloaded contact needs acts_on='penetration'",
+            )  # fmt: skip
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add the contact's row and law."""

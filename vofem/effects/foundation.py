@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from dataclasses import KW_ONLY
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem._validate import number
 from vofem.assembly import ContactEntry, SystemBuilder
-from vofem.bodies.base import Point, Row, automatic_name
+from vofem.bodies.base import Point, Row
 from vofem.bodies.beam import Beam
 from vofem.bodies.coefficient import evaluate_along
 from vofem.bodies.cubics import hermite
+from vofem.bodies.kinds import Along
+from vofem.effects.kinds import OnBody
 from vofem.errors import ArgumentError
+from vofem.parameters import CHOSEN, Flag, Name, Real, declared, label_of, rule
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -25,6 +28,7 @@ Array = NDArray[np.float64]
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(7)
 
 
+@declared()
 class Foundation:
     """A Winkler foundation along a whole beam: a force ``-k(x) eta`` per length.
 
@@ -32,46 +36,35 @@ class Foundation:
     (``acts_on="penetration"``), with the stiffness of the length that belongs to the node. The paper mentions such
     contact along the whole length at the end of section 4.2.
 
-    Parameters
-    ----------
-    beam : Beam
-        The beam that rests on the foundation.
-    stiffness : float or callable of an array x
-        Stiffness k of the foundation in N/m per m, not negative.
-    one_sided : bool
-        Whether the foundation can only push, so that the beam may lift off.
-    gap : float
-        Gap below the beam in m, for a one-sided foundation only. A negative gap is a preload.
-    name : str, optional
-        Unique in a scene. Contacts of a one-sided foundation are called ``name[0]``, ``name[1]``, ... from the left.
-
     Raises
     ------
     ArgumentError
         If a gap is given for a two-sided foundation, or a value is out of range.
     """
 
-    def __init__(
-        self,
-        beam: Beam,
-        *,
-        stiffness: float | Callable[[Array], Any],
-        one_sided: bool = False,
-        gap: float = 0.0,
-        name: str | None = None,
-    ) -> None:
-        self.name = automatic_name(name, "Foundation")
-        label = f"Foundation {self.name!r}"
-        if not isinstance(beam, Beam):
-            raise ArgumentError(f"{label}: beam is {beam!r}, expected a Beam")
-        if not isinstance(one_sided, (bool, np.bool_)):
-            raise ArgumentError(f"{label}: one_sided is {one_sided!r}, expected True or False")
-        self.beam = beam
-        self.stiffness = stiffness if callable(stiffness) else number(f"{label}: stiffness", stiffness, minimum=0)
-        self.one_sided = bool(one_sided)
-        self.gap = number(f"{label}: gap", gap)
+    beam: Annotated[Beam, OnBody("The beam that rests on the foundation.", beam=True)]
+    _: KW_ONLY
+    stiffness: Annotated[
+        float | Callable[[Array], Any], Along("N/m per m", "Stiffness k of the foundation.", Real(least=0))
+    ]
+    one_sided: Annotated[bool, Flag("Whether the foundation can only push, so that the beam may lift off.")] = False
+    gap: Annotated[
+        float, Real("m", "Gap below the beam, for a one-sided foundation only. A negative gap is a preload.")
+    ] = 0.0
+    name: Annotated[
+        str,
+        Name(
+            "Unique in a scene. Contacts of a one-sided foundation are called ``name[0]``, ``name[1]``, ... from the "
+            "left."
+        ),
+    ] = CHOSEN
+
+    @rule("gap", "one_sided")
+    def _gap_of_one_side(self) -> None:
         if self.gap and not self.one_sided:
-            raise ArgumentError(f"{label}: gap is {self.gap:g} m, but a two-sided foundation has none; set one_sided")
+            raise ArgumentError(
+                f"{label_of(self)}: gap is {self.gap:g} m, but a two-sided foundation has none; set one_sided"
+            )
 
     def points(self) -> tuple[Point, ...]:
         """Return a point of the beam, so that the scene can check it."""

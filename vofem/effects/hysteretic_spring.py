@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from vofem._validate import choice, number, one_of
+from dataclasses import KW_ONLY
+from typing import Annotated, Literal
+
 from vofem.assembly import SystemBuilder
-from vofem.bodies.base import Point, automatic_name
-from vofem.effects.side import distinct, side_of
-from vofem.effects.softening import Backbone, Softening
+from vofem.effects.kinds import Named
+from vofem.effects.side import Side, distinct, side_of
+from vofem.effects.softening import Backbone, InitialStiffness, LinearLimit, SofteningOf
 from vofem.effects.two_points import TwoPoints
-from vofem.errors import ArgumentError
 from vofem.fractional.constants import ideal
 from vofem.laws import PrintedLaw
+from vofem.parameters import CHOSEN, Choice, Real, declared, label_of, rule
 
 
+@declared()
 class HystereticSpring(TwoPoints):
     """A spring between two points, or from a point to ground, that softens and keeps a residual elongation.
 
@@ -29,59 +32,33 @@ class HystereticSpring(TwoPoints):
       elastic up to this force; beyond it the spring follows the backbone.
       Compression has a largest force of its own.
 
-    Parameters
-    ----------
-    a, b : points
-        ``beam.at(x)`` or a `Mass`. Without b it acts between a and the ground.
-    stiffness : float
-        K in N/m, positive.
-    linear_limit : float
-        Largest elongation d0 up to which the spring is linear, in m, positive.
-    softening : LinearSoftening or callable, optional
-        The share by which the secant stiffness has fallen, as a function of the
-        magnitude of the force in N. It is 0 at ``K d0`` and does not decrease.
-        It reaches 1 at the limit load. The default is Eq. 24,
-        ``(|F| - K d0)/(4 N)``. A callable is tabulated once, up to 1e4 linear
-        limits, with an error of 1e-11.
-    memory : "printed" or "cyclic"
-        The memory of the spring for earlier loading, see above. There is no default.
-    of : {"displacement", "rotation"}
-        Whether it acts on displacements (m, N) or on rotations of beams (rad, N m).
-    name : str, optional
-        Unique in a scene.
-
     Raises
     ------
     ArgumentError
         For arguments out of range, or a softening that does not begin at 0 or decreases.
     """
 
-    def __init__(
-        self,
-        a: Point,
-        b: Point | None = None,
-        *,
-        stiffness: float,
-        linear_limit: float,
-        softening: Softening | None = None,
-        memory: str | None = None,
-        of: str = "displacement",
-        name: str | None = None,
-    ) -> None:
-        self.name = automatic_name(name, "HystereticSpring")
-        label = f"HystereticSpring {self.name!r}"
-        self._attach(label, a, b, of)
-        self.stiffness = number(f"{label}: stiffness", stiffness, positive=True)
-        self.linear_limit = number(f"{label}: linear_limit", linear_limit, positive=True)
-        if memory is None:
-            raise ArgumentError(
-                f"{label}: memory is missing, expected {one_of(('printed', 'cyclic'))}: 'printed' is Eq. 22 of the "
-                "paper, which forgets at reloading; 'cyclic' remembers"
-            )
-        self.memory = choice(f"{label}: memory", memory, ("printed", "cyclic"))
-        self._backbone = Backbone(label, self.stiffness, self.linear_limit, softening)
-        self.softening: Softening = self._backbone.softening
-        self._law = self._backbone.law(self.name, unit=self.units.force) if self.memory == "cyclic" else None
+    _: KW_ONLY
+    stiffness: InitialStiffness
+    linear_limit: LinearLimit
+    softening: SofteningOf = None
+    memory: Annotated[
+        Literal["printed", "cyclic"] | None,
+        Choice(
+            ("printed", "cyclic"),
+            "The memory of the spring for earlier loading, see above. There is no default.",
+            "one of 'printed', 'cyclic': 'printed' is Eq. 22 of the paper, which forgets at reloading; 'cyclic' "
+            "remembers",
+        ),
+    ] = None
+    name: Named = CHOSEN
+
+    @rule("softening", "stiffness", "linear_limit", "memory", "of")
+    def _follow_the_backbone(self) -> None:
+        self._backbone = Backbone(label_of(self), self.stiffness, self.linear_limit, self.softening)
+        self.softening = self._backbone.softening
+        name, unit = self.name, self.units.force
+        self._law = self._backbone.law(name, unit=unit) if self.memory == "cyclic" else None
 
     @property
     def limit_load(self) -> float:
@@ -131,6 +108,7 @@ class HystereticSpring(TwoPoints):
         )
 
 
+@declared()
 class CrushingStop(TwoPoints):
     """A stop behind a gap that yields under force and keeps its residual deformation.
 
@@ -140,48 +118,34 @@ class CrushingStop(TwoPoints):
     `HystereticSpring`. When it unloads and is hit again, it is elastic with
     `stiffness`. It never pulls.
 
-    Parameters
-    ----------
-    a, b : points
-        ``beam.at(x)`` or a `Mass`. With b, a is the lower point. Without b the stop is fixed in space.
-    gap : float
-        Gap before the stop is touched, in m.
-    side : "below" or "above"
-        The side on which a stop that is fixed in space stands.
-    stiffness, linear_limit, softening, of
-        The same as for `HystereticSpring`.
-    name : str, optional
-        Unique in a scene.
-
     Raises
     ------
     ArgumentError
         For arguments out of range.
     """
 
-    def __init__(
-        self,
-        a: Point,
-        b: Point | None = None,
-        *,
-        gap: float,
-        stiffness: float,
-        linear_limit: float,
-        softening: Softening | None = None,
-        side: str | None = None,
-        of: str = "displacement",
-        name: str | None = None,
-    ) -> None:
-        self.name = automatic_name(name, "CrushingStop")
-        label = f"CrushingStop {self.name!r}"
-        self._attach(label, a, b, of)
-        distinct(label, self.a, self.b)
-        self.side = side_of(label, "a stop", self.b, side)
-        self.gap = number(f"{label}: gap", gap)
-        self.stiffness = number(f"{label}: stiffness", stiffness, positive=True)
-        self.linear_limit = number(f"{label}: linear_limit", linear_limit, positive=True)
-        backbone = Backbone(label, self.stiffness, self.linear_limit, softening)
-        self.softening: Softening = backbone.softening
+    symbol = "stop"
+
+    _: KW_ONLY
+    gap: Annotated[float, Real("m", "Gap before the stop is touched.")]
+    side: Side = None
+    stiffness: InitialStiffness
+    linear_limit: LinearLimit
+    softening: SofteningOf = None
+    name: Named = CHOSEN
+
+    @rule("b", "a")
+    def _points_differ(self) -> None:
+        distinct(label_of(self), self.a, self.b)
+
+    @rule("side", "b")
+    def _side_of_a_stop(self) -> None:
+        side_of(label_of(self), "a stop", self.b, self.side)
+
+    @rule("softening", "stiffness", "linear_limit", "gap", "of")
+    def _follow_the_backbone(self) -> None:
+        backbone = Backbone(label_of(self), self.stiffness, self.linear_limit, self.softening)
+        self.softening = backbone.softening
         self._law = backbone.law(self.name, one_sided=True, gap=self.gap, unit=self.units.force)
 
     @property

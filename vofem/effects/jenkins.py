@@ -5,68 +5,28 @@ A Jenkins element is a spring in series with a slider that slips at a given forc
 
 from __future__ import annotations
 
+from dataclasses import KW_ONLY, field
+from typing import Annotated
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem._validate import array, number
 from vofem.assembly import SystemBuilder
-from vofem.bodies.base import Point, automatic_name
+from vofem.effects.kinds import Named
 from vofem.effects.two_points import TwoPoints, Units
 from vofem.errors import ArgumentError
 from vofem.laws import JENKINS, HystereticLaw
+from vofem.parameters import CHOSEN, Numbers, Real, declared, label_of, rule
 
 Array = NDArray[np.float64]
 
 
-class IwanSpring(TwoPoints):
-    """A spring that follows a given curve of first loading, and Masing's rules after every reversal.
+@declared()
+class JenkinsSpring(TwoPoints):
+    """A spring of parallel Jenkins elements; subclasses say of which ones by their rules, which set the law."""
 
-    The curve is piecewise linear from the origin through the given points. It is
-    reproduced by parallel Jenkins elements, one for each bend, beside a spring
-    of the last slope. After a reversal the force follows the same curve, doubled
-    in both directions. Closed loops are therefore the same in every cycle.
-
-    Parameters
-    ----------
-    a, b : points
-        ``beam.at(x)`` or a `Mass`. Without b it acts between a and the ground.
-    elongation : array_like, shape (n,)
-        Points of the first loading in m, positive, increasing.
-    force : array_like, shape (n,)
-        Force at these points in N. The slopes decrease and are not negative.
-        Beyond the last point the curve continues with the last slope.
-    of : {"displacement", "rotation"}
-        Whether it acts on displacements (m, N) or on rotations of beams (rad, N m).
-    name : str, optional
-        Unique in a scene.
-
-    Raises
-    ------
-    ArgumentError
-        If a slope of the curve is larger than the one before it, or negative.
-
-    References
-    ----------
-    W. D. Iwan, A distributed-element model for hysteresis and its steady-state dynamic response,
-    J. Appl. Mech. 33 (1966) 893-900, https://doi.org/10.1115/1.3625199.
-    """
-
-    def __init__(
-        self,
-        a: Point,
-        b: Point | None = None,
-        *,
-        elongation: ArrayLike,
-        force: ArrayLike,
-        of: str = "displacement",
-        name: str | None = None,
-    ) -> None:
-        self.name = automatic_name(name, "IwanSpring")
-        label = f"IwanSpring {self.name!r}"
-        self._attach(label, a, b, of)
-        self.elongation = np.atleast_1d(array(f"{label}: elongation", elongation))
-        self.force = np.atleast_1d(array(f"{label}: force", force))
-        self._law = _law(label, self.name, self.elongation, self.force, self.units)
+    name: Named = field(default=CHOSEN, kw_only=True)
+    _law: HystereticLaw = field(init=False)
 
     @property
     def limit_load(self) -> float:
@@ -85,23 +45,46 @@ class IwanSpring(TwoPoints):
         )
 
 
-class BilinearSpring(IwanSpring):
-    """A spring with two slopes and kinematic hardening: one Jenkins element beside a linear spring.
+@declared()
+class IwanSpring(JenkinsSpring):
+    """A spring that follows a given curve of first loading, and Masing's rules after every reversal.
 
-    Parameters
+    The curve is piecewise linear from the origin through the given points. It is
+    reproduced by parallel Jenkins elements, one for each bend, beside a spring
+    of the last slope. After a reversal the force follows the same curve, doubled
+    in both directions. Closed loops are therefore the same in every cycle.
+
+    Raises
+    ------
+    ArgumentError
+        If a slope of the curve is larger than the one before it, or negative.
+
+    References
     ----------
-    a, b : points
-        ``beam.at(x)`` or a `Mass`. Without b it acts between a and the ground.
-    stiffness : float
-        Stiffness before yielding in N/m, positive.
-    linear_limit : float
-        Elongation in m at which the spring first yields, positive.
-    hardening : float
-        Slope after yielding divided by `stiffness`; at least 0 (elastic, perfectly plastic) and below 1.
-    of : {"displacement", "rotation"}
-        Whether it acts on displacements (m, N) or on rotations of beams (rad, N m).
-    name : str, optional
-        Unique in a scene.
+    W. D. Iwan, A distributed-element model for hysteresis and its steady-state dynamic response,
+    J. Appl. Mech. 33 (1966) 893-900, https://doi.org/10.1115/1.3625199.
+    """
+
+    _: KW_ONLY
+    elongation: Annotated[ArrayLike, Numbers("m", "Points of the first loading, positive, increasing.")]
+    force: Annotated[
+        ArrayLike,
+        Numbers(
+            "N",
+            "Force at these points. The slopes decrease and are not negative. Beyond the last point the curve "
+            "continues with the last slope.",
+        ),
+    ]
+
+    @rule("elongation", "force", "of")
+    def _follow_the_curve(self) -> None:
+        self.elongation, self.force = np.atleast_1d(self.elongation), np.atleast_1d(self.force)
+        self._law = _law(label_of(self), self.name, self.elongation, self.force, self.units)
+
+
+@declared()
+class BilinearSpring(JenkinsSpring):
+    """A spring with two slopes and kinematic hardening: one Jenkins element beside a linear spring.
 
     Raises
     ------
@@ -109,28 +92,18 @@ class BilinearSpring(IwanSpring):
         For arguments out of range.
     """
 
-    def __init__(
-        self,
-        a: Point,
-        b: Point | None = None,
-        *,
-        stiffness: float,
-        linear_limit: float,
-        hardening: float = 0.0,
-        of: str = "displacement",
-        name: str | None = None,
-    ) -> None:
-        name = automatic_name(name, "BilinearSpring")
-        label = f"BilinearSpring {name!r}"
-        self.stiffness = number(f"{label}: stiffness", stiffness, positive=True)
-        self.linear_limit = number(f"{label}: linear_limit", linear_limit, positive=True)
-        self.hardening = number(f"{label}: hardening", hardening, minimum=0)
-        if not self.hardening < 1.0:
-            raise ArgumentError(f"{label}: hardening is {self.hardening:g}, expected a number from 0 to below 1")
-        elongations = np.array([1.0, 2.0]) * self.linear_limit
-        forces = self.stiffness * self.linear_limit * np.array([1.0, 1.0 + self.hardening])
-        super().__init__(a, b, elongation=elongations, force=forces, of=of, name=name)
-        self._law = _jenkins(label, name, self.stiffness * np.array([1.0, self.hardening]), elongations[:1], self.units)
+    _: KW_ONLY
+    stiffness: Annotated[float, Real("N/m", "Stiffness before yielding.", above=0.0)]
+    linear_limit: Annotated[float, Real("m", "Elongation at which the spring first yields.", above=0.0)]
+    hardening: Annotated[
+        float,
+        Real("", "Slope after yielding divided by `stiffness`; 0 is elastic, perfectly plastic.", least=0.0, below=1.0),
+    ] = 0.0
+
+    @rule("stiffness", "linear_limit", "hardening", "of")
+    def _follow_two_slopes(self) -> None:
+        slopes = self.stiffness * np.array([1.0, self.hardening])
+        self._law = _jenkins(label_of(self), self.name, slopes, np.array([self.linear_limit]), self.units)
 
 
 def _law(label: str, name: str, elongation: Array, force: Array, units: Units) -> HystereticLaw:

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from vofem._validate import choice
+from dataclasses import KW_ONLY
+from typing import Annotated, Literal
+
 from vofem.assembly import SystemBuilder
-from vofem.bodies.base import Point, as_point, automatic_name
+from vofem.bodies.base import Point
+from vofem.effects.kinds import AtPoint, End, Named
 from vofem.errors import ArgumentError
+from vofem.parameters import CHOSEN, Choice, declared, label_of, rule
 
 
+@declared()
 class Joint:
     """Ties a point of one body to a point of another one.
 
@@ -15,16 +20,6 @@ class Joint:
     unknown is eliminated for each condition. The points may lie anywhere on
     the bodies, also between nodes. `Result.joint_force` returns the force that a
     joint transmits.
-
-    Parameters
-    ----------
-    a, b : points
-        Points of two different bodies. A mass can be hinged to a beam.
-    kind : "rigid" or "hinge"
-        A hinge makes displacements equal. A rigid joint makes displacements and
-        rotations equal, so that two beams joined at their ends behave as one beam.
-    name : str, optional
-        Unique in a scene.
 
     Raises
     ------
@@ -34,17 +29,29 @@ class Joint:
         the points already.
     """
 
-    def __init__(self, a: Point, b: Point, *, kind: str, name: str | None = None) -> None:
-        self.name = automatic_name(name, "Joint")
-        label = f"Joint {self.name!r}"
-        self.a: Point = as_point(f"{label}: a", a)
-        self.b: Point = as_point(f"{label}: b", b)
-        self.kind = choice(f"{label}: kind", kind, ("rigid", "hinge"))
+    a: End
+    b: Annotated[Point, AtPoint("A point of another body. A mass can be hinged to a beam.")]
+    _: KW_ONLY
+    kind: Annotated[
+        Literal["rigid", "hinge"],
+        Choice(
+            ("rigid", "hinge"),
+            "A hinge makes displacements equal. A rigid joint makes displacements and rotations equal, so that two "
+            "beams joined at their ends behave as one beam.",
+        ),
+    ]
+    name: Named = CHOSEN
+
+    @rule("b", "a")
+    def _two_bodies(self) -> None:
         if self.a.body is self.b.body:
             raise ArgumentError(
-                f"{label}: b is {self.b.describe()}, expected a point of another body than {self.a.body.label}; a "
-                "point of one body is held by a support or a Spring"
+                f"{label_of(self)}: b is {self.b.describe()}, expected a point of another body than "
+                f"{self.a.body.label}; a point of one body is held by a support or a Spring"
             )
+
+    @rule("kind", "a", "b")
+    def _rotations(self) -> None:
         if self.kind == "rigid":
             self.a.slope_row()
             self.b.slope_row()

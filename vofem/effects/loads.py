@@ -3,34 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from dataclasses import KW_ONLY, dataclass
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem._validate import number
 from vofem.assembly import SystemBuilder
-from vofem.bodies.base import Point, as_point
+from vofem.bodies.base import Point
 from vofem.bodies.beam import Beam
 from vofem.bodies.coefficient import evaluate_along
+from vofem.bodies.kinds import Along
+from vofem.effects.kinds import AtPoint, Called, End, OnBody
 from vofem.errors import ArgumentError
-from vofem.time_functions import Constant, Load, TimeFunction, as_time_function
+from vofem.parameters import Real, declared, rule
+from vofem.time_functions import Constant, Load, OfTime, TimeFunction, as_time_function
 
 
+@declared()
 class PointLoad:
-    """A force at a point, positive upward.
+    """A force at a point, positive upward."""
 
-    Parameters
-    ----------
-    point : point
-        ``beam.at(x)`` or a `Mass`.
-    f : float, TimeFunction or callable of t
-        The force in N. A callable takes an array of times in s.
-    """
-
-    def __init__(self, point: Point, f: Load) -> None:
-        self.point = as_point("PointLoad: point", point)
-        self.f = as_time_function(f)
+    point: End
+    f: Annotated[Load, OfTime("N", "The force.")]
+    _: KW_ONLY
+    name: Called = None
 
     def points(self) -> tuple[Point, ...]:
         """Return the point."""
@@ -38,28 +35,25 @@ class PointLoad:
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add the load."""
-        builder.add_point_load(builder.row(self.point), self.f, self.describe())
+        builder.add_point_load(builder.row(self.point), as_time_function(self.f), self.describe())
 
     def describe(self) -> str:
         """Return point and function."""
         return f"PointLoad on {self.point.describe()}: {self.f!r} N"
 
 
+@declared()
 class PointMoment:
-    """A moment at a point of a beam. A positive moment does positive work when the slope grows.
+    """A moment at a point of a beam. A positive moment does positive work when the slope grows."""
 
-    Parameters
-    ----------
-    point : point of a beam
-        ``beam.at(x)``.
-    f : float, TimeFunction or callable of t
-        The moment in N m. A callable takes an array of times in s.
-    """
+    point: Annotated[Point, AtPoint("Point of a beam, ``beam.at(x)``.")]
+    f: Annotated[Load, OfTime("N m", "The moment.")]
+    _: KW_ONLY
+    name: Called = None
 
-    def __init__(self, point: Point, f: Load) -> None:
-        self.point = as_point("PointMoment: point", point)
+    @rule("point")
+    def _point_rotates(self) -> None:
         self.point.slope_row()
-        self.f = as_time_function(f)
 
     def points(self) -> tuple[Point, ...]:
         """Return the point."""
@@ -67,36 +61,35 @@ class PointMoment:
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add the load."""
-        builder.add_point_load(builder.row(self.point, slope=True), self.f, self.describe())
+        builder.add_point_load(builder.row(self.point, slope=True), as_time_function(self.f), self.describe())
 
     def describe(self) -> str:
         """Return point and function."""
         return f"PointMoment on {self.point.describe()}: {self.f!r} N m"
 
 
-class DistributedLoad:
-    """A force per length on a beam, ``p(x) f(t)``, positive upward.
+@dataclass(frozen=True)
+class LoadAlong(Along):
+    """A load along a beam, which is no function of time."""
 
-    Parameters
-    ----------
-    beam : Beam
-        The beam on which the load acts.
-    p : float or callable of an array x
-        The load along the beam in N/m.
-    f : float, TimeFunction or callable of t
-        A factor over time, without unit.
-    """
-
-    def __init__(self, beam: Beam, p: float | Callable[[Any], Any], f: Load = 1.0) -> None:
-        if not isinstance(beam, Beam):
-            raise ArgumentError(f"DistributedLoad: beam is {beam!r}, expected a Beam")
-        self.beam = beam
-        if isinstance(p, TimeFunction):
+    def check(self, what: str, value: Any) -> Any:
+        """Return the number or the callable."""
+        if isinstance(value, TimeFunction):
             raise ArgumentError(
-                f"DistributedLoad: p is {p!r}, a function of time; give it as f=, and p as a number or a function of x"
+                f"{what} is {value!r}, a function of time; give it as f=, and p as a number or a function of x"
             )
-        self.p = p if callable(p) else number("DistributedLoad: p", p)
-        self.f = as_time_function(f)
+        return super().check(what, value)
+
+
+@declared()
+class DistributedLoad:
+    """A force per length on a beam, ``p(x) f(t)``, positive upward."""
+
+    beam: Annotated[Beam, OnBody("The beam on which the load acts.", beam=True)]
+    p: Annotated[float | Callable[[Any], Any], LoadAlong("N/m", "The load along the beam.")]
+    f: Annotated[Load, OfTime("", "A factor over time, without unit.")] = 1.0
+    _: KW_ONLY
+    name: Called = None
 
     def points(self) -> tuple[Point, ...]:
         """Return a point of the beam, so that the scene can check it."""
@@ -104,7 +97,7 @@ class DistributedLoad:
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add the consistent load vector."""
-        builder.add_body_load(self.beam, self.beam.load_vector(self.p), self.f, self.describe())
+        builder.add_body_load(self.beam, self.beam.load_vector(self.p), as_time_function(self.f), self.describe())
 
     def along(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return p in N/m at points x, shape (k,)."""
@@ -118,21 +111,18 @@ class DistributedLoad:
         return f"DistributedLoad on Beam {self.beam.name!r}: {p} times {self.f!r}"
 
 
+@declared()
 class Gravity:
     """The weight of everything that has mass, point masses included, acting downward from t = 0 on.
 
     A scene that starts undeformed is dropped into its own weight: it swings to
     twice the deflection of the equilibrium. ``initial=vofem.equilibrium(scene)``
     starts it in equilibrium.
-
-    Parameters
-    ----------
-    g : float
-        Acceleration in m/s^2, positive downward.
     """
 
-    def __init__(self, g: float = 9.81) -> None:
-        self.g = number("Gravity: g", g)
+    g: Annotated[float, Real("m/s^2", "Acceleration, positive downward.")] = 9.81
+    _: KW_ONLY
+    name: Called = None
 
     def points(self) -> tuple[Point, ...]:
         """Return nothing: it acts on all bodies."""

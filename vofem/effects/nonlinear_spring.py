@@ -3,37 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import KW_ONLY
+from typing import Annotated
 
 import numpy as np
 
 from vofem.assembly import SystemBuilder
-from vofem.bodies.base import Point, automatic_name
+from vofem.effects.kinds import Named
 from vofem.effects.two_points import TwoPoints
 from vofem.errors import ArgumentError
 from vofem.laws import SmoothLaw
+from vofem.parameters import CHOSEN, Function, declared, label_of, rule
 
 #: Elongations in m at which force and potential are compared.
 _SAMPLES = (-1.0, -0.1, -1e-2, -1e-3, 1e-3, 1e-2, 0.1, 1.0)
 
 
+@declared()
 class NonlinearSpring(TwoPoints):
     """An elastic spring with a law written in Python, between two points or from a point to ground.
 
     The methods that step in time accept it, and so does harmonic balance.
-
-    Parameters
-    ----------
-    a, b : points
-        ``beam.at(x)`` or a `Mass`. Without b it acts between a and the ground.
-    potential : callable
-        The energy V(u) in J, as a function of the elongation ``u = u_a - u_b`` in m.
-    force : callable
-        The derivative ``F(u) = dV/du`` in N. The spring acts on a with -F and on b with +F; a linear
-        spring has ``F = k u``.
-    of : {"displacement", "rotation"}
-        Whether it acts on displacements (m, N) or on rotations of beams (rad, N m).
-    name : str, optional
-        Unique in a scene.
 
     Raises
     ------
@@ -41,39 +31,26 @@ class NonlinearSpring(TwoPoints):
         If the force is not the derivative of the potential.
     """
 
-    def __init__(
-        self,
-        a: Point,
-        b: Point | None = None,
-        *,
-        potential: Callable[[float], float],
-        force: Callable[[float], float],
-        of: str = "displacement",
-        name: str | None = None,
-    ) -> None:
-        self.name = automatic_name(name, "NonlinearSpring")
-        label = f"NonlinearSpring {self.name!r}"
-        self._attach(label, a, b, of)
-        for what, function in (("potential", potential), ("force", force)):
-            if not callable(function):
-                raise ArgumentError(
-                    f"{label}: {what} is {function!r}, expected a callable of the elongation in {self.units.coordinate}"
-                )
-        self.law = SmoothLaw(self.name, potential, force)
-        self._check(label)
+    _: KW_ONLY
+    potential: Annotated[
+        Callable[[float], float],
+        Function("the elongation", "The energy V(u) in J, as a function of the elongation ``u = u_a - u_b`` in m."),
+    ]
+    force: Annotated[
+        Callable[[float], float],
+        Function(
+            "the elongation",
+            "The derivative ``F(u) = dV/du`` in N. The spring acts on a with -F and on b with +F; a linear spring has "
+            "``F = k u``.",
+        ),
+    ]
+    name: Named = CHOSEN
 
-    @property
-    def potential(self) -> Callable[[float], float]:
-        """The energy V in J, as a function of the elongation in m."""
-        return self.law.potential
-
-    @property
-    def force(self) -> Callable[[float], float]:
-        """The force dV/du in N, as a function of the elongation in m."""
-        return self.law.force
-
-    def _check(self, label: str) -> None:
+    @rule("force", "potential")
+    def _force_is_the_derivative(self) -> None:
         """Compare the force with a difference quotient of the potential, to find mistakes such as a wrong sign."""
+        label = label_of(self)
+        self.law = SmoothLaw(self.name, self.potential, self.force)
         with np.errstate(all="ignore"):
             for u in _SAMPLES:
                 step = 1e-4 * abs(u)
@@ -87,8 +64,7 @@ class NonlinearSpring(TwoPoints):
                 if abs(slope - force) > 1e-3 * (abs(slope) + abs(force)) + slack:
                     raise ArgumentError(
                         f"{label}: force({u:g}) is {force:g} {self.units.force}, but the potential grows by {slope:g} "
-                        f"{self.units.force} there; "
-                        "expected force = dV/du (positive in tension, like k*u)"
+                        f"{self.units.force} there; expected force = dV/du (positive in tension, like k*u)"
                     )
 
     def compile(self, builder: SystemBuilder) -> None:

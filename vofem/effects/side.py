@@ -2,33 +2,35 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from vofem._validate import choice, one_of
+from vofem._validate import missing, one_of
 from vofem.bodies.base import Point, place_of
 from vofem.errors import ArgumentError
+from vofem.parameters import Choice
 
 _SIDES = ("below", "above")
 
+#: The side on which a stop stands.
+Side = Annotated[
+    Literal["below", "above"] | None,
+    Choice(
+        _SIDES,
+        "The side on which a fixed stop stands. A stop below closes when ``eta < -gap``, and a stop above closes when "
+        "``eta > gap``.",
+    ),
+]
 
-def side_of(label: str, between: str, b: Any, side: Any) -> str | None:
-    """Return the side of a stop fixed in space, or None where there is a second point b.
 
-    Raises
-    ------
-    ArgumentError
-        If the side is missing, is wrong, or is given for a contact between two points. `between` names the kind of
-        contact in the message.
-    """
+def side_of(label: str, between: str, b: Any, side: Any) -> None:
+    """Raise `ArgumentError` if a stop fixed in space has no side, or a contact between two points has one."""
     if b is not None:
         if side is not None:
             raise ArgumentError(f"{label}: side is {side!r}, but {between} between two points has none; remove it")
-        return None
-    if side is None:
-        raise ArgumentError(f"{label}: side is missing, expected {one_of(_SIDES)} for a stop")
-    return choice(f"{label}: side", side, _SIDES)
+    elif side is None:
+        raise missing(f"{label}: side", f"{one_of(_SIDES)} for a stop")
 
 
 def distinct(label: str, a: Point, b: Point | None) -> None:

@@ -4,37 +4,74 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Annotated, Any
 
 import numpy as np
 
-from vofem._validate import number
 from vofem.errors import ArgumentError
 from vofem.laws import HYPERBOLIC, TABULATED, HystereticLaw, LinearLevel
 from vofem.laws.softening_curve import checked_level, limit_load, tabulate
+from vofem.parameters import Kind, OneOf, Real, declared
+from vofem.parameters.place import Book, Place
 
 
-@dataclass(frozen=True)
+@declared(frozen=True)
 class LinearSoftening:
     """A secant stiffness that falls linearly with the force, as in Eq. 24, where the span is 4 N.
 
     Beyond the linear limit the secant stiffness is ``K (1 - (|F| - F_Y)/span)``
     with ``F_Y = K d0``. The curve of force over elongation is then a hyperbola
     with the asymptote ``F_Y + span``.
-
-    Parameters
-    ----------
-    span : float
-        Increase of the force in N over which the secant stiffness falls from K to 0, positive.
     """
 
-    span: float = 4.0
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "span", number("LinearSoftening: span", self.span, positive=True))
+    span: Annotated[
+        float, Real("N", "Increase of the force over which the secant stiffness falls from K to 0.", above=0.0)
+    ] = 4.0
 
 
 #: `LinearSoftening`, or the softening number as a function of the magnitude of the force in N.
 Softening = LinearSoftening | Callable[[float], float]
+
+
+_LINEAR = OneOf(classes={"linear": LinearSoftening}, expected="{ linear = { span = 4.0 } }")
+
+
+@dataclass(frozen=True)
+class SofteningKind(Kind):
+    """The softening of a spring: a `LinearSoftening`, or a callable of the force."""
+
+    text: str = (
+        "The share by which the secant stiffness has fallen, as a function of the magnitude of the force in N. It is 0 "
+        "at ``K d0`` and does not decrease. It reaches 1 at the limit load. The default is Eq. 24, ``(|F| - K d0)/(4 "
+        "N)``. A callable is tabulated once, up to 1e4 linear limits, with an error of 1e-11."
+    )
+
+    shown = "LinearSoftening or callable"
+    expected = _LINEAR.expected
+
+    def check(self, what: str, value: Any) -> Any:
+        """Return the softening."""
+        if not callable(value) and not isinstance(value, LinearSoftening):
+            raise ArgumentError(f"{what} is {value!r}, expected a LinearSoftening or a callable of the force in N")
+        return value
+
+    def read(self, value: Any, place: Place) -> Any:
+        """Return the object of a table."""
+        return _LINEAR.read(value, place)
+
+    def write(self, value: Any, book: Book) -> Any:
+        """Return the table."""
+        return _LINEAR.write(value, book)
+
+    def described(self) -> dict[str, Any]:
+        """Return the table."""
+        return {**_LINEAR.described(), **super().described()}
+
+
+#: The parameters of a backbone that softens.
+InitialStiffness = Annotated[float, Real("N/m", "Stiffness K before yielding.", above=0.0)]
+LinearLimit = Annotated[float, Real("m", "Elongation d0 up to which the spring is linear.", above=0.0)]
+SofteningOf = Annotated[Softening | None, SofteningKind()]
 
 
 class Backbone:
@@ -59,13 +96,9 @@ class Backbone:
         if isinstance(self.softening, LinearSoftening):
             self.limit = self.onset + self.softening.span
             self.level = LinearLevel(self.onset, self.softening.span)
-        elif callable(self.softening):
+        else:
             self.level = self._called
             self.limit = limit_load(label, self.level, self.onset)
-        else:
-            raise ArgumentError(
-                f"{label}: softening is {softening!r}, expected a LinearSoftening or a callable of the force in N"
-            )
 
     def _called(self, force: float) -> float:
         """Return the value of the callable at the magnitude of a force in N; 0 up to the linear limit."""

@@ -2,20 +2,69 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import KW_ONLY, dataclass
+from typing import Annotated, Any
 
 import numpy as np
 
-from vofem._validate import number
+from vofem._validate import number, wrong
 from vofem.assembly import SystemBuilder
-from vofem.bodies.base import Point, automatic_name
+from vofem.effects.kinds import Named
 from vofem.effects.two_points import TwoPoints
 from vofem.errors import ArgumentError
-from vofem.fractional.laws import ConstantOrder, OrderLaw
+from vofem.fractional.laws import ConstantOrder, OrderLaw, TabulatedOrder
 from vofem.laws import SpringpotLaw
+from vofem.parameters import CHOSEN, Kind, OneOf, Real, declared
+from vofem.parameters.nested import read_number_or, write_number_or
+from vofem.parameters.place import Book, Invalid, Place
 from vofem.time_functions import Constant
 
+_TABLE = OneOf(classes={"tabulated": TabulatedOrder}, expected="{ tabulated = { x = [t0, t1, ...], orders = [...] } }")
 
+
+@dataclass(frozen=True)
+class Order(Kind):
+    """The order of a springpot: a number, or a function of time."""
+
+    text: str = (
+        "A number in (0, 1], or a function of time with values in [0, 1]. Such a function is a callable that takes an "
+        "array of times in s, for example a law of `vofem.fractional`. The force at t is computed from the whole past "
+        "with the order at t."
+    )
+
+    shown = "float or callable"
+    expected = f"a positive number or {_TABLE.expected}"
+
+    def check(self, what: str, value: Any) -> float | OrderLaw:
+        """Return an order; laws that never change as a number."""
+        if isinstance(value, (ConstantOrder, Constant)):
+            value = value.value
+        if callable(value) and not isinstance(value, type):
+            law: OrderLaw = value
+            return law
+        if isinstance(value, (str, bytes)) or np.ndim(value) > 0:
+            raise ArgumentError(f"{what} is {value!r}, expected a number from 0 to 1, or a function of time")
+        order = number(what, value)
+        if not 0.0 < order <= 1.0:
+            cure = "; a Spring is what order 0 would be" if order == 0.0 else ""
+            raise wrong(what, f"{order:g}", "a number above 0 and up to 1", cure)
+        return order
+
+    def read(self, value: Any, place: Place) -> Any:
+        """Return the number, or the law of a table."""
+        found = read_number_or(Real(), _TABLE, self.expected, value, place)
+        return found if isinstance(value, dict) or isinstance(found, Invalid) else super().read(found, place)
+
+    def write(self, value: Any, book: Book) -> Any:
+        """Return the number or the table."""
+        return write_number_or(Real(), _TABLE, value, book)
+
+    def described(self) -> dict[str, Any]:
+        """Return both."""
+        return {"anyOf": [Real(above=0.0).described(), _TABLE.described()], **super().described()}
+
+
+@declared()
 class Springpot(TwoPoints):
     """A fractional dashpot between two points, or from a point to ground: ``force = coefficient D^order u``.
 
@@ -26,22 +75,6 @@ class Springpot(TwoPoints):
     have been at rest, in its initial place, before t = 0. An elongation at
     t = 0 therefore causes no force. Under a constant force a springpot of an
     order above 0 creeps without end.
-
-    Parameters
-    ----------
-    a, b : points
-        ``beam.at(x)`` or a `Mass`. Without b it acts between a and the ground.
-    coefficient : float
-        Coefficient of the law, N s^order/m, not negative.
-    order : float or callable
-        A number in (0, 1], or a function of time with values in [0, 1]. Such a
-        function is a callable that takes an array of times in s, for example a
-        law of `vofem.fractional`. The force at t is computed from the whole past
-        with the order at t.
-    of : {"displacement", "rotation"}
-        Whether it acts on displacements (m, N) or on rotations of beams (rad, N m).
-    name : str, optional
-        Unique in a scene.
 
     Raises
     ------
@@ -54,21 +87,10 @@ class Springpot(TwoPoints):
     299-307, https://doi.org/10.1115/1.3167616.
     """
 
-    def __init__(
-        self,
-        a: Point,
-        b: Point | None = None,
-        *,
-        coefficient: float,
-        order: float | OrderLaw,
-        of: str = "displacement",
-        name: str | None = None,
-    ) -> None:
-        self.name = automatic_name(name, "Springpot")
-        label = f"Springpot {self.name!r}"
-        self._attach(label, a, b, of)
-        self.coefficient = number(f"{label}: coefficient", coefficient, minimum=0)
-        self.order: float | OrderLaw = _order(label, order)
+    _: KW_ONLY
+    coefficient: Annotated[float, Real("N s^order/m", "Coefficient of the law.", least=0)]
+    order: Annotated[float | OrderLaw, Order()]
+    name: Named = CHOSEN
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add row and law."""
@@ -83,22 +105,6 @@ class Springpot(TwoPoints):
         else:
             what = f"{self.coefficient:g} {force} s^{self.order:g}/{coordinate}"
         return f"Springpot {self.name!r} from {self._where()}: {what}"
-
-
-def _order(label: str, order: Any) -> float | OrderLaw:
-    """Return an order, checked; laws that never change as a number."""
-    if isinstance(order, (ConstantOrder, Constant)):
-        order = order.value
-    if callable(order) and not isinstance(order, type):
-        law: OrderLaw = order
-        return law
-    if isinstance(order, (str, bytes)) or np.ndim(order) > 0:
-        raise ArgumentError(f"{label}: order is {order!r}, expected a number from 0 to 1, or a function of time")
-    value = number(f"{label}: order", order)
-    if not 0.0 < value <= 1.0:
-        cure = "; a Spring is what order 0 would be" if value == 0.0 else ""
-        raise ArgumentError(f"{label}: order is {value:g}, expected a number above 0 and up to 1{cure}")
-    return value
 
 
 def _shown(law: Any) -> str:

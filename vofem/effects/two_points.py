@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
 
-from vofem._validate import choice
 from vofem.assembly import SystemBuilder
-from vofem.bodies.base import Point, Row, as_point
+from vofem.bodies.base import Point, Row
+from vofem.effects.kinds import End, Of, OtherEnd
+from vofem.parameters import declared, rule
 
 
 @dataclass(frozen=True)
@@ -37,19 +38,19 @@ UNITS = {
 }
 
 
+@declared()
 class TwoPoints:
     """An effect on ``u_a - u_b``, or on ``u_a`` if b is None, where u is a displacement or a rotation."""
 
-    a: Point
-    b: Point | None
-    #: "displacement" or "rotation".
-    of: str
+    #: How pictures show it: as a "spring", a "damper", or a "stop".
+    symbol: ClassVar[str] = "spring"
 
-    def _attach(self, label: str, a: Any, b: Any, of: Any) -> None:
-        """Take points and coordinate, checked."""
-        self.a = as_point(f"{label}: a", a)
-        self.b = None if b is None else as_point(f"{label}: b", b)
-        self.of = choice(f"{label}: of", of, tuple(UNITS))
+    a: End
+    b: OtherEnd = None
+    of: Of = field(default="displacement", kw_only=True)
+
+    @rule("a", "b", "of")
+    def _ends_rotate(self) -> None:
         if self.of == "rotation":
             for point in self.points():
                 point.slope_row()

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Annotated, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem._validate import array, number
+from vofem._validate import number
 from vofem.errors import ArgumentError
 from vofem.fractional.constants import gap_function
 from vofem.fractional.orders import exponential_order
+from vofem.parameters import Numbers, declared, rule
 
 Array = NDArray[np.float64]
 
@@ -73,23 +74,16 @@ class ExponentialOrder:
         return exponential_order(s, self.s0)
 
 
-@dataclass(frozen=True, eq=False)
+@declared(frozen=True, eq=False)
 class TabulatedOrder:
-    """A table of orders over time or state, linear between its points and constant beyond its ends.
+    """A table of orders over time or state, linear between its points and constant beyond its ends."""
 
-    Parameters
-    ----------
-    x : array_like, shape (n,)
-        Times or states, increasing.
-    orders : array_like, shape (n,)
-        The order or orders, not negative.
-    """
+    x: Annotated[Array, Numbers("", "Times or states, increasing.")] = field(repr=False)
+    orders: Annotated[Array, Numbers("", "The order or orders, not negative.")] = field(repr=False)
 
-    x: Array = field(repr=False)
-    orders: Array = field(repr=False)
-
-    def __post_init__(self) -> None:
-        x, orders = array("TabulatedOrder: x", self.x), array("TabulatedOrder: orders", self.orders)
+    @rule("x", "orders")
+    def _in_order(self) -> None:
+        x, orders = self.x, self.orders
         if x.ndim != 1 or not len(x) or orders.shape != x.shape:
             raise ArgumentError(
                 f"TabulatedOrder: x has shape {x.shape} and orders {orders.shape}, expected one dimension of one length"
@@ -99,8 +93,6 @@ class TabulatedOrder:
             raise ArgumentError(f"TabulatedOrder: x is {x[k]:g} and then {x[k + 1]:g}, expected increasing values")
         if np.any(orders < 0.0):
             raise ArgumentError(f"TabulatedOrder: orders hold {np.min(orders):g}, expected none below 0")
-        object.__setattr__(self, "x", x)
-        object.__setattr__(self, "orders", orders)
 
     def __call__(self, x: ArrayLike) -> Array:
         """Return the order at x, of the shape of x."""

@@ -47,6 +47,8 @@ class Impacts:
         not close or open within the run.
     peak_force : ndarray, shape (n,)
         The force of largest magnitude, N.
+    peak_time : ndarray, shape (n,)
+        Time at which it is reached, s.
     impulse : ndarray, shape (n,)
         Integral of the force over time, N s.
     work : ndarray, shape (n,)
@@ -71,6 +73,7 @@ class Impacts:
     approach_speed: Array
     departure_speed: Array
     peak_force: Array
+    peak_time: Array
     impulse: Array
     work: Array
     absorbed: Array
@@ -102,6 +105,7 @@ class Impacts:
                 "approach_speed": (self.approach_speed, speed),
                 "departure_speed": (self.departure_speed, speed),
                 "peak_force": (self.peak_force, u.force),
+                "peak_time": (self.peak_time, "s"),
                 "impulse": (self.impulse, u.impulse),
                 "work": (self.work, "J"),
                 "absorbed": (self.absorbed, "J"),
@@ -279,17 +283,17 @@ class ImpactRecord:
         """Return the impacts one by one."""
         span, touches, n = self.span, self._touches, self.span.begin.size
         if self._why:
-            peak, impulse, work, absorbed = np.full((4, n), np.nan)
+            peak, peak_time, impulse, work, absorbed = np.full((5, n), np.nan)
         else:
             parts = touches.parts()
             found, of = touches.integrals(parts), touches.span[parts.panel]
-            peak = _largest(touches.peaks(parts), of, n)
+            peak, peak_time = _largest(*touches.peaks(parts), of, n)
             impulse, work, absorbed = (
                 np.bincount(of, values, n) for values in (found.force, found.pressed, found.work)
             )
         return Impacts(
             self._laws.names[self._index], span.begin, span.end, span.ended, self._approach, self._departure, peak,
-            impulse, work, absorbed, touches.error, self._units, self._why,
+            peak_time, impulse, work, absorbed, touches.error, self._units, self._why,
         )  # fmt: skip
 
     def statistics(self, window: ArrayLike | None) -> ContactStatistics:
@@ -311,7 +315,7 @@ class ImpactRecord:
             impulse, square = float(found.force.sum()), float(found.square.sum())
             stored = self._stored(np.array([begin, end]))
             work, absorbed = float(found.pressed.sum()), float(found.work.sum() - stored[1] + stored[0])
-            peaks = self._touches.peaks(parts)
+            peaks, _ = self._touches.peaks(parts)
             peak = float(peaks[np.argmax(np.abs(peaks))]) if peaks.size else 0.0
         return ContactStatistics(
             name=self._laws.names[self._index],
@@ -356,13 +360,13 @@ def window_of(what: str, window: ArrayLike | None, t_end: float) -> tuple[float,
     return float(ends[0]), min(float(ends[1]), t_end)
 
 
-def _largest(values: Array, of: NDArray[np.int64], count: int) -> Array:
-    """Return for each of `count` groups the value of largest magnitude, 0 where there is none."""
+def _largest(values: Array, times: Array, of: NDArray[np.int64], count: int) -> tuple[Array, Array]:
+    """Return for each of `count` groups the value of largest magnitude and its time, 0 and NaN where there is none."""
     order = np.lexsort((np.abs(values), of))
-    found = np.zeros(count)
+    found, at = np.zeros(count), np.full(count, np.nan)
     # Assignment keeps the last entry of each group.
-    found[of[order]] = values[order]
-    return found
+    found[of[order]], at[of[order]] = values[order], times[order]
+    return found, at
 
 
 def _mean(values: Array) -> float:

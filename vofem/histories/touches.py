@@ -189,20 +189,21 @@ class Touches:
         assert self.stiffness is not None
         return np.where(moving, 0.5 * (high + low) * (high - low) / self.stiffness, 0.0)
 
-    def peaks(self, parts: Parts) -> Array:
-        """Return the force of largest magnitude within each part, N."""
+    def peaks(self, parts: Parts) -> tuple[Array, Array]:
+        """Return the force of largest magnitude within each part in N, and the time in s at which it is reached."""
         low, high = parts.low, parts.high
         coefficients = self.force[:, parts.panel]
         fractions = np.linspace(0.0, 1.0, _LOOKS)[:, None]
-        found = np.zeros(low.size)
+        found, place = np.zeros(low.size), low
         columns = np.arange(low.size)
         for _ in range(_ROUNDS):
             x = low + (high - low) * fractions
             values = _values(coefficients, x)
             best = np.argmax(np.abs(values), axis=0)
-            found = values[best, columns]
+            found, place = values[best, columns], x[best, columns]
             low, high = x[np.maximum(best - 1, 0), columns], x[np.minimum(best + 1, _LOOKS - 1), columns]
-        return np.asarray(found, dtype=float)
+        begin, end = self.begin[parts.panel], self.end[parts.panel]
+        return np.asarray(found, dtype=float), begin + 0.5 * (1.0 + place) * (end - begin)
 
 
 def resolve(

@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from vofem._validate import nearest
+from vofem.effects.kinds import AtPoint
 from vofem.errors import ArgumentError, OutputError, SceneFileError
 from vofem.files.whole import impossible, replacing
 from vofem.io.scenes.changes import changed
-from vofem.io.scenes.parts import PointByName
-from vofem.io.scenes.place import Book, Place
 from vofem.io.scenes.reader import read_respond, read_tables
 from vofem.io.scenes.settings import OutputSettings, RespondSettings, RunSettings, UniformTimes
 from vofem.io.scenes.writer import scene_to_toml
+from vofem.parameters.place import Book, Place
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.simulate.simulation import simulate
@@ -193,7 +193,7 @@ def dump_scene(
 def point_named(scene: Scene, text: str) -> Any:
     """Return the point of a text such as 'beam@1.0', as in scene files; raise `ArgumentError` if there is none."""
     book = Book(Path.cwd(), {body.name: body for body in scene.bodies})
-    point = PointByName().read(text, Place(book))
+    point = AtPoint().read(text, Place(book))
     if book.problems:
         raise ArgumentError(f"point: {book.problems[0][1]}")
     return point

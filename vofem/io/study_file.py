@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from vofem._validate import nearest
+from vofem.effects.kinds import AtPoint
 from vofem.errors import ArgumentError, SceneFileError, VofemError
 from vofem.io.scene_file import SceneFile, read_content, scene_text
 from vofem.io.scenes.changes import changed
 from vofem.io.scenes.measures import OF_CONTACTS, OF_POINTS, OF_RUNS, Measure
-from vofem.io.scenes.parts import PointByName
-from vofem.io.scenes.place import Book, Place
+from vofem.parameters.place import Book, Place
 
 _KEYS = ("values", "measure", "after")
 _LINE = ("start", "stop", "count")
@@ -165,7 +165,7 @@ def _measures(given: Any, file: SceneFile, place: Place) -> dict[str, Measure]:
             continue
         ((kind, of),) = one.items()
         if kind in OF_POINTS:
-            result[name] = Measure(kind, PointByName().read(of, here.key(kind)))
+            result[name] = Measure(kind, AtPoint().read(of, here.key(kind)))
         elif kind in OF_CONTACTS:
             if of not in contacts:
                 hint = nearest(of, contacts) if isinstance(of, str) else ""

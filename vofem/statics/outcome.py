@@ -91,6 +91,26 @@ class Equilibrium:
         held = f"{states.count('closed')} of {len(states)} contacts closed{pinned}" if states else "no contacts"
         return f"Equilibrium({held})"
 
+    @property
+    def model(self) -> Model:
+        """The assembled scene."""
+        return self._model
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """The effects of the scene."""
+        return self._effects
+
+    @property
+    def t(self) -> float:
+        """Time in s at which the loads act."""
+        return self._t
+
+    @property
+    def free_displacement(self) -> Array:
+        """Free degrees of freedom, shape (n,)."""
+        return self._q
+
     def state_of(self, body_name: str) -> tuple[Array, Array]:
         """Return the degrees of freedom of a body and their rates, which are zero, each (size,)."""
         cure = "; as the start of a scene give the outcome for the bodies that it holds: initial={body: outcome}"

@@ -12,7 +12,10 @@ from numpy.typing import NDArray
 from vofem._validate import whole
 from vofem.bodies.base import Body
 from vofem.bodies.beam import Beam, BeamPoint
+from vofem.bodies.kinds import Section
+from vofem.bodies.supports import ByNode
 from vofem.errors import ArgumentError
+from vofem.parameters import changed, declarations, values_of
 from vofem.scene import Scene, as_scene
 
 Array = NDArray[np.float64]
@@ -97,22 +100,32 @@ def _counts(scene: Scene, elements: int) -> dict[Beam, int]:
 
 def _uniform(beam: Beam) -> bool:
     """Return whether a beam was given as a number of elements, without coefficients by element."""
-    return np.ndim(beam.elements) == 0 and beam.mesh is None and np.ndim(beam.EI) == 0 and np.ndim(beam.rhoA) == 0
+    return np.ndim(beam.elements) == 0 and beam.mesh is None and not (_by_element(beam.EI) or _by_element(beam.rhoA))
+
+
+def _by_element(value: Any) -> bool:
+    """Return whether a coefficient is given as one number per element."""
+    return isinstance(value, np.ndarray)
 
 
 def _with_elements(beam: Beam, count: int) -> Beam:
+    has = beam.element_lengths.size
     if _uniform(beam):
-        held = {node * count // beam.element_lengths.size: kind for node, kind in beam.supports.items()}
-        nodes, coefficients = np.linspace(0.0, beam.length, count + 1), (beam.EI, beam.rhoA)
-        mesh: Any = count
-    else:
-        parts = count // beam.element_lengths.size
-        held = {node * parts: kind for node, kind in beam.supports.items()}
-        nodes = _divided(beam.nodes, parts)
-        coefficients = tuple(np.repeat(c, parts) if np.ndim(c) == 1 else c for c in (beam.EI, beam.rhoA))  # type: ignore[assignment]
-        mesh = nodes
-    supports: dict[Any, str] = {float(nodes[node]): kind for node, kind in held.items()}
-    return Beam(beam.length, *coefficients, mesh, supports, beam.tension, beam.name)
+        return _on(beam, count, {node * count // has: kind for node, kind in beam.supports.items()})
+    parts = count // has
+    held = {node * parts: kind for node, kind in beam.supports.items()}
+    coefficients = {
+        name: np.repeat(value, parts)
+        for name, value in values_of(beam).items()
+        if isinstance(declarations(Beam)[name].kind, Section) and _by_element(value)
+    }
+    return _on(beam, _divided(beam.nodes, parts), held, **coefficients)
+
+
+def _on(beam: Beam, elements: Any, held: dict[int, str], **coefficients: Any) -> Beam:
+    """Return a beam on other elements, with supports by their nodes."""
+    made: Beam = changed(beam, elements=elements, supports=ByNode(held), **coefficients)
+    return made
 
 
 def _divided(nodes: Array, parts: int) -> Array:

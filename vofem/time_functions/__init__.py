@@ -6,8 +6,19 @@ integrates it in closed form. A plain callable has no such form. Only methods th
 step in time accept it.
 """
 
+from vofem.parameters.declared import table_name
 from vofem.time_functions.approximated import Approximated
-from vofem.time_functions.base import Arbitrary, Constant, Load, Scaled, Sum, TimeFunction, as_time_function
+from vofem.time_functions.base import (
+    FUNCTIONS,
+    Arbitrary,
+    Constant,
+    Load,
+    OfTime,
+    Scaled,
+    Sum,
+    TimeFunction,
+    as_time_function,
+)
 from vofem.time_functions.moments import carried
 from vofem.time_functions.named import Pulse, Ramp, Sine
 from vofem.time_functions.piece import Piece
@@ -19,6 +30,7 @@ __all__ = [
     "Arbitrary",
     "Constant",
     "Load",
+    "OfTime",
     "Piece",
     "Pulse",
     "Ramp",
@@ -31,3 +43,5 @@ __all__ = [
     "as_time_function",
     "carried",
 ]
+
+FUNCTIONS |= {table_name(cls): cls for cls in (Sine, Constant, Ramp, Pulse, Tabulated, Sum, Scaled)}

@@ -103,6 +103,8 @@ class Approximated(TimeFunction):
     >>> load = vf.PointLoad(vf.Mass(1.0, stiffness=1.0), gust)
     """
 
+    written_out = False
+
     name: str
     t_end: float
     tolerance: float

@@ -5,13 +5,16 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import number
 from vofem.errors import ArgumentError, LoadError
+from vofem.parameters import Kind, OneOf, Real, Unwritable, declared
+from vofem.parameters.nested import read_number_or
+from vofem.parameters.place import INVALID, Book, Invalid, Place
 from vofem.time_functions.moments import gather, sampled, straight
 from vofem.time_functions.piece import Piece
 
@@ -23,6 +26,9 @@ class TimeFunction(ABC):
 
     #: Whether `piece` and `derivative` are available.
     closed_form = True
+
+    #: Whether its parameters tell all of it, so that a scene file can hold it.
+    written_out = True
 
     @abstractmethod
     def __call__(self, t: ArrayLike) -> Array:
@@ -136,11 +142,80 @@ class PiecewiseStraight(TimeFunction):
         return straight(self(middle), self.derivative(middle), right - left)
 
 
+#: Functions of time that scene files know, by name.
+FUNCTIONS: dict[str, type] = {}
+
+_NAMED = OneOf(classes=FUNCTIONS, expected="a function of time such as { sine = { amplitude = 1.0, omega = 2.0 } }")
+
+
 @dataclass(frozen=True)
+class OfTime(Kind):
+    """A parameter that is a function of time: a number, a `TimeFunction` or a callable."""
+
+    unit: str = ""
+    text: str = ""
+
+    shown = "float, TimeFunction or callable of t"
+    expected = f"a number or {_NAMED.expected}"
+
+    @property
+    def meaning(self) -> str:
+        """What it means, and its unit."""
+        return f"{self.text} In {self.unit}. A callable takes one time in s." if self.unit else self.text
+
+    def check(self, what: str, value: Any) -> TimeFunction:
+        """Return the function."""
+        return as_time_function(value)
+
+    def read(self, value: Any, place: Place) -> TimeFunction | Invalid:
+        """Return the function of a number or of a table."""
+        read = read_number_or(Real(), _NAMED, self.expected, value, place)
+        return read if isinstance(read, Invalid) else as_time_function(read)
+
+    def write(self, value: Any, book: Book) -> Any:
+        """Return a number for a constant, else the table."""
+        function = as_time_function(value)
+        if type(function) is Constant:
+            return float(function.value)
+        if not function.written_out:
+            raise Unwritable(f"{function!r} is a callable, which a scene file cannot hold; use one of {_NAMED.names()}")
+        return _NAMED.write(function, book)
+
+    def described(self) -> dict[str, Any]:
+        """Return a number or a function of time."""
+        return {"$ref": "#/$defs/function_of_time", **super().described()}
+
+
+@dataclass(frozen=True)
+class FunctionsOfTime(Kind):
+    """A parameter that is several functions of time."""
+
+    text: str = ""
+
+    shown = "tuple of TimeFunction"
+    expected = "an array of functions of time"
+
+    def read(self, value: Any, place: Place) -> tuple[Any, ...] | Invalid:
+        """Return a tuple of them."""
+        if not isinstance(value, list) or not value:
+            return place.expected(self.expected, value)
+        parts = tuple(OfTime().read(part, place.index(k)) for k, part in enumerate(value))
+        return INVALID if any(isinstance(part, Invalid) for part in parts) else parts
+
+    def write(self, value: Any, book: Book) -> list[Any]:
+        """Return an array."""
+        return [OfTime().write(part, book) for part in value]
+
+    def described(self) -> dict[str, Any]:
+        """Return an array."""
+        return {"type": "array", "items": OfTime().described(), "minItems": 1}
+
+
+@declared(frozen=True, bare=True)
 class Sum(TimeFunction):
     """A sum of functions of time, written ``f + g``."""
 
-    terms: tuple[TimeFunction, ...]
+    terms: Annotated[tuple[TimeFunction, ...], FunctionsOfTime("The functions.")]
 
     def __call__(self, t: ArrayLike) -> Array:
         """Return the values at times t."""
@@ -194,12 +269,12 @@ class Sum(TimeFunction):
         return total
 
 
-@dataclass(frozen=True)
+@declared(frozen=True)
 class Scaled(TimeFunction):
     """A function of time multiplied by a number, written ``2 * f``."""
 
-    function: TimeFunction
-    factor: float
+    function: Annotated[TimeFunction, OfTime("", "The function.")]
+    factor: Annotated[float, Real("", "The number.")]
 
     def __call__(self, t: ArrayLike) -> Array:
         """Return the values at times t."""
@@ -258,14 +333,11 @@ def order_of(order: int) -> int:
     return int(order)
 
 
-@dataclass(frozen=True)
+@declared(frozen=True, bare=True)
 class Constant(PiecewiseStraight):
     """A constant: the same value at all times t >= 0."""
 
-    value: float
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "value", number("Constant: value", self.value))
+    value: Annotated[float, Real("the unit of the load", "The value.")]
 
     def __call__(self, t: ArrayLike) -> Array:
         """Return the values at times t."""
@@ -287,6 +359,7 @@ class Arbitrary(TimeFunction):
     function: Callable[[Any], Any]
 
     closed_form = False
+    written_out = False
     sample_spacing = np.inf
 
     def __call__(self, t: ArrayLike) -> Array:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, field
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem._validate import number
+from vofem._validate import wrong
 from vofem.errors import ArgumentError
+from vofem.parameters import Real, declared, rule
 from vofem.time_functions.base import PiecewiseStraight, TimeFunction, inside, order_of
 from vofem.time_functions.moments import wave
 from vofem.time_functions.piece import Piece
@@ -16,20 +18,9 @@ from vofem.time_functions.piece import Piece
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, init=False, repr=False)
+@declared(frozen=True, either=("omega", "frequency"))
 class Sine(TimeFunction):
     """``amplitude * sin(omega t + phase)``; either `omega` or `frequency` is given.
-
-    Parameters
-    ----------
-    amplitude : float
-        Amplitude in the unit of the load.
-    omega : float, optional
-        Angular frequency in rad/s.
-    phase : float
-        Phase in rad.
-    frequency : float, optional
-        Frequency in Hz; omega is ``2 pi frequency``. Texts and scene files repeat what was given.
 
     Raises
     ------
@@ -37,26 +28,24 @@ class Sine(TimeFunction):
         If neither or both of `omega` and `frequency` are given.
     """
 
-    amplitude: float
-    omega: float
-    phase: float
-    frequency: float | None = field(init=False, compare=False)
+    amplitude: Annotated[float, Real("the unit of the load", "Amplitude.")]
+    omega: Annotated[float, Real("rad/s", "Angular frequency.")] = None  # type: ignore[assignment]
+    phase: Annotated[float, Real("rad", "Phase.")] = 0.0
+    _: KW_ONLY
+    frequency: Annotated[
+        float | None,
+        Real("Hz", "Frequency; omega is ``2 pi frequency``. Texts and scene files repeat what was given."),
+    ] = field(default=None, compare=False)
 
-    def __init__(
-        self, amplitude: float, omega: float | None = None, phase: float = 0.0, *, frequency: float | None = None
-    ) -> None:
-        if (omega is None) == (frequency is None):
+    @rule("omega", "frequency")
+    def _one_frequency(self) -> None:
+        if (self.omega is None) == (self.frequency is None):
             raise ArgumentError(
-                f"Sine: omega is {omega!r} and frequency is {frequency!r}, expected exactly one of them: omega in "
-                "rad/s, or frequency in Hz"
+                f"Sine: omega is {self.omega!r} and frequency is {self.frequency!r}, expected exactly one of them: "
+                "omega in rad/s, or frequency in Hz"
             )
-        if frequency is not None:
-            frequency = number("Sine: frequency", frequency)
-            omega = 2.0 * np.pi * frequency
-        object.__setattr__(self, "amplitude", number("Sine: amplitude", amplitude))
-        object.__setattr__(self, "omega", number("Sine: omega", omega))
-        object.__setattr__(self, "phase", number("Sine: phase", phase))
-        object.__setattr__(self, "frequency", frequency)
+        if self.frequency is not None:
+            object.__setattr__(self, "omega", 2.0 * np.pi * self.frequency)
 
     def __repr__(self) -> str:
         given = f"omega={self.omega!r}" if self.frequency is None else f"frequency={self.frequency!r}"
@@ -96,31 +85,20 @@ class Sine(TimeFunction):
         return moments
 
 
-@dataclass(frozen=True)
+@declared(frozen=True)
 class Ramp(PiecewiseStraight):
-    """A ramp: zero until `start`, then growing with `slope` until `stop`, then constant.
+    """A ramp: zero until `start`, then growing with `slope` until `stop`, then constant."""
 
-    Parameters
-    ----------
-    slope : float
-        Slope in the unit of the load per second.
-    start : float
-        Time in s at which the ramp begins.
-    stop : float, optional
-        Time in s from which the value stays constant. Without it the ramp never ends.
-    """
+    slope: Annotated[float, Real("the unit of the load per second", "Slope.")]
+    start: Annotated[float, Real("s", "Time at which the ramp begins.")] = 0.0
+    stop: Annotated[
+        float | None, Real("s", "Time from which the value stays constant. Without it the ramp never ends.")
+    ] = None
 
-    slope: float
-    start: float = 0.0
-    stop: float | None = None
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "slope", number("Ramp: slope", self.slope))
-        object.__setattr__(self, "start", number("Ramp: start", self.start))
-        if self.stop is not None:
-            object.__setattr__(self, "stop", number("Ramp: stop", self.stop))
-            if self.stop <= self.start:
-                raise ArgumentError(f"Ramp: stop is {self.stop:g}, expected a time after start = {self.start:g}")
+    @rule("stop", "start")
+    def _ends_after_start(self) -> None:
+        if self.stop is not None and self.stop <= self.start:
+            raise wrong("Ramp: stop", f"{self.stop:g}", f"a time after start = {self.start:g}")
 
     def __call__(self, t: ArrayLike) -> Array:
         """Return the values at times t."""
@@ -144,28 +122,13 @@ class Ramp(PiecewiseStraight):
         return Piece(constant=float(self(t0)), slope=float(self.derivative(t0)))
 
 
-@dataclass(frozen=True)
+@declared(frozen=True)
 class Pulse(PiecewiseStraight):
-    """A rectangular pulse: `amplitude` for start <= t < start + duration, zero elsewhere.
+    """A rectangular pulse: `amplitude` for start <= t < start + duration, zero elsewhere."""
 
-    Parameters
-    ----------
-    amplitude : float
-        Value during the pulse, in the unit of the load.
-    start : float
-        Time in s at which the pulse begins.
-    duration : float
-        Length of the pulse in s, positive.
-    """
-
-    amplitude: float
-    start: float
-    duration: float
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "amplitude", number("Pulse: amplitude", self.amplitude))
-        object.__setattr__(self, "start", number("Pulse: start", self.start))
-        object.__setattr__(self, "duration", number("Pulse: duration", self.duration, positive=True))
+    amplitude: Annotated[float, Real("the unit of the load", "Value during the pulse.")]
+    start: Annotated[float, Real("s", "Time at which the pulse begins.")]
+    duration: Annotated[float, Real("s", "Length of the pulse.", above=0.0)]
 
     def __call__(self, t: ArrayLike) -> Array:
         """Return the values at times t."""

@@ -2,29 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem._validate import array
 from vofem.errors import ArgumentError
+from vofem.parameters import Numbers, declared, rule
 from vofem.time_functions.base import PiecewiseStraight, inside, order_of
 from vofem.time_functions.piece import Piece
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@declared(frozen=True, eq=False)
 class Tabulated(PiecewiseStraight):
     """A table of values over time, interpolated linearly, and constant before the first and after the last time.
-
-    Parameters
-    ----------
-    t : array_like, shape (n,)
-        Strictly increasing times in s.
-    values : array_like, shape (n,)
-        Values in the unit of the load.
 
     Raises
     ------
@@ -32,13 +26,13 @@ class Tabulated(PiecewiseStraight):
         If shapes differ, times do not increase, or a slope is beyond the range of double precision.
     """
 
-    t: Array
-    values: Array
+    t: Annotated[Array, Numbers("s", "Times, strictly increasing.")]
+    values: Annotated[Array, Numbers("the unit of the load", "Values at these times.")]
     _slopes: Array = field(init=False)
 
-    def __post_init__(self) -> None:
-        times = array("Tabulated: t", self.t)
-        values = array("Tabulated: values", self.values)
+    @rule("t", "values")
+    def _straight_lines(self) -> None:
+        times, values = self.t, self.values
         if times.ndim != 1 or times.shape != values.shape or times.size < 1:
             raise ArgumentError(
                 f"Tabulated: t has shape {times.shape} and values {values.shape}, expected two equal (n,)"
@@ -48,8 +42,6 @@ class Tabulated(PiecewiseStraight):
             raise ArgumentError(
                 f"Tabulated: t must increase strictly, found {times[k]:g} s followed by {times[k + 1]:g} s"
             )
-        object.__setattr__(self, "t", times)
-        object.__setattr__(self, "values", values)
         with np.errstate(over="ignore"):
             slopes = np.diff(values) / np.diff(times)
         if not np.all(np.isfinite(slopes)):

@@ -13,6 +13,7 @@ from vofem.bodies.base import Point
 from vofem.effects import DistributedLoad, Gravity, PointLoad, PointMoment
 from vofem.errors import VofemError
 from vofem.scene import Scene
+from vofem.time_functions import as_time_function
 
 Array = NDArray[np.float64]
 
@@ -64,8 +65,9 @@ def _of(effect: Any, times: Array, run: Array) -> list[Push]:
         return [Push("weight", (), np.array([effect.g]), abs(effect.g)) for _ in times]
     if not isinstance(effect, (PointLoad, PointMoment, DistributedLoad)):
         return []
-    now = np.asarray(effect.f(times), dtype=float)
-    most = float(np.max(np.abs(np.append(np.asarray(effect.f(run), dtype=float), now)), initial=0.0))
+    f = as_time_function(effect.f)
+    now = np.asarray(f(times), dtype=float)
+    most = float(np.max(np.abs(np.append(np.asarray(f(run), dtype=float), now)), initial=0.0))
     if isinstance(effect, DistributedLoad):
         beam: Beam = effect.beam
         x = np.linspace(beam.nodes[0], beam.nodes[-1], _ARROWS)

@@ -13,17 +13,12 @@ from vofem.bodies import Beam
 from vofem.bodies.base import Body, Point
 from vofem.effects import (
     CrushingStop,
-    Dashpot,
     Foundation,
-    HystereticSpring,
-    IwanSpring,
     Joint,
-    NonlinearSpring,
     PointMass,
     RotationalSpring,
-    Spring,
-    Springpot,
 )
+from vofem.effects.two_points import TwoPoints
 from vofem.errors import ArgumentError
 from vofem.io.pictures.pushes import Push, pushes
 from vofem.result import Result
@@ -35,9 +30,6 @@ Array = NDArray[np.float64]
 
 #: A beam is drawn through about this many points, and the range of a run is taken from as many times.
 _POINTS, _TIMES = 240, 240
-
-#: Classes of effects that are drawn as a spring.
-_SPRINGS = (Spring, NonlinearSpring, HystereticSpring, IwanSpring, Springpot)
 
 #: A two-sided foundation is drawn as this many springs, or one at each node.
 _BED = 41
@@ -257,9 +249,9 @@ def _links(scene: Scene, states: dict[str, tuple[str, float]]) -> tuple[Link, ..
         for c in scene.contacts
     ]  # fmt: skip
     springs = [
-        Link("", s.a, s.b, "below", 0.0, "damper" if isinstance(s, Dashpot) else "spring", 0.0, s.of == "rotation")
+        Link("", s.a, s.b, "below", 0.0, s.symbol, 0.0, s.of == "rotation")
         for s in scene.effects
-        if isinstance(s, (*_SPRINGS, Dashpot))
+        if isinstance(s, TwoPoints) and s.symbol in ("spring", "damper")
     ]
     contacts += [
         Link(

@@ -1,67 +1,100 @@
-"""Beams in scene files: on equal elements, on given nodes, or on a mesh file."""
+"""Beams in scene files: on elements, as the class declares them, or on a mesh file."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from vofem.bodies import Beam
 from vofem.bodies.mesh import LineMesh
-from vofem.errors import ArgumentError
-from vofem.io.scenes.kinds import Count, Numbers, Unwritable
-from vofem.io.scenes.place import Book, Place
+from vofem.errors import MeshError
+from vofem.parameters.declared import keys_of, made_of, read_values, values_of
+from vofem.parameters.kinds import Kind, Name, Unwritable
+from vofem.parameters.place import INVALID, Book, Invalid, Place
 
 
-class Elements:
-    """The number of equal elements, or the x of all nodes."""
+@dataclass(frozen=True)
+class MeshPath(Kind):
+    """The path of a mesh file, relative to the scene file."""
 
-    expected = "a whole number or an array of the x of all nodes"
-    stand_ins = ()
+    text: str = "A mesh file, in place of `length` and `elements`."
 
-    def read(self, value: Any, place: Place) -> Any:
-        """Return an int or a list of floats."""
-        if isinstance(value, list):
-            return Numbers().read(value, place)
-        return Count(self.expected).read(value, place)
+    expected = "the path of a mesh file, relative to the scene file"
 
-    def write(self, value: Any, book: Book) -> Any:
-        """Return an int or a list of floats."""
-        return int(value) if np.ndim(value) == 0 else Numbers().write(value, book)
+    def read(self, value: Any, place: Place) -> Path | Invalid:
+        """Return the path."""
+        if not isinstance(value, str) or not value or "\0" in value:
+            return place.expected(self.expected, value)
+        return place.book.folder / value
 
+    def write(self, value: Any, book: Book) -> str:
+        """Return the path relative to the file that is written, with forward slashes."""
+        goal = os.path.abspath(value)
+        try:
+            relative = os.path.relpath(goal, os.path.abspath(book.folder))
+        except ValueError:  # another drive of Windows
+            relative = goal
+        return Name().write(Path(relative).as_posix(), book)
 
-def build_beam(
-    name: str,
-    EI: Any,
-    rhoA: Any,
-    length: float | None = None,
-    elements: Any = None,
-    mesh: str | os.PathLike[str] | None = None,
-    supports: Mapping[str, str] | None = None,
-    tension: float = 0.0,
-) -> Beam:
-    """Return a beam. The places of supports are names, or x as strings."""
-    label = f"Beam {name!r}: "
-    if mesh is not None:
-        for key, value in (("length", length), ("elements", elements)):
-            if value is not None:
-                raise ArgumentError(f"{label}{key} is given by the mesh file; remove it, or remove mesh")
-        return _with_places(lambda places: Beam.from_mesh(mesh, EI, rhoA, places, tension, name), supports)
-    if length is None:
-        raise ArgumentError(f"{label}length is missing, expected a positive number (or mesh, the path of a mesh file)")
-    if elements is None:
-        raise ArgumentError(f"{label}elements is missing, expected {Elements.expected}")
-    return _with_places(lambda places: Beam(length, EI, rhoA, elements, places, tension, name), supports)
+    def described(self) -> dict[str, Any]:
+        """Return a text."""
+        return {"type": "string", **super().described()}
 
 
-def _with_places(build: Any, supports: Mapping[str, str] | None) -> Beam:
-    """Turn strings that are numbers into x, where the mesh has no point of that name."""
-    if not any(_is_number(where) for where in supports or {}):
-        return build(supports)
-    points = getattr(build({}).mesh, "points", {})
-    return build({float(w) if _is_number(w) and w not in points else w: kind for w, kind in (supports or {}).items()})
+MESH = MeshPath()
+
+#: Keys that a mesh file stands for.
+_LAID_OUT = ("length", "elements")
+
+KEYS = tuple(key for name in keys_of(Beam) for key in ((name, "mesh") if name == "elements" else (name,)))
+
+
+def read_beam(table: Any, place: Place) -> Any:
+    """Return the beam of a table; or report all of its faults and return `INVALID`."""
+    if not isinstance(table, dict):
+        return place.expected(f"a table with {', '.join(KEYS)}", table)
+    mesh: Any = None
+    if "mesh" in table:
+        mesh = _mesh(table["mesh"], place.key("mesh"))
+        for key in set(_LAID_OUT) & set(table):
+            place.key(key).report(f"{key} is given by the mesh file; remove it, or remove mesh")
+            mesh = INVALID
+        if isinstance(mesh, Invalid):
+            return INVALID
+        table = {key: value for key, value in table.items() if key != "mesh"}
+    elif "length" not in table:
+        place.key("length").report("missing, expected a positive number (or mesh, the path of a mesh file)")
+    given = {} if mesh is None else {"length": mesh.length, "elements": mesh}
+    # Of a length that is missing this was told already.
+    values, bad = read_values(Beam, {"length": 1.0, **table} if mesh is None else table, place, KEYS, given)
+    if values is None:
+        return INVALID
+    if mesh is None and "length" not in table:
+        bad.add("length")
+    points = {} if mesh is None else mesh.points
+    supports: Mapping[str, str] = values.get("supports") or {}
+    values["supports"] = {
+        float(where) if _is_number(where) and where not in points else where: kind for where, kind in supports.items()
+    }
+    return made_of(Beam, values, bad, place)
+
+
+def _mesh(value: Any, place: Place) -> Any:
+    """Return the mesh of a path."""
+    from vofem.bodies.mesh_file import read_mesh
+
+    path = MESH.read(value, place)
+    if isinstance(path, Invalid):
+        return path
+    try:
+        return replace(read_mesh(path), file=os.path.abspath(path))
+    except MeshError as error:
+        return place.report(str(error))
 
 
 def _is_number(text: str) -> bool:
@@ -72,20 +105,17 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def values_of_beam(beam: Beam) -> dict[str, Any]:
-    """Return the keys of a beam."""
-    values: dict[str, Any] = {"name": beam.name}
+def values_of_beam(beam: Beam, place: Place) -> tuple[dict[str, Any], dict[str, str]]:
+    """Return the values of a beam as scene files hold them, and the key of its mesh where it has one."""
+    values = values_of(beam)
+    values["supports"] = {_place(beam, node): kind for node, kind in beam.supports.items()} or None
     if beam.mesh is None:
-        values |= {"length": beam.length, "elements": beam.elements}
-    else:
-        if beam.mesh_file is None:
-            raise Unwritable(f"{beam!r} is on a mesh that came from no file; use Beam.from_mesh")
-        values["mesh"] = beam.mesh_file
-    values["EI"] = _by_subdomain(beam.EI, beam.mesh)
-    values["rhoA"] = _by_subdomain(beam.rhoA, beam.mesh)
-    values["supports"] = {_place(beam, node): kind for node, kind in beam.supports.items()}
-    values["tension"] = beam.tension
-    return values
+        return values, {}
+    if beam.mesh_file is None:
+        raise Unwritable(f"{beam!r} is on a mesh that came from no file; use Beam.from_mesh")
+    values |= {name: _by_subdomain(values[name], beam.mesh) for name in ("EI", "rhoA")}
+    values |= dict.fromkeys(_LAID_OUT)
+    return values, {"mesh": MESH.write(beam.mesh_file, place.book)}
 
 
 def _place(beam: Beam, node: int) -> str:
@@ -103,9 +133,9 @@ def _place(beam: Beam, node: int) -> str:
     return x
 
 
-def _by_subdomain(value: Any, mesh: LineMesh | None) -> Any:
+def _by_subdomain(value: Any, mesh: LineMesh) -> Any:
     """Return numbers by subdomain for one number per element, where subdomains that do not overlap tell them all."""
-    if mesh is None or np.ndim(value) != 1:
+    if np.ndim(value) != 1:
         return value
     table: dict[str, float] = {}
     left = set(range(len(value)))

@@ -7,14 +7,15 @@ from difflib import get_close_matches
 from typing import Any
 
 from vofem.bodies import Body
+from vofem.bodies.kinds import Along
+from vofem.effects.kinds import OnBody
 from vofem.errors import ArgumentError, VofemError
 from vofem.io.scenes.changes import number_at
-from vofem.io.scenes.entry import Entry
-from vofem.io.scenes.kinds import NUMBER, Kind
-from vofem.io.scenes.parts import BodyByName
-from vofem.io.scenes.place import Book, Invalid, Place
-from vofem.io.scenes.schema import BODIES, EFFECTS, FIELD
-from vofem.io.scenes.settings import OUTPUT, RESPOND, OutputSettings, RespondSettings, RunSettings, run_entry
+from vofem.io.scenes.schema import BODIES, EFFECTS, keys, read_table
+from vofem.io.scenes.settings import OutputSettings, RespondSettings, RunSettings, read_run
+from vofem.parameters import Kind, Name, Real, declarations, is_declared
+from vofem.parameters.declared import read
+from vofem.parameters.place import Book, Invalid, Place
 from vofem.scene import Scene
 
 _SINGLE = ("run", "output", "respond", "initial")
@@ -23,8 +24,8 @@ _SINGLE = ("run", "output", "respond", "initial")
 _STUDIES = ("sweep",)
 
 
-def _known() -> dict[str, Entry]:
-    """Return the entries of bodies and effects; looked up when a file is read, so that entries can be added."""
+def _known() -> dict[str, type]:
+    """Return the classes of bodies and effects; looked up when a file is read, so that classes can be added."""
     return BODIES | EFFECTS
 
 
@@ -37,7 +38,8 @@ def _tables() -> tuple[str, ...]:
 INITIAL = ("displacement", "velocity")
 _HEADER = re.compile(r"^[ \t]*\[{1,2}[ \t]*([A-Za-z0-9_-]+)[ \t]*\]", re.MULTILINE)
 
-Item = tuple[Entry, Any, Place]
+#: Name of a table, the table itself, and its place.
+Item = tuple[str, Any, Place]
 
 
 def read_respond(content: dict[str, Any], book: Book) -> RespondSettings | None:
@@ -45,7 +47,7 @@ def read_respond(content: dict[str, Any], book: Book) -> RespondSettings | None:
     table, place = content.get("respond"), Place(book).key("respond")
     if not isinstance(table, dict):
         return None
-    found = RESPOND.read(table, place)
+    found = read(RespondSettings, table, place)
     if isinstance(found, Invalid):
         return None
     for path in found.parameter:
@@ -67,15 +69,14 @@ def read_tables(
             root.key(name).expected(f"one table, headed [{name}]", content[name])
     order = _order(content, text, root)
     _check_names(order, book)
-    bodies = [_body(entry, table, place) for entry, table, place in order if entry.name in BODIES]
+    bodies = [_body(name, table, place) for name, table, place in order if name in BODIES]
     if not bodies:
         root.report("there are no bodies; expected at least one [[beam]] or [[mass]]")
-    effects = _effects([item for item in order if item[0].name in EFFECTS])
+    effects = _effects([item for item in order if item[0] in EFFECTS])
     initial = _initial(content.get("initial", {}), root.key("initial"))
-    run, output = (
-        entry.read(content[entry.name], root.key(entry.name)) if isinstance(content.get(entry.name), dict) else None
-        for entry in (run_entry(), OUTPUT)
-    )
+    run = read_run(content["run"], root.key("run")) if isinstance(content.get("run"), dict) else None
+    output = content.get("output")
+    output = read(OutputSettings, output, root.key("output")) if isinstance(output, dict) else None
     if isinstance(run, RunSettings) and isinstance(output, OutputSettings):
         for t in output.pictures:
             if t > run.t_end:
@@ -99,14 +100,14 @@ def _order(content: dict[str, Any], text: str, root: Place) -> list[Item]:
     """
     groups: dict[str, list[Item]] = {}
     for name, tables in content.items():
-        entry = _meant(name)
-        if entry is None:
+        meant = _meant(name)
+        if meant is None:
             continue
         here = root.key(name)
         if isinstance(tables, list):
-            groups[name] = [(entry, table, here.index(k)) for k, table in enumerate(tables)]
+            groups[name] = [(meant, table, here.index(k)) for k, table in enumerate(tables)]
         else:
-            groups[name] = [(entry, tables, here)]
+            groups[name] = [(meant, tables, here)]
     headers = [name for name in _HEADER.findall(text) if name in groups]
     if any(headers.count(name) != len(group) for name, group in groups.items()):
         return [item for group in groups.values() for item in group]
@@ -114,26 +115,24 @@ def _order(content: dict[str, Any], text: str, root: Place) -> list[Item]:
     return [next(queues[name]) for name in headers]
 
 
-def _meant(name: str) -> Entry | None:
-    """Return the entry of a table; of a misspelt one, which is noted already, that of the nearest name.
+def _meant(name: str) -> str | None:
+    """Return the name of a table of a body or an effect; of a misspelt one, which is noted already, the nearest.
 
     So what is wrong inside it is noted too.
     """
-    if name in _tables():
-        return _known().get(name)
-    close = get_close_matches(name, _tables(), n=1)
-    return _known().get(close[0]) if close else None
+    close = [name] if name in _tables() else get_close_matches(name, _tables(), n=1)
+    return close[0] if close and close[0] in _known() else None
 
 
 def _check_names(order: list[Item], book: Book) -> None:
     """Note names that are used twice; every body counts as broken until it is built."""
     first: dict[tuple[str, str], str] = {}
-    for entry, table, place in order:
+    for kind, table, place in order:
         name = table.get("name") if isinstance(table, dict) else None
-        body = entry.name in BODIES
-        if not isinstance(name, str) or not name or not (body or "name" in entry.keys):
+        body = kind in BODIES
+        if not isinstance(name, str) or not name or not (body or "name" in keys(EFFECTS[kind])):
             continue
-        group = "body" if body else entry.name
+        group = "body" if body else kind
         if (group, name) in first:
             place.key("name").report(f"{name!r} is already the name of {first[group, name]}; give each its own")
         first.setdefault((group, name), place.path)
@@ -141,8 +140,8 @@ def _check_names(order: list[Item], book: Book) -> None:
             book.broken.add(name)
 
 
-def _body(entry: Entry, table: Any, place: Place) -> Any:
-    body = entry.read(table, place)
+def _body(kind: str, table: Any, place: Place) -> Any:
+    body = read_table(BODIES[kind], table, place)
     if not isinstance(body, Invalid) and body.name not in place.book.bodies:
         place.book.bodies[body.name] = body
         place.book.broken.discard(body.name)
@@ -154,16 +153,22 @@ def _effects(items: list[Item]) -> list[Any]:
     taken = {table["name"] for _, table, _ in items if isinstance(table, dict) and isinstance(table.get("name"), str)}
     counts: dict[str, int] = {}
     effects = []
-    for entry, table, place in items:
+    for kind, table, place in items:
         extra = {}
-        if "name" in entry.keys and isinstance(table, dict) and "name" not in table:
-            k = counts.get(entry.name, 0) + 1
-            while f"{entry.name}-{k}" in taken:
+        if _numbered(EFFECTS[kind]) and isinstance(table, dict) and "name" not in table:
+            k = counts.get(kind, 0) + 1
+            while f"{kind}-{k}" in taken:
                 k += 1
-            counts[entry.name] = k
-            extra["name"] = f"{entry.name}-{k}"
-        effects.append(entry.read(table, place, **extra))
+            counts[kind] = k
+            extra["name"] = f"{kind}-{k}"
+        effects.append(read_table(EFFECTS[kind], table, place, **extra))
     return effects
+
+
+def _numbered(cls: type) -> bool:
+    """Return whether effects of a class must have a name, so that those without one are numbered."""
+    known = declarations(cls) if is_declared(cls) else {}
+    return "name" in known and isinstance(known["name"].kind, Name)
 
 
 # -- the initial state ------------------------------------------------------------------------------
@@ -176,12 +181,12 @@ def _initial(table: Any, place: Place) -> dict[Body, tuple[Any, Any]]:
     result = {}
     for name, state in table.items():
         here = place.key(name)
-        body = BodyByName().read(name, here)
+        body = OnBody().read(name, here)
         if not isinstance(state, dict):
             here.expected("a table with displacement and velocity", state)
             continue
         here.unknown_keys(state, INITIAL)
-        kind: Kind = FIELD if hasattr(body, "at") else NUMBER
+        kind: Kind = Along() if hasattr(body, "at") else Real()
         values = [kind.read(state[key], here.key(key)) if key in state else 0.0 for key in INITIAL]
         if isinstance(body, Invalid):
             continue

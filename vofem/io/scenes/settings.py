@@ -2,32 +2,34 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vofem._validate import choice, one_of
+from vofem.effects.kinds import AtPoint
 from vofem.errors import ArgumentError
 from vofem.integrators.registry import method_named, method_names
-from vofem.io.scenes.entry import Entry
-from vofem.io.scenes.kinds import NOT_NEGATIVE, NUMBER, POSITIVE, Choice, Count, Numbers
-from vofem.io.scenes.parts import PointByName
-from vofem.io.scenes.place import INVALID, Book, Invalid, Place
+from vofem.parameters import Choice, Count, Kind, Numbers, Real, declared, rule
+from vofem.parameters.declared import keys_of, made_of, read, read_values, schema_of, write, write_inside
+from vofem.parameters.place import INVALID, Book, Invalid, Place
 from vofem.simulate.methods import option_names
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@declared(frozen=True)
 class UniformTimes:
-    """`count` times from start to stop, both included, in s."""
+    """`count` times from start to stop, both included."""
 
-    start: float
-    stop: float
-    count: int
+    start: Annotated[float, Real("s", "First time.", least=0)]
+    stop: Annotated[float, Real("s", "Last time.", above=0.0)]
+    count: Annotated[int, Count("Number of times.")]
 
-    def __post_init__(self) -> None:
+    @rule("stop", "start")
+    def _stops_after_start(self) -> None:
         if self.stop < self.start:
             raise ArgumentError(f"stop is {self.stop:g} s, expected a time not before start = {self.start:g} s")
 
@@ -36,130 +38,52 @@ class UniformTimes:
         return np.linspace(self.start, self.stop, self.count)
 
 
-@dataclass(frozen=True, eq=False)
-class RunSettings:
-    """The arguments of `vofem.simulate` beside the scene.
-
-    Attributes
-    ----------
-    t_end : float
-        Duration of the run in s.
-    method : str
-        Name of a method; "auto" chooses one.
-    dt : float, optional
-        Step size in s of a stepping method.
-    times : UniformTimes or array_like, optional
-        Times in s at which results are stored.
-    options : dict
-        Options of the method.
-    probes : tuple of points
-        Points whose motion is recorded at every step.
-    t_start : float
-        Time of the loads in s at which the run begins.
-    """
-
-    t_end: float
-    method: str = "auto"
-    dt: float | None = None
-    times: UniformTimes | ArrayLike | None = None
-    options: dict[str, Any] = field(default_factory=dict)
-    probes: tuple[Any, ...] = ()
-    t_start: float = 0.0
-
-    def arguments(self) -> dict[str, Any]:
-        """Return keyword arguments for `vofem.simulate`."""
-        times = self.times.array() if isinstance(self.times, UniformTimes) else self.times
-        given = {"t_end": self.t_end, "method": self.method, "dt": self.dt, "times": times}
-        return {**given, "probes": self.probes or None, "t_start": self.t_start, **self.options}
-
-
 @dataclass(frozen=True)
-class OutputSettings:
-    """What `vofem run` draws and writes.
-
-    Attributes
-    ----------
-    history : tuple of points
-        Points whose motion is written and drawn. Without it points are chosen.
-    pictures : tuple of float
-        Times of side views in s. Without it a time is chosen.
-    """
-
-    history: tuple[Any, ...] = ()
-    pictures: tuple[float, ...] = ()
-
-
-@dataclass(frozen=True)
-class RespondSettings:
-    """The curve of steady states that `vofem respond` computes.
-
-    Attributes
-    ----------
-    parameter : tuple of str
-        Paths of keys whose numbers are the parameter, such as ``point_load[0].f.sine.omega``. Entries of arrays are
-        counted from 0.
-    point : point, optional
-        Point whose amplitude is drawn. Without it one is chosen.
-    periods : int
-        Number of periods of the loads that an orbit takes.
-    method : str
-        Method of `vofem.continuation`.
-    harmonics : int, optional
-        Number of harmonics for harmonic balance.
-    """
-
-    parameter: tuple[str, ...]
-    point: Any = None
-    periods: int = 1
-    method: str = "auto"
-    harmonics: int | None = None
-
-
-class Path:
-    """The path of a key that holds a number."""
-
-    expected = "the path of a key, such as 'point_load[0].f.sine.omega'"
-    stand_ins = ()
-
-    def read(self, value: Any, place: Place) -> Any:
-        """Return the path; what stands there is checked with the whole file."""
-        return value if isinstance(value, str) and value else place.expected(self.expected, value)
-
-    def write(self, value: Any, book: Book) -> Any:
-        """Return the path."""
-        return value
-
-
-class Times:
+class Times(Kind):
     """Times as { start, stop, count } or an array."""
 
+    text: str = ""
+
+    shown = "UniformTimes or array_like"
     expected = "a table { start = ..., stop = ..., count = ... } or an array of times"
-    stand_ins = ()
 
     def read(self, value: Any, place: Place) -> Any:
         """Return `UniformTimes` or an array that does not decrease."""
         if isinstance(value, dict):
-            return _UNIFORM.read(value, place)
-        times = Numbers(self.expected, NOT_NEGATIVE).read(value, place)
+            return read(UniformTimes, value, place)
+        if not isinstance(value, list) or not value:
+            return place.expected(self.expected, value)
+        times = Numbers(each=Real(least=0)).read(value, place)
         if not isinstance(times, Invalid) and np.any(np.diff(times) < 0):
             k = int(np.argmax(np.diff(times) < 0))
-            return place.report(f"expected times that do not decrease, found {times[k]!r} followed by {times[k + 1]!r}")
+            return place.report(
+                f"expected times that do not decrease, found {float(times[k])!r} followed by {float(times[k + 1])!r}"
+            )
         return times
 
     def write(self, value: Any, book: Book) -> Any:
         """Return the table or the array."""
-        return _UNIFORM.write_inside(value, book) if isinstance(value, UniformTimes) else Numbers().write(value, book)
+        return write_inside(value, book) if isinstance(value, UniformTimes) else Numbers().write(value, book)
+
+    def described(self) -> dict[str, Any]:
+        """Return both."""
+        return {"anyOf": [schema_of(UniformTimes), Numbers().described()], **super().described()}
 
 
 @dataclass(frozen=True)
-class OneOrMore:
+class OneOrMore(Kind):
     """One value of a kind, or an array of them; gives a tuple."""
 
-    each: Any
-    stand_ins: ClassVar[tuple[Any, ...]] = ((),)
+    each: Kind
+    text: str = ""
 
     @property
-    def expected(self) -> str:
+    def shown(self) -> str:  # type: ignore[override]
+        """A tuple."""
+        return f"tuple of {self.each.shown}"
+
+    @property
+    def expected(self) -> str:  # type: ignore[override]
         """What one is."""
         return f"{self.each.expected}, or an array of these"
 
@@ -172,81 +96,158 @@ class OneOrMore:
         return INVALID if any(isinstance(part, Invalid) for part in parts) else parts
 
     def write(self, value: Any, book: Book) -> Any:
-        """Return an array, or the value where it is one."""
+        """Return an array, or the value where it is one; nothing where there is none."""
         parts = [self.each.write(part, book) for part in value]
         return parts[0] if len(parts) == 1 else parts
 
+    def described(self) -> dict[str, Any]:
+        """Return both."""
+        one = self.each.described()
+        return {"anyOf": [one, {"type": "array", "items": one}], **super().described()}
 
-class Option:
-    """An option of a method: a number, whole where it is written so."""
 
-    expected = "a number"
-    stand_ins = (1,)
+@dataclass(frozen=True)
+class MethodName(Kind):
+    """The name of a method, or "auto"."""
+
+    text: str = ""
+
+    shown = "str"
+
+    @property
+    def expected(self) -> str:  # type: ignore[override]
+        """The methods that there are."""
+        return one_of(("auto", *method_names()))
+
+    def check(self, what: str, value: Any) -> str:
+        """Return the name."""
+        return choice(what, value, ("auto", *method_names()))
+
+
+@dataclass(frozen=True)
+class KeyPath(Kind):
+    """The path of a key that holds a number; what stands there is checked with the whole file."""
+
+    text: str = ""
+
+    shown = "str"
+    expected = "the path of a key, such as 'point_load[0].f.sine.omega'"
 
     def read(self, value: Any, place: Place) -> Any:
-        """Return an int or a float; the method checks the rest."""
-        number = NUMBER.read(value, place)
-        return value if isinstance(value, int) and not isinstance(number, Invalid) else number
-
-    def write(self, value: Any, book: Book) -> Any:
-        """Return an int or a float."""
-        return value.item() if isinstance(value, np.generic) else value
+        """Return the path."""
+        return value if isinstance(value, str) and value else place.expected(self.expected, value)
 
 
-def _run(
-    t_end: float, method: str = "auto", dt: Any = None, times: Any = None, probes: Any = (), t_start: float = 0.0,
-    **options: Any,
-) -> RunSettings:  # fmt: skip
-    last = times.stop if isinstance(times, UniformTimes) else times[-1] if times else 0.0
-    if last > t_end * (1.0 + 1e-12):
-        raise ArgumentError(f"times reaches to {last:g} s, beyond t_end = {t_end:g} s")
-    for name in options:
-        if name not in option_names(method):
-            raise ArgumentError(f"{name} is no option of the method {method!r}; remove it, or change method")
-    if dt is not None and method != "auto" and not method_named(method).steps:
-        raise ArgumentError(f"dt has no meaning for {method}, which has no step; remove it, or change method")
-    return RunSettings(t_end, method, dt, times, options, probes, t_start)
+@dataclass(frozen=True)
+class Options(Kind):
+    """Options of a method: numbers, whole where they are written so."""
+
+    text: str = ""
+
+    shown = "dict"
 
 
-def _run_values(run: RunSettings) -> dict[str, Any]:
-    given = {"t_end": run.t_end, "method": run.method, "dt": run.dt, "times": run.times, "probes": run.probes}
-    return {**given, "t_start": run.t_start, **run.options}
+@declared(frozen=True, eq=False)
+class RunSettings:
+    """The arguments of `vofem.simulate` beside the scene."""
+
+    t_end: Annotated[float, Real("s", "Duration of the run.", above=0.0)]
+    method: Annotated[str, MethodName('Name of a method; "auto" chooses one.')] = "auto"
+    dt: Annotated[float | None, Real("s", "Step size of a stepping method.", above=0.0)] = None
+    times: Annotated[UniformTimes | ArrayLike | None, Times("Times in s at which results are stored.")] = None
+    options: Annotated[Any, Options("Options of the method.")] = None
+    probes: Annotated[tuple[Any, ...], OneOrMore(AtPoint(), "Points whose motion is recorded at every step.")] = ()
+    t_start: Annotated[float, Real("s", "Time of the loads at which the run begins.", least=0)] = 0.0
+
+    @rule("times", "t_end")
+    def _times_within_the_run(self) -> None:
+        times = self.times
+        given = () if times is None else times
+        last = given.stop if isinstance(given, UniformTimes) else np.max(given, initial=0.0)
+        if last > self.t_end * (1.0 + 1e-12):
+            raise ArgumentError(f"times reaches to {last:g} s, beyond t_end = {self.t_end:g} s")
+
+    @rule("options", "method")
+    def _options_of_the_method(self) -> None:
+        object.__setattr__(self, "options", dict(self.options or {}))
+        for name in self.options:
+            _check_option(name, self.method)
+
+    @rule("dt", "method")
+    def _method_has_a_step(self) -> None:
+        if self.dt is not None and self.method != "auto" and not method_named(self.method).steps:
+            raise ArgumentError(f"dt has no meaning for {self.method}, which has no step; remove it, or change method")
+
+    def arguments(self) -> dict[str, Any]:
+        """Return keyword arguments for `vofem.simulate`."""
+        times = self.times.array() if isinstance(self.times, UniformTimes) else self.times
+        given = {"t_end": self.t_end, "method": self.method, "dt": self.dt, "times": times}
+        return {**given, "probes": self.probes or None, "t_start": self.t_start, **self.options}
 
 
-_UNIFORM = Entry("times", UniformTimes, {"start": NOT_NEGATIVE, "stop": POSITIVE, "count": Count()})
+def run_keys() -> tuple[str, ...]:
+    """Return the keys of ``[run]``: those of the settings, and the options of all methods that there are."""
+    return (*(name for name in keys_of(RunSettings) if name != "options"), *option_names())
 
 
-def run_entry() -> Entry:
-    """Return how ``[run]`` stands in a scene file, for the methods that there are."""
-    return Entry(
-        "run",
-        RunSettings,
-        {
-            "t_end": POSITIVE,
-            "method": Choice(("auto", *method_names())),
-            "dt": POSITIVE,
-            "times": Times(),
-            "probes": OneOrMore(PointByName()),
-            "t_start": NOT_NEGATIVE,
-            **{name: Option() for name in option_names()},
-        },
-        build=_run,
-        values=_run_values,
-        optional=option_names(),
-    )
+def _check_option(name: str, method: str) -> None:
+    """Raise `ArgumentError` if a method has no such option."""
+    if name not in option_names(method):
+        raise ArgumentError(f"{name} is no option of the method {method!r}; remove it, or change method")
 
 
-OUTPUT = Entry("output", OutputSettings, {"history": OneOrMore(PointByName()), "pictures": OneOrMore(NOT_NEGATIVE)})
+def read_run(table: dict[str, Any], place: Place) -> Any:
+    """Return the settings of a table; or report all of its faults and return `INVALID`."""
+    values, bad = read_values(RunSettings, table, place, run_keys(), {"options": {}})
+    if values is None:
+        return INVALID
+    for name in set(option_names()) & set(table):
+        value = Real().read(table[name], place.key(name))
+        try:
+            _check_option(name, values.get("method", "auto"))
+        except ArgumentError as error:
+            value = INVALID if "method" in bad else place.key(name).report(str(error))
+        if isinstance(value, Invalid):
+            bad.add(name)
+        else:
+            values["options"][name] = table[name] if isinstance(table[name], int) else value
+    return made_of(RunSettings, values, bad, place)
 
-#: How ``[respond]`` stands in a scene file.
-RESPOND = Entry(
-    "respond",
-    RespondSettings,
-    {
-        "parameter": OneOrMore(Path()),
-        "point": PointByName(),
-        "periods": Count(),
-        "method": Choice(("auto", "shooting", "harmonic_balance")),
-        "harmonics": Count(),
-    },
-)
+
+def write_run(run: RunSettings, place: Place) -> dict[str, Any]:
+    """Return the table of settings without default values."""
+    table = write(run, place)
+    options = table.pop("options", {})
+    return table | {name: v.item() if isinstance(v, np.generic) else v for name, v in options.items()}
+
+
+@declared(frozen=True)
+class OutputSettings:
+    """What `vofem run` draws and writes."""
+
+    history: Annotated[
+        tuple[Any, ...],
+        OneOrMore(AtPoint(), "Points whose motion is written and drawn. Without it points are chosen."),
+    ] = ()
+    pictures: Annotated[
+        tuple[float, ...],
+        OneOrMore(Real(least=0), "Times of side views in s. Without it a time is chosen."),
+    ] = ()
+
+
+@declared(frozen=True)
+class RespondSettings:
+    """The curve of steady states that `vofem respond` computes."""
+
+    parameter: Annotated[
+        tuple[str, ...],
+        OneOrMore(
+            KeyPath(),
+            "Paths of keys whose numbers are the parameter, such as ``point_load[0].f.sine.omega``. Entries of arrays "
+            "are counted from 0.",
+        ),
+    ]
+    point: Annotated[Any, AtPoint("Point whose amplitude is drawn. Without it one is chosen.")] = None
+    periods: Annotated[int, Count("Number of periods of the loads that an orbit takes.")] = 1
+    method: Annotated[str, Choice(("auto", "shooting", "harmonic_balance"), "Method of `vofem.continuation`.")] = "auto"
+    harmonics: Annotated[int | None, Count("Number of harmonics for harmonic balance.")] = None

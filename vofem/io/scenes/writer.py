@@ -7,16 +7,17 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from vofem.bodies.kinds import Along
 from vofem.errors import ArgumentError, SceneFileError
+from vofem.files import toml_text
 from vofem.initial import StoredState
-from vofem.io.scenes import toml_text
 from vofem.io.scenes.changes import number_at
-from vofem.io.scenes.entry import Entry
-from vofem.io.scenes.kinds import Unwritable
-from vofem.io.scenes.place import Book, Place
 from vofem.io.scenes.reader import INITIAL
-from vofem.io.scenes.schema import BODIES, EFFECTS, FIELD
-from vofem.io.scenes.settings import OUTPUT, RESPOND, OutputSettings, RespondSettings, RunSettings, run_entry
+from vofem.io.scenes.schema import BODIES, EFFECTS, write_table
+from vofem.io.scenes.settings import OutputSettings, RespondSettings, RunSettings, write_run
+from vofem.parameters import Unwritable
+from vofem.parameters.declared import write
+from vofem.parameters.place import Book, Place
 from vofem.scene import Scene, as_scene
 
 
@@ -50,11 +51,11 @@ def scene_to_toml(
     root = Place(book)
     blocks = []
     if run is not None:
-        blocks.append(toml_text.table("[run]", run_entry().write(run, root.key("run"))))
+        blocks.append(toml_text.table("[run]", write_run(run, root.key("run"))))
     if output is not None and output != OutputSettings():
-        blocks.append(toml_text.table("[output]", OUTPUT.write(output, root.key("output"))))
+        blocks.append(toml_text.table("[output]", write(output, root.key("output"))))
     if respond is not None:
-        blocks.append(toml_text.table("[respond]", RESPOND.write(respond, root.key("respond"))))
+        blocks.append(toml_text.table("[respond]", write(respond, root.key("respond"))))
     blocks += _tables(scene.bodies, BODIES, root) + _tables(scene.effects, EFFECTS, root)
     blocks += _initial(scene.initial, root.key("initial"))
     if book.problems:
@@ -76,20 +77,20 @@ def _check_parameter(text: str, respond: RespondSettings) -> None:
             raise SceneFileError("this scene cannot be written with [respond]", problems) from error
 
 
-def _tables(things: tuple[Any, ...], entries: Mapping[str, Entry], root: Place) -> list[str]:
+def _tables(things: tuple[Any, ...], known: Mapping[str, type], root: Place) -> list[str]:
     counts: dict[str, int] = {}
     blocks = []
     for k, thing in enumerate(things):
-        entry = next((entry for entry in entries.values() if type(thing) is entry.made), None)
-        if entry is None:
-            kind = "bodies" if entries is BODIES else "effects"
+        name = next((name for name, cls in known.items() if type(thing) is cls), None)
+        if name is None:
+            kind = "bodies" if known is BODIES else "effects"
             root.key(kind).index(k).report(
                 f"{type(thing).__name__} cannot be written to a scene file; build this scene in Python"
             )
             continue
-        place = root.key(entry.name).index(counts.get(entry.name, 0))
-        counts[entry.name] = counts.get(entry.name, 0) + 1
-        blocks.append(toml_text.table(f"[[{entry.name}]]", entry.write(thing, place)))
+        place = root.key(name).index(counts.get(name, 0))
+        counts[name] = counts.get(name, 0) + 1
+        blocks.append(toml_text.table(f"[[{name}]]", write_table(thing, place)))
     return blocks
 
 
@@ -108,7 +109,7 @@ def _initial(initial: Any, place: Place) -> list[str]:
         table = {}
         for name, value in zip(INITIAL, state, strict=True):
             try:
-                table[name] = FIELD.write(value, place.book)
+                table[name] = Along().write(value, place.book)
             except Unwritable as error:
                 here.key(name).report(f"{error}; vofem.Polynomial has one" if callable(value) else str(error))
         blocks.append(toml_text.table(f"[initial.{toml_text.key(body.name)}]", table))

@@ -138,7 +138,8 @@ def _touches(scene: Scene, origins: dict[Body, Array], magnification: float) -> 
     for index, name in enumerate(laws.names):
         if name in known:
             contact = known[name]
-            a, b, side = foot(contact.a), None if contact.b is None else foot(contact.b), contact.side
+            a, b = foot(contact.a), None if contact.b is None else foot(contact.b)
+            side: str | None = contact.side
         else:  # one of a one-sided foundation
             point, side = _node_of(scene, index)
             a, b = foot(point), None

@@ -8,29 +8,16 @@ from typing import Any
 import numpy as np
 
 from vofem.assembly import Model
-from vofem.bodies import Beam, BeamPoint, Mass
+from vofem.bodies import BeamPoint
 from vofem.bodies.base import Body
-from vofem.effects import BaseMotion, Contact, DistributedLoad, PointLoad, PointMoment
+from vofem.effects import Contact
 from vofem.integrators.event_driven.flow import share_modes
+from vofem.parameters import declarations, is_declared
 from vofem.scene import Scene
 from vofem.studies.steady.condensed import condensable
 from vofem.studies.steady.shooting import MOST_UNKNOWNS
 from vofem.system import Load
-from vofem.time_functions import TimeFunction
-
-#: Attributes that define a body, except its name. Bodies of other classes are compared by identity.
-_BODIES: dict[type, tuple[str, ...]] = {
-    Beam: ("length", "elements", "EI", "rhoA", "supports", "tension", "mesh_file"),
-    Mass: ("mass", "stiffness", "damping"),
-}
-
-#: Name of the attribute of a load that is its function of time.
-_FUNCTIONS: dict[type, str] = {
-    PointLoad: "f",
-    PointMoment: "f",
-    DistributedLoad: "f",
-    BaseMotion: "acceleration",
-}
+from vofem.time_functions import OfTime, TimeFunction
 
 
 def recompiled(scene: Scene, earlier: Scene) -> Scene:
@@ -80,13 +67,18 @@ def like_guess(scene: Scene, guess: Any) -> Scene:
     return scene
 
 
+def _function_of(effect: Any) -> str | None:
+    """Return the name of the parameter of a load that is its function of time."""
+    known = declarations(type(effect)) if is_declared(type(effect)) else {}
+    return next((name for name, one in known.items() if isinstance(one.kind, OfTime)), None)
+
+
 def _same_body(new: Body, old: Body) -> bool:
     if new is old:
         return True
-    names = _BODIES.get(type(new))
-    if names is None or type(old) is not type(new):
+    if type(old) is not type(new) or not is_declared(type(new)):
         return False
-    return all(_same(getattr(new, name), getattr(old, name), {}) for name in names)
+    return all(_same(getattr(new, name), getattr(old, name), {}) for name in declarations(type(new)) if name != "name")
 
 
 def _same_effect(new: Any, old: Any, partners: dict[Body, Body]) -> bool:
@@ -94,7 +86,7 @@ def _same_effect(new: Any, old: Any, partners: dict[Body, Body]) -> bool:
         return True
     if type(new) is not type(old):
         return False
-    free = {_FUNCTIONS.get(type(new))} | ({"name"} if type(new) is Contact else set())
+    free = {_function_of(new)} | ({"name"} if type(new) is Contact else set())
     mine, other = vars(new), vars(old)
     kept = [name for name in mine if name not in free]
     return all(name in other and _same(mine[name], other[name], partners) for name in kept)
@@ -104,7 +96,7 @@ def _same(new: Any, old: Any, partners: dict[Body, Body]) -> bool:
     """Return whether two values are the same; where that is not known, False."""
     if new is old:
         return True
-    if type(new) in _BODIES:
+    if isinstance(new, Body):
         return partners.get(new) is old
     if type(new) is not type(old):
         return False
@@ -128,7 +120,7 @@ def _with_functions(model: Model, scene: Scene, earlier: Scene, partners: dict[B
     functions: dict[int, tuple[TimeFunction, str]] = {}
     names: dict[str, str] = {}
     for new, old in zip(scene.effects, earlier.effects, strict=True):
-        attribute = _FUNCTIONS.get(type(new))
+        attribute = _function_of(new)
         if attribute is not None:
             function = getattr(old, attribute)
             if id(function) in functions and functions[id(function)][0] is not getattr(new, attribute):

@@ -124,8 +124,10 @@ def first_orbit(what: str, problem: OrbitProblem, guess: Any) -> tuple[OrbitProb
     return problem, found, notes
 
 
-def as_guess(problem: Shooting, guess: Any) -> Shooting:
+def as_guess(problem: Any, guess: Any) -> Any:
     """Return the problem of a large system with as many vectors as were needed for the orbit that is the guess."""
+    if not isinstance(problem, Shooting):
+        return problem
     few = problem.condensed
     known = guess.truncation if isinstance(guess, PeriodicOrbit) and guess.method == "shooting" else None
     if few is None or known is None or guess.unknowns is None:

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from vofem._validate import nearest
-from vofem.bodies.base import Body
-from vofem.io.scenes import toml_text
+from vofem.files import toml_text
 
 
 class Invalid:
@@ -28,7 +27,7 @@ class Book:
     ----------
     folder : Path
         Where relative paths start.
-    bodies : dict of str to Body
+    bodies : dict of str to object
         The bodies that could be built.
     broken : set of str
         Names of those that could not: what refers to them is not reported again.
@@ -37,25 +36,35 @@ class Book:
     """
 
     folder: Path
-    bodies: dict[str, Body] = field(default_factory=dict)
+    bodies: dict[str, Any] = field(default_factory=dict)
     broken: set[str] = field(default_factory=set)
     problems: list[tuple[str, str]] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
 class Place:
-    """A key of the file, such as ``contact[2].stiffness``."""
+    """A key of the file.
+
+    Attributes
+    ----------
+    book : Book
+    path : str
+        Its path, such as ``contact[2].stiffness``.
+    last : str
+        The end of the path, ``stiffness``.
+    """
 
     book: Book
     path: str = ""
+    last: str = ""
 
     def key(self, name: str) -> Place:
         """Return the place of a key of this table."""
-        return Place(self.book, f"{self.path}.{toml_text.key(name)}" if self.path else toml_text.key(name))
+        return Place(self.book, f"{self.path}.{toml_text.key(name)}" if self.path else toml_text.key(name), name)
 
     def index(self, k: int) -> Place:
         """Return the place of an entry of this array, counted from 0."""
-        return Place(self.book, f"{self.path}[{k}]")
+        return Place(self.book, f"{self.path}[{k}]", f"entry {k}")
 
     def report(self, message: str) -> Invalid:
         """Note a problem here."""

@@ -1,0 +1,372 @@
+"""Derivatives of runs through impacts, against an exact propagation in 300 bits (`data/README.md`)."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vofem as vf
+from vofem import Parameter, sensitivities
+
+DATA = Path(__file__).parent / "data" / "derivatives"
+
+pytestmark = pytest.mark.kernels("plain")
+
+
+def reference(name: str) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((DATA / f"{name}.json").read_text())
+    return found
+
+
+def mass_on_stop(p: dict[str, float], law: str, side: str) -> vf.Scene:
+    mass = vf.Mass(p["m"], stiffness=p["k"], damping=p["d"], name="m")
+    stop = vf.Contact(mass, gap=p["gap"], stiffness=p["K0"], damping=p["c"], side=side, acts_on=law, name="stop")
+    load = vf.PointLoad(mass, vf.Sine(p["F"], p["om"], phase=p["ph"]))
+    return vf.Scene([mass], [stop, load], initial={mass: (p["u0"], p["v0"])})
+
+
+def mass_parameters(scene: vf.Scene) -> dict[str, Parameter]:
+    mass, stop, load = scene.bodies[0], scene.effects[0], scene.effects[1]
+    return {
+        "gap": Parameter(stop, "gap"), "K0": Parameter("stop", "stiffness"), "c": Parameter(stop, "damping"),
+        "m": Parameter(mass, "mass"), "k": Parameter("m", "stiffness"), "d": Parameter(mass, "damping"),
+        "F": Parameter(load, "f.amplitude"), "om": Parameter(load, "f.omega"), "ph": Parameter(load, "f.phase"),
+        "u0": Parameter(mass, "initial.displacement"), "v0": Parameter(mass, "initial.velocity"),
+    }  # fmt: skip
+
+
+def beam_between_stops(p: dict[str, float]) -> vf.Scene:
+    beam = vf.Beam(
+        p["L"], EI=[p["EI"] + p.get("dEI2", 0.0) * (k == 1) for k in range(5)],
+        rhoA=[p["rA"] + p.get("drA2", 0.0) * (k == 1) for k in range(5)], elements=5, supports={"left": "clamped"},
+        name="beam",
+    )  # fmt: skip
+    tip = beam.at(p["L"])
+    first = vf.Contact(tip, gap=p["gap1"], stiffness=p["K1"], damping=p["c1"], side="below", acts_on="penetration",
+                       name="one")  # fmt: skip
+    second = vf.Contact(beam.at(0.6 * p["L"]), gap=p["gap2"], stiffness=p["K2"], damping=p["c2"], side="above",
+                        acts_on="penetration", name="two")  # fmt: skip
+    load = vf.PointLoad(tip, vf.Sine(p["F"], p["om"], phase=p["ph"]))
+    return vf.Scene([beam], [first, second, load, vf.RayleighDamping(p["alpha"], p["beta"])])
+
+
+def beam_parameters(scene: vf.Scene) -> dict[str, Parameter]:
+    (beam,), (first, second, load, damping) = scene.bodies, scene.effects
+    return {
+        "EI": Parameter(beam, "EI"), "rA": Parameter(beam, "rhoA"), "dEI2": Parameter(beam, "EI", element=1),
+        "drA2": Parameter(beam, "rhoA", element=1), "L": Parameter(beam, "length"), "dxr": Parameter(second, "x"),
+        "gap1": Parameter(first, "gap"), "K1": Parameter(first, "stiffness"), "c1": Parameter(first, "damping"),
+        "gap2": Parameter(second, "gap"), "K2": Parameter(second, "stiffness"), "c2": Parameter(second, "damping"),
+        "F": Parameter(load, "f.amplitude"), "om": Parameter(load, "f.omega"), "ph": Parameter(load, "f.phase"),
+        "alpha": Parameter(damping, "alpha"), "beta": Parameter(damping, "beta"),
+    }  # fmt: skip
+
+
+def rows_of(data: dict[str, Any], d: Any, points: dict[str, Any], contacts: list[str]) -> dict[str, np.ndarray]:
+    """Return the rows of the reference by their names, as vofem gives them."""
+    rows: dict[str, np.ndarray] = {}
+    for name in data["names"]:
+        kind, _, rest = name.partition(" @ t=")
+        if rest:
+            at = int(np.argmin(np.abs(np.array(data["times"]) - float(rest))))
+            if kind == "dissipated":
+                rows[name] = d.energy.dissipated[at]
+            else:
+                what = d.displacement if kind[0] == "u" else d.velocity
+                rows[name] = what(points[kind[2:]])[at]
+    count = dict.fromkeys(range(len(contacts)), (0, 0))
+    for k, (_, contact, sign) in enumerate(data["events"]):
+        closed, opened = count[contact]
+        found = d.contacts[contacts[contact]]
+        rows[data["names"][len(rows)]] = found.closings[closed] if sign > 0 else found.openings[opened]
+        count[contact] = (closed + (sign > 0), opened + (sign < 0))
+        assert data["names"][len(rows) - 1].startswith("t_close" if sign > 0 else "t_open"), k
+    seen = dict.fromkeys(range(len(contacts)), 0)
+    for name in data["names"]:
+        if "of impact" not in name:
+            continue
+        contact = int(name.rstrip(")").rsplit(" ", 1)[1])
+        impacts = d.contacts[contacts[contact]].impacts
+        field = {"peak": "peak_force", "time": "peak_time", "impu": "impulse"}[name[:4]]
+        rows[name] = getattr(impacts, field)[seen[contact]]
+        seen[contact] += field == "impulse"
+    return rows
+
+
+def compare(data: dict[str, Any], rows: dict[str, np.ndarray], columns: list[str]) -> dict[str, float]:
+    """Return the error of every row, relative to its largest entry."""
+    chosen = [data["parameters"].index(column) for column in columns]
+    errors = {}
+    for name, whole in zip(data["names"], np.array(data["jacobian"]), strict=True):
+        errors[name] = float(np.max(np.abs(rows[name] - whole[chosen])) / np.max(np.abs(whole[chosen])))
+    return errors
+
+
+@pytest.mark.parametrize("name", ["A1", "A2"])
+def test_a_mass_on_a_stop_has_the_derivatives_of_the_exact_propagation(name: str) -> None:
+    data = reference(name)
+    scene = mass_on_stop(data["point"], data["scene"]["law"], data["scene"]["side"])
+    run = vf.simulate(scene, data["T"], times=data["times"])
+    parameters = mass_parameters(scene)
+    d = sensitivities(run, [parameters[column] for column in data["parameters"]])
+    errors = compare(data, rows_of(data, d, {"": scene.bodies[0]}, ["stop"]), data["parameters"])
+    assert len(errors) == 37
+    assert max(errors.values()) < 1e-11, errors
+    assert d.work.exponentials == 0
+
+
+def test_a_beam_between_two_stops_has_the_derivatives_of_the_exact_propagation() -> None:
+    data = reference("B1")
+    scene = beam_between_stops(data["point"])
+    beam = scene.bodies[0]
+    run = vf.simulate(scene, data["T"], times=data["times"])
+    parameters = beam_parameters(scene)
+    columns = [column for column in data["parameters"] if column != "dx"]
+    d = sensitivities(run, [parameters[column] for column in columns])
+    points = {"tip": beam.at(data["point"]["L"]), "mid": beam.at(0.6 * data["point"]["L"])}
+    errors = compare(data, rows_of(data, d, points, ["one", "two"]), columns)
+    assert len(errors) == 61
+    assert max(errors.values()) < 1e-10, errors
+
+
+# -- other scenes, against differences of runs ------------------------------------------------------------
+
+
+def difference(parameter: Parameter, scene: vf.Scene, quantity: Any, step: float) -> np.ndarray:
+    """Return a derivative by Richardson's extrapolation of central differences."""
+    one, two = (
+        (quantity(parameter.changed(scene, h)) - quantity(parameter.changed(scene, -h))) / (2.0 * h)
+        for h in (step, 0.5 * step)
+    )
+    return np.asarray((4.0 * two - one) / 3.0)
+
+
+def close_to_differences(scene: vf.Scene, parameters: list[Parameter], t_end: float, point: Any, share: float) -> Any:
+    """Compare displacement, dissipation, times of events, peaks and impulses; return the derivatives."""
+    times = np.linspace(0.0, t_end, 6)
+    d = sensitivities(vf.simulate(scene, t_end, times=times, method="event_driven"), parameters)
+
+    def quantities(changed: vf.Scene) -> np.ndarray:
+        run = vf.simulate(changed, t_end, times=times, method="event_driven")
+        body = next(body for body in changed.bodies if body.name == point.body.name)
+        own: Any = body
+        if isinstance(body, vf.Beam):
+            own = body.at(point.x * body.length / point.body.length)
+        parts = [run.displacement(own), run.energy.dissipated]
+        for contact in run.contacts.values():
+            impacts = contact.impacts
+            parts += [contact.closings, contact.openings, impacts.peak_force, impacts.impulse]
+        return np.concatenate(parts)
+
+    mine = [d.displacement(point), d.energy.dissipated]
+    for contact in d.contacts.values():
+        mine += [contact.closings, contact.openings, contact.impacts.peak_force, contact.impacts.impulse]
+    sizes = np.cumsum([part.shape[0] for part in mine])[:-1]
+    for k, parameter in enumerate(parameters):
+        value = parameter.value(scene)
+        expected = np.split(difference(parameter, scene, quantities, 1e-4 * (abs(value) or 1.0)), sizes)
+        for part, right in zip(mine, expected, strict=True):
+            if right.size:
+                size = max(float(np.max(np.abs(right))), 1e-12)
+                assert np.allclose(part[:, k], right, rtol=0.0, atol=share * size), parameter.name
+    return d
+
+
+def test_a_ball_that_bounces_has_derivatives_without_an_eigenbasis() -> None:
+    ball = vf.Mass(1.0, name="ball")
+    floor = vf.Contact(ball, gap=0.5, stiffness=5000.0, damping=3.0, side="below", acts_on="penetration", name="floor")
+    weight = vf.Gravity(9.81)
+    scene = vf.Scene([ball], [floor, weight])
+    d = close_to_differences(
+        scene, [Parameter(ball, "mass"), Parameter(floor, "gap"), Parameter(weight, "g")], 1.55, ball, 1e-7
+    )
+    assert d.work.exponentials > 0
+    # The first impact comes when the ball has fallen by the gap.
+    assert d.contacts["floor"].closings[0, 1] == pytest.approx(1.0 / np.sqrt(2.0 * 9.81 * 0.5), rel=1e-12)
+
+
+def test_linked_parts_of_a_beam_and_a_mass_with_modal_damping() -> None:
+    beam = vf.Beam(1.0, EI=10.0, rhoA=1.0, elements=4, supports={"left": "clamped"}, tension=2.0, name="beam")
+    mass = vf.Mass(0.3, stiffness=40.0, name="mass")
+    stop = vf.Contact(beam.at(0.77), mass, gap=0.01, stiffness=3000.0, damping=1.0, acts_on="penetration", name="stop")
+    load = vf.PointLoad(beam.at(0.9), vf.Sine(3.0, 12.0) + vf.Ramp(1.0, 0.2, 0.5))
+    ratio, point = vf.ModalDamping(0.03), vf.PointMass(beam.at(1.0), mass=0.1)
+    spring, dashpot = vf.Spring(beam.at(0.6), stiffness=50.0), vf.Dashpot(beam.at(0.4), mass, damping=0.2)
+    scene = vf.Scene([beam, mass], [stop, load, ratio, point, spring, dashpot, vf.Gravity(1.0)])
+    parameters = [
+        Parameter(beam, "EI"), Parameter(beam, "rhoA", element=[2, 3]), Parameter(beam, "length"),
+        Parameter(beam, "tension"), Parameter(ratio, "ratio"), Parameter(point, "mass"), Parameter(spring, "x"),
+        Parameter([spring, mass], "stiffness"), Parameter(dashpot, "damping"), Parameter(stop, "x"),
+        Parameter(load, "f.terms.1.slope"), Parameter(load, "f.terms.0.omega"),
+    ]  # fmt: skip
+    d = close_to_differences(scene, parameters, 1.0, beam.at(0.63), 1e-6)
+    assert d.names[1] == "beam.rhoA[2, 3]"
+    assert d.units[:5] == ["N m^2", "kg/m", "m", "N", ""]
+
+
+def test_a_contact_that_rests_at_its_gap_forgets_what_was_before() -> None:
+    mass = vf.Mass(1.0, stiffness=10.0, damping=2.0, name="mass")
+    stop = vf.Contact(mass, gap=0.1, stiffness=200.0, side="above", acts_on="displacement", name="stop")
+    scene = vf.Scene([mass], [stop, vf.PointLoad(mass, 6.0)])
+    run = vf.simulate(scene, 40.0, times=[10.0, 20.0, 39.0], method="event_driven", pin_fraction=1e-3)
+    assert run.contacts["stop"].pinned.size
+    d = sensitivities(run, [Parameter(stop, "gap"), Parameter(mass, "mass"), Parameter(stop, "stiffness")])
+    assert np.allclose(d.displacement(mass)[-1], [1.0, 0.0, 0.0], atol=1e-12)
+    assert np.allclose(d.velocity(mass)[-1], 0.0, atol=1e-12)
+    # The reaction is the load less the force of the own spring.
+    assert np.allclose(d.contacts["stop"].force[-1], [-10.0, 0.0, 0.0], atol=1e-9)
+
+
+def test_scaling_identities_hold() -> None:
+    data = reference("A1")
+    scene = mass_on_stop(data["point"], data["scene"]["law"], data["scene"]["side"])
+    run = vf.simulate(scene, data["T"], times=data["times"], method="event_driven")
+    found = mass_parameters(scene)
+    d = sensitivities(run, list(found.values()))
+    values = np.array([parameter.value(scene) for parameter in found.values()])
+    u = d.displacement(scene.bodies[0]) * values
+    lengths = [list(found).index(name) for name in ("gap", "F", "u0", "v0")]
+    forces = [list(found).index(name) for name in ("m", "k", "d", "K0", "c", "F")]
+    # All lengths and forces times a factor: the motion is multiplied. All masses, stiffnesses and loads: it stays.
+    assert np.allclose(u[:, lengths].sum(axis=1), run.displacement(scene.bodies[0]), rtol=0.0, atol=1e-12)
+    assert np.allclose(u[:, forces].sum(axis=1), 0.0, atol=1e-12)
+
+
+def test_a_damper_of_zero_has_a_derivative_to_one_side() -> None:
+    mass = vf.Mass(1.0, stiffness=30.0, name="mass")
+    stop = vf.Contact(mass, gap=0.02, stiffness=900.0, side="above", acts_on="penetration", name="stop")
+    scene = vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(1.0, 4.0))])
+    parameter = Parameter(stop, "damping")
+    times = [1.0, 2.0]
+    d = sensitivities(vf.simulate(scene, 2.0, times=times, method="event_driven"), parameter)
+
+    def u(c: float) -> np.ndarray:
+        return vf.simulate(parameter.changed(scene, c), 2.0, times=times, method="event_driven").displacement(mass)
+
+    h = 1e-4
+    ahead = (-u(2 * h) + 4 * u(h) - 3 * u(0.0)) / (2 * h)
+    assert np.allclose(d.displacement(mass)[:, 0], ahead, rtol=0.0, atol=1e-6 * np.max(np.abs(ahead)))
+
+
+def test_notes_tell_of_grazing_and_of_events_at_the_times_asked_for() -> None:
+    mass = vf.Mass(1.0, stiffness=1.0, name="mass")
+    fast = vf.Contact(mass, gap=0.5, stiffness=1.0, side="above", acts_on="displacement", name="fast")
+    meets = float(np.arcsin(0.5))
+    scene = vf.Scene([mass], [fast], initial={mass: (0.0, 1.0)})
+    d = sensitivities(vf.simulate(scene, 1.0, times=[meets, 1.0], method="event_driven"), Parameter(fast, "gap"))
+    assert any(note.startswith("one-sided") for note in d.notes)
+    # The first impact is a grazing, the load makes later ones fast.
+    gap = 1.0 - 1e-12
+    slow = vf.Contact(mass, gap=gap, stiffness=1.0, side="above", acts_on="penetration", name="slow")
+    push = vf.PointLoad(mass, vf.Pulse(3.0, 4.0, 2.0))
+    grazing = vf.Scene([mass], [slow, push], initial={mass: (0.0, 1.0)})
+    d = sensitivities(vf.simulate(grazing, 7.0, times=[7.0], method="event_driven"), Parameter(slow, "gap"))
+    assert any(note.startswith("grazing") for note in d.notes)
+    assert np.all(np.isfinite(d.displacement(mass)))
+    calm = sensitivities(vf.simulate(scene, 1.0, times=[0.9], method="event_driven"), Parameter(fast, "gap"))
+    assert calm.notes == []
+
+
+def test_what_has_no_derivative_is_refused_by_name() -> None:
+    beam = vf.Beam(1.0, EI=lambda x: 1.0 + x, rhoA=1.0, elements=4, supports={"left": "clamped"}, name="beam")
+    load = vf.PointLoad(beam.at(1.0), vf.Sine(1.0, 3.0))
+    stop = vf.Contact(beam.at(0.5), gap=0.1, stiffness=10.0, side="above", acts_on="penetration", name="stop")
+    scene = vf.Scene([beam], [load, stop])
+    run = vf.simulate(scene, 0.1, method="event_driven")
+    with pytest.raises(vf.ArgumentError, match="EI is a Python function"):
+        sensitivities(run, [Parameter(beam, "EI")])
+    with pytest.raises(vf.ArgumentError, match="did you mean 'gap'"):
+        sensitivities(run, [Parameter(stop, "gaps")])
+    with pytest.raises(vf.ArgumentError, match="did you mean 'stop'"):
+        sensitivities(run, [Parameter("stp", "gap")])
+    with pytest.raises(vf.ArgumentError, match="no number by which to differentiate"):
+        sensitivities(run, [Parameter(load, "f.frequency")])
+    with pytest.raises(vf.ArgumentError, match="elements count from 0 to 3"):
+        sensitivities(run, [Parameter(beam, "rhoA", element=4)])
+    with pytest.raises(vf.ArgumentError, match="only for a Mass"):
+        sensitivities(run, [Parameter(beam, "initial.velocity")])
+    with pytest.raises(vf.ArgumentError, match=r"expected a list of vofem\.Parameter"):
+        sensitivities(run, ["gap"])
+    with pytest.raises(vf.ArgumentError, match="two increasing numbers"):
+        Parameter(stop, "gap", bounds=(1.0, 0.0))
+    stepped = vf.simulate(scene, 0.1, method="energy_conserving", dt=0.01)
+    with pytest.raises(vf.MethodError, match="event_driven"):
+        sensitivities(stepped, [Parameter(stop, "gap")])
+    shaken = vf.Scene([beam], [vf.PointLoad(beam.at(1.0), lambda t: t), stop])
+    with pytest.raises(vf.ArgumentError, match="f is a Python function"):
+        Parameter(shaken.effects[0], "f.amplitude").check(shaken)
+
+
+def test_elements_are_derivatives_of_their_sum() -> None:
+    data = reference("B1")
+    scene = beam_between_stops(data["point"])
+    beam, tip = scene.bodies[0], scene.effects[0].a
+    run = vf.simulate(scene, 0.3, times=[0.3], method="event_driven")
+    each = sensitivities(run, [Parameter(beam, "EI", element=k) for k in range(5)]).displacement(tip)
+    whole = sensitivities(run, Parameter(beam, "EI")).displacement(tip)
+    assert np.allclose(each.sum(axis=1), whole[:, 0], rtol=1e-11)
+
+
+# -- statics and modes ------------------------------------------------------------------------------------
+
+
+def test_natural_frequencies_have_the_derivatives_of_closed_forms() -> None:
+    beam = vf.Beam(1.0, EI=10.0, rhoA=2.0, elements=8, supports={"left": "clamped"}, name="beam")
+    modes = vf.modes(vf.Scene([beam]), 4)
+    d = sensitivities(modes, [Parameter(beam, "EI"), Parameter(beam, "rhoA"), Parameter(beam, "length")])
+    assert np.allclose(d.omega, modes.omega[:, None] * np.array([0.5 / 10.0, -0.5 / 2.0, -2.0]), rtol=1e-10)
+    assert np.allclose(d.frequencies, d.omega / (2.0 * np.pi))
+
+
+def test_frequencies_that_coincide_split_in_ascending_order() -> None:
+    one, two = vf.Mass(1.0, stiffness=4.0, name="one"), vf.Mass(1.0, stiffness=4.0, name="two")
+    d = sensitivities(vf.modes(vf.Scene([one, two])), [Parameter(one, "stiffness")])
+    assert np.allclose(d.omega[:, 0], [0.0, 0.25], atol=1e-14)
+
+
+@pytest.mark.parametrize("law", ["penetration", "displacement"])
+@pytest.mark.parametrize("load", [6.0, 30.0])
+def test_equilibria_have_the_derivatives_of_closed_forms(law: str, load: float) -> None:
+    mass = vf.Mass(1.0, stiffness=10.0, name="mass")
+    stop = vf.Contact(mass, gap=0.1, stiffness=200.0, side="above", acts_on=law, name="stop")
+    push = vf.PointLoad(mass, vf.Sine(load, 0.0, phase=0.5 * np.pi))
+    scene = vf.Scene([mass], [stop, push])
+    parameters = [Parameter(mass, "stiffness"), Parameter(stop, "gap"), Parameter(stop, "stiffness"),
+                  Parameter(push, "f.amplitude")]  # fmt: skip
+    outcome = vf.equilibrium(scene)
+    d = sensitivities(outcome, parameters)
+    u = outcome.displacement(mass)
+    pinned = law == "displacement" and load == 6.0
+    lever = 0.1 if law == "penetration" else 0.0
+    moved = [0.0, 1.0, 0.0, 0.0] if pinned else [-u, 200.0 * (law == "penetration"), lever - u, 1.0]
+    assert np.allclose(d.displacement(mass), np.array(moved) / (1.0 if pinned else 210.0), atol=1e-14)
+    balance = np.array([-u, 0.0, 0.0, 1.0]) - 10.0 * d.displacement(mass)
+    assert np.allclose(d.contacts["stop"].force, balance, atol=1e-11)
+
+
+def test_loads_and_attachments_are_found_by_their_names() -> None:
+    mass = vf.Mass(1.0, stiffness=10.0, name="mass")
+    scene = vf.Scene(
+        [mass],
+        [
+            vf.PointLoad(mass, 3.0, name="push"), vf.PointLoad(mass, vf.Sine(1.0, frequency=0.5), name="shake"),
+            vf.Spring(mass, stiffness=2.0, name="spring"), vf.Gravity(name="weight"),
+        ],
+    )  # fmt: skip
+    run = vf.simulate(scene, 1.0, times=[0.7], method="event_driven")
+    parameters = [
+        Parameter("push", "f.value"), Parameter("shake", "f.amplitude"), Parameter("shake", "f.omega"),
+        Parameter("spring", "stiffness"), Parameter("weight", "g"),
+    ]  # fmt: skip
+    d = sensitivities(run, parameters).displacement(mass)[0]
+    still, w = 1.0 / 12.0 * (1.0 - np.cos(np.sqrt(12.0) * 0.7)), np.pi
+    assert d[0] == pytest.approx(still, rel=1e-12)
+    assert d[4] == pytest.approx(-still, rel=1e-12)
+    root = np.sqrt(12.0)
+    assert d[1] == pytest.approx((np.sin(w * 0.7) - w / root * np.sin(root * 0.7)) / (12.0 - w * w), rel=1e-11)
+    changed = Parameter("shake", "f.omega").changed(scene, 0.1)
+    assert changed.effects[1].f.omega == pytest.approx(np.pi + 0.1)

@@ -1,0 +1,381 @@
+"""Kinds of parameters: what is checked of a value, what documents say, and how scene files hold it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem._validate import HUGE, array, choice, number, one_of, whole, wrong
+from vofem.errors import ArgumentError
+from vofem.parameters.place import INVALID, Book, Invalid, Place
+
+
+class Unwritable(Exception):  # noqa: N818 - never leaves this package
+    """A value cannot be written to a scene file; the message says why."""
+
+
+class Kind:
+    """The kind of a parameter: base class of all.
+
+    Subclasses are dataclasses; `text` says in a sentence what the parameter means.
+    """
+
+    text: str = ""
+    #: The type, as docstrings say it.
+    shown = "object"
+    #: What a scene file must hold; completes "expected ...".
+    expected = "a value"
+    #: Whether it must be given in a scene file although it has a default in Python.
+    needed = False
+    #: The values to choose from, for the message where a needed one is missing.
+    choices = ""
+    #: Whether scene files can hold it.
+    writable = True
+
+    @property
+    def meaning(self) -> str:
+        """What it means, with unit and limits."""
+        return self.text
+
+    def check(self, what: str, value: Any) -> Any:
+        """Return the value as the object keeps it, or raise `ArgumentError` naming `what`."""
+        return value
+
+    def read(self, value: Any, place: Place) -> Any:
+        """Return what a TOML value means, or report what is wrong and return `INVALID`."""
+        what = place.last
+        try:
+            return self.check(what, value)
+        except ArgumentError as error:
+            if error.parts:
+                return place.expected(error.parts[1], value, error.parts[2])
+            return place.report(str(error).removeprefix(f"{what}: "))
+
+    def write(self, value: Any, book: Book) -> Any:
+        """Return the TOML value of an attribute, or raise `Unwritable`."""
+        return value
+
+    def described(self) -> dict[str, Any]:
+        """Return the JSON schema of its TOML values."""
+        return {"description": self.meaning} if self.meaning else {}
+
+
+@dataclass(frozen=True)
+class Real(Kind):
+    """A finite number with a unit: any, a positive one, or one not below or below a limit."""
+
+    unit: str = ""
+    text: str = ""
+    above: float | None = None
+    least: float | None = None
+    below: float | None = None
+
+    shown = "float"
+
+    @property
+    def expected(self) -> str:  # type: ignore[override]
+        """Its limits."""
+        if self.below is not None:
+            return f"a number from {self.least:g} to below {self.below:g}"
+        if self.least is not None:
+            return "a number that is not negative" if self.least == 0 else f"a number not below {self.least:g}"
+        return "a number" if self.above is None else "a positive number"
+
+    @property
+    def meaning(self) -> str:
+        """What it means, its unit and its limits."""
+        limits = {"a positive number": ", positive", "a number that is not negative": ", not negative"}
+        unit = f" In {self.unit}" if self.unit else ""
+        limit = limits.get(self.expected, "")
+        end = f"{unit}{limit}." if unit else f" {limit[2:].capitalize()}." if limit else ""
+        return f"{self.text}{end}"
+
+    def check(self, what: str, value: Any) -> float:
+        """Return a float within the limits."""
+        if self.below is None:
+            return number(what, value, minimum=self.least, positive=self.above is not None)
+        result = number(what, value)
+        if not (self.least if self.least is not None else -np.inf) <= result < self.below:
+            raise wrong(what, f"{result:g}", self.expected)
+        return result
+
+    def read(self, value: Any, place: Place) -> float | Invalid:
+        """Return a float; in a file NaN was not computed anywhere."""
+        if isinstance(value, float) and not abs(value) <= HUGE:
+            return place.expected(f"a finite number (magnitude at most {HUGE:g})", value)
+        found: float | Invalid = super().read(value, place)
+        return found
+
+    def write(self, value: Any, book: Book) -> float:
+        """Return a plain float."""
+        return float(value)
+
+    def described(self) -> dict[str, Any]:
+        """Return a number with its limits."""
+        limits = {"exclusiveMinimum": self.above, "minimum": self.least, "exclusiveMaximum": self.below}
+        return {"type": "number", **{k: v for k, v in limits.items() if v is not None}, **super().described()}
+
+
+#: Without unit and limits.
+ANY_NUMBER = Real()
+
+
+@dataclass(frozen=True)
+class Count(Kind):
+    """A whole number, 1 or more."""
+
+    text: str = ""
+
+    shown = "int"
+    expected = "a whole number, 1 or more"
+
+    def check(self, what: str, value: Any) -> int:
+        """Return an int."""
+        return whole(what, value)
+
+    def write(self, value: Any, book: Book) -> int:
+        """Return a plain int."""
+        return int(value)
+
+    def described(self) -> dict[str, Any]:
+        """Return a whole number."""
+        return {"type": "integer", "minimum": 1, **super().described()}
+
+
+@dataclass(frozen=True)
+class Flag(Kind):
+    """True or False."""
+
+    text: str = ""
+
+    shown = "bool"
+    expected = "true or false"
+
+    def check(self, what: str, value: Any) -> bool:
+        """Return a bool."""
+        if not isinstance(value, (bool, np.bool_)):
+            raise ArgumentError(f"{what} is {value!r}, expected True or False")
+        return bool(value)
+
+    def read(self, value: Any, place: Place) -> bool | Invalid:
+        """Return a bool; its names in TOML are small."""
+        return value if isinstance(value, bool) else place.expected(self.expected, value)
+
+    def described(self) -> dict[str, Any]:
+        """Return a boolean."""
+        return {"type": "boolean", **super().described()}
+
+
+@dataclass(frozen=True)
+class Choice(Kind):
+    """One of some names.
+
+    Attributes
+    ----------
+    allowed : tuple of str
+    choices : str
+        Given where the parameter is needed and has no default: what the message for a missing one recommends.
+    """
+
+    allowed: tuple[str, ...] = ()
+    text: str = ""
+    choices: str = ""
+
+    @property
+    def needed(self) -> bool:  # type: ignore[override]
+        """Whether there is no default."""
+        return bool(self.choices)
+
+    @property
+    def shown(self) -> str:  # type: ignore[override]
+        """The names."""
+        return "{" + ", ".join(f'"{name}"' for name in self.allowed) + "}"
+
+    @property
+    def expected(self) -> str:  # type: ignore[override]
+        """The names."""
+        return one_of(self.allowed)
+
+    def check(self, what: str, value: Any) -> str:
+        """Return the name."""
+        return choice(what, value, self.allowed)
+
+    def described(self) -> dict[str, Any]:
+        """Return the names."""
+        return {"enum": list(self.allowed), **super().described()}
+
+
+@dataclass(frozen=True)
+class Name(Kind):
+    """A string that is not empty; the constructor chooses one where none is given.
+
+    Attributes
+    ----------
+    needed : bool
+        Whether scene files must give it. Names of effects are numbered there.
+    """
+
+    text: str = "Unique in a scene."
+    needed: bool = False
+
+    shown = "str"
+    expected = "a name, a string that is not empty"
+
+    def read(self, value: Any, place: Place) -> str | Invalid:
+        """Return the string."""
+        return value if isinstance(value, str) and value else place.expected(self.expected, value)
+
+    def write(self, value: Any, book: Book) -> str:
+        """Return the string, if it is Unicode text."""
+        try:
+            value.encode()
+        except UnicodeEncodeError:
+            raise Unwritable(f"{value!r} has characters that are not valid Unicode; rename it") from None
+        return str(value)
+
+    def described(self) -> dict[str, Any]:
+        """Return a string."""
+        return {"type": "string", "minLength": 1, **super().described()}
+
+
+@dataclass(frozen=True)
+class Label(Kind):
+    """A name that may be left out: a string that is not empty, or None."""
+
+    text: str = "Name by which `vofem.Parameter` finds it."
+
+    shown = "str"
+    expected = "a name, a string that is not empty"
+
+    def check(self, what: str, value: Any) -> str | None:
+        """Return the string, or None where there is none."""
+        if value is not None and (not isinstance(value, str) or not value):
+            raise ArgumentError(f"{what} is {value!r}, expected {self.expected}")
+        return value
+
+    def read(self, value: Any, place: Place) -> str | Invalid:
+        """Return the string."""
+        return value if isinstance(value, str) and value else place.expected(self.expected, value)
+
+    def write(self, value: Any, book: Book) -> str:
+        """Return the string, if it is Unicode text."""
+        return Name().write(value, book)
+
+    def described(self) -> dict[str, Any]:
+        """Return a string."""
+        return {"type": "string", "minLength": 1, **super().described()}
+
+
+@dataclass(frozen=True)
+class Numbers(Kind):
+    """An array of finite numbers, not empty.
+
+    Attributes
+    ----------
+    unit : str
+    each : Real
+        Limits of its entries in scene files.
+    """
+
+    unit: str = ""
+    text: str = ""
+    each: Real = ANY_NUMBER
+
+    shown = "array_like, shape (n,)"
+    expected = "an array of numbers"
+
+    @property
+    def meaning(self) -> str:
+        """What it means, and its unit."""
+        return f"{self.text} In {self.unit}." if self.unit else self.text
+
+    def check(self, what: str, value: Any) -> NDArray[np.float64]:
+        """Return an array of floats."""
+        return array(what, value)
+
+    def read(self, value: Any, place: Place) -> Any:
+        """Return an array of floats; each entry is looked at."""
+        if not isinstance(value, list) or not value:
+            return place.expected(self.expected, value)
+        parts = [self.each.read(part, place.index(k)) for k, part in enumerate(value)]
+        return INVALID if any(isinstance(part, Invalid) for part in parts) else super().read(parts, place)
+
+    def write(self, value: Any, book: Book) -> list[float]:
+        """Return plain floats."""
+        return [float(part) for part in np.asarray(value).tolist()]
+
+    def described(self) -> dict[str, Any]:
+        """Return an array of numbers."""
+        return {"type": "array", "items": self.each.described(), "minItems": 1, **super().described()}
+
+
+@dataclass(frozen=True)
+class RealOrArray(Kind):
+    """One number, or an array of them."""
+
+    each: Real = ANY_NUMBER
+    text: str = ""
+
+    shown = "float or array_like, shape (k,)"
+
+    @property
+    def expected(self) -> str:  # type: ignore[override]
+        """What one is."""
+        return f"{self.each.expected}, or an array of these"
+
+    def check(self, what: str, value: Any) -> float | NDArray[np.float64]:
+        """Return a float or an array of one dimension, whose entries are within the limits."""
+        if np.ndim(value) == 0:
+            return self.each.check(what, value)
+        values = array(what, value)
+        if values.ndim != 1 or not values.size:
+            raise ArgumentError(f"{what} has shape {values.shape}, expected a number or a list of numbers")
+        for k, one in enumerate(values.tolist()):
+            self.each.check(f"{what}[{k}]", one)
+        return values
+
+    def read(self, value: Any, place: Place) -> Any:
+        """Return a float or an array."""
+        if not isinstance(value, list):
+            return self.each.read(value, place)
+        read = Numbers(each=self.each).read(value, place)
+        return place.expected(self.expected, value) if not value else read
+
+    def write(self, value: Any, book: Book) -> Any:
+        """Return a plain float or plain floats."""
+        return Numbers().write(value, book) if np.ndim(value) else self.each.write(value, book)
+
+    def described(self) -> dict[str, Any]:
+        """Return both."""
+        return {"anyOf": [self.each.described(), Numbers(each=self.each).described()], **super().described()}
+
+
+@dataclass(frozen=True)
+class Function(Kind):
+    """A Python function, which scene files cannot hold.
+
+    Attributes
+    ----------
+    of : str
+        What it is a function of, for messages.
+    """
+
+    of: str = ""
+    text: str = ""
+
+    shown = "callable"
+    writable = False
+
+    @property
+    def expected(self) -> str:  # type: ignore[override]
+        """A function."""
+        return f"a callable of {self.of}"
+
+    def check(self, what: str, value: Any) -> Any:
+        """Return the function."""
+        if not callable(value):
+            raise wrong(what, repr(value), self.expected)
+        return value

@@ -1,0 +1,8 @@
+"""Exact derivatives of outcomes by the numbers that a scene is made of."""
+
+from vofem.sensitivities.entry import sensitivities
+from vofem.sensitivities.of_runs import RunSensitivities
+from vofem.sensitivities.of_statics import EquilibriumSensitivities, ModesSensitivities
+from vofem.sensitivities.parameter import Parameter
+
+__all__ = ["EquilibriumSensitivities", "ModesSensitivities", "Parameter", "RunSensitivities", "sensitivities"]

@@ -1,0 +1,273 @@
+"""A scene with one number changed: the mechanism behind every derivative of a system by a parameter."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem._validate import nearest
+from vofem.bodies.base import Body, BodyPoint
+from vofem.bodies.beam import Beam
+from vofem.errors import ArgumentError
+from vofem.parameters import changed
+from vofem.scene import Scene
+from vofem.time_functions import Constant, Ramp, Sine, TimeFunction, as_time_function
+from vofem.time_functions.base import Scaled
+
+Array = NDArray[np.float64]
+
+#: Fields in which matrices, rows, gaps and load vectors are linear.
+LINEAR = (
+    "gap", "stiffness", "damping", "mass", "inertia", "EI", "rhoA", "tension", "alpha", "beta", "ratio", "g", "p",
+)  # fmt: skip
+INITIAL = ("initial.displacement", "initial.velocity")
+#: The place of an effect on a beam.
+PLACES = ("x", "a.x", "b.x", "point.x")
+#: Attributes of effects that are functions of time.
+_FUNCTIONS = ("f", "acceleration")
+#: Numbers of functions of time by which their closed form is differentiated.
+_OF_FUNCTIONS = {Sine: ("amplitude", "omega", "phase"), Constant: ("value",), Ramp: ("slope",), Scaled: ("factor",)}
+
+
+def check_field(scene: Scene, thing: Any, field: str, elements: tuple[int, ...] | None) -> None:
+    """Raise an error if an object of a scene has no such number."""
+    label = thing.describe()
+    if field in INITIAL:
+        initial_pair(scene, thing)
+        return
+    if field in PLACES:
+        point_of(thing, field)
+        return
+    if field == "length":
+        if not isinstance(thing, Beam) or not thing.nodes[0] == thing.origin:
+            raise _unknown(thing, field)
+        _check_length(thing)
+        return
+    if function_at(thing, field) is not None:
+        return
+    if field not in LINEAR or not hasattr(thing, field):
+        raise _unknown(thing, field)
+    value = getattr(thing, field)
+    if callable(value):
+        raise ArgumentError(
+            f"{label}: {field} is a Python function, by which nothing can be differentiated; give one number for each "
+            "element, or a number"
+        )
+    if elements is not None:
+        count = thing.element_lengths.size if isinstance(thing, Beam) else 0
+        wrong = [k for k in elements if k >= count]
+        if wrong:
+            raise ArgumentError(f"{label}: there is no element {wrong[0]}; elements count from 0 to {count - 1}")
+
+
+def _unknown(thing: Any, field: str) -> ArgumentError:
+    known = [name for name in LINEAR if hasattr(thing, name)]
+    if isinstance(thing, Beam):
+        known.append("length")
+    elif isinstance(thing, Body):
+        known += INITIAL
+    for name in _FUNCTIONS:
+        if (value := _function(thing, name)) is not None:
+            known += [f"{name}.{part}" for kind, parts in _OF_FUNCTIONS.items() if isinstance(value, kind)
+                      for part in parts]  # fmt: skip
+    if any(isinstance(value, BodyPoint) for value in vars(thing).values()):
+        known.append("x")
+    return ArgumentError(
+        f"{thing.describe()}: there is no number {field!r} by which to differentiate{nearest(field, tuple(known))}; "
+        f"there are {known}"
+    )
+
+
+def _check_length(beam: Beam) -> None:
+    why = ""
+    if beam.mesh is not None:
+        why = "its nodes come from a mesh file; give their x as elements="
+    elif callable(beam.EI) or callable(beam.rhoA):
+        why = "EI or rhoA is a Python function of x; give one number for each element"
+    if why:
+        raise ArgumentError(f"{beam.label}: its length is no parameter, because {why}")
+
+
+# -- functions of time --------------------------------------------------------------------------------
+
+
+def function_at(thing: Any, field: str) -> tuple[str, Any, str, tuple[str, ...]] | None:
+    """Return where a field lies in a function of time: attribute of the object, innermost function, its field, path.
+
+    None if the field is not in a function of time.
+    """
+    first, _, rest = field.partition(".")
+    function = _function(thing, first)
+    if function is None:
+        return None
+    path = tuple(rest.split(".")) if rest else (("value",) if isinstance(function, Constant) else ())
+    inner: Any = function
+    for step in path[:-1]:
+        inner = inner[int(step)] if isinstance(inner, tuple) and step.isdigit() else getattr(inner, step, None)
+    known = next((names for kind, names in _OF_FUNCTIONS.items() if isinstance(inner, kind)), ())
+    if not path or path[-1] not in known:
+        if not function.closed_form:
+            raise ArgumentError(
+                f"{thing.describe()}: {first} is a Python function, by which nothing can be differentiated; write it "
+                "with Sine, Constant, Ramp and their sums"
+            )
+        raise ArgumentError(
+            f"{thing.describe()}: {field!r} is no number by which to differentiate; of {inner!r} there are "
+            f"{list(known) or 'none'}"
+        )
+    return first, inner, path[-1], path
+
+
+def _function(thing: Any, name: str) -> TimeFunction | None:
+    """Return the function of time that an attribute of an effect is; numbers are constants."""
+    value = getattr(thing, name, None)
+    if isinstance(value, TimeFunction):
+        return value
+    return as_time_function(value) if value is not None and name in _FUNCTIONS else None
+
+
+def with_function(function: Any, path: tuple[str, ...], change: Any) -> Any:
+    """Return a function of time whose innermost function is replaced by ``change(innermost)``."""
+    if len(path) == 1:
+        return change(function)
+    step, rest = path[0], path[1:]
+    if isinstance(function, tuple):
+        k = int(step)
+        return (*function[:k], with_function(function[k], rest, change), *function[k + 1 :])
+    return changed(function, **{step: with_function(getattr(function, step), rest, change)})
+
+
+# -- places and initial states ------------------------------------------------------------------------
+
+
+def point_of(thing: Any, field: str) -> str:
+    """Return the attribute that holds the point on a beam that a field such as "x" means."""
+    points = [name for name, value in vars(thing).items() if isinstance(value, BodyPoint)]
+    first = field.partition(".")[0]
+    if first != "x" and first in points:
+        return first
+    if first != "x" or len(points) != 1:
+        why = "it has no point on a beam" if not points else f"it has several; write {points[0]}.x or {points[-1]}.x"
+        raise ArgumentError(f"{thing.describe()}: {field!r} is not the place of one point, because {why}")
+    return points[0]
+
+
+def initial_pair(scene: Scene, body: Any) -> tuple[float, float]:
+    """Return displacement and velocity of a body with one degree of freedom at t = 0."""
+    if not isinstance(body, Body) or body.size != 1:
+        raise ArgumentError(
+            f"{body.describe()}: an initial state is a parameter only for a Mass, whose state is one pair of numbers"
+        )
+    state = scene.initial
+    if isinstance(state, Mapping):
+        state = state.get(body, (0.0, 0.0))
+    if state is None:
+        return 0.0, 0.0
+    if hasattr(state, "state_of"):
+        q, v = state.state_of(body.name)
+        return float(q[0]), float(v[0])
+    return float(state[0]), float(state[1])
+
+
+# -- the change ---------------------------------------------------------------------------------------
+
+
+def after(scene: Scene, thing: Any, field: str, elements: tuple[int, ...] | None, amount: float) -> Scene:
+    """Return a scene in which a number of one of its objects has grown by an amount."""
+    if field in INITIAL:
+        return _with_initial(scene, thing, field, amount)
+    if isinstance(thing, Body):
+        return _with_body(scene, thing, field, elements, amount)
+    if field in PLACES:
+        name = point_of(thing, field)
+        point = getattr(thing, name)
+        new = copy.copy(thing)
+        setattr(new, name, point.body.at(point.x + amount))
+    elif (known := function_at(thing, field)) is not None:
+        first, _, last, path = known
+        function = with_function(
+            _function(thing, first), path, lambda f: changed(f, **{last: getattr(f, last) + amount})
+        )
+        new = copy.copy(thing)
+        setattr(new, first, function)
+    else:
+        new = changed(thing, **{field: getattr(thing, field) + amount})
+    effects = [new if effect is thing else effect for effect in scene.effects]
+    return _scene(scene.bodies, effects, scene.initial)
+
+
+def _with_body(scene: Scene, body: Any, field: str, elements: tuple[int, ...] | None, amount: float) -> Scene:
+    stretch = 1.0
+    if isinstance(body, Beam):
+        if field == "length":
+            stretch = (body.length + amount) / body.length
+        new: Any = _beam(body, field, elements, amount, stretch)
+    else:
+        new = changed(body, **{field: getattr(body, field) + amount})
+    bodies = [new if one is body else one for one in scene.bodies]
+    effects = [_moved(effect, body, new, stretch) for effect in scene.effects]
+    initial = scene.initial
+    if isinstance(initial, Mapping):
+        initial = {new if one is body else one: state for one, state in initial.items()}
+    return _scene(bodies, effects, initial)
+
+
+def _beam(beam: Beam, field: str, elements: tuple[int, ...] | None, amount: float, stretch: float) -> Beam:
+    """Return a beam with a number changed; lengths of elements are stretched."""
+    numbers: dict[str, Any] = {name: getattr(beam, name) for name in ("EI", "rhoA", "tension")}
+    if field != "length":
+        value = numbers[field]
+        if elements is None:
+            numbers[field] = value + amount
+        else:
+            each = np.array(np.broadcast_to(value, beam.element_lengths.shape), dtype=float)
+            np.add.at(each, list(elements), amount)
+            numbers[field] = each
+    nodes = beam.origin + (beam.nodes - beam.origin) * stretch
+    mesh = beam.elements
+    if np.ndim(mesh) == 1:
+        mesh = nodes
+    supports: dict[Any, str] = {float(nodes[node]): kind for node, kind in beam.supports.items()}
+    length = beam.length * stretch if np.ndim(mesh) == 0 or beam.mesh is not None else nodes[-1] - nodes[0]
+    if np.ndim(mesh) == 0 and beam.mesh is None:
+        even = np.linspace(0.0, length, beam.element_lengths.size + 1)
+        supports = {float(even[node]): kind for node, kind in beam.supports.items()}
+    return Beam(length, numbers["EI"], numbers["rhoA"], mesh, supports, numbers["tension"], beam.name)
+
+
+def _moved(effect: Any, body: Any, new: Any, stretch: float) -> Any:
+    """Return an effect that touches a changed body in place of the old one."""
+    if not any(value is body or getattr(value, "body", None) is body for value in vars(effect).values()):
+        return effect
+    moved = copy.copy(effect)
+    for name, value in vars(effect).items():
+        if value is body:
+            setattr(moved, name, new)
+        elif isinstance(value, BodyPoint) and value.body is body:
+            setattr(moved, name, moved_point(value, new, stretch))
+    return moved
+
+
+def moved_point(point: Any, new: Any, stretch: float) -> Any:
+    """Return a point on a changed body, at the same fraction of its length."""
+    origin = getattr(new, "origin", 0.0)
+    return new.at(min(origin + (point.x - origin) * stretch, origin + new.length) if stretch != 1.0 else point.x)
+
+
+def _with_initial(scene: Scene, body: Any, field: str, amount: float) -> Scene:
+    states = list(initial_pair(scene, body))
+    states[INITIAL.index(field)] += amount
+    given = scene.initial
+    initial: dict[Any, Any] = dict(given) if isinstance(given, Mapping) else {}
+    if given is not None and not isinstance(given, Mapping):
+        initial = {one: given for one in scene.bodies}
+    initial[body] = tuple(states)
+    return _scene(scene.bodies, scene.effects, initial)
+
+
+def _scene(bodies: Any, effects: Any, initial: Any) -> Scene:
+    return Scene(bodies, effects, initial)

@@ -1,0 +1,294 @@
+"""Derivatives of what a contact does: its events, its force, and its impacts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.histories import ContactHistory
+from vofem.sensitivities.flow import Block, Closed
+from vofem.sensitivities.forcing import Forcing
+from vofem.sensitivities.forward import Forward
+from vofem.system import CLOSED, OPEN, PINNED
+
+Array = NDArray[np.float64]
+
+#: Newton steps for the time of a peak.
+_ROUNDS = 8
+
+
+@dataclass(frozen=True)
+class ImpactSensitivities:
+    """Derivatives of the impacts of a contact, in the order of `Impacts`.
+
+    Attributes
+    ----------
+    closing, opening : ndarray, shape (n, p)
+        Of the times of begin and end, s over the unit of the parameter. 0 at the begin and the end of the run.
+    peak_force, peak_time, impulse : ndarray, shape (n, p)
+        Of the largest force in N, of the time at which it is reached in s, and of the impulse in N s.
+    """
+
+    closing: Array
+    opening: Array
+    peak_force: Array
+    peak_time: Array
+    impulse: Array
+
+    def __len__(self) -> int:
+        return int(self.closing.shape[0])
+
+
+class Law:
+    """The force of a contact in one segment, ``row u + constant + waves(tau)``, and its derivatives."""
+
+    def __init__(self, forward: Forward, index: int, j: int) -> None:
+        modal = forward.modal
+        laws, n, p = modal.laws, modal.size, len(forward.changes)
+        assert laws is not None
+        self.status = int(forward.segments.status[index][j])
+        self.row, self.rows = np.zeros(2 * n), np.zeros((p, 2 * n))
+        self.constant, self.constants = 0.0, np.zeros(p)
+        self.waves: Forcing | None = None
+        self.wave_changes: list[Forcing] = []
+        if self.status == PINNED:
+            rows, self.waves = forward.reaction_rows(index, j)
+            self.row = rows[0]
+            for k in range(p):
+                self.rows[k], waves = forward.reaction_changes(index, j, k)
+                self.wave_changes.append(waves)
+        elif self.status == CLOSED:
+            k0, c0, c = laws.stiffness[j], laws.damping[j], modal.contacts[j]
+            offset = laws.offset[j]
+            self.row = np.concatenate([k0 * c / modal.scale, c0 * c])
+            self.constant = -k0 * offset
+            for k, change_k in enumerate(forward.changes):
+                change = change_k.change
+                k_p, c_p = change.contact_stiffness[j], change.contact_damping[j]
+                gap_p = 0.0 if laws.jump[j] else change.gap[j]
+                c_moved = np.zeros(n) if change_k.contacts is None else change_k.contacts[j]
+                self.rows[k] = np.concatenate([(k_p * c + k0 * c_moved) / modal.scale, c_p * c + c0 * c_moved])
+                self.constants[k] = -k_p * offset - k0 * gap_p
+
+    def value(self, state: Array, tau: float) -> float:
+        """Return the force in N."""
+        waves = 0.0 if self.waves is None else _sum(self.waves, tau)
+        return float(self.row @ state + self.constant + waves)
+
+    def explicit(self, state: Array, tau: float) -> Array:
+        """Return the derivatives of the force at a fixed state, shape (p,)."""
+        found = self.rows @ state + self.constants
+        for k, change in enumerate(self.wave_changes):
+            found[k] += _sum(change, tau)
+        return np.asarray(found)
+
+
+class ContactSensitivities:
+    """Derivatives of a contact along a run; the last axis is the parameter.
+
+    Attributes
+    ----------
+    name : str
+    """
+
+    def __init__(self, forward: Forward, history: ContactHistory, index: int, times: Array) -> None:
+        self._forward, self._history, self._index, self._times = forward, history, index, times
+        self.name = history.name
+
+    def __repr__(self) -> str:
+        return f"ContactSensitivities({self.name!r}, {self.closings.shape[0]} closings)"
+
+    def _events(self, closing: bool) -> Array:
+        events, forward = self._forward.events, self._forward
+        mine = np.flatnonzero(events.contact == self._index)
+        held = np.concatenate([[events.initial[self._index]], events.status[mine]]) == CLOSED
+        before = np.concatenate([[False], held[:-1]])
+        every = np.vstack([np.zeros((1, len(forward.changes))), forward.event_times[mine]])
+        return np.asarray(every[held & ~before] if closing else every[~held & before])
+
+    @property
+    def closings(self) -> Array:
+        """Of the times at which the contact closes, shape (n, p); 0 for one that starts closed."""
+        return self._events(True)
+
+    @property
+    def openings(self) -> Array:
+        """Of the times at which the contact opens, shape (n, p)."""
+        return self._events(False)
+
+    @cached_property
+    def force(self) -> Array:
+        """Of the contact force at the times of the run in N, shape (n_times, p)."""
+        forward = self._forward
+        out = np.zeros((self._times.size, len(forward.changes)))
+        for index, mine, tau in forward.visit(self._times):
+            law = Law(forward, index, self._index)
+            if law.status == OPEN:
+                continue
+            piece = forward.closed(index)
+            states = piece.states(tau)
+            out[mine] = piece.sample(law.row[None], tau)[0]
+            for place, (k, t) in enumerate(zip(mine.tolist(), tau.tolist(), strict=True)):
+                out[k] += law.explicit(states[:, place], t)
+        return out
+
+    @cached_property
+    def impacts(self) -> ImpactSensitivities:
+        """Of the impacts one by one."""
+        forward, found = self._forward, self._history.impacts
+        events = forward.events
+        p, n = len(forward.changes), len(found)
+        parts = np.zeros((5, n, p))
+        mine = np.flatnonzero(events.contact == self._index)
+        touching = np.concatenate([[events.initial[self._index]], events.status[mine]]) != OPEN
+        numbers = np.concatenate([[-1], mine])
+        before = np.concatenate([[False], touching[:-1]])
+        begins, ends = numbers[touching & ~before], numbers[~touching & before]
+        for i in range(n):
+            begin = forward.event_times[begins[i]] if begins[i] >= 0 else np.zeros(p)
+            end = forward.event_times[ends[i]] if i < ends.size else np.zeros(p)
+            parts[0, i], parts[1, i] = begin, end
+            if not found.why:
+                peak, time = self._peak(float(found.peak_time[i]), float(found.closing[i]), float(found.opening[i]))
+                parts[2, i], parts[3, i] = peak, time
+                parts[4, i] = self._impulse(float(found.closing[i]), float(found.opening[i]))
+            else:
+                parts[2:, i] = np.nan
+        return ImpactSensitivities(*parts)
+
+    def _within(self, begin: float, end: float) -> list[int]:
+        """Return the segments of an impact."""
+        starts = self._forward.starts
+        first = int(np.searchsorted(starts, begin, side="right")) - 1
+        last = int(np.searchsorted(starts, end, side="left")) - 1
+        return [k for k in range(first, last + 1) if self._forward.segments.status[k][self._index] != OPEN]
+
+    def _impulse(self, begin: float, end: float) -> Array:
+        """Return the derivatives of the integral of the force over an impact, shape (p,)."""
+        forward = self._forward
+        total = np.zeros(len(forward.changes))
+        for index in self._within(begin, end):
+            law, piece = Law(forward, index, self._index), forward.closed(index)
+            duration = float(forward.segments.durations[index])
+            integrals = piece.integrals()
+            if integrals is None:
+                whole, flow = piece.segment, forward.flow(forward.segments.status[index])
+                integrals = Block(flow.equation.matrix, flow.matrices, whole).integrals()
+            state, changes = integrals
+            total += law.row @ changes + law.rows @ state + law.constants * duration
+            for k, change in enumerate(law.wave_changes):
+                total[k] += _integral(change, duration)
+            for at, sign in ((0.0, -1.0), (duration, 1.0)):
+                moved = self._moved(index, at)
+                if moved is not None:
+                    force = law.value(piece.states(np.array([at]))[:, 0], at)
+                    total += sign * force * moved
+        return total
+
+    def _moved(self, index: int, at: float) -> Array | None:
+        """Return the derivative of the time of the own event at the begin (0) or at the end of a segment, (p,)."""
+        forward = self._forward
+        events = forward.events
+        t = forward.starts[index] if at == 0.0 else forward.starts[index] + forward.segments.durations[index]
+        close = np.flatnonzero((events.contact == self._index) & (np.abs(events.time - t) <= 4e-16 * abs(t)))
+        return forward.event_times[close[0]] if close.size else None
+
+    def _peak(self, time: float, begin: float, end: float) -> tuple[Array, Array]:
+        """Return the derivatives of the force of largest magnitude in an impact, and of its time, each (p,)."""
+        forward = self._forward
+        within = self._within(begin, end)
+        starts = forward.starts
+        index = next((k for k in reversed(within) if starts[k] <= time), within[0])
+        duration = float(forward.segments.durations[index])
+        law, piece = Law(forward, index, self._index), forward.closed(index)
+        flow = forward.flow(forward.segments.status[index])
+        _, force, forces = forward.forces(index)
+        matrix = flow.equation.matrix
+        n = forward.modal.size
+        tau = min(max(time - float(starts[index]), 0.0), duration)
+        guess, bend, step = tau, 0.0, np.inf
+        for _ in range(_ROUNDS):
+            state, rate, second = _motion(piece, matrix, force, n, tau)
+            slope = float(law.row @ rate) + (0.0 if law.waves is None else _sum(_rates(law.waves, tau), tau))
+            bend = float(law.row @ second)
+            if law.waves is not None:
+                bend += _sum(_rates(_rates(law.waves, tau), tau), tau)
+            step = -slope / bend if bend != 0.0 else np.inf
+            if not 0.0 <= tau + step <= duration or abs(tau + step - guess) > 0.02 * duration:
+                step = np.inf
+                break
+            tau += step
+            if abs(step) <= 1e-15 * duration:
+                break
+        if np.isfinite(step):
+            state, rate, second = _motion(piece, matrix, force, n, tau)
+            eye = np.eye(2 * n)
+            moved = piece.sample(eye, np.array([tau]))[:, 0]
+            peak = law.row @ moved + law.explicit(state, tau)
+            rates = matrix @ moved
+            for k, (change, own) in enumerate(zip(flow.matrices, forces, strict=True)):
+                if change is not None:
+                    rates[:, k] += change @ state
+                if own is not None:
+                    rates[n:, k] += _vector(own, tau)
+            slopes = law.row @ rates + law.rows @ rate
+            for k, waves in enumerate(law.wave_changes):
+                slopes[k] += _sum(_rates(waves, tau), tau)
+            return peak, -slopes / bend
+        # The largest force is at an end of the impact, or at the event of another contact.
+        at = 0.0 if guess <= 0.5 * duration else duration
+        state, rate, _ = _motion(piece, matrix, force, n, at)
+        shift = self._shift(index, at)
+        moved = piece.sample(law.row[None], np.array([at]))[0, 0]
+        slope = float(law.row @ rate) + (0.0 if law.waves is None else _sum(_rates(law.waves, at), at))
+        return moved + law.explicit(state, at) + slope * shift, shift
+
+    def _shift(self, index: int, at: float) -> Array:
+        """Return the derivative of the time of any event at the begin (0) or at the end of a segment, (p,)."""
+        forward = self._forward
+        own = self._moved(index, at)
+        if own is not None:
+            return own
+        t = forward.starts[index] if at == 0.0 else forward.starts[index] + forward.segments.durations[index]
+        close = np.flatnonzero(np.abs(forward.events.time - t) <= 4e-16 * abs(t))
+        return forward.event_times[close[0]] if close.size else np.zeros(len(forward.changes))
+
+
+def _motion(piece: Closed | Block, matrix: Array, force: Forcing, n: int, tau: float) -> tuple[Array, Array, Array]:
+    """Return the state, its rate and its second derivative at a time after the start of a segment, each (2n,)."""
+    state = piece.states(np.array([tau]))[:, 0]
+    rate = matrix @ state
+    rate[n:] += _vector(force, tau)
+    second = matrix @ rate
+    second[n:] += _vector(_rates(force, tau), tau)
+    return state, rate, second
+
+
+def _vector(force: Forcing, tau: float) -> Array:
+    turn = np.exp(1j * force.omega * tau)[:, None]
+    return np.asarray(((force.level + force.growth * tau) * turn).real.sum(axis=0))
+
+
+def _rates(force: Forcing, tau: float) -> Forcing:
+    """Return the rate of a function of time, as a function of time."""
+    turn = 1j * force.omega
+    turn = turn if force.level.ndim == 1 else turn[:, None]
+    return Forcing(force.omega, force.growth + turn * force.level, turn * force.growth)
+
+
+def _sum(force: Forcing, tau: float) -> float:
+    """Return the value of a scalar function of time."""
+    return float(np.sum(((force.level + force.growth * tau) * np.exp(1j * force.omega * tau)).real))
+
+
+def _integral(force: Forcing, duration: float) -> float:
+    """Return the integral of a scalar function of time."""
+    from vofem.sensitivities.flow import divided_far, ramped
+
+    zero = np.zeros(force.omega.size, dtype=np.complex128)
+    sigma = np.asarray(1j * force.omega, dtype=np.complex128)
+    levels, growths = divided_far(sigma, zero, duration), ramped(zero, sigma, duration)
+    return float((force.level @ levels + force.growth @ growths).real)

@@ -1,0 +1,116 @@
+"""Derivatives of the energy that dampers take."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.sensitivities.flow import Block, Closed
+from vofem.sensitivities.forward import Forward
+from vofem.system import CLOSED, OPEN
+
+Array = NDArray[np.float64]
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
+
+#: Phase in rad over a panel of sixteen Gauss points, for which they are exact to rounding.
+_PHASE = 8.0
+
+#: Share of the largest amplitude from which on a mode counts; powers of modes far apart average out.
+_COUNTS = 1e-9
+
+
+def dissipated(forward: Forward, times: Array) -> Array:
+    """Return the derivatives of the energy in J dissipated from 0 to some times, shape (n_times, p)."""
+    modal, p = forward.modal, len(forward.changes)
+    out = np.zeros((times.size, p))
+    laws = modal.laws
+    damped = np.any(modal.damping) or (laws is not None and np.any(laws.damping))
+    moved = any(change.damping is not None or np.any(change.change.contact_damping) for change in forward.changes)
+    if not damped and not moved:
+        return out
+    order = np.argsort(times, kind="stable")
+    ahead, total = 0, np.zeros(p)
+    starts, durations = forward.starts, forward.segments.durations
+    for index in range(starts.size):
+        end = starts[index] + durations[index]
+        last = index + 1 == starts.size
+        inside: list[int] = []
+        while ahead < order.size and (times[order[ahead]] < end or last):
+            inside.append(int(order[ahead]))
+            ahead += 1
+        edges = np.array([0.0, *(times[k] - starts[index] for k in inside), durations[index]])
+        parts = _integrals(forward, index, np.clip(edges, 0.0, durations[index]))
+        for place, k in enumerate(inside):
+            out[k] = total + parts[: place + 1].sum(axis=0)
+        if ahead == order.size:
+            break
+        total = total + parts.sum(axis=0) + _jumps(forward, float(end), index)
+    return out
+
+
+def _integrals(forward: Forward, index: int, edges: Array) -> Array:
+    """Return the integrals of the rate of dissipation's derivatives between some times of a segment, (k, p)."""
+    modal = forward.modal
+    n, p = modal.size, len(forward.changes)
+    piece = forward.closed(index)
+    equation = forward.flow(forward.segments.status[index]).equation
+    matrices = [-forward._lower(equation, change)[:, n:] for change in forward.changes]
+    fastest = _fastest(piece, equation.matrix)
+    parts = np.zeros((edges.size - 1, p))
+    nodes, weights, owner = [], [], []
+    for k, (low, high) in enumerate(pairwise(edges)):
+        if high <= low:
+            continue
+        count = max(1, int(np.ceil((high - low) * fastest / _PHASE)))
+        half = 0.5 * (high - low) / count
+        middles = low + half * (2.0 * np.arange(count) + 1.0)
+        nodes.append((middles[:, None] + half * _NODES).ravel())
+        weights.append(np.tile(half * _WEIGHTS, count))
+        owner.append(np.full(count * _NODES.size, k))
+    if not nodes:
+        return parts
+    tau, weight, of = np.concatenate(nodes), np.concatenate(weights), np.concatenate(owner)
+    rows = np.hstack([np.zeros((n, n)), np.eye(n)])
+    block = max(1, 2_000_000 // max(1, n * p))
+    for first in range(0, tau.size, block):
+        part = slice(first, first + block)
+        v = piece.states(tau[part])[n:]
+        pull = equation.damping @ v
+        changes = piece.sample(rows, tau[part])
+        rate = 2.0 * np.einsum("nt,ntp->tp", pull, changes)
+        for k, matrix in enumerate(matrices):
+            if np.any(matrix):
+                rate[:, k] += np.einsum("nt,nt->t", v, matrix @ v)
+        np.add.at(parts, of[part], weight[part, None] * rate)
+    return parts
+
+
+def _fastest(piece: Closed | Block, matrix: Array) -> float:
+    """Return the largest frequency in rad/s with which power oscillates in a segment."""
+    if isinstance(piece, Block):
+        return 2.0 * float(np.max(np.abs(np.linalg.eigvals(matrix)), initial=1.0))
+    size = np.abs(piece.a)
+    counted = size > _COUNTS * max(float(np.max(size)), float(np.max(np.abs(piece.y0), initial=0.0)))
+    own = float(np.max(np.abs(piece.basis.values[counted]), initial=0.0))
+    return 2.0 * max(own, float(np.max(np.abs(piece.sigma), initial=0.0)))
+
+
+def _jumps(forward: Forward, end: float, index: int) -> Array:
+    """Return what the motion of events at the end of a segment adds, shape (p,)."""
+    laws, modal = forward.modal.laws, forward.modal
+    total = np.zeros(len(forward.changes))
+    if laws is None or index + 1 >= forward.starts.size:
+        return total
+    before, after = forward.segments.status[index], forward.segments.status[index + 1]
+    for j in np.flatnonzero(before != after):
+        rate = float(modal.contacts[j] @ forward.segments.velocity[index + 1])
+        power = laws.damping[j] * rate**2
+        if power == 0.0 or {int(before[j]), int(after[j])} != {OPEN, CLOSED}:
+            continue
+        near = (forward.events.contact == j) & (np.abs(forward.events.time - end) <= 4e-16 * abs(end) + 1e-300)
+        for number in np.flatnonzero(near):
+            total += (-power if after[j] == CLOSED else power) * forward.event_times[number]
+    return total

@@ -1,0 +1,90 @@
+"""The modal force of loads in a segment, and its derivatives: ``Re sum_k (c0 + c1 tau) exp(i w tau)``."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.parameters import changed
+from vofem.time_functions import Constant, Piece, Ramp, Shifted, Sine
+from vofem.time_functions.base import Scaled, Sum
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+
+class Waves(NamedTuple):
+    """A function of time in closed form.
+
+    Attributes
+    ----------
+    omega : ndarray, shape (k,)
+        In rad/s; 0 for a straight line.
+    level, growth : ndarray of complex, shape (k,)
+        Factors c0 and c1 of each wave.
+    """
+
+    omega: Array
+    level: Complex
+    growth: Complex
+
+
+def waves_of(piece: Piece) -> Waves:
+    """Return a piece of a function of time as waves."""
+    omega = [0.0, *(w for w, _ in piece.harmonics)]
+    level = [complex(piece.constant), *(a for _, a in piece.harmonics)]
+    growth = [complex(piece.slope), *(0j for _ in piece.harmonics)]
+    return Waves(np.array(omega), np.array(level), np.array(growth))
+
+
+def derivative_waves(function: Any, path: tuple[str, ...], t: float) -> Waves:
+    """Return the derivative of a function of time by one of its numbers, as it holds from time t in s on."""
+    if isinstance(function, Shifted):
+        return derivative_waves(function.function, path, function.start + t)
+    if isinstance(function, Sum):
+        return derivative_waves(function.terms[int(path[1])], path[2:], t)
+    if isinstance(function, Scaled):
+        if path == ("factor",):
+            return waves_of(function.function.piece(t))
+        inner = derivative_waves(function.function, path[1:], t)
+        return Waves(inner.omega, function.factor * inner.level, function.factor * inner.growth)
+    if isinstance(function, Constant):
+        return waves_of(Piece(constant=1.0))
+    if isinstance(function, Ramp):
+        return waves_of(changed(function, slope=1.0).piece(t))
+    assert isinstance(function, Sine)
+    if path == ("amplitude",):
+        return waves_of(changed(function, amplitude=1.0).piece(t))
+    # The derivative by the phase; that by the frequency grows with time.
+    turned = waves_of(changed(function, phase=function.phase + 0.5 * np.pi).piece(t))
+    if path == ("phase",):
+        return turned
+    return Waves(turned.omega, t * turned.level, turned.level)
+
+
+class Forcing(NamedTuple):
+    """Modal forces ``Re sum_k (c0 + c1 tau) exp(i w tau)``.
+
+    Attributes
+    ----------
+    omega : ndarray, shape (k,)
+    level, growth : ndarray of complex, shape (k, n)
+    """
+
+    omega: Array
+    level: Complex
+    growth: Complex
+
+
+def forcing_of(waves: list[Waves], vectors: list[Array], constant: Array) -> Forcing:
+    """Return the sum of functions of time times vectors, and of a constant force; equal frequencies are one."""
+    known: dict[float, list[Complex]] = {0.0: [constant.astype(complex), np.zeros(constant.size, dtype=complex)]}
+    for wave, vector in zip(waves, vectors, strict=True):
+        for w, level, growth in zip(wave.omega.tolist(), wave.level, wave.growth, strict=True):
+            parts = known.setdefault(w, [np.zeros(vector.size, dtype=complex), np.zeros(vector.size, dtype=complex)])
+            parts[0] = parts[0] + level * vector
+            parts[1] = parts[1] + growth * vector
+    values = list(known.values())
+    return Forcing(np.array(list(known)), np.array([a for a, _ in values]), np.array([b for _, b in values]))

@@ -1,0 +1,452 @@
+"""Derivatives along an event-driven run: through segments in closed form, and through its events.
+
+At an event the perturbed run meets the contact at another time. The state at a fixed time therefore jumps by
+``(f_before - f_after) t_p``, t_p being the derivative of the time of the event (saltation).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.sensitivities.flow import Basis, Block, Closed, Segment, basis_of
+from vofem.sensitivities.forcing import Forcing, derivative_waves, forcing_of, waves_of
+from vofem.sensitivities.modal import ModalChange, ModalSystem, StatusEquation
+from vofem.system import CLOSED, OPEN, PINNED, Events
+
+Array = NDArray[np.float64]
+Status = NDArray[np.int64]
+
+
+@dataclass
+class Work:
+    """Counts of the work of derivatives.
+
+    Attributes
+    ----------
+    assemblies : int
+        Scenes that were assembled again.
+    eigensolves : int
+        Eigenbases of statuses.
+    segments : int
+        Segments in closed form.
+    exponentials : int
+        Segments by exponentials of block matrices, which take longer.
+    """
+
+    assemblies: int = 0
+    eigensolves: int = 0
+    segments: int = 0
+    exponentials: int = 0
+
+
+class StatusFlow:
+    """What all segments of one contact status share."""
+
+    def __init__(self, modal: ModalSystem, status: Status, changes: list[ModalChange], work: Work) -> None:
+        self.equation = StatusEquation(modal, status)
+        found = [self.equation.changes(change) for change in changes]
+        self.matrices = [matrix for matrix, _, _ in found]
+        self.inverses = [inverse for _, inverse, _ in found]
+        self.pushes = [push for _, _, push in found]
+        self.basis: Basis | None = basis_of(self.equation.matrix, self.matrices)
+        work.eigensolves += 1
+
+    def force(self, waves: list[Any], vectors: list[Array]) -> Forcing:
+        """Return the forces of loads and contacts as they accelerate the modes."""
+        whole = forcing_of(waves, vectors, self.equation.push)
+        return self._projected(whole)
+
+    def _projected(self, force: Forcing) -> Forcing:
+        project = self.equation.project
+        return force if project is None else Forcing(force.omega, force.level @ project, force.growth @ project)
+
+    def force_change(self, k: int, waves: list[Any], vectors: list[Array], whole: Forcing) -> Forcing | None:
+        """Return the derivative of `force` by a parameter, None where there is none.
+
+        Parameters
+        ----------
+        k : int
+            Number of the parameter.
+        waves, vectors : list
+            Functions of time and vectors whose sum is the derivative of the loads.
+        whole : Forcing
+            The force before projection.
+        """
+        if not waves and not np.any(self.pushes[k]) and self.inverses[k] is None:
+            return None
+        own = self._projected(forcing_of(waves, vectors, self.pushes[k]))
+        inverse = self.inverses[k]
+        if inverse is None:
+            return own
+        return Forcing(
+            np.concatenate([own.omega, whole.omega]),
+            np.concatenate([own.level, whole.level @ inverse.T]),
+            np.concatenate([own.growth, whole.growth @ inverse.T]),
+        )
+
+
+@dataclass
+class Crossing:
+    """What the derivatives of the time of an event are made of, for notes.
+
+    Attributes
+    ----------
+    time : float
+    contact : int
+    rate : float
+        Rate of the gap function, m/s.
+    jump : float
+        Size of the jump of velocities per second by which the event comes later.
+    """
+
+    time: float
+    contact: int
+    rate: float
+    jump: float
+
+
+@dataclass
+class Forward:
+    """Derivatives along a run by forward propagation.
+
+    Attributes
+    ----------
+    solution : EventSolution or TruncatedSolution
+    modal : ModalSystem
+    changes : list of ModalChange
+        One for each parameter.
+    work : Work
+    """
+
+    solution: Any
+    modal: ModalSystem
+    changes: list[ModalChange]
+    work: Work = field(default_factory=Work)
+    crossings: list[Crossing] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.segments = self.solution.segments
+        self.events: Events = self.solution.events
+        self._flows: dict[bytes, StatusFlow] = {}
+        self.event_times = np.full((self.events.time.size, len(self.changes)), np.nan)
+        self._starts: list[Array] = []
+        self._propagate()
+
+    # -- pieces of the run ------------------------------------------------------------------------
+
+    def flow(self, status: Status) -> StatusFlow:
+        """Return what all segments of a status share."""
+        key = status.tobytes()
+        if key not in self._flows:
+            self._flows[key] = StatusFlow(self.modal, status, self.changes, self.work)
+        return self._flows[key]
+
+    def state(self, index: int) -> Array:
+        """Return scaled displacements and velocities at the begin of a segment, shape (2n,)."""
+        return np.concatenate([self.modal.scale * self.segments.displacement[index], self.segments.velocity[index]])
+
+    def forces(self, index: int) -> tuple[Forcing, Forcing, list[Forcing | None]]:
+        """Return the force in a segment before and after projection, and its derivatives."""
+        modal, t = self.modal, float(self.segments.starts[index])
+        flow = self.flow(self.segments.status[index])
+        loads = modal.system.loads
+        waves = [waves_of(load.function.piece(t)) for load in loads]  # type: ignore[attr-defined]
+        vectors = list(modal.loads)
+        whole = forcing_of(waves, vectors, flow.equation.push)
+        changes: list[Forcing | None] = []
+        for k, change in enumerate(self.changes):
+            parts: list[Any] = []
+            along: list[Array] = []
+            if change.loads is not None:
+                parts, along = list(waves), list(change.loads)
+            for load, path in change.change.functions.items():
+                parts.append(derivative_waves(loads[load].function, path, t))
+                along.append(vectors[load])
+            changes.append(flow.force_change(k, parts, along, whole))
+        return whole, flow._projected(whole), changes
+
+    def closed(self, index: int) -> Closed | Block:
+        """Return a segment, ready to be sampled."""
+        flow = self.flow(self.segments.status[index])
+        _, force, forces = self.forces(index)
+        last = index + 1 == self.segments.starts.size
+        start = self.state(index)
+        duration = float(self.segments.durations[index])
+        end = start if last else self.state(index + 1)
+        segment = Segment(start, self._starts[index], force, forces, duration, end)
+        if flow.basis is not None:
+            found = Closed(flow.basis, segment)
+            if last or self._pins(index):
+                # The state at the end is not stored, or pinning changed it: the run itself is asked.
+                z, v = self._sampled(float(self.segments.starts[index]) + duration, index, last)
+                segment = segment._replace(end=np.concatenate([self.modal.scale * z, v]))
+                found = Closed(flow.basis, segment)
+            if found.good:
+                self.work.segments += 1
+                return found
+        self.work.exponentials += 1
+        return Block(flow.equation.matrix, flow.matrices, segment)
+
+    def _pins(self, index: int) -> bool:
+        status = self.segments.status
+        return bool(np.any((status[index + 1] == PINNED) & (status[index] != PINNED)))
+
+    def _sampled(self, t: float, index: int, last: bool) -> tuple[Array, Array]:
+        reduced = getattr(self.solution, "reduced", self.solution)
+        if not last:
+            # Displacements are continuous; the velocity before pinning is that of the free motion.
+            t = float(np.nextafter(t, -np.inf))
+        z, v = reduced.modal(np.array([min(t, self.solution.t_end)]))
+        return z[:, 0], v[:, 0]
+
+    # -- through segments and events --------------------------------------------------------------
+
+    def _propagate(self) -> None:
+        """Fill in the derivatives at the begin of all segments, and those of the times of events."""
+        scale, segments = self.modal.scale[:, None], self.segments
+        z = np.column_stack([change.displacement for change in self.changes])
+        v = np.column_stack([change.velocity for change in self.changes])
+        z, v = self._held(np.flatnonzero(segments.status[0] == PINNED), z, v, *self._split(self.state(0)))
+        event = 0
+        for index in range(segments.starts.size):
+            self._starts.append(np.concatenate([scale * z, v]))
+            piece = self.closed(index)
+            ends = piece.ends()
+            n = self.modal.size
+            z, v = ends[:n] / scale, ends[n:]
+            last = index + 1 == segments.starts.size
+            before = segments.status[index]
+            after = self._status_at_end(event) if last else segments.status[index + 1]
+            changed = np.flatnonzero(before != after)
+            if not changed.size and not (last and event < self.events.time.size):
+                continue
+            state = piece.states(np.array([segments.durations[index]]))[:, 0]
+            count = self.events.time.size - event if last else changed.size
+            z, v = self._pass(index, before, after, range(event, event + count), state, z, v)
+            event += count
+
+    def _status_at_end(self, event: int) -> Status:
+        """Return the status after the events that happen at the very end of the run."""
+        status = np.array(self.segments.status[-1])
+        status[self.events.contact[event:]] = self.events.status[event:]
+        return status
+
+    def _split(self, state: Array) -> tuple[Array, Array]:
+        n = self.modal.size
+        return state[:n] / self.modal.scale, state[n:]
+
+    def _pass(
+        self, index: int, before: Status, after: Status, numbers: range, state: Array, z: Array, v: Array
+    ) -> tuple[Array, Array]:
+        """Return the derivatives after the events between two segments.
+
+        Parameters
+        ----------
+        index : int
+            The segment before.
+        before, after : ndarray of int, shape (n_contacts,)
+        numbers : range
+            The events in the log.
+        state : ndarray, shape (2n,)
+            At the events, before them.
+        z, v : ndarray, shape (n, p)
+            Derivatives before.
+        """
+        laws, modal = self.modal.laws, self.modal
+        assert laws is not None
+        displacement, velocity = self._split(state)
+        change_v = np.zeros_like(v)
+        project = self.flow(before).equation.project
+        for number in numbers:
+            j = int(self.events.contact[number])
+            row = modal.contacts[j]
+            if before[j] == PINNED:
+                self.event_times[number] = self._release(index, j, int(after[j]), state, z, v)
+                continue
+            meets = self._meets(j, displacement, z)
+            rate = float(row @ velocity)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                self.event_times[number] = -meets / rate
+            lever = laws.stiffness[j] * (laws.gap[j] - laws.offset[j])
+            with np.errstate(divide="ignore", invalid="ignore"):
+                force = (lever / rate if lever else 0.0) + laws.damping[j]
+            size = float(np.sqrt(row @ row))
+            self.crossings.append(Crossing(float(self.events.time[number]), j, rate, abs(force) * size**2))
+            if after[j] == PINNED:
+                continue
+            sign = 1.0 if (before[j], after[j]) == (OPEN, CLOSED) else -1.0
+            push = row if project is None else project @ row
+            if force:
+                change_v -= sign * force * np.outer(push, meets)
+        v = v + change_v
+        held = np.flatnonzero(after == PINNED)
+        if np.any(before[held] != PINNED):
+            stopped = velocity.copy()
+            rows = modal.contacts[held]
+            stopped -= rows.T @ np.linalg.solve(rows @ rows.T, rows @ velocity)
+            z, v = self._held(held, z, v, displacement, stopped)
+        return z, v
+
+    def _meets(self, j: int, displacement: Array, z: Array) -> Array:
+        """Return the derivative of a gap function at a fixed time, shape (p,)."""
+        meets = self.modal.contacts[j] @ z
+        for k, change in enumerate(self.changes):
+            if change.contacts is not None:
+                meets[k] += change.contacts[j] @ displacement
+            meets[k] -= change.change.gap[j]
+        return np.asarray(meets)
+
+    def _held(self, held: Status, z: Array, v: Array, displacement: Array, velocity: Array) -> tuple[Array, Array]:
+        """Return derivatives that keep pinned contacts at their gaps."""
+        if not held.size:
+            return z, v
+        rows = self.modal.contacts[held]
+        off = np.array([self._meets(int(j), displacement, z) for j in held])
+        speed = rows @ v
+        for k, change in enumerate(self.changes):
+            if change.contacts is not None:
+                speed[:, k] += change.contacts[held] @ velocity
+        share = np.linalg.solve(rows @ rows.T, rows).T
+        return z - share @ off, v - share @ speed
+
+    def _release(self, index: int, j: int, after: int, state: Array, z: Array, v: Array) -> Array:
+        """Return the derivative of the time at which a pinned contact is released, shape (p,)."""
+        laws, scale = self.modal.laws, self.modal.scale[:, None]
+        assert laws is not None
+        rows, constants = self.reaction_rows(index, j)
+        tau = float(self.segments.durations[index])
+        value_p = rows[0] @ np.concatenate([scale * z, v])
+        for k in range(len(self.changes)):
+            row_p, constant_p = self.reaction_changes(index, j, k)
+            value_p[k] += row_p @ state + float(np.sum(_wave(constant_p, tau)))
+            if after == CLOSED:
+                gap_p, k_p = self.changes[k].change.gap[j], self.changes[k].change.contact_stiffness[j]
+                value_p[k] -= laws.stiffness[j] * gap_p + k_p * laws.gap[j]
+        flow = self.flow(self.segments.status[index])
+        _, force, _ = self.forces(index)
+        n = self.modal.size
+        slope = flow.equation.matrix @ state
+        slope[n:] += sum(_wave_rows(force, tau))
+        rate = float(rows[0] @ slope + np.sum(_wave_rate(constants, tau)))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(-value_p / rate)
+
+    # -- forces of contacts -----------------------------------------------------------------------
+
+    def reaction_rows(self, index: int, j: int) -> tuple[Array, Forcing]:
+        """Return the row (1, 2n) over the state, and the function of time, whose sum is a pinned contact's reaction."""
+        flow = self.flow(self.segments.status[index])
+        whole, _, _ = self.forces(index)
+        place = int(np.flatnonzero(flow.equation.pinned == j)[0])
+        rows, share = flow.equation.reaction()
+        along = share[place]
+        return rows[[place]], Forcing(whole.omega, whole.level @ along, whole.growth @ along)
+
+    def reaction_changes(self, index: int, j: int, k: int) -> tuple[Array, Forcing]:
+        """Return the derivatives of `reaction_rows` by a parameter: (2n,), and a function of time."""
+        flow, change = self.flow(self.segments.status[index]), self.changes[k]
+        equation = flow.equation
+        place = int(np.flatnonzero(equation.pinned == j)[0])
+        lower = self._lower(equation, change)
+        rows_p, share_p = equation.reaction_changes(change, lower)
+        _, share = equation.reaction()
+        whole, _, _ = self.forces(index)
+        t = float(self.segments.starts[index])
+        loads = self.modal.system.loads
+        waves: list[Any] = []
+        along: list[Array] = []
+        if change.loads is not None:
+            waves = [waves_of(load.function.piece(t)) for load in loads]  # type: ignore[attr-defined]
+            along = list(change.loads)
+        for load, path in change.change.functions.items():
+            waves.append(derivative_waves(loads[load].function, path, t))
+            along.append(self.modal.loads[load])
+        own = forcing_of(waves, along, flow.pushes[k])
+        return rows_p[place], Forcing(
+            np.concatenate([own.omega, whole.omega]),
+            np.concatenate([own.level @ share[place], whole.level @ share_p[place]]),
+            np.concatenate([own.growth @ share[place], whole.growth @ share_p[place]]),
+        )
+
+    def _lower(self, equation: StatusEquation, change: ModalChange) -> Array:
+        """Return the derivative of forces over the state, before projection, shape (n, 2n)."""
+        free = StatusEquation(self.modal, np.where(equation.status == PINNED, OPEN, equation.status))
+        matrix, inverse, _ = free.changes(change)
+        n = self.modal.size
+        if matrix is None:
+            return np.zeros((n, 2 * n))
+        return matrix[n:] if inverse is None else matrix[n:] - inverse @ free.force
+
+    # -- samples ----------------------------------------------------------------------------------
+
+    @cached_property
+    def starts(self) -> Array:
+        """Times at which the segments begin, s."""
+        return np.asarray(self.segments.starts)
+
+    def visit(self, times: Array) -> list[tuple[int, NDArray[np.int64], Array]]:
+        """Return (segment, indices into times, times after its start) for all segments that hold some of the times."""
+        index = np.clip(np.searchsorted(self.starts, times, side="right") - 1, 0, None)
+        return [
+            (int(k), np.flatnonzero(index == k), times[index == k] - self.starts[k]) for k in np.unique(index).tolist()
+        ]
+
+    def motion(self, times: Array) -> tuple[Array, Array, Array]:
+        """Return modal displacements, velocities and accelerations of the run, each (n, n_times)."""
+        n, scale = self.modal.size, self.modal.scale[:, None]
+        out = np.empty((3, n, times.size))
+        for index, mine, tau in self.visit(times):
+            equation = self.flow(self.segments.status[index]).equation
+            states = self.closed(index).states(tau)
+            _, force, _ = self.forces(index)
+            push = np.stack([_wave_rows(force, t).sum(axis=0) for t in tau.tolist()], axis=1)
+            out[0][:, mine], out[1][:, mine] = states[:n] / scale, states[n:]
+            out[2][:, mine] = equation.matrix[n:] @ states + push
+        return out[0], out[1], out[2]
+
+    def accelerations(self, times: Array) -> Array:
+        """Return the derivatives of the modal accelerations, shape (n, n_times, p)."""
+        n = self.modal.size
+        out = np.empty((n, times.size, len(self.changes)))
+        for index, mine, tau in self.visit(times):
+            flow, piece = self.flow(self.segments.status[index]), self.closed(index)
+            states = piece.states(tau)
+            _, _, forces = self.forces(index)
+            found = np.einsum("nm,mtp->ntp", flow.equation.matrix[n:], piece.sample(np.eye(2 * n), tau))
+            for k, (change, own) in enumerate(zip(flow.matrices, forces, strict=True)):
+                if change is not None:
+                    found[:, :, k] += change[n:] @ states
+                if own is not None:
+                    found[:, :, k] += np.stack([_wave_rows(own, t).sum(axis=0) for t in tau.tolist()], axis=1)
+            out[:, mine] = found
+        return out
+
+    def sample(self, rows: Array, times: Array) -> Array:
+        """Return the derivatives of ``rows @ (z, v)`` at times of the run, shape (k, n_times, p)."""
+        scaled = rows / np.concatenate([self.modal.scale, np.ones(self.modal.size)])
+        out = np.empty((rows.shape[0], times.size, len(self.changes)))
+        for index, mine, tau in self.visit(times):
+            out[:, mine] = self.closed(index).sample(scaled, tau)
+        return out
+
+
+def _wave(force: Forcing, tau: float) -> Array:
+    """Return the values of a scalar function of time, one for each wave."""
+    return np.asarray(((force.level + force.growth * tau) * np.exp(1j * force.omega * tau)).real)
+
+
+def _wave_rate(force: Forcing, tau: float) -> Array:
+    """Return the rates of a scalar function of time, one for each wave."""
+    turning = force.growth + 1j * force.omega * (force.level + force.growth * tau)
+    return np.asarray((turning * np.exp(1j * force.omega * tau)).real)
+
+
+def _wave_rows(force: Forcing, tau: float) -> Array:
+    """Return the values of vectors of functions of time, shape (k, n)."""
+    turn = np.exp(1j * force.omega * tau)[:, None]
+    return np.asarray(((force.level + force.growth * tau) * turn).real)

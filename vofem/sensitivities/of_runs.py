@@ -1,0 +1,196 @@
+"""Derivatives of an outcome by parameters, with the access of the outcome and the parameter as last axis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vofem._validate import Named, array
+from vofem.errors import ArgumentError, MethodError
+from vofem.integrators.registry import advice
+from vofem.lookup import rows_over
+from vofem.result import Result
+from vofem.sensitivities.contacts import ContactSensitivities
+from vofem.sensitivities.energy import dissipated
+from vofem.sensitivities.forward import Forward, Work
+from vofem.sensitivities.modal import check_modal_damping, modal_change, modal_system
+from vofem.sensitivities.notes import notes_of
+from vofem.sensitivities.parameter import Parameter, parameters_of
+from vofem.sensitivities.system_change import SystemChange, system_change
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class EnergySensitivities:
+    """Derivatives of energies at the times of a run.
+
+    Attributes
+    ----------
+    dissipated : ndarray, shape (n_times, p)
+        Of the energy dissipated since t = 0, J over the unit of the parameter.
+    """
+
+    dissipated: Array
+
+
+class RunSensitivities:
+    """Derivatives of a run of ``event_driven`` by parameters.
+
+    The access is that of `Result`; the last axis is the parameter. Everything is exact to rounding, and computed when
+    it is first read.
+
+    Attributes
+    ----------
+    result : Result
+    parameters : tuple of Parameter
+    times : ndarray, shape (n_times,)
+        Times in s at which the run is stored.
+    """
+
+    def __init__(self, result: Result, parameters: tuple[Parameter, ...]) -> None:
+        self.result = result
+        self.parameters = parameters
+        self.times = result.times
+        scene, full = result.scene, result.model.system
+        self._changes: list[SystemChange] = [system_change(scene, parameter) for parameter in parameters]
+        if result.start is not None:
+            self._changes = [_from_state(change, parameter) for change, parameter in zip(self._changes, parameters,
+                                                                                           strict=True)]  # fmt: skip
+        check_modal_damping(full, self.names, self._changes)
+        self._modal = modal_system(result.solution)
+        self.work = Work(assemblies=sum(change.assemblies for change in self._changes))
+        self._forward = Forward(
+            result.solution, self._modal, [modal_change(self._modal, full, change) for change in self._changes],
+            self.work,
+        )  # fmt: skip
+
+    def __repr__(self) -> str:
+        count = len(self.notes)
+        notes = f", {count} note{'s' * (count > 1)}: see .notes" if count else ""
+        return f"RunSensitivities({', '.join(self.names)}{notes})"
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the parameters."""
+        return [parameter.name for parameter in self.parameters]
+
+    @property
+    def units(self) -> list[str]:
+        """Units of the parameters."""
+        return [parameter.unit(self.result.scene) for parameter in self.parameters]
+
+    @cached_property
+    def notes(self) -> list[str]:
+        """What a user should know about the derivatives."""
+        return notes_of(self.result, self._forward, self.times, self.horizon)
+
+    @cached_property
+    def horizon(self) -> float:
+        """Time in s until which rounding stays below a thousandth in the run, and in its derivatives."""
+        return self.result.sensitivity.horizon()
+
+    # -- motion -----------------------------------------------------------------------------------
+
+    def displacement(self, point: Any, t: ArrayLike | None = None) -> Array:
+        """Return the derivatives of the displacement of a point, shape (n_times, p) or (len(t), p).
+
+        With a parameter "length" the point moves along with its beam.
+        """
+        return self._along(point, t, 0)
+
+    def velocity(self, point: Any, t: ArrayLike | None = None) -> Array:
+        """Return the derivatives of the velocity of a point, shape (n_times, p) or (len(t), p)."""
+        return self._along(point, t, 1)
+
+    def acceleration(self, point: Any, t: ArrayLike | None = None) -> Array:
+        """Return the derivatives of the acceleration of a point, shape (n_times, p) or (len(t), p)."""
+        return self._along(point, t, 2)
+
+    def _along(self, point: Any, t: ArrayLike | None, kind: int) -> Array:
+        times = self._times(t)
+        scene, model, modal = self.result.scene, self.result.model, self._modal
+        row = np.asarray(rows_over(model, scene.bodies, [point]) @ modal.shapes)
+        blank = np.zeros_like(row)
+        if kind == 2:
+            out = np.einsum("n,ntp->tp", row[0], self._forward.accelerations(times))
+        else:
+            out = self._forward.sample(np.hstack([row, blank] if kind == 0 else [blank, row]), times)[0]
+        moved = [change.points([point]) for change in self._changes]
+        if any(one is not None for one in moved):
+            motion = self._forward.motion(times)[kind]
+            for k, one in enumerate(moved):
+                if one is not None:
+                    out[:, k] += (np.asarray(one @ modal.shapes) @ motion)[0]
+        return out
+
+    def _times(self, t: ArrayLike | None) -> Array:
+        if t is None:
+            return self.times
+        times = np.atleast_1d(array("t", t))
+        end = self.result.solution.t_end
+        if np.any(times < 0.0) or np.any(times > end * (1.0 + 1e-12)):
+            raise ArgumentError(f"t holds times outside of the run, expected 0 to {end:g} s")
+        return np.minimum(times, end)
+
+    # -- contacts, energies -----------------------------------------------------------------------
+
+    @cached_property
+    def contacts(self) -> Named[ContactSensitivities]:
+        """Derivatives of what the contacts do, by name."""
+        found = {
+            name: ContactSensitivities(self._forward, history, j, self.times)
+            for j, (name, history) in enumerate(self.result.contacts.items())
+        }
+        return Named(found)
+
+    @cached_property
+    def energy(self) -> EnergySensitivities:
+        """Derivatives of energies at `times`."""
+        return EnergySensitivities(dissipated(self._forward, self.times))
+
+    # -- tables -----------------------------------------------------------------------------------
+
+    def to_dataframe(self, points: Any = None) -> Any:
+        """Return the derivatives of the displacements of points as a `pandas.DataFrame`, one row a time.
+
+        Parameters
+        ----------
+        points : list of points, optional
+            The default is the points of the contacts.
+        """
+        import pandas as pd
+
+        chosen = [c.a for c in self.result.scene.contacts] if points is None else list(points)
+        columns: dict[str, Array] = {"time (s)": self.times}
+        for point in chosen:
+            values = self.displacement(point)
+            for k, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
+                columns[f"d displacement {point.describe()} / d {name} (m/({unit or '1'}))"] = values[:, k]
+        return pd.DataFrame(columns)
+
+
+def _from_state(change: SystemChange, parameter: Parameter) -> SystemChange:
+    """Return the change for a run that began in a given state, which depends on no parameter."""
+    from dataclasses import replace
+
+    if parameter.field.startswith("initial."):
+        raise ArgumentError(f"Parameter {parameter.name}: the run began in the state that initial= of simulate gave")
+    none = np.zeros_like(change.displacement)
+    return replace(change, displacement=none, velocity=none)
+
+
+def run_sensitivities(result: Result, parameters: Any) -> RunSensitivities:
+    """Return the derivatives of a run; see `sensitivities`."""
+    if result.method != "event_driven":
+        raise MethodError(
+            f"sensitivities: the run used {result.method}, whose steps have no exact derivatives; simulate with "
+            f"{advice(exact=True)}"
+        )
+    if result.interrupted:
+        raise ArgumentError("sensitivities: the run was interrupted; run it to its end")
+    return RunSensitivities(result, parameters_of("sensitivities", parameters, result.scene))

@@ -1,0 +1,229 @@
+"""Parameters: the numbers of a scene by which something is differentiated, or which are fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem._validate import nearest, number, public, whole
+from vofem.errors import ArgumentError
+from vofem.scene import Scene
+from vofem.sensitivities.change import INITIAL, LINEAR, PLACES, after, check_field, function_at
+
+Array = NDArray[np.float64]
+
+#: Units of the fields of which the object does not tell them.
+_UNITS = {
+    "gap": "m", "mass": "kg", "inertia": "kg m^2", "EI": "N m^2", "rhoA": "kg/m", "tension": "N", "length": "m",
+    "alpha": "1/s", "beta": "s", "ratio": "", "g": "m/s^2", "p": "N/m", "omega": "rad/s", "phase": "rad",
+    "stiffness": "N/m", "damping": "N s/m", "initial.displacement": "m", "initial.velocity": "m/s", "factor": "",
+    **dict.fromkeys(PLACES, "m"),
+}  # fmt: skip
+
+
+class Parameter:
+    """A number that a scene is made of.
+
+    Parameters
+    ----------
+    target : object, str or list
+        A body or an effect of the scene, or its name. The objects of a list are linked: their fields change by the
+        same amount.
+    field : str
+        The attribute that changes: ``"gap"``, ``"stiffness"``, ``"damping"``, ``"mass"``, ``"EI"``, ``"rhoA"``,
+        ``"tension"``, ``"alpha"``, ``"beta"``, ``"ratio"``; ``"length"`` of a beam, with which all its nodes and the
+        points on it move in proportion; ``"x"``, the place of an effect on a beam, whose mesh stays (``"a.x"`` and
+        ``"b.x"`` where there are two places); ``"f.amplitude"``, ``"f.omega"``, ``"f.phase"`` or ``"f.value"`` of
+        the function of time of a load; ``"initial.displacement"`` and ``"initial.velocity"`` of a mass.
+    element : int or list of int, optional
+        Elements of a beam, counted from 0, whose EI or rhoA changes. Without it all elements change by the same
+        amount.
+    bounds : (float, float), optional
+        Smallest and largest value in a fit; None on one side is no bound.
+
+    Raises
+    ------
+    ArgumentError
+        If the field is not a name, or bounds are not two increasing numbers.
+
+    Notes
+    -----
+    A parameter at its limit, such as a damper of 0, has a derivative to one side.
+    """
+
+    def __init__(
+        self,
+        target: Any,
+        field: str,
+        *,
+        element: int | Sequence[int] | None = None,
+        bounds: tuple[float | None, float | None] | None = None,
+    ) -> None:
+        if not isinstance(field, str) or not field:
+            raise ArgumentError(f"Parameter: field is {field!r}, expected the name of an attribute such as 'gap'")
+        targets = tuple(target) if isinstance(target, (list, tuple)) else (target,)
+        if not targets:
+            raise ArgumentError("Parameter: target is an empty list, expected objects of the scene or their names")
+        self.targets: tuple[Any, ...] = targets
+        self.field = field
+        self.elements: tuple[int, ...] | None = None
+        if element is not None:
+            if field not in ("EI", "rhoA"):
+                raise ArgumentError(f"Parameter: element= is given for {field!r}, expected only with 'EI' or 'rhoA'")
+            several = element if isinstance(element, (list, tuple, range, np.ndarray)) else [element]
+            self.elements = tuple(whole("Parameter: element", one, 0) for one in several)
+        self.bounds = _bounds(bounds)
+
+    @property
+    def name(self) -> str:
+        """Names of the targets, the elements and the field, such as ``"stop.gap"``."""
+        targets = " and ".join(str(getattr(one, "name", one if isinstance(one, str) else type(one).__name__))
+                               for one in self.targets)  # fmt: skip
+        place = "" if self.elements is None else f"[{', '.join(str(k) for k in self.elements)}]"
+        return f"{targets}.{self.field}{place}"
+
+    def describe(self) -> str:
+        """Return name and bounds."""
+        limits = "" if self.bounds == (-np.inf, np.inf) else f" in [{self.bounds[0]:g}, {self.bounds[1]:g}]"
+        return f"Parameter {self.name}{limits}"
+
+    # -- in a scene -------------------------------------------------------------------------------
+
+    def found(self, scene: Scene) -> tuple[Any, ...]:
+        """Return the bodies and effects of a scene that are the targets.
+
+        Raises
+        ------
+        ArgumentError
+            If a target is not in the scene, or a name fits none or several of its objects.
+        """
+        things = (*scene.bodies, *scene.effects)
+        return tuple(_lookup(self, things, target) for target in self.targets)
+
+    def carried(self, scene: Scene, other: Scene) -> Parameter:
+        """Return the parameter of a scene as that of another scene, whose objects are in the same order."""
+        things, same = (*scene.bodies, *scene.effects), (*other.bodies, *other.effects)
+        places = [next(k for k, thing in enumerate(things) if thing is target) for target in self.found(scene)]
+        return Parameter([same[k] for k in places], self.field, element=self.elements, bounds=self.bounds)
+
+    def check(self, scene: Scene) -> None:
+        """Raise an error if the scene has no number at this place.
+
+        Raises
+        ------
+        ArgumentError
+            If a target is not in the scene, or its field is unknown or a Python function.
+        """
+        for thing in self.found(scene):
+            check_field(scene, thing, self.field, self.elements)
+
+    def value(self, scene: Scene) -> float:
+        """Return the number in a scene; of several, that of the first target or element."""
+        thing = self.found(scene)[0]
+        if self.field in INITIAL:
+            return float(initial_of(scene, thing)[INITIAL.index(self.field)])
+        if self.field in PLACES:
+            from vofem.sensitivities.change import point_of
+
+            return float(getattr(thing, point_of(thing, self.field)).x)
+        if (known := function_at(thing, self.field)) is not None:
+            return float(getattr(known[1], known[2]))
+        numbers = np.atleast_1d(np.asarray(getattr(thing, self.field), dtype=float))
+        chosen = 0 if self.elements is None or numbers.size == 1 else self.elements[0]
+        return float(numbers[chosen])
+
+    def unit(self, scene: Scene) -> str:
+        """Return the unit of the number."""
+        thing = self.found(scene)[0]
+        units = getattr(thing, "units", None)
+        last = self.field.rsplit(".", 1)[-1]
+        if units is not None and last in ("gap", "stiffness", "damping"):
+            return str(getattr(units, "coordinate" if last == "gap" else last))
+        if last in ("amplitude", "value"):
+            return "m/s^2" if self.field.startswith("acceleration") else "N"
+        return _UNITS.get(self.field, _UNITS.get(last, ""))
+
+    def changed(self, scene: Scene, amount: float) -> Scene:
+        """Return the scene with the number of every target changed by an amount."""
+        for thing in self.found(scene):
+            scene = after(scene, thing, self.field, self.elements, amount)
+        return scene
+
+    def at(self, scene: Scene, value: float) -> Scene:
+        """Return the scene with the number at a value; linked ones keep their differences.
+
+        Raises
+        ------
+        ArgumentError
+            If the value is out of the range of the field.
+        """
+        return self.changed(scene, value - self.value(scene))
+
+    @property
+    def linear(self) -> bool:
+        """Whether the equations of motion are linear in the number."""
+        return self.field in INITIAL or self.field.rsplit(".", 1)[-1] in LINEAR
+
+
+public(Parameter)
+
+
+def initial_of(scene: Scene, mass: Any) -> tuple[float, float]:
+    """Return displacement and velocity at t = 0 of a body with one number each."""
+    from vofem.sensitivities.change import initial_pair
+
+    return initial_pair(scene, mass)
+
+
+def parameters_of(what: str, parameters: Any, scene: Scene) -> tuple[Parameter, ...]:
+    """Return parameters as a tuple, checked against a scene.
+
+    Raises
+    ------
+    ArgumentError
+        For something else than parameters, none at all, or a field that the scene does not have.
+    """
+    several = (parameters,) if isinstance(parameters, Parameter) else parameters
+    if not isinstance(several, (list, tuple)) or not several or any(not isinstance(p, Parameter) for p in several):
+        raise ArgumentError(f"{what}: parameters is {parameters!r}, expected a list of vofem.Parameter")
+    for parameter in several:
+        parameter.check(scene)
+    return tuple(several)
+
+
+def _lookup(parameter: Parameter, things: tuple[Any, ...], target: Any) -> Any:
+    """Return the object of a scene that a target is or names."""
+    if not isinstance(target, str):
+        if any(thing is target for thing in things):
+            return target
+        # The scenes of a branch are built anew, so an object stands for the one of its class and name.
+        target_name = getattr(target, "name", None)
+        same = [t for t in things if type(t) is type(target) and getattr(t, "name", None) == target_name]
+        if len(same) == 1:
+            return same[0]
+        raise ArgumentError(
+            f"{parameter.describe()}: {target!r} is not in the scene; give one of its bodies or effects"
+        )
+    named = [thing for thing in things if getattr(thing, "name", None) == target]
+    if len(named) != 1:
+        names = tuple(str(thing.name) for thing in things if isinstance(getattr(thing, "name", None), str))
+        count = "no object of the scene has" if not named else f"{len(named)} objects of the scene have"
+        cure = nearest(target, names) if not named else "; give the object itself"
+        raise ArgumentError(f"{parameter.describe()}: {count} the name {target!r}; there are {list(names)}{cure}")
+    return named[0]
+
+
+def _bounds(bounds: Any) -> tuple[float, float]:
+    """Return both bounds as numbers, infinite where there is none."""
+    if bounds is None:
+        return -np.inf, np.inf
+    if not isinstance(bounds, (list, tuple)) or len(bounds) != 2:
+        raise ArgumentError(f"Parameter: bounds is {bounds!r}, expected (smallest, largest)")
+    low = -np.inf if bounds[0] is None else number("Parameter: bounds[0]", bounds[0], finite=False)
+    high = np.inf if bounds[1] is None else number("Parameter: bounds[1]", bounds[1], finite=False)
+    if not low < high:
+        raise ArgumentError(f"Parameter: bounds is {bounds!r}, expected two increasing numbers")
+    return low, high
