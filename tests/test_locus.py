@@ -146,6 +146,7 @@ def test_a_grazing_by_its_closed_form(branches):
         assert abs(amplitude * np.linalg.solve(matrix, [0.0, 1.0])[0]) == pytest.approx(1.0, abs=1e-9)
 
 
+@pytest.mark.kernels("plain")
 def test_folds_by_harmonic_balance():
     """With five harmonics the fold of a mass on a stop moves as that of another branch with five harmonics does."""
 
