@@ -10,7 +10,7 @@ from vofem._validate import nearest
 from vofem.bodies.base import Body, Point, as_point
 from vofem.bodies.beam import Beam, BeamPoint
 from vofem.errors import ArgumentError
-from vofem.parameters import Choice, Kind, Name, Real
+from vofem.parameters import Choice, Kind, Label, Name, Real
 from vofem.parameters.place import INVALID, Book, Invalid, Place
 
 _NAME = Name()
@@ -165,3 +165,6 @@ Of = Annotated[
 
 #: The name of an effect.
 Named = Annotated[str, Name()]
+
+#: The name of an effect that needs none.
+Called = Annotated[str | None, Label()]

@@ -20,7 +20,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.errors import ArgumentError, VofemError
+from vofem.errors import ArgumentError, MissingCallableError, VofemError
 from vofem.laws.group import LawGroup, ListedLaws, StepPast
 from vofem.laws.kinds import AFFINE
 
@@ -88,6 +88,8 @@ class SpringpotLaw:
             return orders_at(self.order, t, highest=1.0)
         except ArgumentError as error:
             raise ArgumentError(f"{self.label}: {error}") from None
+        except MissingCallableError as error:
+            raise MissingCallableError(f"{self.label}, order: {error}") from None
         except VofemError:
             raise
         except Exception as error:

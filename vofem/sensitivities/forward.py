@@ -396,6 +396,36 @@ class Forward:
             (int(k), np.flatnonzero(index == k), times[index == k] - self.starts[k]) for k in np.unique(index).tolist()
         ]
 
+    def motion(self, times: Array) -> tuple[Array, Array, Array]:
+        """Return modal displacements, velocities and accelerations of the run, each (n, n_times)."""
+        n, scale = self.modal.size, self.modal.scale[:, None]
+        out = np.empty((3, n, times.size))
+        for index, mine, tau in self.visit(times):
+            equation = self.flow(self.segments.status[index]).equation
+            states = self.closed(index).states(tau)
+            _, force, _ = self.forces(index)
+            push = np.stack([_wave_rows(force, t).sum(axis=0) for t in tau.tolist()], axis=1)
+            out[0][:, mine], out[1][:, mine] = states[:n] / scale, states[n:]
+            out[2][:, mine] = equation.matrix[n:] @ states + push
+        return out[0], out[1], out[2]
+
+    def accelerations(self, times: Array) -> Array:
+        """Return the derivatives of the modal accelerations, shape (n, n_times, p)."""
+        n = self.modal.size
+        out = np.empty((n, times.size, len(self.changes)))
+        for index, mine, tau in self.visit(times):
+            flow, piece = self.flow(self.segments.status[index]), self.closed(index)
+            states = piece.states(tau)
+            _, _, forces = self.forces(index)
+            found = np.einsum("nm,mtp->ntp", flow.equation.matrix[n:], piece.sample(np.eye(2 * n), tau))
+            for k, (change, own) in enumerate(zip(flow.matrices, forces, strict=True)):
+                if change is not None:
+                    found[:, :, k] += change[n:] @ states
+                if own is not None:
+                    found[:, :, k] += np.stack([_wave_rows(own, t).sum(axis=0) for t in tau.tolist()], axis=1)
+            out[:, mine] = found
+        return out
+
     def sample(self, rows: Array, times: Array) -> Array:
         """Return the derivatives of ``rows @ (z, v)`` at times of the run, shape (k, n_times, p)."""
         scaled = rows / np.concatenate([self.modal.scale, np.ones(self.modal.size)])

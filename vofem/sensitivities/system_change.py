@@ -144,7 +144,7 @@ def _difference(
         return _combined([pick(system) for system in systems], weights)
 
     def points(given: Sequence[Any]) -> Any:
-        return _combined([rows_over(one.model, one.bodies, [_carried(scene, one, point) for point in given])
+        return _combined([rows_over(one.model, one.bodies, [carried(scene, one, point) for point in given])
                           for one in scenes], weights)  # fmt: skip
 
     laws = [system.contacts for system in systems]
@@ -191,7 +191,7 @@ def _of_function(scene: Scene, parameter: Parameter, path: tuple[str, ...]) -> S
     )  # fmt: skip
 
 
-def _carried(scene: Scene, other: Scene, point: Any) -> Any:
+def carried(scene: Scene, other: Scene, point: Any) -> Any:
     """Return a point in a scene whose beams may be longer: at the same fraction of its beam."""
     for body, new in zip(scene.bodies, other.bodies, strict=True):
         if body.name == getattr(point.body, "name", None):

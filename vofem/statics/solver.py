@@ -73,7 +73,7 @@ def solver_of(system: System) -> Solve:
     """
     from scipy.sparse import vstack
 
-    from vofem.integrators.event_driven.reduction import holding
+    from vofem.integrators.reduction import holding
 
     held = holding(system)
     if system.strain is None or (system.size <= _MANY_UNKNOWNS and not graded(system)):

@@ -15,10 +15,11 @@ from vofem.studies.steady.between import Step
 from vofem.studies.steady.branch import BranchCounters
 from vofem.studies.steady.crossings import Crossing, crossings, hidden
 from vofem.studies.steady.family import Family
+from vofem.studies.steady.near import signature_at
 from vofem.studies.steady.point import ORIGIN, Interval, Point, corrected, derivative_by_value, tangent_at
 from vofem.studies.steady.shooting import Shooting
 from vofem.studies.steady.signature import Signature
-from vofem.studies.steady.touching import Passage, ending, passage, signature_at
+from vofem.studies.steady.touching import Passage, ending, passage
 
 Array = NDArray[np.float64]
 
@@ -152,7 +153,7 @@ class Follower:
     def begin(self, unknowns: Array, value: float) -> Point:
         """Return the first point, heading for the far end of the interval."""
         problem = self.family.at(value)
-        chart, y = signature_at(problem, unknowns) if isinstance(problem, Shooting) else (ORIGIN, unknowns)
+        chart, y, _ = signature_at(problem, unknowns) if isinstance(problem, Shooting) else (ORIGIN, unknowns, None)
         y = np.append(y, value)
         towards = np.zeros(y.size)
         towards[-1] = 1.0 if self.interval.stop > self.interval.start else -1.0

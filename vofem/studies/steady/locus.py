@@ -24,11 +24,12 @@ from vofem.studies.steady.crossings import Crossing, root
 from vofem.studies.steady.extended import Extended
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.follow import LARGEST, Follower, Mark
+from vofem.studies.steady.near import signature_at
+from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.point import ORIGIN, Interval, Point, corrected
 from vofem.studies.steady.shooting import Shooting
 from vofem.studies.steady.special import KINDS, SpecialPoint
 from vofem.studies.steady.steady_state import as_guess
-from vofem.studies.steady.touching import signature_at
 
 Array = NDArray[np.float64]
 
@@ -315,6 +316,12 @@ def _is_pair(point: Point) -> bool:
     return bool(np.min(np.abs(np.abs(values) - 1.0)) < _ON_CIRCLE) and kind_of(point) == _PAIR
 
 
+def _unknowns(problem: Any, orbit: PeriodicOrbit) -> tuple[Any, Array]:
+    """Return the equations of an orbit and its unknowns in them."""
+    x = problem.from_orbit(orbit)
+    return signature_at(problem, x)[:2] if isinstance(problem, Shooting) else (ORIGIN, x)
+
+
 def _begin(build: Callable[[float, float], Scene], special: SpecialPoint, interval: Interval) -> tuple[Family, Point]:
     """Return the family of orbits over both parameters, and the special point in it."""
     orbit, value, kind = special.orbit, float(special.value), special.kind
@@ -329,8 +336,8 @@ def _begin(build: Callable[[float, float], Scene], special: SpecialPoint, interv
     if isinstance(problem, Shooting):
         problem = as_guess(problem, orbit)
         family.begin_with(problem, value, interval.start)
-    x = problem.from_orbit(orbit)
-    known = problem.evaluate(x)
+    inner, y = _unknowns(problem, orbit)
+    known = inner.evaluate(problem, y)
     where = f"build({value:.9g}, {interval.start:.9g})"
     if not known.error <= _ORBIT:
         raise ArgumentError(
@@ -339,12 +346,11 @@ def _begin(build: Callable[[float, float], Scene], special: SpecialPoint, interv
             "value of the other parameter there"
         )
     # A branch of orbits over several periods may end at a special point of orbits over fewer.
-    shortest = problem.shortest_period(x, known)
+    shortest = problem.shortest_period(y, known)
     if shortest < problem.periods:
         family = family.over(shortest)
         problem = family.at(value, interval.start)
-        x = problem.from_orbit(orbit)
-    inner, y = signature_at(problem, x) if isinstance(problem, Shooting) else (ORIGIN, x)
+        inner, y = _unknowns(problem, orbit)
     held = -1
     if kind == "grazing":
         inner, y, held = _touch(problem, inner, y, special)

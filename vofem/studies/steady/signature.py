@@ -52,6 +52,9 @@ _SAME = 1e-5
 #: Length in rad of a touch that may be lost in rounding.
 _SHORT = 1e-5
 
+#: Rounding error of a multiplier, divided by its condition and the size of the monodromy matrix.
+_EPS = 64.0 * float(np.finfo(float).eps)
+
 #: Condition of the equations of the switches above which multipliers need a generalised eigenvalue problem.
 _SINGULAR = 1e3
 
@@ -130,18 +133,40 @@ class SignatureEvaluation:
         return relative(after - self.y[: self.problem.size], self.sizes)
 
     @cached_property
-    def multipliers(self) -> Complex:
-        """Eigenvalues of the monodromy matrix; infinite where a contact whose force jumps is grazed."""
+    def monodromy(self) -> Array | None:
+        """Derivative of the state after an orbit, shape (2n, 2n); None where a contact whose force jumps is grazed."""
         n = self.problem.size
         closes, switches = self.jacobian[:n], self.jacobian[n:]
         matrix = closes[:, :n] + np.eye(n)
         if not np.all(np.isfinite(self.jacobian)):
             raise ConvergenceError("the derivative of an orbit is not finite")
         if self.chart.smooth(self.problem) or not switches.size:
-            return eigenvalues(matrix)
+            return np.asarray(matrix)
         scaled = switches[:, n:] / np.linalg.norm(switches[:, n:], axis=1)[:, None]
-        if np.linalg.cond(scaled) < _SINGULAR:
-            return eigenvalues(matrix - closes[:, n:] @ np.linalg.solve(switches[:, n:], switches[:, :n]))
+        if np.linalg.cond(scaled) >= _SINGULAR:
+            return None
+        return np.asarray(matrix - closes[:, n:] @ np.linalg.solve(switches[:, n:], switches[:, :n]))
+
+    @cached_property
+    def uncertainty(self) -> float:
+        """Estimated rounding error of the modulus of the largest multipliers."""
+        from scipy.linalg import eig
+
+        matrix = self.monodromy
+        if matrix is None or not matrix.size:
+            return DECIDED
+        values, left, right = eig(matrix, left=True, right=True)
+        close = np.abs(np.sum(left.conj() * right, axis=0))
+        loss = _EPS * float(np.linalg.norm(matrix, 2)) / np.maximum(close, np.finfo(float).eps)
+        near = np.abs(np.abs(values) - 1.0) <= np.maximum(loss, DECIDED)
+        return float(max(DECIDED, np.max(np.minimum(loss, 0.1)[near], initial=0.0)))
+
+    @cached_property
+    def multipliers(self) -> Complex:
+        """Eigenvalues of the monodromy matrix; infinite where a contact whose force jumps is grazed."""
+        if self.monodromy is not None:
+            return eigenvalues(self.monodromy)
+        n = self.problem.size
         from scipy.linalg import eig
 
         right = np.zeros_like(self.jacobian)

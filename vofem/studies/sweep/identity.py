@@ -173,14 +173,29 @@ def _is_cached(part: Any) -> bool:
 
 
 def _source(thing: Any) -> Any:
-    """Return the source of a class or of the code of a function; of code whose source is not there, its parts."""
+    """Return the source of a class or of the code of a function; of code whose source is not there, its parts.
+
+    The source of a lambda is its line, which may hold several of them: its parts too.
+    """
     try:
-        return inspect.getsource(thing)
+        source = inspect.getsource(thing)
     except (OSError, TypeError):
-        if not isinstance(thing, types.CodeType):
-            return thing.__qualname__
-        constants = [_source(c) if isinstance(c, types.CodeType) else repr(c) for c in thing.co_consts]
-        return [thing.co_code.hex(), thing.co_names, constants]
+        source = ""
+    if not isinstance(thing, types.CodeType):
+        return source or thing.__qualname__
+    return source if source and thing.co_name != "<lambda>" else [source, *_code(thing)]
+
+
+def _code(code: types.CodeType) -> list[Any]:
+    """Return what the code of a function consists of, as plain data."""
+    constants: list[Any] = []
+    for one in code.co_consts:
+        if isinstance(one, types.CodeType):
+            constants.append(_code(one))
+        else:
+            # Of a set the order is another one in each process.
+            constants.append(sorted(map(repr, one)) if isinstance(one, frozenset) else repr(one))
+    return [code.co_code.hex(), code.co_names, constants]
 
 
 def _own(file: str | None) -> bool:
