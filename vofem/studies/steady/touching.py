@@ -10,16 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import ConvergenceError
-from vofem.integrators.event_driven.flow import Start
 from vofem.studies.steady.family import Family
+from vofem.studies.steady.near import CLOSES
 from vofem.studies.steady.point import Interval, Point, corrected, derivative_by_value, tangent_at
-from vofem.studies.steady.shooting import Shooting
-from vofem.studies.steady.signature import AT_ONCE, ROUNDING, Extreme, Signature, signature_of
+from vofem.studies.steady.signature import AT_ONCE, ROUNDING, Extreme, Signature
 
 Array = NDArray[np.float64]
-
-#: Largest difference of both ends of an orbit under an ordinary run, over the size of the motion.
-CLOSES = 1e-8
 
 #: `Evaluation.error` of a grazing: as small as rounding allows.
 _EXACT = 1e-16
@@ -81,21 +77,6 @@ class _Change:
     extreme: Extreme | None = None
     pairs: tuple[tuple[int, int], ...] = ()
     place: int = -1
-
-
-def signature_at(problem: Shooting, unknowns: Array) -> tuple[Signature, Array]:
-    """Return the signature of the orbit from a state at t = 0, anchored in its longest segment, and coordinates."""
-    z, v = problem.to_modes(unknowns)
-    whole = problem.run(Start(0.0, z, v), problem.duration)
-    times = np.array([0.0, *(event.time for event in whole.events), problem.duration])
-    longest = int(np.argmax(np.diff(times)))
-    if times.size == 2:
-        return signature_of(problem, whole)
-    anchor = float(0.5 * (times[longest] + times[longest + 1]))
-    z, v = (part[:, 0] for part in whole.solution.modal(np.array([anchor])))
-    segments = whole.solution.segments
-    status = segments.status[max(int(np.searchsorted(segments.starts, anchor, side="right")) - 1, 0)]
-    return signature_of(problem, problem.run(Start(anchor, z, v, status.copy()), anchor + problem.duration))
 
 
 def passage(family: Family, interval: Interval, now: Point, after: Point) -> Passage | None:
