@@ -28,12 +28,12 @@ from vofem.studies.steady.between import Step
 from vofem.studies.steady.branch import Branch, BranchCounters, Orbits
 from vofem.studies.steady.condensed import GOOD, Condensed, condensed_result, reduced
 from vofem.studies.steady.counters import Work
-from vofem.studies.steady.crossings import Crossing
 from vofem.studies.steady.follow import Follower
 from vofem.studies.steady.newton import solved
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.point import Interval, OriginChart, Point
 from vofem.studies.steady.shooting import orbit_result, shooting_refusal
+from vofem.studies.steady.special import SpecialPoint
 from vofem.system import State, System
 
 Array = NDArray[np.float64]
@@ -495,7 +495,7 @@ def _far(a: Array, b: Array) -> bool:
 class _Walk(Follower):
     """Follows a backbone, on which no special points are searched."""
 
-    def located(self, step: Step) -> list[Crossing]:
+    def located(self, step: Step) -> list[SpecialPoint]:
         """Return nothing."""
         return []
 
