@@ -120,8 +120,24 @@ def _first(family: Family, interval: Interval, now: Point, after: Point, changes
             last = _along(now, _with_length(family, interval, now.chart, half, place, half[place]))
             changes = _touching(now, last)
         if not changes:
+            _checked(found)
             return found
     raise ConvergenceError("too many changes of contact in one step")
+
+
+def _checked(found: Passage) -> None:
+    """Raise where an orbit at a change of the signature does not repeat under an ordinary run."""
+    # The orbits before and after a change differ by a touch that is hardly longer than rounding.
+    point = found.before if found.after is None else found.after
+    if not point.chart.smooth(point.problem):
+        # Where a force jumps at a grazing, differences grow without bound.
+        return
+    away = float(point.evaluation.closing)
+    if not away <= CLOSES:
+        raise ConvergenceError(
+            f"the orbit at a change of contact at {point.value:.12g} does not repeat under an ordinary run, by "
+            f"{away:.1e} of the motion"
+        )
 
 
 def ending(family: Family, interval: Interval, now: Point) -> Passage | None:
