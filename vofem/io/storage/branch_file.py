@@ -31,11 +31,11 @@ from vofem.studies.steady.family import Family
 from vofem.studies.steady.follow import Follower
 from vofem.studies.steady.harmonic_balance import harmonics_in
 from vofem.studies.steady.methods import problem_of
+from vofem.studies.steady.near import CLOSES, signature_at
 from vofem.studies.steady.orbit import OrbitTruncation
 from vofem.studies.steady.point import Interval
-from vofem.studies.steady.shooting import orbit_result
+from vofem.studies.steady.shooting import Shooting, orbit_result
 from vofem.studies.steady.steady_state import as_guess
-from vofem.studies.steady.touching import CLOSES
 from vofem.system import State
 
 Array = NDArray[np.float64]
@@ -198,7 +198,14 @@ def _maker(kept: dict[str, Any], k: int, folder: Path) -> Callable[[], PeriodicO
             problem: Any = problem_of("load", scene(), method, periods, period=period, harmonics=harmonics)
             return problem.orbit(unknowns, problem.evaluate(unknowns)).result
 
-        return PeriodicOrbit(
+        def extremes(row: Array) -> tuple[float, float]:
+            problem = problem_of("load", scene(), method, periods, period=2.0 * np.pi / omega)
+            assert isinstance(problem, Shooting)
+            problem = as_guess(problem, orbit)
+            chart, y, _ = signature_at(problem, problem.from_orbit(orbit))
+            return chart.evaluate(problem, y, derivative=False).range_of(problem.modal_row(row))
+
+        orbit = PeriodicOrbit(
             scene,
             method,
             omega,
@@ -212,7 +219,9 @@ def _maker(kept: dict[str, Any], k: int, folder: Path) -> Callable[[], PeriodicO
             autonomous=bool(kept["autonomous"][k]),
             start=start,
             stable=kept["stable"][k],
+            extremes=extremes if method == "shooting" and not kept["autonomous"][k] else None,
         )
+        return orbit
 
     return make
 

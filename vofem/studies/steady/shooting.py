@@ -176,6 +176,11 @@ class Shooting:
         state = State(self.space.shapes @ z, self.space.shapes @ v)
         return state if self.condensed is None else self.condensed.lift(state)
 
+    def modal_row(self, row: Array) -> Array:
+        """Return a row over the free degrees of freedom, shape (m,), in modes, shape (n,)."""
+        row = row if self.condensed is None else row @ self.condensed.vectors
+        return np.asarray(row @ self.space.shapes)
+
     def in_vectors(self, count: int) -> Shooting:
         """Return the problem of a large system in another number of vectors."""
         return Shooting(self._what, self.scene, self.periods, period=self._period, work=self.work, vectors=count)
@@ -240,6 +245,7 @@ class Shooting:
             unknowns=np.array(unknowns),
             start=self.state(unknowns),
             decided=decided,
+            extremes=lambda row: evaluation.range_of(self.modal_row(row)),
         )
 
     def result_of(self, unknowns: Array) -> Callable[[], Result]:

@@ -117,6 +117,28 @@ class SignatureEvaluation:
         """Return the evaluation without the columns of its segments, which take memory."""
         return replace(self, path=self.path.stripped())
 
+    def range_of(self, row: Array) -> tuple[float, float]:
+        """Return the least and the largest value of a modal row, shape (n,), along the orbit."""
+        values: list[float] = []
+        turns: list[tuple[float, float, Motion, float, float]] = []
+        for k, duration in enumerate(self.path.durations.tolist()):
+            if duration <= 0.0:
+                continue
+            motion, tau = self.path.motion(k), _times(duration, self.problem.duration)
+            z, v = motion.modes(tau)
+            u, rate = row @ z, row @ v
+            values += [float(u.min()), float(u.max())]
+            for i in np.flatnonzero(rate[:-1] * rate[1:] < 0.0).tolist():
+                reach = max(abs(rate[i]), abs(rate[i + 1])) * (tau[i + 1] - tau[i])
+                turns.append((min(u[i : i + 2]) - reach, max(u[i : i + 2]) + reach, motion, tau[i], tau[i + 1]))
+        least, largest = min(values), max(values)
+        # Only neighbours of the largest samples are refined, because no other sample can be an extreme.
+        for low, high, motion, begin, end in turns:
+            if low < least or high > largest:
+                place = _root_of_rate(motion, row, begin, end)
+                values.append(float(row @ motion.modes(np.array([place]))[0][:, 0]))
+        return min(values), max(values)
+
     def change_after(self, time: float) -> Array:
         """Return by how much the modal state has changed after a time in s from the anchor on, shape (2n,)."""
         chart, problem = self.chart, self.problem
@@ -459,8 +481,7 @@ class Signature:
         for k, duration in enumerate(evaluation.path.durations.tolist()):
             if duration <= 0.0:
                 continue
-            count = max(_LEAST_SAMPLES, int(_SAMPLES * duration / problem.duration))
-            tau = np.linspace(0.0, duration, count + 1)
+            tau = _times(duration, problem.duration)
             for j in np.flatnonzero(self.statuses[k] != PINNED).tolist():
                 found += self._extremes_in(problem, evaluation, k, j, tau)
         return found
@@ -626,6 +647,11 @@ def _mean(path: Path, contact: int, partner: int, index: int) -> tuple[float, Ar
     if whole != 0.0:
         derived = derived + ((means - value) / whole) @ np.diff(path.shifts[partner : index + 1], axis=0)
     return value, derived
+
+
+def _times(duration: float, whole: float) -> Array:
+    """Return times within a segment of an orbit at which its motion is sampled."""
+    return np.linspace(0.0, duration, max(_LEAST_SAMPLES, int(_SAMPLES * duration / whole)) + 1)
 
 
 def _root_of_rate(motion: Motion, row: Array, low: float, high: float) -> float:
