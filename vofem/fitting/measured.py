@@ -252,7 +252,7 @@ class MeasuredFrequencies:
     def jacobian(self, trial: Trial) -> Array:
         """Return the derivatives of `model`, shape (n, p)."""
         found, part = self._modes(trial)
-        return np.asarray(sensitivities(found, trial.parameters).frequencies[part])  # type: ignore[union-attr]
+        return np.asarray(sensitivities(found, trial.parameters).frequencies[part])
 
 
 class MeasuredStatics:
@@ -304,7 +304,7 @@ class MeasuredStatics:
         """Return the derivatives of `model`, shape (n, p)."""
         point = trial.point(self.point)
         found = [sensitivities(equilibrium(trial.scene, float(t)), trial.parameters) for t in self.times]
-        return np.stack([one.displacement(point) for one in found])  # type: ignore[union-attr]
+        return np.stack([one.displacement(point) for one in found])
 
 
 public(Measured, MeasuredEvents, MeasuredFrequencies, MeasuredStatics)

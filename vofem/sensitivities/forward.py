@@ -111,6 +111,28 @@ class Crossing:
 
 
 @dataclass
+class Passage:
+    """The events between two segments, for the derivatives of what follows from them.
+
+    Attributes
+    ----------
+    numbers : range
+        The events in the log.
+    before : ndarray of int, shape (n_contacts,)
+        Status before.
+    state : ndarray, shape (2n,)
+        Scaled state before.
+    ends : ndarray, shape (2n, p)
+        Derivatives of the scaled state before, at a fixed time.
+    """
+
+    numbers: range
+    before: Status
+    state: Array
+    ends: Array
+
+
+@dataclass
 class Forward:
     """Derivatives along a run by forward propagation.
 
@@ -135,6 +157,8 @@ class Forward:
         self._flows: dict[bytes, StatusFlow] = {}
         self.event_times = np.full((self.events.time.size, len(self.changes)), np.nan)
         self._starts: list[Array] = []
+        self.passages: dict[int, Passage] = {}
+        self.final = np.empty(0)
         self._propagate()
 
     # -- pieces of the run ------------------------------------------------------------------------
@@ -227,8 +251,11 @@ class Forward:
                 continue
             state = piece.states(np.array([segments.durations[index]]))[:, 0]
             count = self.events.time.size - event if last else changed.size
-            z, v = self._pass(index, before, after, range(event, event + count), state, z, v)
+            numbers = range(event, event + count)
+            self.passages[index] = Passage(numbers, before, state, ends)
+            z, v = self._pass(index, before, after, numbers, state, z, v)
             event += count
+        self.final = np.concatenate([scale * z, v])
 
     def _status_at_end(self, event: int) -> Status:
         """Return the status after the events that happen at the very end of the run."""

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from vofem.errors import ConvergenceError
 from vofem.integrators.event_driven.along import Path
 from vofem.integrators.event_driven.flow import Flow, Start
-from vofem.integrators.event_driven.motion import Motion
+from vofem.integrators.event_driven.regime import Motion
 from vofem.linalg.eigen import eigenvalues
 from vofem.studies.steady.orbit import DECIDED, PeriodicOrbit
 from vofem.studies.steady.shooting import Shooting, relative
@@ -386,15 +386,16 @@ class Signature:
         laws, n = problem.system.contacts, problem.size // 2
         assert laws is not None
         held = int(np.sum(path.statuses[index][:contact] == PINNED))
-        force, motion, duration = path.reactions(index), path.motion(index), float(path.durations[index])
-        full = float(laws.stiffness[contact] * laws.gap[contact])
-        value = float(force.at(motion, np.array([duration]))[held, 0]) - (full if status == CLOSED else 0.0)
+        motion, duration = path.motion(index), float(path.durations[index])
+        force, full = motion.regime.reactions, float(laws.stiffness[contact] * laws.gap[contact])
+        assert force is not None
+        value = float(motion.reactions(np.array([duration]))[held, 0]) - (full if status == CLOSED else 0.0)
         columns = path.all_columns[index] if path.all_columns.size else np.empty((2 * n, 0))
-        real, turned = motion.spectrum.real, np.exp(1j * motion.omega * duration)
-        wave = float((1j * motion.omega * force.harmonic[held] * turned).real.sum())
+        rates = problem.course.loads.at(np.array([float(path.times[index]) + duration]))[0, 1]
+        real = motion.spectrum.real
         derived = force.displacement[held] @ real.down(columns[:n]) + force.velocity[held] @ real.down(columns[n:])
         # The columns move with the end of the segment, the load's phase does too.
-        return value, derived + (wave + float(force.slope[held])) * path.shifts[index], full
+        return value, derived + float(force.loads[held] @ rates) * path.shifts[index], full
 
     # -- coordinates ----------------------------------------------------------------------------------
 
