@@ -352,6 +352,7 @@ def test_a_branch_is_saved_and_loaded(tmp_path):
     assert list(loaded.stable) == list(branch.stable)
     assert [(s.kind, s.value) for s in loaded.special] == [(s.kind, s.value) for s in branch.special]
     mass = bilinear(1.0).bodies[0]
+    # The segments of a loaded orbit begin at another phase, from the state at t = 0 that the file holds.
     assert loaded.amplitude(mass) == pytest.approx(branch.amplitude(mass), rel=1e-12)
     assert np.array_equal(loaded.orbits[3].multipliers, branch.orbits[3].multipliers)
     assert loaded.counters == branch.counters

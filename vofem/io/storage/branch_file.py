@@ -195,7 +195,7 @@ def _maker(kept: dict[str, Any], k: int, folder: Path) -> Callable[[], PeriodicO
                 return condensed_result(scene(), few, start, duration, truncation.error)
             harmonics = harmonics_in(scene(), unknowns.size) if method == "harmonic_balance" else None
             period = 2.0 * np.pi / omega
-            problem = problem_of("load", scene(), method, periods, period=period, harmonics=harmonics)
+            problem: Any = problem_of("load", scene(), method, periods, period=period, harmonics=harmonics)
             return problem.orbit(unknowns, problem.evaluate(unknowns)).result
 
         def extremes(row: Array) -> tuple[float, float]:

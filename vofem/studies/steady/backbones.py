@@ -431,7 +431,6 @@ class _Evaluation:
     jacobian: Array
     scales: Array
     size: float = 1.0
-    flow: None = None
     multipliers: None = None
 
     @property

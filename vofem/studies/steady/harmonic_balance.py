@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,7 +91,6 @@ class HarmonicEvaluation:
     settled: NDArray[np.bool_]
     slope: Array | None = field(repr=False, default=None)
     change: Callable[[], Complex | None] = field(repr=False, default=lambda: None)
-    flow: ClassVar[None] = None
 
     @property
     def jacobian(self) -> Array:

@@ -28,10 +28,6 @@ class Evaluation(Protocol):
         """Residual of the equations, shape (n,)."""
 
     @property
-    def flow(self) -> Any:
-        """The `Flow` over one orbit; None where the method solves for an orbit as a whole."""
-
-    @property
     def jacobian(self) -> Array:
         """Derivative of the residual with respect to the unknowns, shape (n, n); only if it was requested."""
 
@@ -45,18 +41,24 @@ class Evaluation(Protocol):
 
 
 class Equations(Protocol):
-    """As many equations as unknowns; `OrbitProblem` describes the members."""
+    """As many equations as unknowns, for Newton's method."""
 
     @property
     def tolerance(self) -> float:
         """`Evaluation.error` at or below which the equations count as solved."""
 
     def evaluate(self, unknowns: Array, *, derivative: bool = True) -> Any:
-        """Return the equations, an `Evaluation`."""
+        """Return the equations, an `Evaluation`, with their Jacobian matrix where `derivative` is true.
+
+        Raises
+        ------
+        ConvergenceError
+            If the equations cannot be evaluated at these unknowns.
+        """
 
 
 class OrbitProblem(Protocol):
-    """Periodic orbits of one scene as roots of equations.
+    """Periodic orbits of one scene as roots of equations: those of harmonics, or those of a `Signature`.
 
     Attributes
     ----------
@@ -70,8 +72,6 @@ class OrbitProblem(Protocol):
         up to a common factor. A problem without unknowns of different kinds gives ones.
     parameters : tuple of float
         Values of the parameters at which the problem was built along a branch.
-    tolerance : float
-        `Evaluation.error` at or below which the equations count as solved.
     """
 
     scene: Scene
@@ -79,22 +79,12 @@ class OrbitProblem(Protocol):
     size: int
     scales: Array
     parameters: tuple[float, ...]
-    tolerance: float
 
     def from_rest(self) -> Array:
         """Return a first guess of the unknowns without a known orbit, shape (n,)."""
 
     def from_orbit(self, orbit: Any) -> Array:
         """Return the unknowns of a `PeriodicOrbit` or of the last period of a `Result`, of any method, shape (n,)."""
-
-    def evaluate(self, unknowns: Array, *, derivative: bool = True) -> Evaluation:
-        """Return the equations, with their Jacobian matrix where `derivative` is true.
-
-        Raises
-        ------
-        ConvergenceError
-            If the method cannot evaluate the equations at these unknowns.
-        """
 
     def orbit(self, unknowns: Array, evaluation: Any) -> PeriodicOrbit:
         """Return the orbit of a solution of the equations, from the problem's own evaluation there."""

@@ -103,7 +103,8 @@ def first_orbit(what: str, problem: OrbitProblem, guess: Any) -> tuple[OrbitProb
     else:
         try:
             start = problem.from_rest() if guess is None else problem.from_orbit(guess)
-            found = orbit_near(problem, start) if isinstance(problem, Shooting) else solved(problem, start)
+            equations: Any = problem
+            found = orbit_near(problem, start) if isinstance(problem, Shooting) else solved(equations, start)
         except ConvergenceError as error:
             seen = seen_of(problem, guess) if isinstance(problem, Shooting) else ""
             raise ConvergenceError(
