@@ -188,7 +188,7 @@ def _source(thing: Any) -> Any:
 
 def _code(code: types.CodeType) -> list[Any]:
     """Return what the code of a function consists of, as plain data."""
-    constants = []
+    constants: list[Any] = []
     for one in code.co_consts:
         if isinstance(one, types.CodeType):
             constants.append(_code(one))
