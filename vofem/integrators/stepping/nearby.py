@@ -26,8 +26,6 @@ from vofem.integrators.stepping.checks import DRIFT, LOWEST, PEAK
 from vofem.integrators.stepping.record import Record
 from vofem.integrators.stepping.run import Run
 from vofem.kernels.mode import compiled
-from vofem.laws.evaluate import may_jump
-from vofem.laws.table import kinds_of
 from vofem.system import State
 
 Array = NDArray[np.float64]
@@ -80,10 +78,10 @@ def note_growth(nearby: bool | None, run: Run, out: Record, again: Callable[[Sta
     again : callable
         Takes a start; returns a run of the same steps.
     """
-    system, start, laws = run.system, run.start, run.equations.laws
+    system, start = run.system, run.start
     steps, events = run.counters.steps, run.counters.events
     if nearby is None:
-        acts = events >= _FEWEST_EVENTS or (may_jump(laws) and kinds_of(laws.table).hysteretic is not None)
+        acts = events >= _FEWEST_EVENTS or run.laws.state.size > 0
         nearby = acts and steps * (_OWN + system.size) <= (_WORK if compiled() else _WORK_PLAIN)
     if not nearby or not run.finished:
         return []
