@@ -45,6 +45,9 @@ _COMPLEX_ROUNDING = 16.0 * _ROUNDING
 _ORDER = 9
 _SHORT = 1e-3
 
+#: Certified step, over the time since the start, below which bounds over that time alone are tried.
+_LITTLE = 0.05
+
 #: Least level of rounding of an event function.
 _LEAST = float(np.finfo(float).tiny)
 
@@ -564,15 +567,24 @@ def march(
                 functions[_BELOW, j] = tau
         if evaluations >= most and (evaluations >= 2 * most or all_below):
             return tau, evaluations
-        allowed = min(duration - tau, longest)
-        _fill_bounds(allowed, blocks, begin, space)
-        step = allowed
-        for j in range(count):
-            span = _safe_step(j, terms, levels, space)
-            if span < short and span < step:
-                distance = max(-functions[_VALUE, j], 0.0) + 2.0 * functions[_NOISE, j]
-                span = max(span, _safe_time_far(j, distance, allowed, terms, blocks, space))
-            step = min(step, span)
+        allowed, again = min(duration - tau, longest), False
+        while True:
+            _fill_bounds(allowed, blocks, begin, space)
+            step = allowed
+            for j in range(count):
+                span = _safe_step(j, terms, levels, space)
+                if span < short and span < step:
+                    distance = max(-functions[_VALUE, j], 0.0) + 2.0 * functions[_NOISE, j]
+                    span = max(span, _safe_time_far(j, distance, allowed, terms, blocks, space))
+                step = min(step, span)
+            if step >= _LITTLE * tau or allowed <= tau:
+                break
+            # A function leaves zero slowly, as where a load begins to grow on bodies at rest that touch. Bounds over
+            # a time as long as that since the start allow steps that grow with it.
+            allowed, again = tau, True
+            _prepare(blocks, begin, tau + allowed, space)
+        if again:
+            _prepare(blocks, begin, duration, space)
         before = tau
         tau = duration if step >= duration - tau else tau + step
         if tau == before:
