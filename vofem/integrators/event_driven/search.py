@@ -24,7 +24,6 @@ from vofem.integrators.event_driven.blocks import Blocks, change, change_at_once
 from vofem.integrators.event_driven.clusters import Group, group_rate
 from vofem.kernels.jit import jit, plain_form
 from vofem.linalg.oscillators import DELTA, FREQUENCY, SQUARE
-from vofem.linalg.vectors import inner
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -165,9 +164,14 @@ def _evaluate(tau: float, terms: EventFunctions, blocks: Blocks, begin: Array, s
     group_rate(blocks.group, state, rate)
     rows, tail = terms.rows, terms.tail
     for j in range(terms.start.size):
-        value = inner(rows[j, 0], changed[0]) + inner(rows[j, 1, :tail], changed[1, :tail])
-        space.functions[_VALUE, j] = terms.start[j] + value
-        space.functions[_SLOPE, j] = inner(rows[j, 0], rate[0]) + inner(rows[j, 1, :tail], rate[1, :tail])
+        value, slope = terms.start[j], 0.0
+        for k in range(state.shape[1]):
+            value += rows[j, 0, k] * changed[0, k]
+            slope += rows[j, 0, k] * rate[0, k]
+        for k in range(tail):
+            value += rows[j, 1, k] * changed[1, k]
+            slope += rows[j, 1, k] * rate[1, k]
+        space.functions[_VALUE, j], space.functions[_SLOPE, j] = value, slope
 
 
 @plain_form(_evaluate)
@@ -202,7 +206,11 @@ def _fill_noise(tau: float, terms: EventFunctions, blocks: Blocks, begin: Array,
         amplitude[k] += bounds[_COUPLED, k] * abs(state[0, k])
         speed[k] += bounds[_COUPLED, k] * abs(state[1, k])
     for j in range(terms.start.size):
-        size = terms.level[j] + inner(sizes[j, 0], amplitude) + inner(sizes[j, 1, : terms.tail], speed[: terms.tail])
+        size = terms.level[j]
+        for k in range(of.shape[1]):
+            size += sizes[j, 0, k] * amplitude[k]
+        for k in range(terms.tail):
+            size += sizes[j, 1, k] * speed[k]
         space.functions[_NOISE, j] = _ROUNDING * size + _LEAST
 
 
