@@ -346,3 +346,27 @@ def test_equilibria_have_the_derivatives_of_closed_forms(law: str, load: float) 
     assert np.allclose(d.displacement(mass), np.array(moved) / (1.0 if pinned else 210.0), atol=1e-14)
     balance = np.array([-u, 0.0, 0.0, 1.0]) - 10.0 * d.displacement(mass)
     assert np.allclose(d.contacts["stop"].force, balance, atol=1e-11)
+
+
+def test_loads_and_attachments_are_found_by_their_names() -> None:
+    mass = vf.Mass(1.0, stiffness=10.0, name="mass")
+    scene = vf.Scene(
+        [mass],
+        [
+            vf.PointLoad(mass, 3.0, name="push"), vf.PointLoad(mass, vf.Sine(1.0, frequency=0.5), name="shake"),
+            vf.Spring(mass, stiffness=2.0, name="spring"), vf.Gravity(name="weight"),
+        ],
+    )  # fmt: skip
+    run = vf.simulate(scene, 1.0, times=[0.7], method="event_driven")
+    parameters = [
+        Parameter("push", "f.value"), Parameter("shake", "f.amplitude"), Parameter("shake", "f.omega"),
+        Parameter("spring", "stiffness"), Parameter("weight", "g"),
+    ]  # fmt: skip
+    d = sensitivities(run, parameters).displacement(mass)[0]
+    still, w = 1.0 / 12.0 * (1.0 - np.cos(np.sqrt(12.0) * 0.7)), np.pi
+    assert d[0] == pytest.approx(still, rel=1e-12)
+    assert d[4] == pytest.approx(-still, rel=1e-12)
+    root = np.sqrt(12.0)
+    assert d[1] == pytest.approx((np.sin(w * 0.7) - w / root * np.sin(root * 0.7)) / (12.0 - w * w), rel=1e-11)
+    changed = Parameter("shake", "f.omega").changed(scene, 0.1)
+    assert changed.effects[1].f.omega == pytest.approx(np.pi + 0.1)

@@ -49,6 +49,12 @@ from .errors import SingularSystemError as SingularSystemError
 from .errors import StepSizeError as StepSizeError
 from .errors import StorageError as StorageError
 from .errors import VofemError as VofemError
+from .fitting import Fit as Fit
+from .fitting import Measured as Measured
+from .fitting import MeasuredEvents as MeasuredEvents
+from .fitting import MeasuredFrequencies as MeasuredFrequencies
+from .fitting import MeasuredStatics as MeasuredStatics
+from .fitting import fit as fit
 from .io.saved import load as load
 from .io.saved import resume as resume
 from .io.scene_file import dump_scene as dump_scene

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from vofem.assembly import SystemBuilder
 from vofem.bodies.base import Point
-from vofem.effects.kinds import AtPoint, End
+from vofem.effects.kinds import AtPoint, Called, End
 from vofem.effects.two_points import TwoPoints
 from vofem.parameters import Real, declared, rule
 
@@ -18,6 +18,7 @@ class Spring(TwoPoints):
 
     _: KW_ONLY
     stiffness: Annotated[float, Real("N/m, or N m/rad where it acts on rotations", "Stiffness.", least=0)]
+    name: Called = None
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add ``k b b'`` to K."""
@@ -36,6 +37,7 @@ class Dashpot(TwoPoints):
 
     _: KW_ONLY
     damping: Annotated[float, Real("N s/m, or N m s/rad where it acts on rotations", "Damping constant.", least=0)]
+    name: Called = None
 
     def compile(self, builder: SystemBuilder) -> None:
         """Add ``c b b'`` to C."""
@@ -60,6 +62,7 @@ class RotationalSpring:
     ] = None
     _: KW_ONLY
     stiffness: Annotated[float, Real("N m/rad", "Stiffness.", least=0)]
+    name: Called = None
 
     @rule("point", "other")
     def _points_rotate(self) -> None:
@@ -88,6 +91,7 @@ class PointMass:
     _: KW_ONLY
     mass: Annotated[float, Real("kg", "Mass.", least=0)]
     inertia: Annotated[float, Real("kg m^2", "Rotary inertia. Only points of beams can have one.", least=0)] = 0.0
+    name: Called = None
 
     @rule("inertia", "point")
     def _point_rotates(self) -> None:

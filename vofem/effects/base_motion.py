@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import KW_ONLY
 from typing import Annotated
 
 from vofem.assembly import SystemBuilder
 from vofem.bodies.base import Body, Point
-from vofem.effects.kinds import OnBody
+from vofem.effects.kinds import Called, OnBody
 from vofem.parameters import declared
 from vofem.time_functions import Load, OfTime, as_time_function
 
@@ -23,6 +24,8 @@ class BaseMotion:
 
     body: Annotated[Body, OnBody("The body that stands on the base.")]
     acceleration: Annotated[Load, OfTime("m/s^2", "Acceleration of the base, positive upward.")]
+    _: KW_ONLY
+    name: Called = None
 
     def points(self) -> tuple[Point, ...]:
         """Return a point of the body, so that the scene can check it."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import KW_ONLY
 from typing import Annotated
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from vofem.assembly import SystemBuilder
 from vofem.bodies.base import Point
+from vofem.effects.kinds import Called
 from vofem.parameters import Real, RealOrArray, declared
 
 
@@ -18,6 +20,8 @@ class RayleighDamping:
 
     alpha: Annotated[float, Real("1/s", "Factor of the mass matrix.", least=0)]
     beta: Annotated[float, Real("s", "Factor of the stiffness matrix.", least=0)] = 0.0
+    _: KW_ONLY
+    name: Called = None
 
     def points(self) -> tuple[Point, ...]:
         """Return nothing: it acts on the whole system."""
@@ -52,6 +56,8 @@ class ModalDamping:
             "ratios, because their order is arbitrary.",
         ),
     ]
+    _: KW_ONLY
+    name: Called = None
 
     def points(self) -> tuple[Point, ...]:
         """Return nothing: it acts on the whole system."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Annotated, Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from vofem.bodies.base import Point
 from vofem.bodies.beam import Beam
 from vofem.bodies.coefficient import evaluate_along
 from vofem.bodies.kinds import Along
-from vofem.effects.kinds import AtPoint, End, OnBody
+from vofem.effects.kinds import AtPoint, Called, End, OnBody
 from vofem.errors import ArgumentError
 from vofem.parameters import Real, declared, rule
 from vofem.time_functions import Constant, Load, OfTime, TimeFunction, as_time_function
@@ -26,6 +26,8 @@ class PointLoad:
 
     point: End
     f: Annotated[Load, OfTime("N", "The force.")]
+    _: KW_ONLY
+    name: Called = None
 
     def points(self) -> tuple[Point, ...]:
         """Return the point."""
@@ -46,6 +48,8 @@ class PointMoment:
 
     point: Annotated[Point, AtPoint("Point of a beam, ``beam.at(x)``.")]
     f: Annotated[Load, OfTime("N m", "The moment.")]
+    _: KW_ONLY
+    name: Called = None
 
     @rule("point")
     def _point_rotates(self) -> None:
@@ -84,6 +88,8 @@ class DistributedLoad:
     beam: Annotated[Beam, OnBody("The beam on which the load acts.", beam=True)]
     p: Annotated[float | Callable[[Any], Any], LoadAlong("N/m", "The load along the beam.")]
     f: Annotated[Load, OfTime("", "A factor over time, without unit.")] = 1.0
+    _: KW_ONLY
+    name: Called = None
 
     def points(self) -> tuple[Point, ...]:
         """Return a point of the beam, so that the scene can check it."""
@@ -115,6 +121,8 @@ class Gravity:
     """
 
     g: Annotated[float, Real("m/s^2", "Acceleration, positive downward.")] = 9.81
+    _: KW_ONLY
+    name: Called = None
 
     def points(self) -> tuple[Point, ...]:
         """Return nothing: it acts on all bodies."""

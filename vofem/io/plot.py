@@ -7,6 +7,7 @@ Every function writes a file where it is given a path, and returns the path. Wit
 from __future__ import annotations
 
 from vofem.io.pictures.diagrams import basin_map, bifurcation
+from vofem.io.pictures.fits import fit
 from vofem.io.pictures.histories import time_history
 from vofem.io.pictures.impacts import event_raster, force_histogram, impact_statistics
 from vofem.io.pictures.maps import state_map
@@ -29,6 +30,7 @@ __all__ = [
     "basin_map",
     "bifurcation",
     "event_raster",
+    "fit",
     "force_histogram",
     "impact_statistics",
     "locus",

@@ -19,7 +19,6 @@ from vofem.parameters.declared import (
     rule,
     value_at,
     values_of,
-    with_value_at,
 )
 from vofem.parameters.kinds import (
     Choice,
@@ -27,6 +26,7 @@ from vofem.parameters.kinds import (
     Flag,
     Function,
     Kind,
+    Label,
     Name,
     Numbers,
     Real,
@@ -43,6 +43,7 @@ __all__ = [
     "Flag",
     "Function",
     "Kind",
+    "Label",
     "Name",
     "Numbers",
     "OneOf",
@@ -59,5 +60,4 @@ __all__ = [
     "rule",
     "value_at",
     "values_of",
-    "with_value_at",
 ]

@@ -1,8 +1,17 @@
 """Exact derivatives of outcomes by the numbers that a scene is made of."""
 
 from vofem.sensitivities.entry import sensitivities
+from vofem.sensitivities.of_orbits import OrbitSensitivities, SpecialSensitivities
 from vofem.sensitivities.of_runs import RunSensitivities
 from vofem.sensitivities.of_statics import EquilibriumSensitivities, ModesSensitivities
 from vofem.sensitivities.parameter import Parameter
 
-__all__ = ["EquilibriumSensitivities", "ModesSensitivities", "Parameter", "RunSensitivities", "sensitivities"]
+__all__ = [
+    "EquilibriumSensitivities",
+    "ModesSensitivities",
+    "OrbitSensitivities",
+    "Parameter",
+    "RunSensitivities",
+    "SpecialSensitivities",
+    "sensitivities",
+]

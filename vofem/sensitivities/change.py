@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import copy
-import dataclasses
-import inspect
 from collections.abc import Mapping
 from typing import Any
 
@@ -15,8 +13,9 @@ from vofem._validate import nearest
 from vofem.bodies.base import Body, BodyPoint
 from vofem.bodies.beam import Beam
 from vofem.errors import ArgumentError
+from vofem.parameters import changed
 from vofem.scene import Scene
-from vofem.time_functions import Constant, Ramp, Sine, TimeFunction
+from vofem.time_functions import Constant, Ramp, Sine, TimeFunction, as_time_function
 from vofem.time_functions.base import Scaled
 
 Array = NDArray[np.float64]
@@ -28,6 +27,8 @@ LINEAR = (
 INITIAL = ("initial.displacement", "initial.velocity")
 #: The place of an effect on a beam.
 PLACES = ("x", "a.x", "b.x", "point.x")
+#: Attributes of effects that are functions of time.
+_FUNCTIONS = ("f", "acceleration")
 #: Numbers of functions of time by which their closed form is differentiated.
 _OF_FUNCTIONS = {Sine: ("amplitude", "omega", "phase"), Constant: ("value",), Ramp: ("slope",), Scaled: ("factor",)}
 
@@ -69,8 +70,8 @@ def _unknown(thing: Any, field: str) -> ArgumentError:
         known.append("length")
     elif isinstance(thing, Body):
         known += INITIAL
-    for name, value in vars(thing).items():
-        if isinstance(value, TimeFunction):
+    for name in _FUNCTIONS:
+        if (value := _function(thing, name)) is not None:
             known += [f"{name}.{part}" for kind, parts in _OF_FUNCTIONS.items() if isinstance(value, kind)
                       for part in parts]  # fmt: skip
     if any(isinstance(value, BodyPoint) for value in vars(thing).values()):
@@ -100,8 +101,8 @@ def function_at(thing: Any, field: str) -> tuple[str, Any, str, tuple[str, ...]]
     None if the field is not in a function of time.
     """
     first, _, rest = field.partition(".")
-    function = getattr(thing, first, None)
-    if not isinstance(function, TimeFunction):
+    function = _function(thing, first)
+    if function is None:
         return None
     path = tuple(rest.split(".")) if rest else (("value",) if isinstance(function, Constant) else ())
     inner: Any = function
@@ -121,6 +122,14 @@ def function_at(thing: Any, field: str) -> tuple[str, Any, str, tuple[str, ...]]
     return first, inner, path[-1], path
 
 
+def _function(thing: Any, name: str) -> TimeFunction | None:
+    """Return the function of time that an attribute of an effect is; numbers are constants."""
+    value = getattr(thing, name, None)
+    if isinstance(value, TimeFunction):
+        return value
+    return as_time_function(value) if value is not None and name in _FUNCTIONS else None
+
+
 def with_function(function: Any, path: tuple[str, ...], change: Any) -> Any:
     """Return a function of time whose innermost function is replaced by ``change(innermost)``."""
     if len(path) == 1:
@@ -129,7 +138,7 @@ def with_function(function: Any, path: tuple[str, ...], change: Any) -> Any:
     if isinstance(function, tuple):
         k = int(step)
         return (*function[:k], with_function(function[k], rest, change), *function[k + 1 :])
-    return dataclasses.replace(function, **{step: with_function(getattr(function, step), rest, change)})
+    return changed(function, **{step: with_function(getattr(function, step), rest, change)})
 
 
 # -- places and initial states ------------------------------------------------------------------------
@@ -181,25 +190,14 @@ def after(scene: Scene, thing: Any, field: str, elements: tuple[int, ...] | None
     elif (known := function_at(thing, field)) is not None:
         first, _, last, path = known
         function = with_function(
-            getattr(thing, first), path, lambda f: dataclasses.replace(f, **{last: getattr(f, last) + amount})
+            _function(thing, first), path, lambda f: changed(f, **{last: getattr(f, last) + amount})
         )
         new = copy.copy(thing)
         setattr(new, first, function)
     else:
-        new = _rebuilt(thing, {field: getattr(thing, field) + amount})
+        new = changed(thing, **{field: getattr(thing, field) + amount})
     effects = [new if effect is thing else effect for effect in scene.effects]
     return _scene(scene.bodies, effects, scene.initial)
-
-
-def _rebuilt(thing: Any, changes: dict[str, Any]) -> Any:
-    """Return an object made anew with some arguments changed; where it does not tell all of them, a changed copy."""
-    names = list(inspect.signature(type(thing).__init__).parameters)[1:]
-    if all(hasattr(thing, name) for name in names):
-        return type(thing)(**{name: changes.get(name, getattr(thing, name)) for name in names})
-    new = copy.copy(thing)
-    for name, value in changes.items():
-        setattr(new, name, value)
-    return new
 
 
 def _with_body(scene: Scene, body: Any, field: str, elements: tuple[int, ...] | None, amount: float) -> Scene:
@@ -209,7 +207,7 @@ def _with_body(scene: Scene, body: Any, field: str, elements: tuple[int, ...] | 
             stretch = (body.length + amount) / body.length
         new: Any = _beam(body, field, elements, amount, stretch)
     else:
-        new = _rebuilt(body, {field: getattr(body, field) + amount})
+        new = changed(body, **{field: getattr(body, field) + amount})
     bodies = [new if one is body else one for one in scene.bodies]
     effects = [_moved(effect, body, new, stretch) for effect in scene.effects]
     initial = scene.initial

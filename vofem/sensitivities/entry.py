@@ -6,13 +6,16 @@ from typing import Any
 
 from vofem.errors import ArgumentError
 from vofem.result import Result
-from vofem.sensitivities.of_runs import RunSensitivities, run_sensitivities
+from vofem.sensitivities.of_orbits import OrbitSensitivities, SpecialSensitivities
+from vofem.sensitivities.of_runs import run_sensitivities
 from vofem.sensitivities.of_statics import EquilibriumSensitivities, ModesSensitivities
+from vofem.sensitivities.parameter import Parameter
 from vofem.statics import Equilibrium
+from vofem.studies.steady import PeriodicOrbit, SpecialPoint
 from vofem.vibration import Modes
 
 
-def sensitivities(outcome: Any, parameters: Any) -> RunSensitivities | EquilibriumSensitivities | ModesSensitivities:
+def sensitivities(outcome: Any, parameters: Any, *, along: Parameter | None = None) -> Any:
     """Return the exact derivatives of an outcome by parameters of its scene.
 
     Between contact events a run is known in closed form, and so are its derivatives; at an event they jump, because the
@@ -21,14 +24,17 @@ def sensitivities(outcome: Any, parameters: Any) -> RunSensitivities | Equilibri
 
     Parameters
     ----------
-    outcome : Result, Equilibrium or Modes
-        What `vofem.simulate` with ``method="event_driven"``, `vofem.equilibrium` or `vofem.modes` returned.
+    outcome : Result, PeriodicOrbit, SpecialPoint, Equilibrium or Modes
+        What `vofem.simulate` with ``method="event_driven"``, `vofem.periodic` by shooting, `vofem.equilibrium` or
+        `vofem.modes` returned; or a special point of a branch.
     parameters : list of Parameter
         By what to differentiate.
+    along : Parameter, optional
+        For a special point: the parameter of the branch. It is needed only if this is not the frequency of the loads.
 
     Returns
     -------
-    RunSensitivities, EquilibriumSensitivities or ModesSensitivities
+    RunSensitivities, OrbitSensitivities, SpecialSensitivities, EquilibriumSensitivities or ModesSensitivities
         The access is that of the outcome. The last axis is the parameter.
 
     Raises
@@ -36,7 +42,7 @@ def sensitivities(outcome: Any, parameters: Any) -> RunSensitivities | Equilibri
     ArgumentError
         If the scene does not have a parameter, or its field is a Python function.
     MethodError
-        If the run used a stepping method.
+        If the run used a stepping method, or the orbit was found by harmonic balance or in a few vectors.
 
     Notes
     -----
@@ -55,6 +61,11 @@ def sensitivities(outcome: Any, parameters: Any) -> RunSensitivities | Equilibri
         return EquilibriumSensitivities(outcome, parameters)
     if isinstance(outcome, Modes):
         return ModesSensitivities(outcome, parameters)
+    if isinstance(outcome, PeriodicOrbit):
+        return OrbitSensitivities(outcome, parameters)
+    if isinstance(outcome, SpecialPoint):
+        return SpecialSensitivities(outcome, parameters, along)
     raise ArgumentError(
-        f"sensitivities: {outcome!r} is no outcome with derivatives; expected a Result, an Equilibrium or Modes"
+        f"sensitivities: {outcome!r} is no outcome with derivatives; expected a Result, a PeriodicOrbit, "
+        "a SpecialPoint, an Equilibrium or Modes"
     )

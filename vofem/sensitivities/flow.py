@@ -219,6 +219,16 @@ class Closed:
         phi[i, j] = divided(values[i], values[j], t)
         return np.asarray(phi)
 
+    def transitions(self) -> tuple[Array, dict[int, Array]]:
+        """Return ``exp(A tau)`` (N, N) and its derivatives, for the parameters that change A."""
+        basis = self.basis
+        whole = (basis.vectors * np.exp(basis.values * self.segment.duration)) @ basis.inverse
+        phi = self._phi(self.segment.duration)
+        return whole.real, {
+            int(owner): (basis.vectors @ (change * phi) @ basis.inverse).real
+            for owner, change in zip(basis.owners, basis.changes, strict=True)
+        }
+
     def integrals(self) -> tuple[Array, Array] | None:
         """Return the integrals over the segment of u (N,) and of its derivatives (N, p); None where A is singular."""
         basis, t, segment = self.basis, self.segment.duration, self.segment
@@ -371,3 +381,14 @@ class Block:
             wide[:size, :size], wide[:size, size] = generator, start
             both[:, k] = expm(wide * self.segment.duration)[: 2 * big, size]
         return both[big:, 0], both[:big]
+
+    def transitions(self) -> tuple[Array, dict[int, Array]]:
+        """Return ``exp(A tau)`` (N, N) and its derivatives, for the parameters that change A."""
+        from scipy.linalg import expm, expm_frechet
+
+        whole, t = expm(self.matrix * self.segment.duration), self.segment.duration
+        return whole, {
+            k: expm_frechet(self.matrix * t, change * t, compute_expm=False)
+            for k, change in enumerate(self.changes)
+            if change is not None
+        }

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.parameters import changed
 from vofem.time_functions import Constant, Piece, Ramp, Shifted, Sine
 from vofem.time_functions.base import Scaled, Sum
 
@@ -53,12 +53,12 @@ def derivative_waves(function: Any, path: tuple[str, ...], t: float) -> Waves:
     if isinstance(function, Constant):
         return waves_of(Piece(constant=1.0))
     if isinstance(function, Ramp):
-        return waves_of(replace(function, slope=1.0).piece(t))
+        return waves_of(changed(function, slope=1.0).piece(t))
     assert isinstance(function, Sine)
     if path == ("amplitude",):
-        return waves_of(replace(function, amplitude=1.0).piece(t))
+        return waves_of(changed(function, amplitude=1.0).piece(t))
     # The derivative by the phase; that by the frequency grows with time.
-    turned = waves_of(replace(function, phase=function.phase + 0.5 * np.pi).piece(t))
+    turned = waves_of(changed(function, phase=function.phase + 0.5 * np.pi).piece(t))
     if path == ("phase",):
         return turned
     return Waves(turned.omega, t * turned.level, turned.level)

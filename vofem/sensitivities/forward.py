@@ -111,6 +111,28 @@ class Crossing:
 
 
 @dataclass
+class Passage:
+    """The events between two segments, for the derivatives of what follows from them.
+
+    Attributes
+    ----------
+    numbers : range
+        The events in the log.
+    before : ndarray of int, shape (n_contacts,)
+        Status before.
+    state : ndarray, shape (2n,)
+        Scaled state before.
+    ends : ndarray, shape (2n, p)
+        Derivatives of the scaled state before, at a fixed time.
+    """
+
+    numbers: range
+    before: Status
+    state: Array
+    ends: Array
+
+
+@dataclass
 class Forward:
     """Derivatives along a run by forward propagation.
 
@@ -135,6 +157,8 @@ class Forward:
         self._flows: dict[bytes, StatusFlow] = {}
         self.event_times = np.full((self.events.time.size, len(self.changes)), np.nan)
         self._starts: list[Array] = []
+        self.passages: dict[int, Passage] = {}
+        self.final = np.empty(0)
         self._propagate()
 
     # -- pieces of the run ------------------------------------------------------------------------
@@ -227,8 +251,11 @@ class Forward:
                 continue
             state = piece.states(np.array([segments.durations[index]]))[:, 0]
             count = self.events.time.size - event if last else changed.size
-            z, v = self._pass(index, before, after, range(event, event + count), state, z, v)
+            numbers = range(event, event + count)
+            self.passages[index] = Passage(numbers, before, state, ends)
+            z, v = self._pass(index, before, after, numbers, state, z, v)
             event += count
+        self.final = np.concatenate([scale * z, v])
 
     def _status_at_end(self, event: int) -> Status:
         """Return the status after the events that happen at the very end of the run."""
@@ -395,6 +422,36 @@ class Forward:
         return [
             (int(k), np.flatnonzero(index == k), times[index == k] - self.starts[k]) for k in np.unique(index).tolist()
         ]
+
+    def motion(self, times: Array) -> tuple[Array, Array, Array]:
+        """Return modal displacements, velocities and accelerations of the run, each (n, n_times)."""
+        n, scale = self.modal.size, self.modal.scale[:, None]
+        out = np.empty((3, n, times.size))
+        for index, mine, tau in self.visit(times):
+            equation = self.flow(self.segments.status[index]).equation
+            states = self.closed(index).states(tau)
+            _, force, _ = self.forces(index)
+            push = np.stack([_wave_rows(force, t).sum(axis=0) for t in tau.tolist()], axis=1)
+            out[0][:, mine], out[1][:, mine] = states[:n] / scale, states[n:]
+            out[2][:, mine] = equation.matrix[n:] @ states + push
+        return out[0], out[1], out[2]
+
+    def accelerations(self, times: Array) -> Array:
+        """Return the derivatives of the modal accelerations, shape (n, n_times, p)."""
+        n = self.modal.size
+        out = np.empty((n, times.size, len(self.changes)))
+        for index, mine, tau in self.visit(times):
+            flow, piece = self.flow(self.segments.status[index]), self.closed(index)
+            states = piece.states(tau)
+            _, _, forces = self.forces(index)
+            found = np.einsum("nm,mtp->ntp", flow.equation.matrix[n:], piece.sample(np.eye(2 * n), tau))
+            for k, (change, own) in enumerate(zip(flow.matrices, forces, strict=True)):
+                if change is not None:
+                    found[:, :, k] += change[n:] @ states
+                if own is not None:
+                    found[:, :, k] += np.stack([_wave_rows(own, t).sum(axis=0) for t in tau.tolist()], axis=1)
+            out[:, mine] = found
+        return out
 
     def sample(self, rows: Array, times: Array) -> Array:
         """Return the derivatives of ``rows @ (z, v)`` at times of the run, shape (k, n_times, p)."""

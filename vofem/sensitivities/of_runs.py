@@ -107,16 +107,22 @@ class RunSensitivities:
         """Return the derivatives of the velocity of a point, shape (n_times, p) or (len(t), p)."""
         return self._along(point, t, 1)
 
+    def acceleration(self, point: Any, t: ArrayLike | None = None) -> Array:
+        """Return the derivatives of the acceleration of a point, shape (n_times, p) or (len(t), p)."""
+        return self._along(point, t, 2)
+
     def _along(self, point: Any, t: ArrayLike | None, kind: int) -> Array:
         times = self._times(t)
         scene, model, modal = self.result.scene, self.result.model, self._modal
         row = np.asarray(rows_over(model, scene.bodies, [point]) @ modal.shapes)
         blank = np.zeros_like(row)
-        out = self._forward.sample(np.hstack([row, blank] if kind == 0 else [blank, row]), times)[0]
+        if kind == 2:
+            out = np.einsum("n,ntp->tp", row[0], self._forward.accelerations(times))
+        else:
+            out = self._forward.sample(np.hstack([row, blank] if kind == 0 else [blank, row]), times)[0]
         moved = [change.points([point]) for change in self._changes]
         if any(one is not None for one in moved):
-            reduced: Any = getattr(self.result.solution, "reduced", self.result.solution)
-            motion = reduced.modal(times)[kind]
+            motion = self._forward.motion(times)[kind]
             for k, one in enumerate(moved):
                 if one is not None:
                     out[:, k] += (np.asarray(one @ modal.shapes) @ motion)[0]

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 _SAME = 1e-8
 
 
-class _OfParameters:
+class OfParameters:
     """Names and units of parameters."""
 
     def __init__(self, scene: Scene, parameters: tuple[Parameter, ...]) -> None:
@@ -58,7 +58,7 @@ class StaticContactSensitivities:
     gap_function: Array
 
 
-class EquilibriumSensitivities(_OfParameters):
+class EquilibriumSensitivities(OfParameters):
     """Derivatives of a static equilibrium; the access is that of `Equilibrium`.
 
     Attributes
@@ -148,7 +148,7 @@ class EquilibriumSensitivities(_OfParameters):
         return np.asarray(found)
 
 
-class ModesSensitivities(_OfParameters):
+class ModesSensitivities(OfParameters):
     """Derivatives of natural frequencies.
 
     Where several modes have one frequency, the derivatives are those of the frequencies into which it splits, in

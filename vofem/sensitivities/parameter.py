@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem._validate import nearest, number, public, whole
-from vofem.bodies.beam import Beam
 from vofem.errors import ArgumentError
 from vofem.scene import Scene
 from vofem.sensitivities.change import INITIAL, LINEAR, PLACES, after, check_field, function_at
@@ -104,6 +103,12 @@ class Parameter:
         things = (*scene.bodies, *scene.effects)
         return tuple(_lookup(self, things, target) for target in self.targets)
 
+    def carried(self, scene: Scene, other: Scene) -> Parameter:
+        """Return the parameter of a scene as that of another scene, whose objects are in the same order."""
+        things, same = (*scene.bodies, *scene.effects), (*other.bodies, *other.effects)
+        places = [next(k for k, thing in enumerate(things) if thing is target) for target in self.found(scene)]
+        return Parameter([same[k] for k in places], self.field, element=self.elements, bounds=self.bounds)
+
     def check(self, scene: Scene) -> None:
         """Raise an error if the scene has no number at this place.
 
@@ -194,9 +199,10 @@ def _lookup(parameter: Parameter, things: tuple[Any, ...], target: Any) -> Any:
     if not isinstance(target, str):
         if any(thing is target for thing in things):
             return target
+        # The scenes of a branch are built anew, so an object stands for the one of its class and name.
         target_name = getattr(target, "name", None)
         same = [t for t in things if type(t) is type(target) and getattr(t, "name", None) == target_name]
-        if isinstance(target_name, str) and len(same) == 1:
+        if len(same) == 1:
             return same[0]
         raise ArgumentError(
             f"{parameter.describe()}: {target!r} is not in the scene; give one of its bodies or effects"
@@ -221,8 +227,3 @@ def _bounds(bounds: Any) -> tuple[float, float]:
     if not low < high:
         raise ArgumentError(f"Parameter: bounds is {bounds!r}, expected two increasing numbers")
     return low, high
-
-
-def elements_of(beam: Beam) -> int:
-    """Return the number of elements of a beam."""
-    return int(beam.element_lengths.size)

@@ -144,7 +144,7 @@ def _difference(
         return _combined([pick(system) for system in systems], weights)
 
     def points(given: Sequence[Any]) -> Any:
-        return _combined([rows_over(one.model, one.bodies, [_carried(scene, one, point) for point in given])
+        return _combined([rows_over(one.model, one.bodies, [carried(scene, one, point) for point in given])
                           for one in scenes], weights)  # fmt: skip
 
     laws = [system.contacts for system in systems]
@@ -183,15 +183,26 @@ def _of_function(scene: Scene, parameter: Parameter, path: tuple[str, ...]) -> S
     system = scene.model.system
     touched = {k: path for k, (a, b) in enumerate(zip(system.loads, changed.loads, strict=True))
                if a.function != b.function}  # fmt: skip
+    return unchanged(system, functions=touched)
+
+
+def unchanged(
+    system: System,
+    displacement: Array | None = None,
+    velocity: Array | None = None,
+    functions: dict[int, tuple[str, ...]] | None = None,
+) -> SystemChange:
+    """Return the derivative by a number that enters the initial state, or functions of time, and nothing else."""
     n, contacts = system.size, 0 if system.contacts is None else len(system.contacts)
-    none = np.zeros(contacts)
+    none, blank = np.zeros(contacts), np.zeros(n)
     return SystemChange(
-        None, None, None, (0.0, 0.0), 0.0, None, none, none, none, tuple(np.zeros(n) for _ in system.loads),
-        np.zeros(n), np.zeros(n), touched, lambda given: None, 1,
+        None, None, None, (0.0, 0.0), 0.0, None, none, none, none, tuple(blank for _ in system.loads),
+        blank if displacement is None else displacement, blank if velocity is None else velocity, functions or {},
+        lambda given: None, 0 if functions is None else 1,
     )  # fmt: skip
 
 
-def _carried(scene: Scene, other: Scene, point: Any) -> Any:
+def carried(scene: Scene, other: Scene, point: Any) -> Any:
     """Return a point in a scene whose beams may be longer: at the same fraction of its beam."""
     for body, new in zip(scene.bodies, other.bodies, strict=True):
         if body.name == getattr(point.body, "name", None):

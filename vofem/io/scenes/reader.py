@@ -13,7 +13,7 @@ from vofem.errors import ArgumentError, VofemError
 from vofem.io.scenes.changes import number_at
 from vofem.io.scenes.schema import BODIES, EFFECTS, keys, read_table
 from vofem.io.scenes.settings import OutputSettings, RespondSettings, RunSettings, read_run
-from vofem.parameters import Kind, Real
+from vofem.parameters import Kind, Name, Real, declarations, is_declared
 from vofem.parameters.declared import read
 from vofem.parameters.place import Book, Invalid, Place
 from vofem.scene import Scene
@@ -155,7 +155,7 @@ def _effects(items: list[Item]) -> list[Any]:
     effects = []
     for kind, table, place in items:
         extra = {}
-        if "name" in keys(EFFECTS[kind]) and isinstance(table, dict) and "name" not in table:
+        if _numbered(EFFECTS[kind]) and isinstance(table, dict) and "name" not in table:
             k = counts.get(kind, 0) + 1
             while f"{kind}-{k}" in taken:
                 k += 1
@@ -163,6 +163,12 @@ def _effects(items: list[Item]) -> list[Any]:
             extra["name"] = f"{kind}-{k}"
         effects.append(read_table(EFFECTS[kind], table, place, **extra))
     return effects
+
+
+def _numbered(cls: type) -> bool:
+    """Return whether effects of a class must have a name, so that those without one are numbered."""
+    known = declarations(cls) if is_declared(cls) else {}
+    return "name" in known and isinstance(known["name"].kind, Name)
 
 
 # -- the initial state ------------------------------------------------------------------------------

@@ -1,0 +1,167 @@
+"""Fits of numbers of a scene, against maximum-likelihood solutions of an independent program (`data/README.md`)."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vofem as vf
+
+DATA = Path(__file__).parent / "data" / "derivatives"
+
+pytestmark = pytest.mark.kernels("plain")
+
+
+def case(name: str) -> tuple[dict[str, Any], Any]:
+    return json.loads((DATA / f"{name}.json").read_text()), np.load(DATA / f"{name}.npz")
+
+
+def scene_of(p: dict[str, float]) -> vf.Scene:
+    mass = vf.Mass(p["m"], stiffness=p["k"], damping=p["d"], name="m")
+    stop = vf.Contact(mass, gap=p["gap"], stiffness=p["K0"], damping=p["c"], side="above", acts_on="penetration",
+                      name="stop")  # fmt: skip
+    load = vf.PointLoad(mass, vf.Sine(p["F"], p["om"], phase=p["ph"]))
+    return vf.Scene([mass], [stop, load], initial={mass: (p["u0"], p["v0"])})
+
+
+def test_gap_stiffness_and_damper_are_the_maximum_likelihood_solution() -> None:
+    data, arrays = case("E1")
+    best = data["solutions"][0]
+    scene = scene_of({**data["true"], **best["start"]})
+    parameters = [vf.Parameter("stop", field) for field in ("gap", "stiffness", "damping")]
+    fit = vf.fit(scene, parameters, vf.Measured(scene.bodies[0], arrays["times"], arrays["data"], data["sigma"]))
+    expected = np.array([best["estimate"][name] for name in ("gap", "K0", "c")])
+    assert np.allclose(fit.values, expected, rtol=1e-9)
+    assert fit.chi2 == pytest.approx(best["chi2"], rel=1e-12)
+    assert np.allclose(fit.covariance, best["cov"], rtol=1e-6)
+    assert fit.not_identifiable == []
+    assert fit.runs <= 15
+    assert "stop.gap" in fit.report()
+    run = vf.simulate(fit.scene, 3.0, times=arrays["times"])
+    assert np.allclose(run.displacement(scene.bodies[0]) - arrays["data"], fit.residuals, atol=1e-15)
+
+
+def test_windows_that_grow_find_the_global_one_of_five_minima() -> None:
+    data, arrays = case("E3")
+    best = data["solutions"][0]
+    measured = None
+    found = {}
+    for horizon in (None, "grow"):
+        scene = scene_of({**data["true"], "gap": 0.0095})
+        measured = vf.Measured(scene.bodies[0], arrays["times"], arrays["data"], data["sigma"])
+        found[horizon] = vf.fit(scene, vf.Parameter("stop", "gap"), measured, horizon=horizon)
+    assert found["grow"].values[0] == pytest.approx(best["estimate"]["gap"], rel=1e-9)
+    assert found["grow"].chi2 == pytest.approx(best["chi2"], rel=1e-9)
+    assert found[None].chi2 > 1e3 * best["chi2"]
+
+
+def test_numbers_on_which_the_data_do_not_depend_are_named() -> None:
+    data, arrays = case("E5_not_identifiable")
+    scene = scene_of(data["true"])
+    parameters = [vf.Parameter("stop", "gap"), vf.Parameter("stop", "stiffness"), vf.Parameter("m", "mass")]
+    fit = vf.fit(scene, parameters, vf.Measured(scene.bodies[0], arrays["times"], arrays["data"], data["sigma"]))
+    assert fit.not_identifiable == ["stop.gap", "stop.stiffness"]
+    assert fit.values[:2].tolist() == [0.5, 900.0]
+    assert fit.deviation[2] == pytest.approx(data["std_m"], rel=1e-3)
+    assert np.all(np.isnan(fit.deviation[:2]))
+    assert "not determined" in fit.report()
+
+
+def test_noisy_data_are_explained_within_their_deviations() -> None:
+    true = {"m": 1.0, "k": 40.0, "d": 0.3, "F": 2.0, "om": 5.2, "ph": 0.4, "gap": 0.02, "K0": 900.0, "c": 0.0,
+            "u0": 0.0, "v0": 0.0}  # fmt: skip
+    times = np.linspace(0.02, 1.0, 50)
+    exact = scene_of(true)
+    clean = vf.simulate(exact, 1.0, times=times, method="event_driven").displacement(exact.bodies[0])
+    start = scene_of({**true, "gap": 0.021, "K0": 800.0})
+    parameters = [vf.Parameter("stop", "gap"), vf.Parameter("stop", "stiffness")]
+    within, runs = 0, 0
+    for seed in range(12):
+        data = clean + 2e-4 * np.random.default_rng(seed).standard_normal(times.size)
+        fit = vf.fit(start, parameters, vf.Measured(start.bodies[0], times, data, 2e-4))
+        within += bool(np.all(np.abs(fit.values - [0.02, 900.0]) < 3.0 * fit.deviation))
+        runs = max(runs, fit.runs)
+    assert within >= 11
+    assert runs <= 15
+
+
+def test_several_kinds_of_data_and_an_unknown_zero() -> None:
+    beam = vf.Beam(1.0, EI=10.0, rhoA=1.0, elements=4, supports={"left": "clamped"}, name="beam")
+    tip = beam.at(1.0)
+    stop = vf.Contact(tip, gap=0.02, stiffness=2000.0, damping=1.0, side="below", acts_on="penetration", name="stop")
+    load, damping = vf.PointLoad(tip, vf.Sine(2.0, 9.0)), vf.ModalDamping(0.02)
+    true = vf.Scene([beam], [stop, load, damping])
+    parameters = [
+        vf.Parameter(beam, "EI"), vf.Parameter(beam, "rhoA"), vf.Parameter(stop, "gap"),
+        vf.Parameter(load, "f.amplitude"), vf.Parameter(damping, "ratio"),
+    ]  # fmt: skip
+    times = np.linspace(0.01, 0.8, 60)
+    run = vf.simulate(true, 0.8, times=times, method="event_driven")
+    contact = run.contacts["stop"]
+    data = [
+        vf.Measured(tip, times, run.displacement(tip) + 0.003, 1e-5, offset=True),
+        vf.Measured(beam.at(0.6), times, run.velocity(beam.at(0.6)), 1e-4, quantity="velocity"),
+        vf.Measured(beam.at(0.6), times, run.acceleration(beam.at(0.6)), 1e-2, quantity="acceleration"),
+        vf.MeasuredEvents(stop, contact.closings, contact.openings, 1e-5),
+        vf.MeasuredFrequencies(vf.modes(true, 3).frequencies, 1e-2),
+        vf.MeasuredStatics(tip, [0.1, 0.2], [vf.equilibrium(true, t).displacement(tip) for t in (0.1, 0.2)], 1e-5),
+    ]
+    values = np.array([parameter.value(true) for parameter in parameters])
+    start = true
+    for parameter, value, factor in zip(parameters, values, (1.02, 0.97, 1.03, 0.98, 1.1), strict=True):
+        start = parameter.carried(true, start).at(start, value * factor)
+    mine = [parameter.carried(true, start) for parameter in parameters]
+    fit = vf.fit(start, mine, data)
+    assert np.allclose(fit.values, values, rtol=1e-7)
+    assert fit.offsets[0] == pytest.approx(0.003, rel=1e-6)
+    assert fit.chi2 < 1e-8
+    assert pytest.approx(10.0, rel=1e-7) == fit.scene.bodies[0].EI
+
+
+def test_several_starts_find_the_best_minimum_and_say_where_each_one_ended() -> None:
+    data, arrays = case("E3")
+    scene = scene_of({**data["true"], "gap": 0.0095})
+    gap = vf.Parameter("stop", "gap", bounds=(0.011, 0.015))
+    measured = vf.Measured(scene.bodies[0], arrays["times"][:30], arrays["data"][:30], data["sigma"])
+    with pytest.raises(vf.ArgumentError, match="outside of its bounds"):
+        vf.fit(scene, gap, measured)
+    scene = scene_of({**data["true"], "gap": 0.0148})
+    fit = vf.fit(scene, gap, measured, starts=3)
+    assert len(fit.starts) == 3
+    assert fit.chi2 == min(start.chi2 for start in fit.starts)
+    assert fit.values[0] == pytest.approx(data["solutions"][0]["estimate"]["gap"], abs=2e-5)
+
+
+def test_a_picture_of_a_fit(tmp_path: Path) -> None:
+    from vofem.io import plot
+
+    data, arrays = case("E5_not_identifiable")
+    scene = scene_of(data["true"])
+    measured = vf.Measured(scene.bodies[0], arrays["times"], arrays["data"], data["sigma"])
+    fit = vf.fit(scene, vf.Parameter("m", "mass"), measured)
+    assert plot.fit(fit, tmp_path / "fit.png").stat().st_size > 10_000
+
+
+def test_wrong_data_are_refused() -> None:
+    data, _ = case("E1")
+    scene = scene_of(data["true"])
+    mass = scene.bodies[0]
+    with pytest.raises(vf.ArgumentError, match="increasing"):
+        vf.Measured(mass, [1.0, 0.5], [0.0, 0.0])
+    with pytest.raises(vf.ArgumentError, match="shape"):
+        vf.Measured(mass, [1.0, 1.5], [0.0])
+    with pytest.raises(vf.ArgumentError, match="positive"):
+        vf.Measured(mass, [1.0], [0.0], [-1.0])
+    with pytest.raises(vf.ArgumentError, match="increasing times of closings"):
+        vf.MeasuredEvents("stop")
+    measured = vf.Measured(mass, [0.1, 0.2], [0.0, 0.0])
+    with pytest.raises(vf.ArgumentError, match="expected a time in s or 'grow'"):
+        vf.fit(scene, vf.Parameter("stop", "gap"), measured, horizon="all")
+    with pytest.raises(vf.ArgumentError, match=r"expected vofem\.Measured"):
+        vf.fit(scene, vf.Parameter("stop", "gap"), [1.0])
+    with pytest.raises(vf.ArgumentError, match="give it for all of them"):
+        vf.fit(scene, vf.Parameter("stop", "gap"), [measured, vf.Measured(mass, [0.3], [0.0], 1.0)])

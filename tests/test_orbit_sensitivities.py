@@ -1,0 +1,147 @@
+"""Derivatives of periodic orbits and special points, against an exact propagation in 300 bits (`data/README.md`)."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vofem as vf
+from vofem import Parameter, sensitivities
+
+DATA: dict[str, Any] = json.loads((Path(__file__).parent / "data" / "derivatives" / "C1.json").read_text())
+ORBITS = [(group, k) for group in ("P2", "P1") for k in range(len(DATA[group]["orbits"]))]
+
+pytestmark = pytest.mark.kernels("plain")
+
+PARAMETERS = {
+    "om": Parameter("load", "f.omega"), "gap": Parameter("stop", "gap"), "K0": Parameter("stop", "stiffness"),
+    "d": Parameter("m", "damping"), "F": Parameter("load", "f.amplitude"),
+}  # fmt: skip
+
+
+def scene_of(p: dict[str, float], omega: float) -> vf.Scene:
+    mass = vf.Mass(1.0, stiffness=1.0, damping=p["d"], name="m")
+    stop = vf.Contact(mass, gap=p["gap"], stiffness=p["K0"], side="above", acts_on="penetration", name="stop")
+    return vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(p["F"], omega), name="load")])
+
+
+def off(found: Any, right: Any) -> float:
+    """Return the error relative to the largest entry."""
+    return float(np.max(np.abs(np.asarray(found) - right)) / np.max(np.abs(right)))
+
+
+@pytest.mark.parametrize(("group", "k"), ORBITS)
+def test_orbits_have_the_derivatives_of_the_exact_propagation(group: str, k: int) -> None:
+    data = DATA[group]["orbits"][k]
+    scene = scene_of(data["point"], data["point"]["om"])
+    mass = scene.bodies[0]
+    rows = np.array(data["jacobian"])
+    parts = np.array(data["multiplier_derivatives"])
+    moved, values = parts[..., 0] + 1j * parts[..., 1], np.array([complex(*pair) for pair in data["multipliers"]])
+    # One reference orbit over two periods of the load is an orbit over one period, taken twice.
+    twice = (len(data["events"]) == 8 and data["k"] == 2) or data["point"]["om"] == 0.9
+    periods = 1 if twice else data["k"]
+    guess: Any = {mass: tuple(data["values"][:2])}
+    orbit = vf.periodic(scene, periods=periods, guess=guess, method="shooting")
+    d = sensitivities(orbit, [PARAMETERS[name] for name in data["parameters"]])
+    least, largest = d.extremes(mass)
+    found = [d.displacement(mass, [0.0])[0], d.velocity(mass, [0.0])[0], largest, least, *d.event_times]
+    if twice:
+        found += [row + d.period for row in d.event_times]
+    known = orbit.multipliers
+    assert known is not None
+    multipliers = d.multipliers
+    if twice:
+        multipliers, known = 2.0 * known[:, None] * multipliers, known**2
+    assert len(found) == len(rows)
+    for mine, right in zip(found, rows, strict=True):
+        assert off(mine, right) < 1e-11
+    order = [int(np.argmin(np.abs(values - value))) for value in known]
+    assert off(multipliers, moved[order]) < 1e-11
+    assert np.allclose(d.amplitude(mass), 0.5 * (largest - least))
+    # All lengths and loads times a factor: the orbit is multiplied, and its stability stays.
+    names = data["parameters"]
+    scaled = data["point"]["gap"] * largest[names.index("gap")] + data["point"]["F"] * largest[names.index("F")]
+    assert scaled == pytest.approx(orbit.extremes(mass)[1], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("group", "kind", "number", "span"),
+    [
+        ("P2", "fold", 1, (1.12, 1.14)),
+        ("P2", "grazing", 0, (0.935, 0.945)),
+        ("P1", "period_doubling", 1, (0.86, 0.88)),
+        ("P1", "period_doubling", 3, (2.33, 2.35)),
+    ],
+)
+def test_special_points_move_as_in_the_exact_propagation(
+    group: str, kind: str, number: int, span: tuple[float, float]
+) -> None:
+    data = DATA[group]["special"][number]
+    first: Any = None
+    if kind == "fold":
+        # Two motions are stable there; the branch is that of impacts.
+        start = scene_of(data["point"], span[0])
+        state = DATA[group]["orbits"][9]["values"][:2]
+        first = vf.periodic(start, guess={start.bodies[0]: tuple(state)}, method="shooting")
+    branch = vf.continuation(
+        lambda omega: scene_of(data["point"], omega), *span, guess=first, method="shooting", max_seconds=60.0
+    )
+    special = next(one for one in branch.special if one.kind == kind and abs(one.value - data["om"]) < 1e-6)
+    names = ("gap", "K0", "d", "F")
+    d = sensitivities(special, [PARAMETERS[name] for name in names])
+    right = np.array([data["d_om"][name] for name in names])
+    assert off(d.value, right) < 1e-10
+    along = sensitivities(special, [PARAMETERS[name] for name in names], along=PARAMETERS["om"])
+    assert np.array_equal(along.value, d.value)
+
+
+def test_a_beam_with_modal_damping_has_the_multipliers_of_differences() -> None:
+    def scene(stiffness: float, rho: float, gap: float) -> vf.Scene:
+        beam = vf.Beam(1.0, EI=10.0, rhoA=rho, elements=2, supports={"left": "clamped"}, name="beam")
+        stop = vf.Contact(beam.at(1.0), gap=gap, stiffness=stiffness, damping=2.0, side="below", acts_on="displacement",
+                          name="stop")  # fmt: skip
+        load = vf.PointLoad(beam.at(1.0), vf.Sine(3.0, 9.0), name="load")
+        return vf.Scene([beam], [stop, load, vf.ModalDamping(0.1)])
+
+    def orbit(*numbers: float, guess: Any = None) -> vf.PeriodicOrbit:
+        return vf.periodic(scene(*numbers), guess=guess, method="shooting")
+
+    base = (60.0, 1.0, 0.08)
+    first = orbit(*base)
+    assert first.result.counters.events > 0
+    parameters = [Parameter("stop", "stiffness"), Parameter("beam", "rhoA"), Parameter("stop", "gap")]
+    d = sensitivities(first, parameters)
+    tip = first.scene.bodies[0].at(1.0)  # type: ignore[attr-defined]
+    assert first.multipliers is not None
+    for k, value in enumerate(base):
+        h = 1e-4 * value
+        ends = []
+        for sign in (1.0, -1.0):
+            numbers = list(base)
+            numbers[k] += sign * h
+            ends.append(orbit(*numbers, guess=first))
+        slope = (ends[0].amplitude(tip) - ends[1].amplitude(tip)) / (2.0 * h)
+        assert d.amplitude(tip)[k] == pytest.approx(slope, rel=1e-5)
+        values = [one.multipliers[0] for one in ends]  # type: ignore[index]
+        values = [value if value.imag * first.multipliers[0].imag >= 0.0 else value.conjugate() for value in values]
+        assert d.multipliers[0, k] == pytest.approx((values[0] - values[1]) / (2.0 * h), rel=1e-4)
+
+
+def test_what_has_no_derivative_is_refused_by_name() -> None:
+    data = DATA["P1"]["orbits"][1]
+    scene = scene_of(data["point"], data["point"]["om"])
+    orbit = vf.periodic(scene, guess={scene.bodies[0]: tuple(data["values"][:2])}, method="shooting")
+    with pytest.raises(vf.ArgumentError, match="does not depend on an initial state"):
+        sensitivities(orbit, [Parameter("m", "initial.velocity")])
+    balanced = vf.periodic(scene, method="harmonic_balance", harmonics=5)
+    with pytest.raises(vf.MethodError, match="method='shooting'"):
+        sensitivities(balanced, [Parameter("m", "damping")])
+    with pytest.raises(vf.ArgumentError, match=r"along=vofem\.Parameter"):
+        sensitivities(vf.SpecialPoint("fold", 0.123, orbit), [Parameter("m", "damping")])
+    with pytest.raises(vf.ArgumentError, match="does not persist"):
+        sensitivities(vf.SpecialPoint("branch_point", orbit.omega, orbit), [Parameter("m", "damping")])

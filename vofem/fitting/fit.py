@@ -1,0 +1,391 @@
+"""Least squares for the numbers of a scene, with exact Jacobians of runs through impacts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem._validate import number, whole
+from vofem.cards import Shown
+from vofem.errors import ArgumentError, ConvergenceError, VofemError
+from vofem.fitting.measured import Data, Measured, MeasuredEvents, MeasuredFrequencies, MeasuredStatics, Trial
+from vofem.scene import Scene, as_scene
+from vofem.sensitivities import Parameter
+from vofem.sensitivities.parameter import parameters_of
+
+Array = NDArray[np.float64]
+
+#: Relative changes of the sum of squares and of the unknowns, and size of the gradient, at which a fit ends.
+_TOLERANCE = 1e-12
+
+#: Shares of the data's duration over which windows grow.
+_WINDOWS = (0.125, 0.25, 0.5, 1.0)
+
+#: A window ends early: the next one starts from its result, which needs not be exact.
+_ROUGH = 1e-4
+
+#: Singular values of the scaled Jacobian, relative to the largest one, below which a combination is not identifiable.
+_SINGULAR = 1e-9
+
+#: Range of further starts around the scene's numbers where there are no bounds.
+_SPREAD = 0.5
+
+#: Fields that cannot be negative, and those that must be positive.
+_LEAST = {
+    "stiffness": 0.0, "damping": 0.0, "mass": 0.0, "EI": 0.0, "rhoA": 0.0, "length": 0.0, "alpha": 0.0, "beta": 0.0,
+    "ratio": 0.0,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class FitStart:
+    """The outcome of a fit from one start.
+
+    Attributes
+    ----------
+    start, values : ndarray, shape (p,)
+        Values of the parameters at the begin and at the end.
+    chi2 : float
+        Sum of the squared residuals, each divided by the noise where this is given.
+    """
+
+    start: Array
+    values: Array
+    chi2: float
+
+
+class Fit(Shown):
+    """The outcome of `fit`.
+
+    Attributes
+    ----------
+    parameters : tuple of Parameter
+    values, deviation : ndarray, shape (p,)
+        Estimates, and their standard deviations; NaN for parameters that the data do not determine.
+    covariance : ndarray, shape (p, p)
+        NaN in rows and columns of parameters that the data do not determine.
+    offsets : ndarray
+        Estimated constants of the data with ``offset=True``, in their order.
+    residuals : ndarray, shape (n,)
+        Model less measurement, in the units of the data, in the order of the data.
+    chi2 : float
+        Sum of the squared residuals, each divided by the noise where this is given.
+    not_identifiable : list of str
+        Names of parameters on which the data do not depend, alone or in a combination.
+    scene : Scene
+        The scene with the estimates, ready to run.
+    starts : tuple of FitStart
+        The outcomes from all starts, the best one first.
+    until : float
+        End of the data that were used, s.
+    runs : int
+        Number of evaluations of the model, of the best start.
+    data : tuple
+        The data.
+    notes : list of str
+        Sentences that a user should read.
+    """
+
+    def __init__(
+        self,
+        parameters: tuple[Parameter, ...],
+        data: tuple[Data, ...],
+        problem: _Problem,
+        starts: tuple[FitStart, ...],
+        solved: _Solved,
+    ) -> None:
+        self.parameters, self.data, self.starts, self.until = parameters, data, starts, solved.until
+        p = len(parameters)
+        self.values, self.offsets = solved.x[:p], solved.x[p:]
+        self.scene = problem.scene_of(solved.x)
+        self.residuals = solved.residuals
+        self.chi2, self.runs = solved.chi2, solved.runs
+        self.notes: list[str] = list(solved.notes)
+        self.covariance, poor = _covariance(solved, p, problem.noise_is_known, self.residuals.size)
+        self.not_identifiable = [parameters[k].name for k in poor]
+        if poor:
+            self.notes.append(
+                f"not identifiable: the data do not determine {', '.join(self.not_identifiable)}; give other data, or "
+                "leave these parameters out"
+            )
+        low, high = problem.bounds
+        for k, parameter in enumerate(parameters):
+            size = max(abs(self.values[k]), 1e-300)
+            if min(self.values[k] - low[k], high[k] - self.values[k]) <= 1e-9 * size:
+                self.notes.append(f"bound: {parameter.name} lies at a bound, {self.values[k]:.6g}")
+
+    @property
+    def deviation(self) -> Array:
+        """Standard deviations of the estimates, shape (p,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def __repr__(self) -> str:
+        parts = [f"{p.name} = {v:.6g}" for p, v in zip(self.parameters, self.values, strict=True)]
+        return f"Fit({', '.join(parts)})"
+
+    def report(self) -> str:
+        """Return a table of estimates with their deviations and correlations, and the notes."""
+        lines = [f"{self.residuals.size} data, chi2 = {self.chi2:.6g}, {self.runs} runs, {len(self.starts)} starts"]
+        width = max(len(parameter.name) for parameter in self.parameters)
+        for parameter, value, deviation in zip(self.parameters, self.values, self.deviation, strict=True):
+            spread = "not determined" if np.isnan(deviation) else f"+- {deviation:.3g}"
+            lines.append(f"  {parameter.name:<{width}}  {value:.8g} {spread} {parameter.unit(self.scene)}".rstrip())
+        for k in range(len(self.parameters)):
+            for j in range(k):
+                share = self.covariance[j, k] / (self.deviation[j] * self.deviation[k])
+                if abs(share) > 0.5:
+                    names = f"{self.parameters[j].name}, {self.parameters[k].name}"
+                    lines.append(f"  correlation of {names}: {share:.3f}")
+        return "\n".join([*lines, *self.notes])
+
+
+@dataclass
+class _Solved:
+    """A solution of least squares: unknowns, residuals, scaled Jacobian (n, p + offsets), and the work."""
+
+    x: Array
+    residuals: Array
+    jacobian: Array
+    chi2: float
+    runs: int
+    notes: list[str]
+    until: float
+
+
+class _Problem:
+    """Residuals and Jacobians over parameters and offsets."""
+
+    def __init__(self, scene: Scene, parameters: tuple[Parameter, ...], data: tuple[Data, ...], method: str) -> None:
+        self.scene, self.parameters, self.data, self._method = scene, parameters, data, method
+        self.first = np.array([parameter.value(scene) for parameter in parameters])
+        self.with_offset = [k for k, one in enumerate(data) if one.offset]
+        known = [one.noise is not None for one in data]
+        if any(known) and not all(known):
+            raise ArgumentError(
+                "fit: some data have a noise and others have none; give it for all of them, or for none"
+            )
+        self.noise_is_known = all(known)
+        times = [one.times for one in data if one.in_time]  # type: ignore[union-attr]
+        self.end = float(max((t[-1] for t in times), default=0.0))
+        self.bounds = self._bounds()
+        self.runs = 0
+        self._known: tuple[bytes, float, Trial, Array] | None = None
+
+    def _bounds(self) -> tuple[Array, Array]:
+        low = np.array([parameter.bounds[0] for parameter in self.parameters])
+        high = np.array([parameter.bounds[1] for parameter in self.parameters])
+        for k, parameter in enumerate(self.parameters):
+            least = _LEAST.get(parameter.field)
+            if least is not None:
+                low[k] = max(low[k], 1e-6 * abs(self.first[k]))
+        outside = (self.first < low) | (self.first > high)
+        if np.any(outside):
+            k = int(np.argmax(outside))
+            raise ArgumentError(
+                f"fit: {self.parameters[k].name} is {self.first[k]:g} in the scene, outside of its bounds "
+                f"{self.parameters[k].bounds}; start from a scene within them"
+            )
+        return low, high
+
+    def scene_of(self, x: Array) -> Scene:
+        """Return the scene with trial values."""
+        scene = self.scene
+        for parameter, value in zip(self.parameters, x, strict=False):
+            scene = parameter.carried(self.scene, scene).at(scene, float(value))
+        return scene
+
+    def trial(self, x: Array, until: float) -> tuple[Trial, Array]:
+        """Return a trial and its residuals in the units of the data."""
+        key = x.tobytes()
+        if self._known is None or self._known[:2] != (key, until):
+            scene = self.scene_of(x)
+            parameters = tuple(parameter.carried(self.scene, scene) for parameter in self.parameters)
+            end = min(until, self.end)
+            used = [one.times[one.times <= end] for one in self.data if one.in_time]  # type: ignore[union-attr]
+            times = np.unique(np.concatenate([*used, [end]])) if used and end > 0.0 else np.zeros(1)
+            trial = Trial(self.scene, scene, parameters, until, times, self._method)
+            self.runs += 1
+            parts = []
+            for k, one in enumerate(self.data):
+                part = one.model(trial) - one.values[one.used(until)]
+                if k in self.with_offset:
+                    part = part + x[len(self.parameters) + self.with_offset.index(k)]
+                parts.append(part)
+            self._known = key, until, trial, np.concatenate(parts)
+        return self._known[2], self._known[3]
+
+    def weights(self, until: float) -> Array:
+        """Return the inverse of the noise of each residual."""
+        parts = [np.ones(int(one.used(until).sum())) if one.noise is None else 1.0 / one.noise[one.used(until)]
+                 for one in self.data]  # fmt: skip
+        return np.concatenate(parts)
+
+    def jacobian(self, x: Array, until: float) -> Array:
+        """Return the derivatives of the weighted residuals, shape (n, p + offsets)."""
+        trial, residuals = self.trial(x, until)
+        p = len(self.parameters)
+        found = np.zeros((residuals.size, p + len(self.with_offset)))
+        row = 0
+        for k, one in enumerate(self.data):
+            part = one.jacobian(trial)
+            found[row : row + part.shape[0], :p] = part
+            if k in self.with_offset:
+                found[row : row + part.shape[0], p + self.with_offset.index(k)] = 1.0
+            row += part.shape[0]
+        return found * self.weights(until)[:, None]
+
+    def solve(self, x: Array, until: float, tolerance: float) -> _Solved:
+        """Solve the least squares from a start over a window of time."""
+        from scipy.optimize import least_squares
+
+        weights = self.weights(until)
+        if weights.size == 0:
+            return _Solved(x, np.empty(0), np.empty((0, x.size)), 0.0, 0, [], until)
+        offsets = np.full(len(self.with_offset), np.inf)
+        # A parameter on which the window does not depend keeps its value; its step is zero.
+        scale = np.linalg.norm(self.jacobian(x, until), axis=0)
+        size = np.where(scale > 0.0, 1.0 / np.where(scale > 0.0, scale, 1.0), np.maximum(np.abs(x), 1.0))
+        before = self.runs
+        found = least_squares(
+            lambda y: weights * self.trial(y, until)[1],
+            np.clip(x, np.append(self.bounds[0], -offsets), np.append(self.bounds[1], offsets)),
+            jac=lambda y: self.jacobian(y, until), bounds=(np.append(self.bounds[0], -offsets),
+            np.append(self.bounds[1], offsets)), x_scale=size, ftol=tolerance, xtol=tolerance, gtol=tolerance,
+            max_nfev=100,
+        )  # fmt: skip
+        residuals = self.trial(found.x, until)[1]
+        notes = [] if found.success else ["the fit did not converge in 100 steps; give a better start, or more starts"]
+        return _Solved(
+            found.x, residuals, self.jacobian(found.x, until), float(np.sum((weights * residuals) ** 2)),
+            self.runs - before, notes, until,
+        )  # fmt: skip
+
+
+def _covariance(solved: _Solved, p: int, known: bool, count: int) -> tuple[Array, list[int]]:
+    """Return the covariance (p, p), NaN where the data tell nothing, and the numbers of such parameters."""
+    jacobian = solved.jacobian
+    norms = np.linalg.norm(jacobian, axis=0)
+    poor = set(np.flatnonzero(norms == 0.0).tolist())
+    rest = np.flatnonzero(norms > 0.0)
+    covariance = np.full((p, p), np.nan)
+    if rest.size:
+        _, s, vt = np.linalg.svd(jacobian[:, rest] / norms[rest], full_matrices=False)
+        weak = s <= _SINGULAR * s[0]
+        for direction in vt[weak]:
+            poor |= set(rest[np.abs(direction) > 0.1 * np.max(np.abs(direction))].tolist())
+        kept = vt[~weak] / s[~weak, None]
+        whole = (kept.T @ kept) / np.outer(norms[rest], norms[rest])
+        if not known:
+            whole = whole * solved.chi2 / max(count - rest.size, 1)
+        places = [(a, k) for a, k in enumerate(rest.tolist()) if k < p and k not in poor]
+        for a, j in places:
+            for b, k in places:
+                covariance[j, k] = whole[a, b]
+    return covariance, sorted(k for k in poor if k < p)
+
+
+def fit(
+    scene: Scene,
+    parameters: Sequence[Parameter] | Parameter,
+    data: Data | Sequence[Data],
+    *,
+    horizon: float | str | None = None,
+    starts: int = 1,
+) -> Fit:
+    """Find numbers of a scene with which it explains measurements best, by least squares.
+
+    Jacobians are exact, through impacts too (`vofem.sensitivities`), so that a fit needs few runs.
+
+    Parameters
+    ----------
+    scene : Scene
+        The fit starts from the numbers of the scene.
+    parameters : list of Parameter
+        What is unknown. Linked numbers are one parameter; what is not listed stays fixed.
+    data : Measured, MeasuredEvents, MeasuredFrequencies, MeasuredStatics, or a list of them
+    horizon : float or "grow", optional
+        The end of the data that are used, s. With "grow" the fit begins with an eighth of the duration, which it
+        doubles three times: motions with impacts drift apart, so that over a long time the sum of squares has many
+        minima. The default is all data.
+    starts : int
+        Number of starts. Further ones lie within the bounds of the parameters, or within half of their values.
+
+    Returns
+    -------
+    Fit
+
+    Raises
+    ------
+    ArgumentError
+        If parameters or data do not fit to the scene, or its start lies outside of the bounds.
+    ConvergenceError
+        If no start leads to a solution.
+    MethodError
+        If the scene is not one for ``event_driven``; the message says why.
+
+    Notes
+    -----
+    With noise given, the covariance is ``(J'J)^-1`` of the Jacobian over the noise. Otherwise the variance of the noise
+    is estimated from the residuals. A parameter on which the data do not depend keeps its value and is named in
+    `Fit.not_identifiable`. The optimiser is `scipy.optimize.least_squares`.
+    """
+    as_scene("fit", scene)
+    chosen = parameters_of("fit", parameters, scene)
+    several = tuple(data) if isinstance(data, (list, tuple)) else (data,)
+    kinds = (Measured, MeasuredEvents, MeasuredFrequencies, MeasuredStatics)
+    if not several or any(not isinstance(one, kinds) for one in several):
+        raise ArgumentError(f"fit: data is {data!r}, expected vofem.Measured or a list of measurements")
+    starts = whole("fit: starts", starts)
+    problem = _Problem(scene, chosen, several, "event_driven")
+    windows = _windows(horizon, problem.end)
+    found: list[tuple[FitStart, _Solved]] = []
+    failure: VofemError | None = None
+    for begin in _begins(problem, starts):
+        x = np.append(begin, np.zeros(len(problem.with_offset)))
+        problem.runs, problem._known = 0, None
+        try:
+            for until in windows[:-1]:
+                x = problem.solve(x, until, _ROUGH).x
+            solved = problem.solve(x, windows[-1], _TOLERANCE)
+        except VofemError as error:
+            failure = failure or error
+            if starts == 1:
+                raise
+            continue
+        solved.runs = problem.runs
+        found.append((FitStart(begin, solved.x[: len(chosen)], solved.chi2), solved))
+    if not found:
+        raise ConvergenceError(f"fit: none of {starts} starts led to a solution; the first one ended with: {failure}")
+    found.sort(key=lambda pair: pair[0].chi2)
+    return Fit(chosen, several, problem, tuple(start for start, _ in found), found[0][1])
+
+
+def _windows(horizon: Any, end: float) -> list[float]:
+    """Return the ends of the windows of time, s."""
+    if horizon is None:
+        return [end]
+    if isinstance(horizon, str):
+        if horizon != "grow":
+            raise ArgumentError(f"fit: horizon is {horizon!r}, expected a time in s or 'grow'")
+        return [share * end for share in _WINDOWS]
+    return [number("fit: horizon", horizon, positive=True)]
+
+
+def _begins(problem: _Problem, count: int) -> list[Array]:
+    """Return the starts: the numbers of the scene, and points of a Latin hypercube."""
+    begins = [problem.first]
+    if count > 1:
+        from scipy.stats import qmc
+
+        reach = _SPREAD * np.where(problem.first != 0.0, np.abs(problem.first), 1.0)
+        low = np.where(np.isfinite(problem.bounds[0]), problem.bounds[0], problem.first - reach)
+        high = np.where(np.isfinite(problem.bounds[1]), problem.bounds[1], problem.first + reach)
+        own = np.array([np.isfinite(parameter.bounds[0]) for parameter in problem.parameters])
+        low = np.where(own, low, np.maximum(low, problem.first - reach))
+        points = qmc.LatinHypercube(d=problem.first.size, rng=np.random.default_rng(0)).random(count - 1)
+        begins += [low + point * (high - low) for point in points]
+    return begins

@@ -1,0 +1,60 @@
+"""A picture of a fit: measurements, model and residuals."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from vofem.fitting import Fit, MeasuredEvents, MeasuredFrequencies
+from vofem.io.pictures.axes import COLORS, Canvas, Where, goal_of, ink, plain, stroke, text_size
+
+
+def fit(result: Fit, path: Where = None, *, ax: Any = None) -> Any:
+    """Draw measurements with the model that was fitted to them, and below the residuals.
+
+    Parameters
+    ----------
+    result : Fit
+    path : path of a .png, .pdf or .svg, optional
+        The file to write.
+    ax : matplotlib axes, optional
+        The axes to draw into, in the order of rows: those of all measurements, then those of their residuals. By
+        default a new figure is made.
+
+    Returns
+    -------
+    Path or matplotlib axes
+        `path` where one is given, else the axes.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+    goal = goal_of(path)
+    count = len(result.data)
+    canvas = Canvas("fit", goal, ax, (6.0 + 2.0 * count, 5.6), rows=2, columns=count)
+    row, shift = 0, 0
+    for k, one in enumerate(result.data):
+        used = one.used(result.until)
+        size = int(used.sum())
+        residuals = result.residuals[row : row + size]
+        row += size
+        numbered = isinstance(one, MeasuredEvents | MeasuredFrequencies)
+        x = np.arange(1, size + 1) if isinstance(one, MeasuredEvents | MeasuredFrequencies) else one.times[used]
+        constant = 0.0
+        if one.offset:
+            constant, shift = float(result.offsets[shift]), shift + 1
+        values = one.values[used] - constant
+        upper, lower = canvas.grid[0, k], canvas.grid[1, k]
+        marker = "o" if numbered or size < 60 else "."
+        upper.plot(x, values, marker, color=COLORS[0], markersize=4.0, label="measured")
+        upper.plot(x, values + residuals, color=ink(), linewidth=stroke(1.0), label="fitted")
+        upper.set_title(plain(one.describe()), fontsize=text_size(10))
+        upper.legend()
+        lower.axhline(0.0, color=ink(), linewidth=stroke(0.6))
+        lower.plot(x, residuals, marker, color=COLORS[1], markersize=4.0)
+        lower.set(xlabel="number" if numbered else "time [s]", ylabel=f"residual [{one.unit}]")
+        upper.set_ylabel(f"[{one.unit}]")
+    return canvas.done()

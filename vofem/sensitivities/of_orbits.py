@@ -1,0 +1,352 @@
+"""Derivatives of periodic orbits, and of where they change in kind."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vofem.errors import ArgumentError, MethodError
+from vofem.lookup import rows_over
+from vofem.scene import Scene
+from vofem.sensitivities.forward import Forward, Work
+from vofem.sensitivities.modal import ModalChange, modal_change, modal_system
+from vofem.sensitivities.of_statics import OfParameters
+from vofem.sensitivities.parameter import Parameter, parameters_of
+from vofem.sensitivities.system_change import SystemChange, system_change, unchanged
+from vofem.studies.steady import PeriodicOrbit, SpecialPoint
+from vofem.system import CLOSED, OPEN, PINNED
+from vofem.time_functions import Sine, as_time_function
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+#: Relative distance of multipliers that count as one, and have no derivatives of their own.
+_SAME = 1e-7
+
+
+class OrbitSensitivities(OfParameters):
+    """Derivatives of a periodic orbit by parameters; the last axis is the parameter.
+
+    The orbit stays periodic while a parameter changes: its state at t = 0 of the loads moves along, and so does its
+    period, if the frequency of the loads is a parameter.
+
+    Attributes
+    ----------
+    orbit : PeriodicOrbit
+    parameters : tuple of Parameter
+    period : ndarray, shape (p,)
+        Of the period, s.
+    work : Work
+    """
+
+    def __init__(self, orbit: PeriodicOrbit, parameters: Any) -> None:
+        scene = orbit.scene
+        super().__init__(scene, parameters_of("sensitivities", parameters, scene))
+        if orbit.method != "shooting":
+            raise MethodError(
+                f"sensitivities: the orbit was found by {orbit.method}, which approximates it; find it by "
+                "vofem.periodic(..., method='shooting')"
+            )
+        if orbit.autonomous:
+            raise ArgumentError("sensitivities: no load determines the period of this orbit; add a load")
+        self.orbit = orbit
+        result = orbit.result
+        if hasattr(result.solution, "reduced"):
+            raise MethodError(
+                "sensitivities: the orbit was found in a few vectors; use fewer elements, so that it is found in all "
+                "modes"
+            )
+        full = result.model.system
+        changes = [system_change(scene, parameter) for parameter in self.parameters]
+        self._changes: list[SystemChange] = []
+        for parameter, change in zip(self.parameters, changes, strict=True):
+            if parameter.field.startswith("initial."):
+                raise ArgumentError(f"Parameter {parameter.name}: an orbit does not depend on an initial state")
+            none = np.zeros(full.size)
+            self._changes.append(replace(change, displacement=none, velocity=none))
+        self.period = np.array([-orbit.period * self._faster(parameter) for parameter in self.parameters])
+        modal = modal_system(result.solution)
+        self._modal = modal
+        n = modal.size
+        columns = [modal_change(modal, full, change) for change in self._changes]
+        for k in range(2 * n):
+            unit = np.zeros((2, n))
+            unit[k // n, k % n] = 1.0 / modal.scale[k] if k < n else 1.0
+            columns.append(ModalChange(None, None, None, None, None, unit[0], unit[1], unchanged(full)))
+        self.work = Work(assemblies=sum(change.assemblies for change in self._changes))
+        self._forward = Forward(result.solution, modal, columns, self.work)
+        p = len(self.parameters)
+        # Of the residual of periodicity by parameters, the period moving along, and by the start.
+        self._by_parameters = self._forward.final[:, :p] + np.outer(self._last_rate(), self.period)
+        self.monodromy = self._forward.final[:, p:]
+        self._start = np.linalg.solve(np.eye(2 * n) - self.monodromy, self._by_parameters)
+
+    def _faster(self, parameter: Parameter) -> float:
+        """Return the derivative of the logarithm of the frequency of the loads by a parameter."""
+        if not parameter.field.endswith("omega"):
+            return 0.0
+        waves = [_frequencies(scene) for scene in (self._scene, parameter.changed(self._scene, 1.0))]
+        growth = np.unique((waves[1] - waves[0]) / waves[0]) if waves[0].size else np.zeros(1)
+        if np.ptp(growth) > 1e-12:
+            raise ArgumentError(
+                f"Parameter {parameter.name}: with it the loads no longer have a common period; link all of their "
+                "frequencies by a list of objects"
+            )
+        return float(growth[0])
+
+    def _last_rate(self) -> Array:
+        """Return the rate of the scaled state at the end of the orbit, shape (2n,)."""
+        forward = self._forward
+        _, v, a = forward.motion(np.array([forward.solution.t_end]))
+        return np.concatenate([self._modal.scale * v[:, 0], a[:, 0]])
+
+    def _total(self, found: Array) -> Array:
+        """Return derivatives by parameters from those at a fixed start, whose last axis holds the start as well."""
+        p = len(self.parameters)
+        return found[..., :p] + found[..., p:] @ self._start
+
+    # -- motion -----------------------------------------------------------------------------------
+
+    def displacement(self, point: Any, t: ArrayLike | None = None) -> Array:
+        """Return the derivatives of the displacement of a point at times of the orbit, shape (n_times, p)."""
+        return self._along(point, t, 0)
+
+    def velocity(self, point: Any, t: ArrayLike | None = None) -> Array:
+        """Return the derivatives of the velocity of a point at times of the orbit, shape (n_times, p)."""
+        return self._along(point, t, 1)
+
+    def _along(self, point: Any, t: ArrayLike | None, kind: int) -> Array:
+        result, forward = self.orbit.result, self._forward
+        times = result.times if t is None else np.atleast_1d(np.asarray(t, dtype=float))
+        row = np.asarray(rows_over(result.model, result.scene.bodies, [point]) @ self._modal.shapes)
+        blank = np.zeros_like(row)
+        out = self._total(forward.sample(np.hstack([row, blank] if kind == 0 else [blank, row]), times)[0])
+        for k, change in enumerate(self._changes):
+            if (moved := change.points([point])) is not None:
+                out[:, k] += (np.asarray(moved @ self._modal.shapes) @ forward.motion(times)[kind])[0]
+        return np.asarray(out)
+
+    def extremes(self, point: Any) -> Array:
+        """Return the derivatives of the least and of the largest displacement of a point, shape (2, p)."""
+        result = self.orbit.result
+        times = np.unique(np.concatenate([result.times, result.solution.events.time]))
+        u = result.displacement(point, times)
+        found = []
+        for place in (int(np.argmin(u)), int(np.argmax(u))):
+            t = _turning(lambda s: float(result.velocity(point, [s])[0]), times, place, self.orbit.period)
+            found.append(self.displacement(point, [t])[0])
+        return np.array(found)
+
+    def amplitude(self, point: Any) -> Array:
+        """Return the derivatives of half the difference of the largest and the least displacement, shape (p,)."""
+        least, largest = self.extremes(point)
+        return np.asarray(0.5 * (largest - least))
+
+    @property
+    def event_times(self) -> Array:
+        """Of the times of all contact events of the orbit, in their order, s, shape (n_events, p)."""
+        return self._total(self._forward.event_times)
+
+    # -- stability --------------------------------------------------------------------------------
+
+    @cached_property
+    def multipliers(self) -> Complex:
+        """Of the Floquet multipliers, in the order of `PeriodicOrbit.multipliers`, shape (m, p); NaN for equal ones."""
+        changes = self._monodromy_changes()
+        values, right = np.linalg.eig(self.monodromy)
+        left = np.linalg.inv(right)
+        moved = np.stack([np.einsum("ij,jk,ki->i", left, change, right) for change in changes], axis=1)
+        known = self.orbit.multipliers
+        assert known is not None
+        order = [int(np.argmin(np.abs(values - value))) for value in known]
+        size = float(np.max(np.abs(values), initial=0.0))
+        for k in range(values.size):
+            if np.any(np.abs(np.delete(values, k) - values[k]) <= _SAME * size):
+                moved[k] = np.nan
+        return np.asarray(moved[order])
+
+    def _monodromy_changes(self) -> list[Array]:
+        """Return the derivatives of the monodromy matrix along the orbits, each (2n, 2n): the product rule."""
+        forward, p = self._forward, len(self.parameters)
+        n = self._modal.size
+        times = self._total(forward.event_times)
+        product, changes = np.eye(2 * n), [np.zeros((2 * n, 2 * n)) for _ in range(p)]
+        began = np.zeros(p)
+        last = forward.starts.size - 1
+        for index in range(forward.starts.size):
+            if np.any(forward.segments.status[index] == PINNED):
+                raise MethodError("sensitivities: multipliers of orbits with pinned contacts have no derivatives here")
+            matrix = forward.flow(forward.segments.status[index]).equation.matrix
+            whole, parts = forward.closed(index).transitions()
+            passage = forward.passages.get(index)
+            ended = self.period if index == last else np.zeros(p)
+            if passage is not None:
+                ended = times[passage.numbers[0]]
+            for k in range(p):
+                own = parts.get(k, 0.0) + (matrix @ whole) * (ended[k] - began[k])
+                changes[k] = own @ product + whole @ changes[k]
+            product = whole @ product
+            if passage is None:
+                began = np.zeros(p)
+                continue
+            jump, jumps = self._jumps(index, times)
+            for k in range(p):
+                changes[k] = jumps[k] @ product + jump @ changes[k]
+            product = jump @ product
+            began = ended
+        return changes
+
+    def _jumps(self, index: int, times: Array) -> tuple[Array, list[Array]]:
+        """Return the saltation matrix after a segment and its derivatives, each (2n, 2n)."""
+        forward, modal = self._forward, self._modal
+        laws, n, p = modal.laws, modal.size, len(self.parameters)
+        assert laws is not None
+        passage = forward.passages[index]
+        velocity = passage.state[n:]
+        ends = self._total(passage.ends)
+        equation = forward.flow(passage.before).equation
+        _, force, _ = forward.forces(index)
+        tau = float(forward.segments.durations[index])
+        turn = np.exp(1j * force.omega * tau)[:, None]
+        acceleration = equation.matrix[n:] @ passage.state
+        acceleration = acceleration + ((force.level + force.growth * tau) * turn).real.sum(axis=0)
+        whole, parts = np.eye(2 * n), [np.zeros((2 * n, 2 * n)) for _ in range(p)]
+        for number in passage.numbers:
+            j = int(forward.events.contact[number])
+            sign = 1.0 if passage.before[j] == OPEN and forward.events.status[number] == CLOSED else -1.0
+            row = modal.contacts[j]
+            rate = float(row @ velocity)
+            lever = laws.stiffness[j] * (laws.gap[j] - laws.offset[j])
+            gain = (lever / rate if lever else 0.0) + laws.damping[j]
+            whole[n:, :n] -= sign * gain * np.outer(row, row / modal.scale)
+            for k in range(p):
+                change = forward.changes[k]
+                gain_p = change.change.contact_damping[j]
+                moved = np.zeros(n) if change.contacts is None else change.contacts[j]
+                if laws.jump[j]:
+                    lever_p = (
+                        change.change.contact_stiffness[j] * laws.gap[j] + laws.stiffness[j] * change.change.gap[j]
+                    )
+                    rate_p = float(row @ (ends[n:, k] + acceleration * times[number, k]) + moved @ velocity)
+                    gain_p += lever_p / rate - lever * rate_p / rate**2
+                push_p = moved if change.mass is None else moved - change.mass @ row
+                part = gain_p * np.outer(row, row) + gain * (np.outer(push_p, row) + np.outer(row, moved))
+                parts[k][n:, :n] -= sign * part / modal.scale
+        return whole, parts
+
+    # -- special points ---------------------------------------------------------------------------
+
+    def residuals(self) -> tuple[Array, Array]:
+        """Return the left null vector of ``monodromy - 1`` (2n,), and the residual's derivatives (2n, p)."""
+        u, _, _ = np.linalg.svd(self.monodromy - np.eye(self.monodromy.shape[0]))
+        return u[:, -1], self._by_parameters
+
+    def nearest_top(self, contact: str) -> Array:
+        """Return the derivatives of that local maximum of a gap function that is nearest to zero, shape (p,)."""
+        result, laws = self.orbit.result, self._modal.laws
+        assert laws is not None
+        j = laws.names.index(contact)
+        row = self._modal.contacts[j]
+
+        def gap(s: float) -> float:
+            return float(row @ self._forward.motion(np.array([s]))[0][:, 0] - laws.gap[j])
+
+        def rate(s: float) -> float:
+            return float(row @ self._forward.motion(np.array([s]))[1][:, 0])
+
+        times = np.unique(np.concatenate([result.times, result.solution.events.time]))
+        _, v, _ = self._forward.motion(times)
+        rates = row @ v
+        tops = np.flatnonzero((rates[:-1] > 0.0) & (rates[1:] <= 0.0))
+        found = [_root(rate, float(times[k]), float(times[k + 1])) for k in tops]
+        t = min(found, key=lambda s: abs(gap(s)))
+        state = np.concatenate([row, np.zeros_like(row)])[None]
+        moved = self._total(self._forward.sample(state, np.array([t]))[0])[0]
+        for k, change in enumerate(self._forward.changes[: len(self.parameters)]):
+            moved[k] -= change.change.gap[j]
+            if change.contacts is not None:
+                moved[k] += float(change.contacts[j] @ self._forward.motion(np.array([t]))[0][:, 0])
+        return np.asarray(moved)
+
+
+class SpecialSensitivities(OfParameters):
+    """How a special point of a branch moves with parameters.
+
+    Attributes
+    ----------
+    special : SpecialPoint
+    parameters : tuple of Parameter
+    value : ndarray, shape (p,)
+        Derivatives of `SpecialPoint.value`, the parameter of the branch.
+    """
+
+    def __init__(self, special: SpecialPoint, parameters: Any, along: Parameter | None) -> None:
+        scene = special.orbit.scene
+        super().__init__(scene, parameters_of("sensitivities", parameters, scene))
+        self.special = special
+        factor, own = _of_branch(special, scene) if along is None else (1.0, along)
+        orbit = OrbitSensitivities.__new__(OrbitSensitivities)
+        try:
+            with np.errstate(all="ignore"):
+                orbit.__init__(special.orbit, [*self.parameters, own])  # type: ignore[misc]
+        except np.linalg.LinAlgError:
+            orbit._start = np.full_like(orbit._by_parameters, np.nan)
+        if special.kind == "fold":
+            left, residual = orbit.residuals()
+            slopes = left @ residual
+        elif special.kind in ("period_doubling", "neimark_sacker"):
+            known = special.orbit.multipliers
+            assert known is not None
+            which = int(
+                np.argmin(np.abs(known + 1.0) if special.kind == "period_doubling" else np.abs(np.abs(known) - 1.0))
+            )
+            slopes = (known[which].conjugate() * orbit.multipliers[which]).real
+        elif special.kind == "grazing":
+            slopes = orbit.nearest_top(special.contact)
+        else:
+            raise ArgumentError(
+                f"sensitivities: a {special.kind} does not persist when a parameter changes, so it has no derivative"
+            )
+        self.value = -slopes[:-1] / slopes[-1] / factor
+
+
+def _of_branch(special: SpecialPoint, scene: Scene) -> tuple[float, Parameter]:
+    """Return the parameter of a branch where it is the frequency of the loads, and rad/s over its unit."""
+    for factor in (1.0, 2.0 * np.pi):
+        if abs(factor * special.value - special.orbit.omega) <= 1e-9 * special.orbit.omega:
+            loads = [one for one in scene.effects if isinstance(getattr(one, "f", None), Sine)]
+            if loads and all(one.f.omega == loads[0].f.omega for one in loads):  # type: ignore[attr-defined]
+                return factor, Parameter(loads, "f.omega")
+    raise ArgumentError(
+        "sensitivities: the parameter of the branch is not the frequency of its loads; name it by "
+        "along=vofem.Parameter(...)"
+    )
+
+
+def _frequencies(scene: Scene) -> Array:
+    """Return the frequencies of all loads of a scene in rad/s."""
+    functions = [as_time_function(load.function) for load in scene.model.system.loads]
+    return np.array([w for function in functions for w, _ in function.piece(0.0).harmonics])
+
+
+def _root(rate: Any, low: float, high: float) -> float:
+    from scipy.optimize import brentq
+
+    if rate(low) * rate(high) > 0.0:
+        return low if abs(rate(low)) < abs(rate(high)) else high
+    return float(brentq(rate, low, high, xtol=1e-16, rtol=1e-15))
+
+
+def _turning(rate: Any, times: Array, place: int, period: float) -> float:
+    """Return the time near a sample at which a rate changes its sign; the motion repeats after a period."""
+    if place in (0, times.size - 1):
+        # The extreme may lie on either side of the end of the period.
+        first, last = float(times[1]), float(times[-2])
+        at_start = rate(0.0)
+        return _root(rate, 0.0, first) if at_start * rate(first) <= 0.0 else _root(rate, last, period)
+    low, middle, high = (float(times[k]) for k in (place - 1, place, place + 1))
+    return _root(rate, low, middle) if rate(low) * rate(middle) <= 0.0 else _root(rate, middle, high)
