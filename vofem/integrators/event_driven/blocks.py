@@ -126,7 +126,8 @@ def change(blocks: Blocks, start: Array, tau: float, out: Array) -> None:
         z, v, delta = start[0, k], start[1, k], of[DELTA, k]
         out[0, k] = both[0, k] * z + both[1, k] * (v + delta * z)
         out[1, k] = both[0, k] * v - both[1, k] * (of[SQUARE, k] * z + delta * v)
-    _add_from_rest(blocks, start, tau, out)
+    if blocks.pair.shape[0] > 0:
+        _add_from_rest(blocks, start, tau, out)
     group_change(blocks.group, start, tau, out)
 
 

@@ -24,7 +24,6 @@ from vofem.integrators.event_driven.blocks import Blocks, change, change_at_once
 from vofem.integrators.event_driven.clusters import Group, group_rate
 from vofem.kernels.jit import jit, plain_form
 from vofem.linalg.oscillators import DELTA, FREQUENCY, SQUARE
-from vofem.linalg.vectors import inner
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -128,11 +127,18 @@ def _rates(blocks: Blocks, state: Array, out: Array) -> None:
     for k in range(of.shape[1]):
         out[0, k] = state[1, k]
         out[1, k] = -2.0 * of[DELTA, k] * state[1, k] - of[SQUARE, k] * state[0, k]
+    if pair.shape[0] > 0:
+        _add_inputs(pair, gain, state, out)
+    group_rate(blocks.group, state, out)
+
+
+@jit
+def _add_inputs(pair: Integers, gain: Array, state: Array, out: Array) -> None:
+    """Add what loads do to the rates of coupled blocks."""
     for e in range(pair.shape[0]):
         k, j = pair[e, 0], pair[e, 1]
         out[0, k] += gain[e, 0] * state[0, j] + gain[e, 1] * state[1, j]
         out[1, k] += gain[e, 2] * state[0, j] + gain[e, 3] * state[1, j]
-    group_rate(blocks.group, state, out)
 
 
 @plain_form(_rates)
@@ -141,9 +147,7 @@ def _rates_at_once(blocks: Blocks, state: Array, out: Array) -> None:
     out[0] = state[1]
     out[1] = -2.0 * of[DELTA] * state[1] - of[SQUARE] * state[0]
     if pair.size:
-        f, rate = state[:, pair[:, 1]]
-        np.add.at(out[0], pair[:, 0], gain[:, 0] * f + gain[:, 1] * rate)
-        np.add.at(out[1], pair[:, 0], gain[:, 2] * f + gain[:, 3] * rate)
+        _add_inputs(pair, gain, state, out)
     if blocks.group is not None:
         group_rate(blocks.group, state, out)
 
@@ -153,14 +157,24 @@ def _evaluate(tau: float, terms: EventFunctions, blocks: Blocks, begin: Array, s
     """Fill in states and rates of all blocks, and values and rates of the event functions, at tau."""
     changed, state, rate = space.states[_CHANGE], space.states[_STATE], space.states[_RATE]
     change(blocks, begin, tau, changed)
+    of = blocks.of
     for k in range(state.shape[1]):
-        state[0, k], state[1, k] = begin[0, k] + changed[0, k], begin[1, k] + changed[1, k]
-    _rates(blocks, state, rate)
+        z, v = begin[0, k] + changed[0, k], begin[1, k] + changed[1, k]
+        state[0, k], state[1, k] = z, v
+        rate[0, k], rate[1, k] = v, -2.0 * of[DELTA, k] * v - of[SQUARE, k] * z
+    if blocks.pair.shape[0] > 0:
+        _add_inputs(blocks.pair, blocks.gain, state, rate)
+    group_rate(blocks.group, state, rate)
     rows, tail = terms.rows, terms.tail
     for j in range(terms.start.size):
-        value = inner(rows[j, 0], changed[0]) + inner(rows[j, 1, :tail], changed[1, :tail])
-        space.functions[_VALUE, j] = terms.start[j] + value
-        space.functions[_SLOPE, j] = inner(rows[j, 0], rate[0]) + inner(rows[j, 1, :tail], rate[1, :tail])
+        value, slope = terms.start[j], 0.0
+        for k in range(state.shape[1]):
+            value += rows[j, 0, k] * changed[0, k]
+            slope += rows[j, 0, k] * rate[0, k]
+        for k in range(tail):
+            value += rows[j, 1, k] * changed[1, k]
+            slope += rows[j, 1, k] * rate[1, k]
+        space.functions[_VALUE, j], space.functions[_SLOPE, j] = value, slope
 
 
 @plain_form(_evaluate)
@@ -195,7 +209,11 @@ def _fill_noise(tau: float, terms: EventFunctions, blocks: Blocks, begin: Array,
         amplitude[k] += bounds[_COUPLED, k] * abs(state[0, k])
         speed[k] += bounds[_COUPLED, k] * abs(state[1, k])
     for j in range(terms.start.size):
-        size = terms.level[j] + inner(sizes[j, 0], amplitude) + inner(sizes[j, 1, : terms.tail], speed[: terms.tail])
+        size = terms.level[j]
+        for k in range(of.shape[1]):
+            size += sizes[j, 0, k] * amplitude[k]
+        for k in range(terms.tail):
+            size += sizes[j, 1, k] * speed[k]
         space.functions[_NOISE, j] = _ROUNDING * size + _LEAST
 
 

@@ -236,14 +236,6 @@ class EventSolution:
         # Two contacts at one point have one row.
         return np.asarray(displacement - np.linalg.lstsq(rows, off, rcond=None)[0])
 
-    def gap_functions(self, index: int) -> Array:
-        """Return the gap functions s at the begin of a segment, shape (n_contacts,).
-
-        They are computed as sums of changes and are therefore far more accurate than displacements. For a contact that
-        has just closed or opened they are exactly 0.
-        """
-        return self.record.buffers.gaps[index]
-
     def gaps_at(self, status: Status, displacement: Array) -> Array:
         """Return the gap functions at the begin of the segment that comes next, shape (n_contacts,)."""
         if self.system.contacts is None:
@@ -367,10 +359,6 @@ class EventSolution:
         """Times at which the segments begin, shape (n_segments,)."""
         return self.record.starts
 
-    def spectrum_of(self, status: Status) -> Spectrum:
-        """Return the eigensystem of a status that occurs in the run."""
-        return self._spectra[status]
-
     def spectrum(self, index: int) -> Spectrum:
         """Return the eigensystem of a segment."""
         return self._spectra[self.record.status(index)]
@@ -429,15 +417,6 @@ class EventSolution:
         loads, start = self.exosystem, self.record.starts[index : index + 1]
         regime = self.regime(self.record.status(index), int(loads.kind[loads.interval(start)[0]]))
         return start_motion(regime, displacement, velocity, loads.at(start)[0])
-
-    def visit(self, times: Array) -> list[tuple[int, NDArray[np.int64], Array]]:
-        """Return (segment, indices into times, local times) for all segments that hold some of the times."""
-        order = np.argsort(times, kind="stable")
-        segment = np.searchsorted(self.segment_starts, times[order], side="right") - 1
-        visited, first = np.unique(segment, return_index=True)
-        groups = np.split(order, first[1:]) if times.size else []
-        starts = self.segment_starts
-        return [(int(index), mine, times[mine] - starts[index]) for index, mine in zip(visited, groups, strict=True)]
 
     # -- sampling ---------------------------------------------------------------------------------
 

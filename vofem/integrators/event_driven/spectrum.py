@@ -129,11 +129,6 @@ class Spectrum:
         """Linear pieces of runs that have this eigensystem, by all that they depend on beside it."""
         return {}
 
-    @property
-    def classical(self) -> bool:
-        """Whether blocks are real modes."""
-        return self.blocks is None
-
     def to_blocks(self, displacement: Array, velocity: Array, *, shifted: bool = True) -> tuple[Array, Array]:
         """Return block states (z, v), (m,) or (m, k), of modal states, (n,) or (n, k), or of differences of states."""
         if self.real.shift is not None and shifted:
