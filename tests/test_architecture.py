@@ -79,21 +79,6 @@ def test_no_other_module_branches_on_kinds_of_laws():
             assert not kinds & set(asked_for(path)), f"{path} asks for {kinds & set(asked_for(path))}"
 
 
-def test_no_other_module_knows_the_kinds_of_records():
-    """Compiled loops call `vofem.laws.evaluate`. Effects say of which kind the law is that they make."""
-    tree = ast.parse((ROOT / "laws" / "kinds.py").read_text())
-    names = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)} - {"FEWEST_IN_BAND"}
-    assert {"JUMP", "RESOLVED", "AFFINE", "CALLED", "HYPERBOLIC"} <= names
-    for path, layer in modules():
-        if layer in ("laws", "effects"):
-            continue
-        for node in ast.walk(parsed(path)):
-            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("vofem.laws"):
-                assert not names & {alias.name for alias in node.names}, path
-            elif isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant):
-                assert node.slice.value != "kind" or layer == "io", f"{path} looks at the kind of a record"
-
-
 def test_library_code_neither_prints_nor_exits():
     for path, layer in modules():
         if layer == "cli":

@@ -32,7 +32,7 @@ def scene(*effects_of, initial=None, **changes):
     return b, vf.Scene([b], [effect(b) for effect in effects_of], initial=initial)
 
 
-BAD_NUMBERS = [-1.0, 0.0, NAN, INF, -INF, 1e300, "1", None, True, [1.0, 2.0], 1 + 2j]
+BAD_NUMBERS = [-1.0, 0.0, NAN, INF, -INF, 1e300, "1", None, True, [1.0, 2.0], [[], 1.0], 1 + 2j]
 
 CASES = [
     *((lambda v=v: beam(length=v), "Beam 'deck': length") for v in BAD_NUMBERS),

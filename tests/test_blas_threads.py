@@ -85,13 +85,13 @@ def test_sampling_small_runs_takes_one_thread_each_time(two_threads, monkeypatch
     mass = vf.Mass(1.0, stiffness=1.0, name="m")
     result = vf.simulate(vf.Scene([mass], initial={mass: (1.0, 0.0)}), 1.0, method="event_driven", compiled=False)
     seen = []
-    plain = type(result.solution).motion
+    plain = type(result.solution).begins
 
-    def motion(self, index):
+    def begins(self, *given):
         seen.append(threads())
-        return plain(self, index)
+        return plain(self, *given)
 
-    monkeypatch.setattr(type(result.solution), "motion", motion)
+    monkeypatch.setattr(type(result.solution), "begins", begins)
     result.solution.energies(np.linspace(0.0, 1.0, 5))
     assert seen
     assert all(set(found) == {1} for found in seen)

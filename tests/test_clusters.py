@@ -9,8 +9,6 @@ import pytest
 from scipy.linalg import expm
 
 import vofem as vf
-from vofem.integrators.event_driven import search
-from vofem.integrators.event_driven.clusters import cluster_change
 from vofem.integrators.event_driven.complex_modes import damped_blocks
 from vofem.linalg.exponential import matrix_change, oscillator_change
 
@@ -118,23 +116,3 @@ def test_change_of_a_matrix():
     change = matrix_change(A, 0.7)
     assert change == pytest.approx(expm(0.7 * A) - np.eye(3), abs=1e-14)
     assert change[0, 0] == pytest.approx(np.expm1(-0.7e-6), rel=1e-13)
-
-
-def test_clusters_that_are_not_there_are_not_compiled():
-    """The matrix exponential of clusters is no part of the machine code of scenes without them."""
-    import numba
-
-    before = cluster_change.callee.signatures
-    vector = numba.float64[::1]
-    for kernel, arguments in (
-        (search._cluster_states, (numba.none, numba.float64, vector, vector, vector)),
-        (search._longest_step, (numba.none,)),
-    ):
-        kernel.callee.compile(arguments)
-        assert arguments in kernel.callee.signatures
-    assert cluster_change.callee.signatures == before
-    states, norms = np.zeros(3), np.zeros(2)
-    search._cluster_states(None, 0.5, np.ones(3), states, norms)
-    assert not states.any()
-    assert not norms.any()
-    assert search._longest_step(None) == np.inf

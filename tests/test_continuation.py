@@ -355,10 +355,30 @@ def test_a_branch_is_saved_and_loaded(tmp_path):
     assert np.array_equal(loaded.amplitude(mass), branch.amplitude(mass))
     assert np.array_equal(loaded.orbits[3].multipliers, branch.orbits[3].multipliers)
     assert loaded.counters == branch.counters
-    with pytest.raises(vf.ArgumentError, match="loaded"):
-        loaded.at(2.3)
+    (mine,), (again,) = branch.at(2.3), loaded.at(2.3)
+    assert again.unknowns == pytest.approx(mine.unknowns, abs=1e-11)
+    assert again.multipliers == pytest.approx(mine.multipliers, abs=1e-9)
+    with pytest.raises(vf.ArgumentError, match="follow the branch again"):
+        loaded.switch(loaded.special[0])
     with pytest.raises(vf.OutputError):
         branch.save(path)
+
+
+def test_orbits_of_a_loaded_branch_on_all_sheets(tmp_path):
+    """Between the folds there are three orbits; a number that is a power of the parameter is found between scenes."""
+    branch = vf.continuation(nlvib_03, 0.8, 0.6)
+    loaded = vf.load(branch.save(tmp_path / "folds.h5"))
+    mine, again = branch.at(0.7545), loaded.at(0.7545)
+    assert len(mine) == len(again) == 3
+    for one, other in zip(mine, again, strict=True):
+        assert other.unknowns == pytest.approx(one.unknowns, abs=1e-10)
+    ing = vf.continuation(impact_oscillator, 0.75, 0.79)
+    value = 0.5 * (ing.values[1] + ing.values[2])
+    (one,), (other,) = ing.at(value), vf.load(ing.save(tmp_path / "ing.h5")).at(value)
+    assert other.unknowns == pytest.approx(one.unknowns, abs=1e-12)
+    odd = vf.continuation(lambda w: bilinear(2.4, amplitude=float(np.exp(w))), 0.0, 0.2)
+    with pytest.raises(vf.ArgumentError, match=r"amplitude.* is no polynomial"):
+        vf.load(odd.save(tmp_path / "odd.h5")).at(0.1)
 
 
 def test_progress_and_interruption():

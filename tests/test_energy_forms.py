@@ -7,6 +7,7 @@ import pytest
 
 import vofem as vf
 from vofem.integrators.event_driven import energy
+from vofem.integrators.event_driven.regime import Regime
 from vofem.system import CLOSED
 
 
@@ -139,18 +140,18 @@ def test_a_stored_time_costs_one_evaluation_of_the_blocks(kind, monkeypatch):
     """However many modes there are, and without quadrature."""
     result = vf.simulate(rattling_beam(dampers=kind, load=vf.Sine(0.3, 6.0)), 6.0, times=[6.0], method="event_driven")
     count, evaluated, calls = 5000, [], []
-    plain = energy.free_rows
+    plain = Regime.changes
 
-    def counting(of, starts, own, t):
-        evaluated.append(t.size)
-        return plain(of, starts, own, t)
+    def counting(self, starts, own, tau):
+        evaluated.append(tau.size)
+        return plain(self, starts, own, tau)
 
-    monkeypatch.setattr(energy, "free_rows", counting)
+    monkeypatch.setattr(Regime, "changes", counting)
     monkeypatch.setattr(energy, "quadrature", lambda *_: calls.append("quadrature") or np.zeros(1))
     found = result.solution.energies(np.linspace(0.0, 6.0, count))
     segments = result.solution.segments.starts.size
-    # Once of the blocks and once of the loads.
-    assert sum(evaluated) == 2 * (count + segments)
+    # Once for the samples and once for the forms, at the ends of segments too.
+    assert sum(evaluated) == 2 * count + segments
     assert not calls
     assert found.work[-1] != 0.0
     # Forms are found once a status, however many segments have it.

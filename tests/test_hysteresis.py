@@ -9,12 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
-from scipy.sparse import csr_matrix
 
 import vofem as vf
-from vofem.laws import HystereticLaws, evaluate
-from vofem.laws.hysteretic import hysteretic_loss
-from vofem.laws.table import build_laws
+from vofem.laws.law import COMMIT, FORCE, LOSS, MEAN, STORED
 
 #: Numbers of section 4.3: K = 1 N/m, d0 = 5 m.
 PAPER = {"stiffness": 1.0, "linear_limit": 5.0}
@@ -31,18 +28,30 @@ def path(scene, mass, factors):
 
 
 def law_of(spring):
-    """Return one law as a record, and its internal variables."""
-    laws = build_laws([HystereticLaws(csr_matrix(np.ones((1, 1))), (spring._law,))])
-    return laws, laws.state
+    """Return one law, and what a run keeps of it: energy dissipated and internal variables."""
+    law = spring._law
+    return law, law.virgin()
 
 
-def of_state(function):
-    """Return a function of laws as one of laws and of internal variables beside them."""
-    return lambda laws, state, *more: function(laws._replace(state=state), *more)
+def asked(what):
+    """Return a function that asks a law on the path between two elongations."""
+    return lambda law, state, u0, u1: law.function(what, law.parameters, state[1:], float(u0), float(u1))
 
 
-memory_force, memory_mean = of_state(evaluate.force_and_tangent), of_state(evaluate.mean_force)
-memory_stored, memory_loss, commit = of_state(evaluate.stored), of_state(hysteretic_loss), of_state(evaluate.commit)
+memory_mean = asked(MEAN)
+
+
+def at_end(what):
+    """Return a function that asks a law at an elongation."""
+    return lambda law, state, u: asked(what)(law, state, u, u)
+
+
+memory_force, memory_stored, memory_loss = at_end(FORCE), at_end(STORED), at_end(LOSS)
+
+
+def commit(law, state, u):
+    state[0] += memory_loss(law, state, u)
+    at_end(COMMIT)(law, state, u)
 
 
 # -- Eqs. 24-26 -------------------------------------------------------------------------------------
@@ -210,18 +219,18 @@ def test_energy_is_stored_or_lost_and_never_made(kind, points):
     u0 = 0.0
     work = 0.0
     for u1 in points:
-        before = memory_stored(memory, state, 0, u0)
-        loss = memory_loss(memory, state, 0, u1)
+        before = memory_stored(memory, state, u0)
+        loss = memory_loss(memory, state, u1)
         assert loss >= 0.0
-        part = memory_mean(memory, state, 0, u0, u1) * (u1 - u0)
+        part = memory_mean(memory, state, u0, u1) * (u1 - u0)
         scale = abs(part) + before + loss + 1e-12
-        assert part == pytest.approx(memory_stored(memory, state, 0, u1) - before + loss, abs=2e-13 * scale)
-        force = memory_force(memory, state, 0, u1)[0]
-        commit(memory, state, 0, u1)
-        assert memory_force(memory, state, 0, u1)[0] == pytest.approx(force, abs=1e-13 * (1.0 + abs(force)))
+        assert part == pytest.approx(memory_stored(memory, state, u1) - before + loss, abs=2e-13 * scale)
+        force = memory_force(memory, state, u1)
+        commit(memory, state, u1)
+        assert memory_force(memory, state, u1) == pytest.approx(force, abs=1e-13 * (1.0 + abs(force)))
         work += part
         u0 = u1
-    held = memory_stored(memory, state, 0, u0)
+    held = memory_stored(memory, state, u0)
     assert work - held == pytest.approx(state[0], abs=1e-12 * (1.0 + state[0] + held))
     # Nothing comes back that was not put in.
     assert work >= -1e-13
@@ -233,11 +242,11 @@ def test_mean_and_end_force_are_monotone(kind, points, first, second):
     """So a step has one solution."""
     memory, state = law_of(SPRINGS[kind])
     for u in points:
-        commit(memory, state, 0, u)
+        commit(memory, state, u)
     low, high = min(first, second), max(first, second)
     slack = 1e-13 * (1.0 + abs(low) + abs(high))
-    assert memory_force(memory, state, 0, low)[0] <= memory_force(memory, state, 0, high)[0] + slack
-    means = [memory_mean(memory, state, 0, points[-1], u) for u in (low, high)]
+    assert memory_force(memory, state, low) <= memory_force(memory, state, high) + slack
+    means = [memory_mean(memory, state, points[-1], u) for u in (low, high)]
     # Very short paths know their mean to the digits of their ends.
     assert means[0] <= means[1] + 1e-12 * (1.0 + abs(points[-1]))
 
@@ -248,15 +257,15 @@ def test_a_path_may_be_walked_in_pieces(kind, points, end, pieces):
     """The laws do not depend on rates, nor on steps: the state of a monotone path is that of its end."""
     memory, state = law_of(SPRINGS[kind])
     for u in points:
-        commit(memory, state, 0, u)
+        commit(memory, state, u)
     at_once, trial = state.copy(), state.copy()
-    memory_mean(memory, trial, 0, points[-1], end)
-    memory_force(memory, trial, 0, end)
-    memory_loss(memory, trial, 0, end)
+    memory_mean(memory, trial, points[-1], end)
+    memory_force(memory, trial, end)
+    memory_loss(memory, trial, end)
     assert np.array_equal(trial, state)
-    commit(memory, at_once, 0, end)
+    commit(memory, at_once, end)
     for u in np.linspace(points[-1], end, pieces + 1)[1:]:
-        commit(memory, state, 0, u)
+        commit(memory, state, u)
     assert state == pytest.approx(at_once, rel=1e-11, abs=1e-12)
 
 
@@ -266,8 +275,8 @@ def forces(spring, points):
     u = np.concatenate([np.linspace(a, b, 101)[1:] for a, b in pairwise([0.0, *points])])
     found = []
     for x in u:
-        found.append(memory_force(memory, state, 0, x)[0])
-        commit(memory, state, 0, x)
+        found.append(memory_force(memory, state, x))
+        commit(memory, state, x)
     return u, np.array(found)
 
 
@@ -328,7 +337,7 @@ def test_a_hysteretic_spring_alone_closes_its_loop_after_one_cycle():
 def test_hysteretic_loss_in_closed_form():
     """To 7 N of Eq. 24: work ``12.5 + 9 (9 - 4 ln 2)`` less ``49/2``."""
     memory, state = law_of(vf.HystereticSpring(MASS, **PAPER, memory="cyclic"))
-    commit(memory, state, 0, 14.0)
+    commit(memory, state, 14.0)
     assert state[0] == pytest.approx(12.5 + 9.0 * (9.0 - 4.0 * np.log(2.0)) - 24.5, rel=1e-14)
 
 

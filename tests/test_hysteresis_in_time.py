@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import h5py
 import numpy as np
 import pytest
@@ -377,3 +379,15 @@ def test_cycles_of_a_slider_in_closed_form():
     assert ratio == pytest.approx(2.0 / np.pi * (1.0 - 0.01 / a), rel=0.03)
     assert cycles.units["loss"] == "J"
     assert vf.simulate(scene, 0.1, method="energy_conserving", dt=0.01).springs["slider"].cycles().rows == 0
+
+
+def test_a_scene_that_was_run_can_be_sent_to_another_process():
+    """What a run keeps with the laws of a scene, such as addresses of machine code, stays behind."""
+    mass = vf.Mass(1.0, name="m")
+    stop = vf.Contact(mass, gap=0.2, stiffness=50.0, side="above", acts_on="penetration")
+    spring = vf.BilinearSpring(mass, stiffness=1.0, linear_limit=0.1, hardening=0.2)
+    scene = vf.Scene([mass], [spring, stop, vf.PointLoad(mass, vf.Sine(0.3, 1.3))])
+    result = vf.simulate(scene, 5.0, method="energy_conserving", dt=0.01)
+    assert result.energy.strain[-1] > 0.0
+    other = vf.simulate(pickle.loads(pickle.dumps(scene)), 5.0, method="energy_conserving", dt=0.01)
+    assert np.array_equal(other.samples.q, result.samples.q)

@@ -12,8 +12,8 @@ from scipy.sparse import csr_matrix
 
 import vofem as vf
 from vofem.errors import MethodError, SingularSystemError
-from vofem.integrators.event_driven.reduction import loss_in_all_modes
 from vofem.integrators.event_driven.truncated import FULL_UNKNOWNS, MOST_VECTORS
+from vofem.integrators.reduction import loss_in_all_modes
 from vofem.linalg.eigen import modal_basis
 from vofem.linalg.orthogonal import OrthogonalFactor, elimination_orders
 from vofem.linalg.ritz import RitzBasis

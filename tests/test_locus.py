@@ -146,6 +146,24 @@ def test_a_grazing_by_its_closed_form(branches):
         assert abs(amplitude * np.linalg.solve(matrix, [0.0, 1.0])[0]) == pytest.approx(1.0, abs=1e-9)
 
 
+@pytest.mark.kernels("plain")
+def test_folds_by_harmonic_balance():
+    """With five harmonics the fold of a mass on a stop moves as that of another branch with five harmonics does."""
+
+    def build(omega, amplitude):
+        mass = vf.Mass(1.0, stiffness=1.0, damping=0.05, name="mass")
+        stop = vf.Contact(mass, gap=0.5, stiffness=3.0, side="above", acts_on="penetration", name="stop")
+        return vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(amplitude, omega))])
+
+    first, second = (
+        vf.continuation(lambda w, a=a: build(w, a), 1.25, 1.35, method="harmonic_balance", harmonics=5).special[0]
+        for a in (0.3, 0.32)
+    )
+    assert first.kind == "fold"
+    found = vf.locus(build, first, 0.3, 0.32)
+    assert found.values[-1] == pytest.approx((second.value, 0.32), abs=1e-10)
+
+
 def test_a_locus_is_saved_loaded_and_drawn(flips, tmp_path):
     found = vf.locus(damped, flips[0], 1.2, 1.5)
     again = vf.load(found.save(tmp_path / "locus.h5"))

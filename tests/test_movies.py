@@ -113,6 +113,9 @@ def test_mode_shapes_swing_about_rest(run, tmp_path):
     assert np.mean(np.abs(found[0] - found[2])) > 1.0
     with pytest.raises(vf.ArgumentError, match="mode is 3, expected 0 to 2"):
         animate(shapes, tmp_path / "x.gif", mode=3)
+    other = vf.Scene([vf.Mass(1.0, 1.0, name="other")])
+    with pytest.raises(vf.ArgumentError, match="give the scene of which vofem"):
+        animate(shapes, tmp_path / "x.gif", scene=other)
     with pytest.raises(vf.ArgumentError, match="no 'phase' view"):
         animate(shapes, tmp_path / "x.gif", "phase")
 

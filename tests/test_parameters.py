@@ -23,7 +23,6 @@ from vofem.parameters import (
     declared,
     rule,
     value_at,
-    with_value_at,
 )  # fmt: skip
 from vofem.studies.remesh import remeshed
 from vofem.time_functions import Load, OfTime
@@ -147,14 +146,23 @@ def test_it_is_part_of_a_run_and_its_numbers_change(known, tmp_path):
     assert at(scene.replace("s", stiffness=8.0)) == pytest.approx(0.375)
     with pytest.raises(vf.ArgumentError, match="there is no argument 'stifness'"):
         scene.replace("s", stifness=8.0)
+    other = scene.replace("s", **{"push.value": 3.0}, stiffness=2.0)
+    assert at(other) == pytest.approx(0.75)
+    with pytest.raises(vf.ArgumentError, match=r"has no parameter 'pull', in 'pull\.value'"):
+        scene.replace("s", **{"pull.value": 3.0})
 
 
 def test_paths_lead_to_numbers():
     spring = PushedSpring(MASS, stiffness=1.0, push=vf.Sine(2.0, 3.0), name="s")
     assert value_at(spring, "push.amplitude") == 2.0
-    other = with_value_at(spring, "push.amplitude", 5.0)
+    other = changed(spring, **{"push.amplitude": 5.0})
     assert (other.push.amplitude, other.push.omega, other.stiffness, spring.push.amplitude) == (5.0, 3.0, 1.0, 2.0)
-    assert with_value_at(spring, "stiffness", 7.0).stiffness == 7.0
+    assert changed(spring, **{"stiffness": 7.0}).stiffness == 7.0
+    in_hertz = PushedSpring(MASS, stiffness=1.0, push=vf.Sine(2.0, frequency=3.0))
+    assert changed(in_hertz, **{"push.frequency": 4.0}).push == vf.Sine(2.0, frequency=4.0)
+    assert changed(in_hertz, **{"push.amplitude": 1.0}).push.frequency == 3.0
+    assert changed(in_hertz, **{"push.omega": 4.0}).push == vf.Sine(2.0, 4.0)
+    assert changed(spring, **{"push.frequency": 4.0}).push == vf.Sine(2.0, frequency=4.0)
     for path in ("push.amplitud", "stifness", "push.omega.x"):
         with pytest.raises(vf.ArgumentError, match=r"has no parameter .*(did you mean|it has none)"):
             value_at(spring, path)

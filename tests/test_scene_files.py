@@ -659,14 +659,6 @@ def test_polynomial():
             vf.Polynomial(bad)
 
 
-def test_the_page_on_scene_files_names_every_table_and_key():
-    page = (Path(__file__).parent.parent / "docs" / "scene-files.md").read_text()
-    for name, cls in (BODIES | EFFECTS).items():
-        assert f"[[{name}]]" in page
-        for key in keys(cls):
-            assert f"`{key}`" in page, (name, key)
-
-
 def test_starts_from_outcomes_are_refused_by_name():
     beam = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"}, name="deck")
     rest = vf.equilibrium(vf.Scene([beam], [vf.Gravity()]))

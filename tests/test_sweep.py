@@ -657,17 +657,20 @@ def test_names_that_are_not_there_are_answered_with_the_nearest():
 
 
 def test_all_workers_run_kernels_in_the_one_way_that_was_asked_for(tmp_path):
-    from vofem.kernels.mode import compiled
+    from vofem.kernels.mode import compiled, kernels
 
     def function(x):
         return {"compiled": compiled()}
 
-    assert vf.sweep(function, {"x": [1]}, executor="serial")["compiled"].tolist() == [True]
+    # Without the argument as the environment has decided.
+    for way in (True, False):
+        with kernels(compiled=way):
+            assert vf.sweep(function, {"x": [1]}, executor="serial")["compiled"].tolist() == [way]
     with ThreadPoolExecutor(1) as threads:
         assert vf.sweep(function, {"x": [1]}, executor=threads, compiled=False)["compiled"].tolist() == [False]
     store = tmp_path / "rows.h5"
     vf.sweep(functions.square, {"x": [1]}, executor="serial", store=store, compiled=False)
-    table = vf.sweep(functions.square, {"x": [1]}, executor="serial", store=store)
+    table = vf.sweep(functions.square, {"x": [1]}, executor="serial", store=store, compiled=True)
     assert table.counters["stored"] == 0
     assert "rows of kernels in plain Python" in table.notes[0]
 

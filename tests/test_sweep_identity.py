@@ -64,6 +64,10 @@ KINDS = {
     ),
     "a cached function": ("@functools.lru_cache\ndef helper(): return BLANK", "helper()"),
     "a function in a dict": ("def one(): return BLANK\nfunctions = dict(one=one)", "functions['one']()"),
+    "the choice of two lambdas of one line": (
+        "f, g = lambda: 1.0, lambda: 5.0\nchosen = f if BLANK == 1.0 else g",
+        "chosen()",
+    ),
     "an object of an installed package": (
         "from scipy.interpolate import CubicSpline\nspline = CubicSpline([0.0, 1.0, 2.0], [BLANK, 0.0, 1.0])",
         "float(spline(0.0))",

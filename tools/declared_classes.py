@@ -1,6 +1,7 @@
-"""An extension of griffe: the site shows declared classes with the docstring and the signature that they have when run.
+"""An extension of griffe: the site shows docstrings and signatures that are made when the package is imported.
 
-Both are made of the annotated fields, see `vofem.parameters`, and are not in the source.
+Those of declared classes are made of the annotated fields, see `vofem.parameters`; what all pictures share is added to
+the docstrings of `vofem.io.plot`.
 """
 
 from __future__ import annotations
@@ -21,6 +22,12 @@ _KINDS = {
 
 class DeclaredClasses(griffe.Extension):
     """Take docstring and signature of declared classes from the classes themselves."""
+
+    def on_function(self, *, func: griffe.Function, **kwargs: Any) -> None:
+        """Replace the docstring of a function that draws a picture."""
+        if func.module.path.startswith("vofem.io.pictures.") and any("figure" in str(d.value) for d in func.decorators):
+            made = getattr(importlib.import_module(func.module.path), func.name)
+            func.docstring = griffe.Docstring(inspect.getdoc(made) or "", parent=func)
 
     def on_class(self, *, cls: griffe.Class, **kwargs: Any) -> None:
         """Replace them."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import json
 import re
 from collections.abc import Iterable
 from pathlib import Path
@@ -87,5 +88,6 @@ def page() -> str:
 
 
 def write(folder: Path) -> None:
-    """Write the page to the pages of the site."""
+    """Write the page, and the schema beside it, to the pages of the site."""
+    (folder / "scene-file.schema.json").write_text(json.dumps(schema.json_schema(), indent=1), encoding="utf-8")
     (folder / "scene-reference.md").write_text(page(), encoding="utf-8")

@@ -91,8 +91,9 @@ def number(
     expected = "a positive number" if positive else "a number"
     if minimum is not None:
         expected = "a number that is not negative" if minimum == 0 else f"a number not below {minimum:g}"
-    if isinstance(value, (bool, str)) or not np.isscalar(value):
-        array = np.asarray(value) if hasattr(value, "__array__") else None
+    text_or_list = isinstance(value, (bool, str, list, tuple))
+    if text_or_list or not np.isscalar(value):
+        array = None if text_or_list else np.asarray(value)
         if array is None or array.ndim != 0 or array.dtype.kind not in "iuf":
             raise wrong(what, repr(value), expected)
     try:

@@ -167,7 +167,7 @@ class Scene(Shown):
         other : effect, optional
             The effect that takes its place. Without it a copy with changed arguments does.
         **changes
-            Arguments of the effect's constructor that change.
+            Arguments of the effect's constructor that change, or paths to numbers: ``**{"f.amplitude": 2.0}``.
 
         Raises
         ------

@@ -223,20 +223,36 @@ class BaseBody:
         values[held] = 0.0
         return values
 
-    def at(self, where: float | str) -> ShapePoint:
+    def at(self, where: float | str) -> BodyPoint:
         """Return the point at x (m), or at "left" or "right"; between the places of the shape u is linear in x."""
         x = self.shape.x
         if isinstance(where, str):
             ends = {"left": float(x[0]), "right": float(x[-1])}
             if where not in ends:
                 raise ArgumentError(f"a point of {self.label} is {where!r}, expected an x, 'left' or 'right'")
-            return ShapePoint(self, ends[where])
+            return BodyPoint(self, ends[where])
         place, slack = number(f"a point of {self.label}", where), 1e-9 * (x[-1] - x[0])
         if not x[0] - slack <= place <= x[-1] + slack:
             raise ArgumentError(
                 f"a point of {self.label} is {place:g} m, expected a place from {x[0]:g} to {x[-1]:g} m"
             )
-        return ShapePoint(self, place)
+        return BodyPoint(self, place)
+
+    def row_at(self, x: float, derivative: int = 0) -> Row:
+        """Return the row of the displacement at x: that of a place of the shape, or between two in proportion."""
+        from scipy.sparse import csr_matrix
+
+        if derivative:
+            raise ArgumentError(f"{self.label} at x = {x:g} m has no rotation that is known; moments need a beam")
+        places, rows = self.shape.x, csr_matrix(self.shape.rows)
+        if places.size == 1:
+            return Row(rows.indices.astype(np.int64), rows.data)
+        right = int(np.clip(np.searchsorted(places, x), 1, places.size - 1))
+        share = float(np.clip((x - places[right - 1]) / (places[right] - places[right - 1]), 0.0, 1.0))
+        share = round(share) if min(share, 1.0 - share) < 1e-9 else share
+        mixed = csr_matrix((1.0 - share) * rows[right - 1] + share * rows[right])
+        mixed.eliminate_zeros()
+        return Row(mixed.indices.astype(np.int64), mixed.data)
 
     def resolve(self, point: Point) -> Row:
         """Return the row of a point. A point of another body stands for the point of this body at the same x."""
@@ -254,7 +270,7 @@ class BaseBody:
 
 
 class BodyPoint:
-    """A point on the axis of a body, by its x.
+    """A point on the axis of a body, by its x; made by `Beam.at` and `BaseBody.at`.
 
     Attributes
     ----------
@@ -275,31 +291,19 @@ class BodyPoint:
     def __repr__(self) -> str:
         return f"{self.body!r}.at({self.x:g})"
 
+    def row(self) -> Row:
+        """Return the row of the displacement."""
+        row: Row = self.body.row_at(self.x)
+        return row
+
+    def slope_row(self) -> Row:
+        """Return the row of the slope."""
+        row: Row = self.body.row_at(self.x, 1)
+        return row
+
     def describe(self) -> str:
         """Return body and place."""
         return f"{self.body.label} at x = {self.x:g} m"
-
-
-class ShapePoint(BodyPoint):
-    """A point on the line of a body's shape; made by `BaseBody.at`."""
-
-    def row(self) -> Row:
-        """Return the row of the displacement: that of a place of the shape, or between two in proportion."""
-        from scipy.sparse import csr_matrix
-
-        x, rows = self.body.shape.x, csr_matrix(self.body.shape.rows)
-        if x.size == 1:
-            return Row(rows.indices.astype(np.int64), rows.data)
-        right = int(np.clip(np.searchsorted(x, self.x), 1, x.size - 1))
-        share = float(np.clip((self.x - x[right - 1]) / (x[right] - x[right - 1]), 0.0, 1.0))
-        share = round(share) if min(share, 1.0 - share) < 1e-9 else share
-        mixed = csr_matrix((1.0 - share) * rows[right - 1] + share * rows[right])
-        mixed.eliminate_zeros()
-        return Row(mixed.indices.astype(np.int64), mixed.data)
-
-    def slope_row(self) -> Row:
-        """Refuse: nothing is known of rotations."""
-        raise ArgumentError(f"{self.describe()} has no rotation that is known; moments need a beam")
 
 
 class Point(Protocol):

@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem.bodies.axis import axis_of
-from vofem.bodies.base import Array, BodyMatrices, DegreesOfFreedom, IntArray, Point, Row, Shape
+from vofem.bodies.base import Array, BodyMatrices, BodyPoint, DegreesOfFreedom, IntArray, Point, Row, Shape
 from vofem.bodies.beam_matrices import beam_matrices, beam_strains, consistent_load
-from vofem.bodies.beam_point import BeamPoint
 from vofem.bodies.coefficient import Coefficient, basis_for, positive_coefficient
 from vofem.bodies.initial_field import project
 from vofem.bodies.kinds import Elements, Section, Supports
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
 #: What a coefficient of a beam may be: a number, one for each element or named part, or a callable of x.
 Along = float | ArrayLike | Callable[[Any], Any] | Mapping[str, float]
 
-__all__ = ["SUPPORTS", "Beam", "BeamPoint"]
+__all__ = ["SUPPORTS", "Beam"]
 
 
 @declared()
@@ -236,7 +235,7 @@ class Beam:
             raise ArgumentError(f"Beam {self.name!r} has no support at {where!r}; its supports: {places}")
         return 2 * node + np.array(SUPPORTS[self.supports[node]], dtype=np.int64)
 
-    def at(self, where: float | str) -> BeamPoint:
+    def at(self, where: float | str) -> BodyPoint:
         """Return the point at x (m, any place on the axis), at "left" or "right", or at a named point of a mesh.
 
         Raises
@@ -244,7 +243,7 @@ class Beam:
         ArgumentError
             If the point is not on the beam, or a name is unknown or names several nodes.
         """
-        return BeamPoint(self, self._axis.position(f"a point of {self.label}", where))
+        return BodyPoint(self, self._axis.position(f"a point of {self.label}", where))
 
     def node_at(self, where: Any) -> int:
         """Return the number of the node at "left", "right", a named point or x, counted from the left.

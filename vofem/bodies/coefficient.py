@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vofem._validate import TINY, array, nearest, number, one_of
+from vofem._validate import TINY, array, nearest, number, one_of, wrong
 from vofem.bodies.axis import Axis
 from vofem.bodies.base import Array
 from vofem.bodies.mesh import LineMesh
@@ -64,7 +64,7 @@ def evaluate_along(what: str, function: Any, x: Array, *, positive: bool = False
         expected = f"a positive number of at least {TINY:g}" if positive else "a number that is not negative"
     if np.any(bad):
         k = np.unravel_index(int(np.argmax(bad)), x.shape)
-        raise ArgumentError(f"{what} is {values[k]:g} at x = {x[k]:g} m, expected {expected}")
+        raise wrong(what, f"{values[k]:g} at x = {x[k]:g} m", expected)
     return values
 
 

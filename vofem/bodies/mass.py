@@ -11,6 +11,7 @@ from vofem._validate import TINY, number, wrong
 from vofem.bodies.base import Array, BodyMatrices, DegreesOfFreedom, IntArray, Point, Row, Shape
 from vofem.errors import ArgumentError
 from vofem.parameters import CHOSEN, Name, Real, declared
+from vofem.parameters.place import Invalid, Place
 
 #: All masses have these, and there may be very many of them.
 _FREEDOM = DegreesOfFreedom(np.full(1, np.nan), np.zeros(1, dtype=bool))
@@ -32,6 +33,10 @@ class MassOf(Real):
                 "shortens",
             )  # fmt: skip
         return mass
+
+    def read(self, value: Any, place: Place) -> float | Invalid:
+        """Return a float; in a file the number alone is at fault."""
+        return Real(above=0.0).read(value, place)
 
 
 @declared()

@@ -15,7 +15,8 @@ from vofem.assembly import SystemBuilder
 from vofem.effects.kinds import Named
 from vofem.effects.two_points import TwoPoints, Units
 from vofem.errors import ArgumentError
-from vofem.laws import JENKINS, HystereticLaw
+from vofem.laws import HystereticLaw
+from vofem.laws.hysteretic import jenkins
 from vofem.parameters import CHOSEN, Numbers, Real, declared, label_of, rule
 
 Array = NDArray[np.float64]
@@ -41,7 +42,7 @@ class JenkinsSpring(TwoPoints):
         """Return name, points and numbers."""
         return (
             f"{type(self).__name__} {self.name!r} from {self._where()}: {self._law.stiffness:g} "
-            f"{self.units.stiffness} at first, {(self._law.parameters.size - 1) // 2} Jenkins elements"
+            f"{self.units.stiffness} at first, {self._law.past.size} Jenkins elements"
         )
 
 
@@ -146,6 +147,4 @@ def _jenkins(label: str, name: str, slopes: Array, bends: Array, units: Units) -
     kept = stiffness > 1e-12 * slopes[0]
     slip = stiffness * bends
     limit = float(np.sum(slip[kept])) if slopes[-1] == 0.0 else float("inf")
-    onset = float(slopes[0] * bends[kept][0]) if np.any(kept) else float("inf")
-    parameters = np.concatenate([slopes[-1:], stiffness[kept], slip[kept]])
-    return HystereticLaw(label, name, JENKINS, float(slopes[0]), onset, limit, False, 0.0, parameters, units.force)
+    return jenkins(label, name, float(slopes[0]), float(slopes[-1]), stiffness[kept], slip[kept], limit, units.force)

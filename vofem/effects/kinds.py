@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 from vofem._validate import nearest
-from vofem.bodies.base import Body, Point, as_point
-from vofem.bodies.beam import Beam, BeamPoint
+from vofem.bodies.base import Body, BodyPoint, Point, as_point
+from vofem.bodies.beam import Beam
 from vofem.errors import ArgumentError
 from vofem.parameters import Choice, Kind, Label, Name, Real
 from vofem.parameters.place import INVALID, Book, Invalid, Place
@@ -138,10 +138,10 @@ class AtPoint(Kind):
     def write(self, value: Any, book: Book) -> Any:
         """Return the short form, or a table where that would mean another point."""
         name = _NAME.write(value.body.name, book)
-        if not isinstance(value, BeamPoint):
+        if not isinstance(value, BodyPoint):
             return name
         x = repr(float(value.x))
-        mesh = value.body.mesh
+        mesh = getattr(value.body, "mesh", None)
         unclear = f"{name}@{x}" in book.bodies or (mesh is not None and x in mesh.points)
         return {"body": name, "at": float(value.x)} if unclear else f"{name}@{x}"
 

@@ -13,7 +13,6 @@ from vofem.bodies.beam import Beam
 from vofem.effects.base_motion import BaseMotion
 from vofem.effects.foundation import Foundation
 from vofem.effects.loads import DistributedLoad, Gravity
-from vofem.errors import MissingCallableError
 from vofem.time_functions import as_time_function
 
 Array = NDArray[np.float64]
@@ -47,13 +46,7 @@ class LineLoads:
 
 
 def line_loads(effects: Iterable[Any], beam: Beam) -> LineLoads:
-    """Return what acts along a beam: distributed loads, weight, base motion and two-sided foundations.
-
-    Raises
-    ------
-    MissingCallableError
-        In a run that was loaded from a file, for a load whose values along the beam the file does not hold.
-    """
+    """Return what acts along a beam: distributed loads, weight, base motion and two-sided foundations."""
     loads: list[tuple[Callable[[Array], Array], Callable[[ArrayLike], Any]]] = []
     bedding: list[Callable[[Array], Array]] = []
     for effect in effects:
@@ -66,11 +59,4 @@ def line_loads(effects: Iterable[Any], beam: Beam) -> LineLoads:
                 loads.append((lambda x: -beam.mass_per_length(x), as_time_function(effect.acceleration)))
             case Foundation() if effect.beam is beam and not effect.one_sided:
                 bedding.append(effect.along)
-            case _:
-                kind = getattr(effect, "kind", "")
-                if kind in ("DistributedLoad", "BaseMotion", "Foundation") and effect.points()[0].body is beam:
-                    raise MissingCallableError(
-                        f"{effect.describe()}: the saved run does not hold its values between the nodes; ask for "
-                        "the moment of the cubics, or build the scene in Python"
-                    )
     return LineLoads(loads, bedding)

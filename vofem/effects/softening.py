@@ -6,10 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-import numpy as np
-
 from vofem.errors import ArgumentError
-from vofem.laws import HYPERBOLIC, TABULATED, HystereticLaw, LinearLevel
+from vofem.laws import HystereticLaw, LinearLevel
+from vofem.laws.hysteretic import cyclic
 from vofem.laws.softening_curve import checked_level, limit_load, tabulate
 from vofem.parameters import Kind, OneOf, Real, declared
 from vofem.parameters.place import Book, Place
@@ -109,11 +108,12 @@ class Backbone:
 
     def law(self, name: str, one_sided: bool = False, gap: float = 0.0, unit: str = "N") -> HystereticLaw:
         """Return the cyclic law on this backbone."""
+        span, table = None, None
         if isinstance(self.softening, LinearSoftening):
-            kind, parameters = HYPERBOLIC, np.array([self.softening.span])
+            span = self.softening.span
         else:
-            kind = TABULATED
-            parameters = tabulate(self.label, self.level, self.stiffness, self.onset, self.limit)
-        return HystereticLaw(
-            self.label, name, kind, self.stiffness, self.onset, self.limit, one_sided, gap, parameters, unit
+            table = tabulate(self.label, self.level, self.stiffness, self.onset, self.limit)
+        return cyclic(
+            self.label, name, self.stiffness, self.onset, self.limit, span=span, table=table, one_sided=one_sided,
+            gap=gap, unit=unit,
         )  # fmt: skip

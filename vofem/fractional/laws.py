@@ -9,7 +9,7 @@ from typing import Annotated, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem._validate import number
+from vofem._validate import number, wrong
 from vofem.errors import ArgumentError
 from vofem.fractional.constants import gap_function
 from vofem.fractional.orders import exponential_order
@@ -90,7 +90,7 @@ class TabulatedOrder:
             )
         if np.any(np.diff(x) <= 0.0):
             k = int(np.argmax(np.diff(x) <= 0.0))
-            raise ArgumentError(f"TabulatedOrder: x is {x[k]:g} and then {x[k + 1]:g}, expected increasing values")
+            raise wrong("TabulatedOrder: x", f"{x[k]:g} and then {x[k + 1]:g}", "increasing values")
         if np.any(orders < 0.0):
             raise ArgumentError(f"TabulatedOrder: orders hold {np.min(orders):g}, expected none below 0")
 

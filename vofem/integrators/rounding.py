@@ -44,7 +44,7 @@ def static_loss(system: System) -> float:
 
 
 def _static_loss(system: System) -> float:
-    from vofem.integrators.event_driven.reduction import holding, input_rows, two_solutions
+    from vofem.integrators.reduction import holding, input_rows, two_solutions
 
     try:
         solve, _ = two_solutions(system, holding(system))

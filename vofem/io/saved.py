@@ -24,8 +24,9 @@ def load(path: str | os.PathLike[str], *, scene: Scene | None = None) -> Any:
 
     A file cannot hold Python functions. If the scene contained some, the file
     holds the values that the run needed of them. Whatever needs another value
-    raises `MissingCallableError`, which names the function. Bodies of classes that
-    you have written are not in the file. Give the scene again to load such a run.
+    raises `MissingCallableError`, which names the function. Bodies and effects of
+    classes that you have written are not in the file. Give the scene again to load
+    such a run.
 
     Parameters
     ----------
@@ -47,7 +48,7 @@ def load(path: str | os.PathLike[str], *, scene: Scene | None = None) -> Any:
     ArgumentError
         If the scene is not the same, or the file holds a branch or a locus, which keep their scenes.
     MissingCallableError
-        If the run has bodies of other classes and the scene was not given.
+        If the run has bodies or effects of other classes and the scene was not given.
     """
     from vofem.files.hdf5 import reading
     from vofem.io.storage import branch_file, run_file
@@ -82,7 +83,7 @@ def resume(
         The file that was given as ``checkpoint`` to `vofem.simulate`.
     scene : Scene, optional
         The same scene again. It is needed if the scene contains Python
-        functions or bodies of your own classes, which a file cannot hold.
+        functions, or bodies or effects of your own classes, which a file cannot hold.
     progress : bool or callable, optional
         See `vofem.simulate`.
     checkpoint_every : float

@@ -60,6 +60,10 @@ class CompiledFunction:
         self._callee: Any = None
         update_wrapper(self, function)
 
+    def __reduce__(self) -> str:
+        # Pickled by its place in its module, as a plain function is.
+        return str(self.py_func.__qualname__)
+
     @property
     def dispatcher(self) -> Any:
         """The function as numba sees it."""
@@ -67,6 +71,12 @@ class CompiledFunction:
             _MADE.add(self)
             self._dispatcher = _compiled(self.py_func)
         return self._dispatcher
+
+    @property
+    def prepared(self) -> Callable[..., Any]:
+        """The plain function, which numba compiles from now on with the kernels that it calls."""
+        _numba()
+        return self.py_func
 
     @property
     def callee(self) -> Any:

@@ -1,15 +1,13 @@
 """Scalar laws on rows: contacts, smooth and hysteretic springs, springpots, the law that the paper prints.
 
-Each module states one law: its force, its mean force over a step, its tangent,
-its stored energy, its dissipation, its internal variables, and what it requires
-of a method. Compiled loops call the functions of `evaluate`. All other code
-calls `group.LawGroup`.
+A law is one function and its numbers (`law.Law`). Each other module states laws of one kind, and the group that
+gathers them says which methods can treat them.
 """
 
 from vofem.laws.contact import ContactLaws, initial_status
-from vofem.laws.group import CLOSED, OPEN, PINNED, LawGroup, gathered_past, past_of
+from vofem.laws.group import LawGroup, gathered_past, past_of
 from vofem.laws.hysteretic import HystereticLaw, HystereticLaws
-from vofem.laws.kinds import HYPERBOLIC, JENKINS, TABULATED
+from vofem.laws.law import CLOSED, OPEN, PINNED, Law, LawSet
 from vofem.laws.paper import LinearLevel, PrintedLaw, PrintedLaws
 from vofem.laws.smooth import ScalarLaw, SmoothLaw, SmoothLaws
 from vofem.laws.springpot import SpringpotLaw, SpringpotLaws
@@ -19,16 +17,15 @@ KINDS = tuple(dict.fromkeys(group.kind for group in (ContactLaws, SmoothLaws, Hy
 
 __all__ = [
     "CLOSED",
-    "HYPERBOLIC",
-    "JENKINS",
     "KINDS",
     "OPEN",
     "PINNED",
-    "TABULATED",
     "ContactLaws",
     "HystereticLaw",
     "HystereticLaws",
+    "Law",
     "LawGroup",
+    "LawSet",
     "LinearLevel",
     "PrintedLaw",
     "PrintedLaws",

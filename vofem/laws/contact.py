@@ -1,3 +1,4 @@
+# mypy: disable-error-code="no-any-return"
 """Contacts: both force laws, with the ideal and the resolved switch.
 
 A contact is closed exactly while ``s = u - gap > 0`` (Eq. 8 of the paper).
@@ -9,15 +10,16 @@ the whole displacement (Eqs. 9b, 13, 18c). It is the gap under the penetration l
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.kernels.jit import jit
-from vofem.laws.group import CLOSED, OPEN, PINNED, LawGroup
-from vofem.laws.kinds import JUMP, PENETRATION, RESOLVED
-from vofem.laws.resolved import resolved_force, resolved_integrals, steepest, switch
+from vofem.laws.group import LawGroup
+from vofem.laws.law import CLOSED, DAMPING, FORCE, JUMP, KINK, MEAN, OPEN, PINNED, STORED, TANGENT, Law
+from vofem.laws.resolved import resolved_contact, steepest, switch
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -27,10 +29,6 @@ Status = NDArray[np.int64]
 
 #: Width, as a fraction of the gap, over which compiled loops spread the jump of the displacement law.
 _RAMP = 1e-12
-
-#: Places at which the rise of a resolved switch is divided for quadrature, in units of 1/s0. Beyond the last one the
-#: switch is 1 to rounding.
-_RISE = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 40.0)
 
 
 @dataclass(frozen=True)
@@ -153,35 +151,6 @@ class ContactLaws(LawGroup):
         """Return OPEN or CLOSED."""
         return np.where(u > self.column(self.gap, u), CLOSED, OPEN).astype(np.int64)
 
-    def potential(self, u: Array) -> Array:
-        """Return the energy in J stored in closed contacts, shape (n_times,).
-
-        This is the potential of the force in compiled loops, where a jump is spread over a small width.
-        """
-        s, status = u - self.gap[:, None], self.status(u)
-        resolved = np.flatnonzero(np.isfinite(self.resolution))
-        status[resolved] = OPEN
-        total = self.closed_potential(s, status)
-        for j in np.flatnonzero(self.jump & np.isinf(self.resolution) & (self.gap > 0.0)):
-            lever, ramp = self.gap[j], _RAMP * self.gap[j]
-            within = np.clip(s[j], 0.0, ramp)
-            # The part of the potential of a jump that is missing because the force rises over a small width.
-            total = total - self.stiffness[j] * lever * within * (1.0 - 0.5 * within / ramp)
-        for j in resolved:
-            lever, k, s0 = self.gap[j] - self.offset[j], self.stiffness[j], self.resolution[j]
-            parts = np.array([resolved_integrals(0.0, max(x, 0.0), s0) for x in s[j].tolist()])
-            total = total + k * (parts[:, 1] + lever * parts[:, 0])
-        return total
-
-    def steepest(self, u: Array) -> Array:
-        """Return bounds of the tangents of closed contacts, N/m."""
-        slopes = [steepest(g, bool(j), s0) for g, j, s0 in zip(self.gap, self.jump, self.resolution, strict=True)]
-        return self.stiffness * np.array(slopes)
-
-    def numbers(self) -> Array:
-        """Return gaps, stiffnesses, dampers, force laws and switches."""
-        return np.concatenate([self.gap, self.stiffness, self.damping, self.jump, self.resolution])
-
     def scaled(self, factor: float) -> ContactLaws:
         """Return contacts with springs and dampers times a factor."""
         return replace(self, stiffness=factor * self.stiffness, damping=factor * self.damping)
@@ -196,12 +165,22 @@ class ContactLaws(LawGroup):
         tangent = np.where(beyond, self.stiffness, np.where(within, steep, 0.0))
         return reaction, tangent, np.where(beyond, CLOSED, np.where(within, PINNED, OPEN)).astype(np.int64)
 
-    def fill(self, table: NDArray[np.void]) -> None:
-        """Enter kind and numbers."""
-        ideal = np.where(self.jump, JUMP, PENETRATION)
-        table["kind"] = np.where(np.isfinite(self.resolution), RESOLVED, ideal)
-        for name in ("gap", "offset", "stiffness", "damping", "resolution"):
-            table[name] = getattr(self, name)
+    @cached_property
+    def forms(self) -> tuple[Law, ...]:
+        """The contacts one by one, as all methods but event_driven see them."""
+        return tuple(self._form(*numbers) for numbers in zip(
+            self.labels, self.names, self.gap, self.offset, self.stiffness, self.damping, self.jump, self.resolution,
+            strict=True,
+        ))  # fmt: skip
+
+    def _form(self, label: str, name: str, gap: float, offset: float, k: float, c: float, jump: bool, s0: float) -> Law:
+        ideal = bool(np.isinf(s0))
+        last = (_RAMP * gap if jump else 0.0) if ideal else s0
+        return Law(
+            label, name, contact if ideal else resolved_contact, np.array([gap, offset, k, c, last]),
+            stiffness=float(k * steepest(gap, bool(jump), s0)), damped=bool(c > 0.0),
+            rising=not (ideal and jump and gap > 0.0),
+        )  # fmt: skip
 
 
 def initial_status(laws: ContactLaws, q: Array, v: Array, size: Array | None = None) -> Status:
@@ -223,57 +202,42 @@ def initial_status(laws: ContactLaws, q: Array, v: Array, size: Array | None = N
     return np.where((~zero & (s > 0)) | (zero & (rate > 0)), CLOSED, OPEN).astype(np.int64)
 
 
-# -- the law of one record, in compiled loops ---------------------------------------------------------
+# -- the law of one contact with an ideal switch -------------------------------------------------------
 
 
 @jit
-def contact_force(law: Any, resolved: bool | None, u: float) -> tuple[float, float]:
-    """Return spring force and tangent at u; `resolved` is None where no switch is resolved."""
-    gap, k = law["gap"], law["stiffness"]
-    s = u - gap
+def contact(what: int, p: Any, z: Any, u0: float, u1: float) -> float:
+    """Answer for a contact of p = (gap, offset, K0, C0, width of the jump); see `law`."""
+    gap, offset, k, ramp = p[0], p[1], p[2], p[4]
+    s = u1 - gap
+    if what == KINK:
+        return gap if u1 == 0.0 else np.nan
+    if what == JUMP:
+        return k * (gap - offset)
+    s0 = u0 - gap
+    if what in (MEAN, DAMPING) and s0 != s:
+        if s0 <= 0.0 and s <= 0.0:
+            return 0.0
+        if what == DAMPING:
+            return p[3] * ((max(s, 0.0) - max(s0, 0.0)) / (s - s0))
+        if s0 >= ramp and s >= ramp:
+            return k * (0.5 * (s0 + s) + (gap - offset))
+        path = s - s0
+        return k * (_height_over(path, s, ramp, gap - offset) - _height_over(path, s0, ramp, gap - offset))
     if s <= 0.0:
-        return 0.0, 0.0
-    if resolved is not None and law["kind"] == RESOLVED:
-        force, tangent = resolved_force(s, law["resolution"], gap - law["offset"])
-        return k * force, k * tangent
-    if law["kind"] == PENETRATION:
-        return k * s, k
-    ramp = _RAMP * gap
-    if s >= ramp:
-        return k * u, k
-    steep = k * (gap + ramp) / ramp
-    return steep * s, steep
-
-
-@jit
-def damper_path(law: Any, resolved: bool | None, u0: float, u1: float) -> float:
-    """Return the length of the path from u0 to u1 on which a contact's damper acts, with its sign."""
-    s0, s1 = max(u0 - law["gap"], 0.0), max(u1 - law["gap"], 0.0)
-    if resolved is not None and law["kind"] == RESOLVED:
-        return resolved_integrals(s0, s1, law["resolution"])[0]
-    return s1 - s0
-
-
-@jit
-def contact_mean(law: Any, resolved: bool | None, u0: float, u1: float) -> float:
-    """Return the mean spring force over the path from u0 to u1: work over length."""
-    gap, k = law["gap"], law["stiffness"]
-    s0, s1 = u0 - gap, u1 - gap
-    if s0 <= 0.0 and s1 <= 0.0:
         return 0.0
-    lever = gap - law["offset"]
-    if resolved is not None and law["kind"] == RESOLVED:
-        if s0 == s1:
-            return k * resolved_force(s0, law["resolution"], lever)[0]
-        plain, weighted = resolved_integrals(max(s0, 0.0), max(s1, 0.0), law["resolution"])
-        return k * (weighted + lever * plain) / (s1 - s0)
-    ramp = _RAMP * gap if law["kind"] == JUMP else 0.0
-    if s0 >= ramp and s1 >= ramp:
-        return k * (0.5 * (s0 + s1) + lever)
-    if s0 == s1:
-        return contact_force(law, None, u0)[0]
-    path = s1 - s0
-    return k * (_height_over(path, s1, ramp, lever) - _height_over(path, s0, ramp, lever))
+    if what == DAMPING:
+        return p[3]
+    if what == STORED:
+        stored = 0.5 * k * s * (s + 2.0 * (gap - offset))
+        # A part of the potential of a jump is missing because the force rises over a small width.
+        within = min(s, ramp)
+        return stored - k * gap * within * (1.0 - 0.5 * within / ramp) if ramp > 0.0 else stored
+    if what in (FORCE, MEAN):
+        return k * (u1 - offset) if s >= ramp else k * ((gap + ramp) / ramp) * s
+    if what == TANGENT:
+        return k if s >= ramp else k * ((gap + ramp) / ramp)
+    return 0.0
 
 
 @jit
@@ -284,32 +248,3 @@ def _height_over(path: float, s: float, ramp: float, lever: float) -> float:
     if s < ramp:
         return (s / path) * (0.5 * s * ((lever + ramp) / ramp))
     return (s / path) * (0.5 * s + lever) - 0.5 * lever * (ramp / path)
-
-
-@jit
-def ideal_mean_slope(law: Any, u0: float, u1: float, mean: float) -> float:
-    """Return the derivative by u1 of the mean force of an ideal switch."""
-    s0, s1 = u0 - law["gap"], u1 - law["gap"]
-    ramp = _RAMP * law["gap"] if law["kind"] == JUMP else 0.0
-    if s0 >= ramp and s1 >= ramp:
-        return 0.5 * law["stiffness"]
-    if s0 <= 0.0 and s1 <= 0.0:
-        return 0.0
-    force, tangent = contact_force(law, None, u1)
-    return (force - mean) / (u1 - u0) if u1 != u0 else 0.5 * tangent
-
-
-def contact_kinks(law: Any) -> list[float]:
-    """Return the coordinates at which the force or the tangent jumps; for a resolved switch, the ends of its rise."""
-    gap = float(law["gap"])
-    if law["kind"] != RESOLVED:
-        return [gap]
-    return [gap, *(gap + x / float(law["resolution"]) for x in _RISE)]
-
-
-def contact_share(law: Any, u: Array) -> tuple[Array, Array]:
-    """Return how far a contact with a resolved switch is switched on at u, and the derivative of that by u."""
-    s, resolution = u - law["gap"], law["resolution"]
-    width = 1e-6 / resolution
-    now, after, before = (np.array([switch(resolution * x) for x in at]) for at in (s, s + width, s - width))
-    return now, (after - before) / (2.0 * width)

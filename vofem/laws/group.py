@@ -1,22 +1,22 @@
-"""The base of all groups of scalar laws: the methods that time integration, statics, energies and pictures call."""
+"""The base of all groups of scalar laws: what methods that are not loops ask of the laws of one kind."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from vofem.laws.law import FORCE, STORED, Law, LawSet
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-
-#: Status of a law: it does not act, it acts, or it rests at the place where its force jumps.
-OPEN, CLOSED, PINNED = 0, 1, 2
 
 
 class StepPast(Protocol):
@@ -54,10 +54,8 @@ class LawGroup:
     """Scalar laws of one kind, one for each row b.
 
     The coordinate of a law is ``u = b.q``. Its reaction R acts on the structure
-    as the force ``-b R``. A group gives its numbers to compiled loops (`fill`,
-    `parameters`, `virgin`) and its response to statics (`respond`). Its refusals
-    say which methods cannot treat it, and why. The defaults are those of laws
-    without internal variables.
+    as the force ``-b R``. A group gives its laws as functions (`forms`), from which
+    all numbers are derived. Its refusals say which methods cannot treat it, and why.
 
     Attributes
     ----------
@@ -94,6 +92,10 @@ class LawGroup:
         """Names of the laws with the class of their effect, for messages."""
         raise NotImplementedError
 
+    def __getstate__(self) -> dict[str, Any]:
+        # What is derived is derived again in another process.
+        return {name: value for name, value in vars(self).items() if name not in ("forms", "alone")}
+
     def __len__(self) -> int:
         return int(self.rows.shape[0])
 
@@ -107,9 +109,6 @@ class LawGroup:
     def driven(self) -> Any:
         """The one law of the group if the applied load drives it, so that no method for general scenes takes it."""
         return None
-
-    #: Whether `steepest` bounds the tangents wherever the coordinates go.
-    bounded: ClassVar[bool] = True
 
     def nonlinearity(self, method: str) -> str | None:
         """Return why methods for piecewise linear forces cannot treat the group, or None if they can."""
@@ -127,7 +126,7 @@ class LawGroup:
         """Return why harmonic balance cannot treat the group, and what to do instead, or None if it can."""
         return None
 
-    # -- the law in compiled loops ------------------------------------------------------------------
+    # -- the laws as functions ------------------------------------------------------------------------
 
     #: Whether force, stored energy and loss of every law are recorded along a run.
     recorded: ClassVar[bool] = False
@@ -135,17 +134,58 @@ class LawGroup:
     #: Whether the laws take part in statics; laws that yield to every lasting force do not.
     static: ClassVar[bool] = True
 
-    def fill(self, table: NDArray[np.void]) -> None:
-        """Enter kind and numbers of every law into its record, see `table.RECORD`."""
+    @property
+    def forms(self) -> tuple[Law, ...]:
+        """The laws as functions with numbers, one for each row."""
         raise NotImplementedError
 
-    def parameters(self) -> list[Array]:
-        """Return further numbers of every law."""
-        return [np.zeros(0)] * len(self)
+    @cached_property
+    def alone(self) -> LawSet:
+        """The laws of the group, with the internal variables that they have before any load."""
+        return LawSet([self])
+
+    @property
+    def bounded(self) -> bool:
+        """Whether `steepest` bounds the tangents wherever the coordinates go."""
+        return all(law.stiffness is not None for law in self.forms)
+
+    def steepest(self, u: Array) -> Array:
+        """Return bounds of the tangents in N/m; where a law has none, its tangent at its coordinate u."""
+        laws = self.alone
+        return np.array([
+            float(laws.tangent(j, u[[j]])[0]) if law.stiffness is None else law.stiffness
+            for j, law in enumerate(self.forms)
+        ])  # fmt: skip
+
+    def limits(self) -> Array:
+        """Return the limit loads in N, which the forces never exceed; inf where there is none."""
+        return np.array([law.limit for law in self.forms])
+
+    def units(self) -> tuple[str, ...]:
+        """Return the units of the forces, for messages."""
+        return tuple(law.unit for law in self.forms)
 
     def virgin(self) -> list[Array]:
         """Return the internal variables of every law before any load; the first is the dissipated energy in J."""
-        return [np.zeros(0)] * len(self)
+        return [law.virgin() for law in self.forms] if self.recorded else [np.zeros(0)] * len(self)
+
+    def potential(self, u: Array) -> Array:
+        """Return the energy in J that follows from u alone, shape (n_times,), for u of shape (n_laws, n_times).
+
+        Energy that depends on internal variables is recorded along the run.
+        """
+        if self.recorded:
+            return np.zeros(u.shape[1])
+        return np.asarray(np.sum(self.alone.everywhere(STORED, u), axis=0))
+
+    def reactions(self, u: Array) -> Array:
+        """Return the forces in N that follow from u alone, shape (n_laws, n_times), for u of the same shape."""
+        return self.alone.everywhere(FORCE, u)
+
+    def numbers(self) -> Array:
+        """Return all numbers that define the laws, by which two groups are compared; Python functions have none."""
+        laws = () if self.linear else self.forms
+        return np.concatenate([np.zeros(0), *(np.append(law.parameters, law.past) for law in laws)])
 
     #: Whether another run can start with the past that the laws have at the end of a run.
     past_is_kept: ClassVar[bool] = True
@@ -161,10 +201,6 @@ class LawGroup:
             Shortest step, and the longest time that will be reached, in s.
         """
         return None
-
-    def numbers(self) -> Array:
-        """Return all numbers that define the laws, by which two groups are compared; Python functions have none."""
-        return np.concatenate([np.zeros(0), *self.parameters()])
 
     def shifted(self, start: float) -> LawGroup:
         """Return the laws for a run that begins at a time in s; they differ only if they vary in time."""
@@ -189,45 +225,6 @@ class LawGroup:
         The entries, in N/m, are the factors of ``a_k a_l exp((p_k + p_l) t)/2``.
         """
         raise NotImplementedError
-
-    # -- the law at rest ----------------------------------------------------------------------------
-
-    def limits(self) -> Array:
-        """Return the limit loads in N, which the forces never exceed; inf where there is none."""
-        return np.full(len(self), np.inf)
-
-    def units(self) -> tuple[str, ...]:
-        """Return the units of the forces, for messages."""
-        return ("N",) * len(self)
-
-    def steepest(self, u: Array) -> Array:
-        """Return bounds of the tangents in N/m; some hold only near the coordinates u."""
-        raise NotImplementedError
-
-    def potential(self, u: Array) -> Array:
-        """Return the energy in J that follows from u alone, shape (n_times,), for u of shape (n_laws, n_times).
-
-        Energy that depends on internal variables is recorded along the run.
-        """
-        return np.zeros(u.shape[1])
-
-    def reactions(self, u: Array) -> Array:
-        """Return the forces in N that follow from u alone, shape (n_laws, n_times), for u of the same shape."""
-        raise NotImplementedError
-
-    def respond(self, u: Array, width: float) -> tuple[Array, Array, NDArray[np.int64]] | None:
-        """Return reaction (N), tangent (N/m) and status at u, each (n_laws,), or None if the compiled laws give them.
-
-        Jumps are spread over a width, a fraction of their gap.
-        """
-        return None
-
-    def curve(self, index: int, u: Array, tangents: bool) -> tuple[Array, Array] | None:
-        """Return forces (N) and tangents (N/m) of one law at coordinates u, or None if the compiled laws give them.
-
-        Where `tangents` is false, the tangents may be anything.
-        """
-        return None
 
 
 @dataclass(frozen=True)

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import LimitLoadError
 from vofem.laws.group import LawGroup, ListedLaws
-
-if TYPE_CHECKING:
-    pass
+from vofem.laws.law import Law, affine
 
 Array = NDArray[np.float64]
 
@@ -141,17 +140,18 @@ class PrintedLaws(ListedLaws):
             "Simulate until the motion settles instead"
         )
 
-    def steepest(self, u: Array) -> Array:
-        """Return the stiffness before the first load."""
-        return np.array([self.driven.stiffness])
+    @cached_property
+    def forms(self) -> tuple[Law, ...]:
+        """The spring before the first load; the law itself is no function of the elongation."""
+        numbers = np.array([0.0, self.driven.stiffness, 0.0, 0.0])
+        return (Law(
+            self.driven.label, self.driven.name, affine, numbers, stiffness=self.driven.stiffness,
+            limit=self.driven.limit,
+        ),)  # fmt: skip
 
     def numbers(self) -> Array:
         """Return stiffness, linear limit and limit load."""
         return np.array([self.driven.stiffness, self.driven.linear_limit, self.driven.limit])
-
-    def limits(self) -> Array:
-        """Return the limit load in N."""
-        return np.array([self.driven.limit])
 
 
 def path_needed(label: str) -> str:

@@ -1,3 +1,4 @@
+# mypy: disable-error-code="no-any-return"
 """The resolved switch of the variable-order operator: its stiffness, and integrals that are exact to rounding.
 
 With ``x = s0 s`` the contact stiffness over K0 is ``1/Gamma(1 - exp(-x))``,
@@ -10,17 +11,21 @@ by Gauss's rule, so that differences of the potential over short steps keep all 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.kernels.jit import jit
+from vofem.laws.law import DAMPING, FORCE, JUMP, KINK, MEAN, STORED, TANGENT
 
 Array = NDArray[np.float64]
 
 #: Argument of the resolved switch, in units of 1/s0, from which on it is 1 to rounding; nodes of its table per unit.
 _END = 40
 _PER_UNIT = 2
+#: Places at which the rise of the switch is divided for quadrature, in units of 1/s0.
+_RISE = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 40.0])
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 
 
@@ -105,6 +110,36 @@ def resolved_integrals(s_from: float, s_to: float, s0: float) -> tuple[float, fl
         plain, lever = _rising(s0 * s_to, s0 * s_from)
         plain, lever = -plain, -lever
     return plain / s0, lever / (s0 * s0)
+
+
+@jit
+def resolved_contact(what: int, p: Any, z: Any, u0: float, u1: float) -> float:
+    """Answer for a contact of p = (gap, offset, K0, C0, s0); see `law`."""
+    gap, lever, k, resolution = p[0], p[0] - p[1], p[2], p[4]
+    s = u1 - gap
+    if what == KINK:
+        number = int(u1)
+        return gap + _RISE[number] / resolution if number < _RISE.size else np.nan
+    if what == JUMP:
+        return 0.0
+    s0 = u0 - gap
+    if what in (MEAN, DAMPING) and s0 != s:
+        if s0 <= 0.0 and s <= 0.0:
+            return 0.0
+        plain, weighted = resolved_integrals(max(s0, 0.0), max(s, 0.0), resolution)
+        return p[3] * plain / (s - s0) if what == DAMPING else k * (weighted + lever * plain) / (s - s0)
+    if s <= 0.0:
+        return 0.0
+    if what == DAMPING:
+        return p[3] * switch(resolution * s)
+    if what == STORED:
+        plain, weighted = resolved_integrals(0.0, s, resolution)
+        return k * (weighted + lever * plain)
+    if what in (FORCE, MEAN):
+        return k * resolved_force(s, resolution, lever)[0]
+    if what == TANGENT:
+        return k * resolved_force(s, resolution, lever)[1]
+    return 0.0
 
 
 def steepest(gap: float, jump: bool, s0: float) -> float:

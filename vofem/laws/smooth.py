@@ -1,4 +1,4 @@
-"""Laws written in Python: a smooth force with a potential, and the base of laws with internal variables.
+"""Laws written in Python: a smooth force with a potential.
 
 A law of this kind gives its force, energy and tangent as plain Python methods of
 one coordinate. All methods that step in time accept it, and so do energies.
@@ -10,16 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Protocol, runtime_checkable
+from functools import cached_property
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.laws.group import LawGroup, ListedLaws
-from vofem.laws.kinds import CALLED
-
-if TYPE_CHECKING:
-    pass
+from vofem.laws.law import FORCE, KINK, MEAN, STORED, TANGENT, Function, Law
 
 Array = NDArray[np.float64]
 
@@ -130,6 +128,23 @@ def mean_reaction(law: ScalarLaw, u0: float, u1: float) -> float:
     return (5.0 * law.reaction(middle - half) + 8.0 * law.reaction(middle) + 5.0 * law.reaction(middle + half)) / 18.0
 
 
+def _function(law: ScalarLaw) -> Function:
+    """Return the function of a law written in Python; see `law`."""
+
+    def answer(what: int, p: Any, z: Any, u0: float, u1: float) -> float:
+        if what == FORCE:
+            return law.reaction(u1)
+        if what == TANGENT:
+            return law.tangent(u1)
+        if what == MEAN:
+            return mean_reaction(law, u0, u1)
+        if what == STORED:
+            return law.energy(u1)
+        return float("nan") if what == KINK else 0.0
+
+    return answer
+
+
 @dataclass(frozen=True)
 class SmoothLaws(ListedLaws):
     """Laws written in Python, one per row.
@@ -142,8 +157,6 @@ class SmoothLaws(ListedLaws):
 
     place: ClassVar[int] = 1
     kind: ClassVar[str] = "nonlinear springs"
-    bounded: ClassVar[bool] = False
-
     laws: tuple[ScalarLaw, ...]
 
     def nonlinearity(self, method: str) -> str:
@@ -164,18 +177,10 @@ class SmoothLaws(ListedLaws):
         """Return why there are no modes."""
         return f"{self.labels[0]} has no modes; put a Spring of its tangent there"
 
-    def steepest(self, u: Array) -> Array:
-        """Return the tangents at u, because no other bound is known."""
-        return np.array([law.tangent(x) for law, x in zip(self.laws, u.tolist(), strict=True)])
-
-    def potential(self, u: Array) -> Array:
-        """Return the stored energy in J, shape (n_times,)."""
-        parts = [[law.energy(x) for x in values] for law, values in zip(self.laws, u.tolist(), strict=True)]
-        return np.sum(np.array(parts), axis=0)
-
-    def reactions(self, u: Array) -> Array:
-        """Return the forces in N, shape (n_laws, n_times)."""
-        return np.array([[law.reaction(x) for x in values] for law, values in zip(self.laws, u.tolist(), strict=True)])
+    @cached_property
+    def forms(self) -> tuple[Law, ...]:
+        """The laws as functions."""
+        return tuple(Law(law.label, law.name, _function(law), rising=False) for law in self.laws)
 
     def scaled(self, factor: float) -> SmoothLaws | None:
         """Return laws with force and potential times a factor."""
@@ -183,23 +188,3 @@ class SmoothLaws(ListedLaws):
         if len(laws) < len(self.laws):
             return None
         return SmoothLaws(self.rows, tuple(law.scaled(factor) for law in laws))
-
-    def respond(self, u: Array, width: float) -> tuple[Array, Array, NDArray[np.int64]]:
-        """Return reaction, tangent and status."""
-        pairs = [(law.reaction(x), law.tangent(x)) for law, x in zip(self.laws, u.tolist(), strict=True)]
-        reaction, tangent = np.array(pairs).T
-        return reaction, tangent, np.ones(u.size, dtype=np.int64)
-
-    def curve(self, index: int, u: Array, tangents: bool) -> tuple[Array, Array]:
-        """Return forces and, if they are wanted, tangents of one law."""
-        law, places = self.laws[index], u.tolist()
-        try:
-            force = np.array([law.reaction(x) for x in places])
-            return force, np.array([law.tangent(x) for x in places]) if tangents else force
-        except OverflowError:
-            # Newton's method has tried a point that is much too far away.
-            return np.full(u.size, np.inf), np.full(u.size, np.inf)
-
-    def fill(self, table: NDArray[np.void]) -> None:
-        """Enter the kind; `callbacks.Callbacks` enters the addresses."""
-        table["kind"] = CALLED

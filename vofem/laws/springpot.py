@@ -15,14 +15,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.errors import ArgumentError, VofemError
+from vofem.errors import ArgumentError, MissingCallableError, VofemError
 from vofem.laws.group import LawGroup, ListedLaws, StepPast
-from vofem.laws.kinds import AFFINE
+from vofem.laws.law import Law, affine
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -88,6 +89,8 @@ class SpringpotLaw:
             return orders_at(self.order, t, highest=1.0)
         except ArgumentError as error:
             raise ArgumentError(f"{self.label}: {error}") from None
+        except MissingCallableError as error:
+            raise MissingCallableError(f"{self.label}, order: {error}") from None
         except VofemError:
             raise
         except Exception as error:
@@ -152,9 +155,13 @@ class SpringpotLaws(ListedLaws):
             [law.coefficient * _stored_pairs(p, order) for law, order in zip(self.laws, self._orders, strict=True)]
         )
 
-    def steepest(self, u: Array) -> Array:
-        """Return zeros: springpots enter every step implicitly and do not change the critical step."""
-        return np.zeros(len(self))
+    @cached_property
+    def forms(self) -> tuple[Law, ...]:
+        """The affine laws that springpots are over one step; `springpot_steps` enters their numbers.
+
+        They enter every step implicitly and do not change the critical step.
+        """
+        return tuple(Law(law.label, law.name, affine, np.zeros(4), stiffness=0.0, damped=True) for law in self.laws)
 
     def shifted(self, start: float) -> SpringpotLaws:
         """Return the springpots for a run that begins at a time in s; orders that vary are shifted."""
@@ -172,10 +179,6 @@ class SpringpotLaws(ListedLaws):
     def numbers(self) -> Array:
         """Return the coefficients."""
         return np.array([law.coefficient for law in self.laws])
-
-    def fill(self, table: NDArray[np.void]) -> None:
-        """Enter the kind; `springpot_steps.set_laws` enters the numbers of a step."""
-        table["kind"] = AFFINE
 
 
 def _stored_pairs(p: Complex, order: float) -> Complex:

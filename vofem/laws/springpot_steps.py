@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.kernels.jit import jit
-from vofem.laws.table import Laws, Way
+from vofem.laws.law import FIRST, Laws, Way
 
 Array = NDArray[np.float64]
 
@@ -80,19 +80,19 @@ def begin_springpots(
     for i in range(pots.y.shape[0]):
         j = pots.row + i
         slope, rest = affine(pots, i, s)
-        law = laws.table[j]
-        law["gap"] = u0[j]
+        numbers = laws.parameters[laws.table[j, FIRST] : laws.table[j, FIRST] + 4]
+        numbers[2] = u0[j]
         if way.explicit:
             rate = (u1[j] - u0[j]) / way.dt
             mean = slope * rate + rest
             known[s + 1, i, 0], known[s + 1, i, 1] = mean, _carry_on(pots, i, s, rate)
             slope, rest = affine(pots, i, s + 1)
-            law["stiffness"], law["damping"] = 0.0, slope
-            law["offset"] = 0.5 * (mean + rest - slope * r1[j])
+            numbers[1], numbers[3] = 0.0, slope
+            numbers[0] = 0.5 * (mean + rest - slope * r1[j])
         else:
             # The mean elongation over the step is half of that at its end.
-            law["stiffness"] = (2.0 if way.mean else 1.0) * way.now * slope / way.dt
-            law["offset"] = way.now * rest - way.before * known[s, i, 0]
+            numbers[1] = (2.0 if way.mean else 1.0) * way.now * slope / way.dt
+            numbers[0] = way.now * rest - way.before * known[s, i, 0]
 
 
 @jit

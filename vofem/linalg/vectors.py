@@ -58,3 +58,30 @@ def inner(one: Array, two: Array) -> float:
 @plain_form(inner)
 def _inner(one: Array, two: Array) -> float:
     return float(one @ two)
+
+
+@jit
+def multiply(matrix: Array, vector: Array, out: Array) -> None:
+    """Write ``matrix @ vector``; columns beyond the length of the vector do not count."""
+    for i in range(out.size):
+        out[i] = inner(matrix[i, : vector.size], vector)
+
+
+@plain_form(multiply)
+def _multiply(matrix: Array, vector: Array, out: Array) -> None:
+    out[:] = matrix[: out.size, : vector.size] @ vector
+
+
+@jit
+def multiply_transposed(matrix: Array, vector: Array, out: Array) -> None:
+    """Write ``matrix.T @ vector``, row by row of the matrix as it lies in memory."""
+    fill(out, 0.0)
+    for i in range(vector.size):
+        factor, row = vector[i], matrix[i]
+        for k in range(out.size):
+            out[k] += factor * row[k]
+
+
+@plain_form(multiply_transposed)
+def _multiply_transposed(matrix: Array, vector: Array, out: Array) -> None:
+    out[:] = vector @ matrix[: vector.size, : out.size]

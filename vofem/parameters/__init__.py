@@ -19,7 +19,6 @@ from vofem.parameters.declared import (
     rule,
     value_at,
     values_of,
-    with_value_at,
 )
 from vofem.parameters.kinds import (
     Choice,
@@ -61,5 +60,4 @@ __all__ = [
     "rule",
     "value_at",
     "values_of",
-    "with_value_at",
 ]

@@ -7,7 +7,7 @@ import inspect
 import itertools
 import textwrap
 import typing
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Collection, Hashable, Mapping
 from dataclasses import MISSING, dataclass, field
 from typing import Any, TypeVar, dataclass_transform, get_type_hints
 
@@ -60,7 +60,9 @@ class Declaration:
 
 
 @dataclass_transform(eq_default=False, field_specifiers=(field,))
-def declared(*, frozen: bool = False, eq: bool | None = None, bare: bool = False) -> Callable[[C], C]:
+def declared(
+    *, frozen: bool = False, eq: bool | None = None, bare: bool = False, either: tuple[str, ...] = ()
+) -> Callable[[C], C]:
     """Make a dataclass whose fields are parameters, each annotated with its `Kind`.
 
     The constructor checks all of them and then runs the rules of the class, see `rule`.
@@ -75,6 +77,8 @@ def declared(*, frozen: bool = False, eq: bool | None = None, bare: bool = False
     bare : bool
         Whether the value of its only field may stand for the whole table of a scene file, as in
         ``polynomial = [1, 2]``.
+    either : tuple of str
+        Parameters of which one is given, and from which a rule finds the first one.
     """
 
     def make(cls: C) -> C:
@@ -99,6 +103,7 @@ def declared(*, frozen: bool = False, eq: bool | None = None, bare: bool = False
             for name, member in vars(base).items()
             if hasattr(member, "needs") and getattr(made, name) is member
         )
+        made._either = either
         made._bare = next(iter(known)) if bare else ""
         made.__doc__ = _documented(made)
         public(made)
@@ -191,17 +196,18 @@ def _documented(cls: type) -> str:
 # -- values, copies and paths -----------------------------------------------------------------------
 
 
-def values_of(thing: Any) -> dict[str, Any]:
-    """Return the arguments with which an object would be made again, by name."""
+def values_of(thing: Any, unless: Collection[str] = ()) -> dict[str, Any]:
+    """Return the arguments with which an object would be made again, by name; `unless` need not be known."""
     if is_declared(type(thing)):
-        follows = {other for name, other in _instead(type(thing)).items() if getattr(thing, name) is not None}
-        return {name: getattr(thing, name) for name in thing._declarations if name not in follows}
+        values = {name: getattr(thing, name) for name in thing._declarations}
+        return values | _alone(thing, next((name for name in thing._either[1:] if values[name] is not None), None))
     parameters = list(inspect.signature(type(thing).__init__).parameters.values())[1:]
     for parameter in parameters:
-        if not hasattr(thing, parameter.name) and parameter.default is parameter.empty:
+        name = parameter.name
+        if not hasattr(thing, name) and name not in unless and parameter.default is parameter.empty:
             raise ArgumentError(
-                f"{_shown(thing)} does not tell its argument {parameter.name!r}; make another one and give it instead "
-                "of what changes"
+                f"{_shown(thing)} does not tell its argument {name!r}; make another one and give it instead of what "
+                "changes"
             )
     return {p.name: getattr(thing, p.name) for p in parameters if hasattr(thing, p.name)}
 
@@ -232,30 +238,27 @@ def content_of(value: Any) -> Hashable:
 def changed(thing: Any, **changes: Any) -> Any:
     """Return an object that is made anew, with some arguments changed and the others as they are.
 
+    The name of an argument may be a path, such as ``"f.amplitude"``, see `value_at`.
+
     Raises
     ------
     ArgumentError
         If an argument is unknown or out of range; or if the class is not declared, and its objects do not have their
         arguments as attributes.
     """
-    try:
-        values = values_of(thing)
-    except ArgumentError:
-        # What changes need not be known.
-        names = list(inspect.signature(type(thing).__init__).parameters)[1:]
-        if not all(hasattr(thing, name) or name in changes for name in names):
-            raise
-        values = {name: getattr(thing, name) for name in names if name not in changes}
-    for name, other in _instead(type(thing)).items():
-        if name in changes or other in changes:
-            values = {known: value for known, value in values.items() if known not in (name, other)}
+    for path in [name for name in changes if "." in name]:
+        first, _, rest = path.partition(".")
+        inner = changes.get(first, getattr(thing, _known(thing, first, path)))
+        changes[first] = changed(inner, **{rest: changes.pop(path)})
+    values = values_of(thing, changes)
+    if is_declared(type(thing)):
+        values |= _alone(thing, next((name for name in thing._either if name in changes), None))
     return type(thing)(**values | changes)
 
 
-def _instead(cls: type) -> dict[str, str]:
-    """Return the parameters of a class that may be given instead of others, which then follow from them."""
-    known: dict[str, str] = getattr(cls, "_instead", {})
-    return known
+def _alone(thing: Any, given: str | None) -> dict[str, None]:
+    """Return None for the parameters in whose place another one is given."""
+    return {} if given is None else {name: None for name in thing._either if name != given}
 
 
 def value_at(thing: Any, path: str) -> Any:
@@ -271,15 +274,8 @@ def value_at(thing: Any, path: str) -> Any:
     return thing
 
 
-def with_value_at(thing: Any, path: str, value: Any) -> Any:
-    """Return a copy of an object with another value at a path, see `value_at`."""
-    first, _, rest = path.partition(".")
-    inner = getattr(thing, _known(thing, first, path))
-    return changed(thing, **{first: with_value_at(inner, rest, value) if rest else value})
-
-
 def _known(thing: Any, name: str, path: str) -> str:
-    names = tuple(declarations(type(thing))) if is_declared(type(thing)) else ()
+    names = tuple(values_of(thing)) if hasattr(type(thing), "_declarations") else ()
     if name not in names:
         raise ArgumentError(
             f"{_shown(thing)} has no parameter {name!r}, in {path!r}; it has {', '.join(names) or 'none'}"

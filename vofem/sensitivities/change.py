@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
@@ -139,7 +138,7 @@ def with_function(function: Any, path: tuple[str, ...], change: Any) -> Any:
     if isinstance(function, tuple):
         k = int(step)
         return (*function[:k], with_function(function[k], rest, change), *function[k + 1 :])
-    return dataclasses.replace(function, **{step: with_function(getattr(function, step), rest, change)})
+    return changed(function, **{step: with_function(getattr(function, step), rest, change)})
 
 
 # -- places and initial states ------------------------------------------------------------------------

@@ -60,13 +60,6 @@ def _damped() -> Scene:
     return Scene([one, two, three], effects, initial={one: (0.0, 1.0)})
 
 
-def _one_damped() -> Scene:
-    """Return a mass on one contact with a damper."""
-    mass = Mass(1.0, stiffness=1.0)
-    stop = Contact(mass, gap=0.1, stiffness=5.0, damping=0.1, side="above", acts_on="penetration")
-    return Scene([mass], [stop, PointLoad(mass, Sine(0.4, 2.0))], initial={mass: (0.0, 0.5)})
-
-
 def _several() -> Scene:
     """Return a mass between two stops."""
     mass = Mass(1.0, stiffness=1.0)
@@ -104,9 +97,8 @@ def _chain() -> Scene:
 #: Scenes for methods that step in time, by what `simulate.plan.kind_of_run` says of their laws.
 STEPPED: dict[str, Callable[[], Scene]] = {
     "steps, laws": _several,
-    "steps, laws, dampers": _one_damped,
     "steps, many laws": _chain,
-    "steps, laws, resolved, dampers, affine, called, hysteretic": _every_law,
+    "steps, laws, springpots": _every_law,
 }
 
 

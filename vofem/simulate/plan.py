@@ -18,8 +18,7 @@ from vofem.integrators.method import Method
 from vofem.integrators.registry import method_named
 from vofem.kernels.choice import choose
 from vofem.kernels.mode import Outgrown, decided, kernels
-from vofem.laws.kinds import FEWEST_IN_BAND
-from vofem.laws.table import build_laws
+from vofem.laws.law import FEWEST_IN_BAND
 from vofem.progress import Progress, RunProgress
 from vofem.result import Result
 from vofem.scene import Scene
@@ -119,18 +118,16 @@ _COMPILING = "compiling {}, once on this machine"
 def kind_of_run(method: Method, system: System) -> str:
     """Return what kernels a run needs, as a name that is the same for all runs that need the same ones.
 
-    All methods that step in time share their kernels, which are compiled for the kinds of laws that a system holds, see
-    `laws.table.Kinds`, and for the way in which their reactions are found.
+    All methods that step in time share their kernels. The functions of laws are compiled one by one.
     """
     if method.exact:
         return f"{method.name}, damped" if system.damped else method.name
     if not method.steps or method.special:
         return method.name
-    with kernels(compiled=False):  # no law is called
-        laws = build_laws(system.laws)
-    count = laws.table.size
+    count = sum(len(group) for group in system.laws)
     parts = ["steps", *(["many laws" if count >= FEWEST_IN_BAND else "laws"] if count else [])]
-    return ", ".join([*parts, *(name for name, present in laws.kinds._asdict().items() if present)])
+    # Loops hold no formulas of laws, but what springpots need over a step.
+    return ", ".join([*parts, *(["springpots"] if not all(group.past_is_kept for group in system.laws) else [])])
 
 
 def _run(scene: Scene, plan: Plan, observer: RunProgress | None, snapshot: dict[str, Any] | None) -> Result:

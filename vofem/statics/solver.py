@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 
 from vofem.errors import SingularSystemError
 from vofem.integrators.rounding import graded
-from vofem.laws import CLOSED, OPEN, PINNED
-from vofem.laws.evaluate import commit_all, dissipated, response, stored
+from vofem.laws import CLOSED, OPEN, PINNED, LawSet
+from vofem.laws.law import FORCE, TANGENT
 from vofem.laws.rows import all_rows
-from vofem.laws.table import build_laws
 from vofem.statics.coordinates import Coordinates
 from vofem.statics.line_search import lowest
 from vofem.system import System
@@ -73,7 +72,7 @@ def solver_of(system: System) -> Solve:
     """
     from scipy.sparse import vstack
 
-    from vofem.integrators.event_driven.reduction import holding
+    from vofem.integrators.reduction import holding
 
     held = holding(system)
     if system.strain is None or (system.size <= _MANY_UNKNOWNS and not graded(system)):
@@ -106,7 +105,7 @@ class EquilibriumSolver:
         The rows B of all laws that take part in statics.
     u : ndarray, shape (m,)
         Coordinates in the last equilibrium.
-    laws : Laws
+    laws : LawSet
         With the internal variables that the last accepted equilibrium has left.
     iterations : int
         Number of Newton steps in total.
@@ -119,7 +118,7 @@ class EquilibriumSolver:
         self.rows = rows
         ends = np.cumsum([0, *(len(group) for group in self.groups)])
         self._parts = [slice(a, b) for a, b in zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True)]
-        self.laws = build_laws(self.groups)
+        self.laws = LawSet(self.groups)
         self.limits = np.concatenate([group.limits() for group in self.groups])
         self.stiffness = np.concatenate([group.steepest(np.zeros(len(group))) for group in self.groups])
         self._contacts = system.contacts
@@ -137,11 +136,14 @@ class EquilibriumSolver:
 
     def _law(self, u: Array, width: float) -> tuple[Array, Array, Array, Status]:
         """Return reaction, tangent, intercept and status; jumps are spread over a width, a fraction of their gap."""
-        found = [
-            response(group, self.laws, part.start, u[part], width)
-            for group, part in zip(self.groups, self._parts, strict=True)
-        ]
-        reaction, tangent, status = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        first = 0 if self._contacts is None else len(self._contacts)
+        reaction, tangent, status = np.empty(u.size), np.empty(u.size), np.full(u.size, CLOSED, dtype=np.int64)
+        if self._contacts is not None:
+            reaction[:first], tangent[:first], status[:first] = self._contacts.respond(u[:first], width)
+        if first < u.size:
+            reaction[first:], tangent[first:] = (
+                self.laws.everywhere(what, u[:, None])[first:, 0] for what in (FORCE, TANGENT)
+            )
         return reaction, tangent, reaction - tangent * u, status
 
     def _near(self, u: Array) -> NDArray[np.int64]:
@@ -338,10 +340,10 @@ class EquilibriumSolver:
         energies = np.zeros((2, self.u.size))
         if not self.laws.state.size:
             return energies[0], energies[1]
-        commit_all(self.laws, self.u)
+        self.laws.commit_all(self.u)
         for j, u in enumerate(self.u.tolist()):
-            if self.laws.table[j]["end"] > self.laws.table[j]["start"]:
-                energies[:, j] = stored(self.laws, j, u), dissipated(self.laws, j, u)
+            if self.laws.laws[j].remembers:
+                energies[:, j] = self.laws.stored(j, u), self.laws.dissipated(j, u)
         return energies[0], energies[1]
 
     def borne(self, reaction: Array) -> Array:

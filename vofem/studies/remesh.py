@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem._validate import whole
-from vofem.bodies.base import Body
-from vofem.bodies.beam import Beam, BeamPoint
+from vofem.bodies.base import Body, BodyPoint
+from vofem.bodies.beam import Beam
 from vofem.bodies.kinds import Section
 from vofem.bodies.supports import ByNode
 from vofem.errors import ArgumentError
@@ -139,7 +139,7 @@ def _moved(thing: Any, beams: Mapping[Beam, Beam]) -> Any:
     for name, value in vars(thing).items():
         if isinstance(value, Beam):
             setattr(moved, name, beams[value])
-        elif isinstance(value, BeamPoint):
+        elif isinstance(value, BodyPoint) and value.body in beams:
             setattr(moved, name, beams[value.body].at(value.x))
     return moved
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, field
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,7 +18,7 @@ from vofem.time_functions.piece import Piece
 Array = NDArray[np.float64]
 
 
-@declared(frozen=True)
+@declared(frozen=True, either=("omega", "frequency"))
 class Sine(TimeFunction):
     """``amplitude * sin(omega t + phase)``; either `omega` or `frequency` is given.
 
@@ -36,8 +36,6 @@ class Sine(TimeFunction):
         float | None,
         Real("Hz", "Frequency; omega is ``2 pi frequency``. Texts and scene files repeat what was given."),
     ] = field(default=None, compare=False)
-
-    _instead: ClassVar[dict[str, str]] = {"frequency": "omega"}
 
     @rule("omega", "frequency")
     def _one_frequency(self) -> None:

@@ -10,21 +10,23 @@ at grazings too.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import ConvergenceError
+from vofem.integrators.event_driven.clusters import Group
+from vofem.integrators.event_driven.exosystem import exosystem, gathered
 from vofem.integrators.event_driven.flow import modes_of
-from vofem.integrators.event_driven.motion import Forcing, Motion, start_motion
-from vofem.integrators.event_driven.pieces import Answers, Maps, Structure, answers, maps, pass_segments, structure
-from vofem.integrators.event_driven.pinned import Reactions, reactions
-from vofem.integrators.event_driven.spectrum import Spectra, Spectrum
-from vofem.system import CLOSED, Counters, System
-from vofem.time_functions import TimeFunction
+from vofem.integrators.event_driven.pieces import Maps, Pieces, Structure, maps, pass_segments, pieces, structure
+from vofem.integrators.event_driven.regime import Motion, Regime, regime_of, start_motion
+from vofem.integrators.event_driven.spectrum import Spectra
+from vofem.kernels.mode import kernels
+from vofem.system import Counters, System
 
 Array = NDArray[np.float64]
 Status = NDArray[np.int64]
@@ -92,10 +94,6 @@ class Path:
         """Return the motion of a segment."""
         return self.course.motion(self.statuses[segment], float(self.times[segment]), self.starts[segment])
 
-    def reactions(self, segment: int) -> Reactions:
-        """Return the reactions of the pinned contacts of a segment."""
-        return self.course.reactions(self.statuses[segment], float(self.times[segment]))
-
 
 class _Table(NamedTuple):
     """The statuses that a course has met: their numbers, and arrays for compiled code."""
@@ -103,7 +101,8 @@ class _Table(NamedTuple):
     numbers: dict[bytes, int]
     statuses: list[Status]
     maps: Maps
-    answers: Answers
+    pieces: Pieces
+    groups: list[Group | None]
 
 
 class Course:
@@ -122,55 +121,32 @@ class Course:
         self.system, self.horizon = system, horizon
         self.space = modes_of(system, counters)
         self._spectra = Spectra(self.space, system.contacts, counters, system.cache)
-        self._forcing: dict[bytes, Forcing] = {}
+        functions, self._vectors = gathered(system.loads, self.space.loads)
+        # The loads have no breakpoints.
+        edges = np.array([0.0, horizon])
+        self.loads = exosystem(functions, edges, constant=system.contacts is not None)
+        self._regimes: dict[bytes, Regime] = {}
         self._table: _Table | None = None
 
-    def forcing(self, status: Status, time: float) -> Forcing:
-        """Return the modal force at a time in s."""
+    def regime(self, status: Status) -> Regime:
+        """Return the linear piece of a contact status."""
         key = status.tobytes()
-        if key not in self._forcing:
-            laws, shift_force = self.system.contacts, self.spectrum(status).real.shift_force
-            constant = self._load.constant
-            if laws is not None:
-                constant = constant + (laws.stiffness * laws.offset * (status == CLOSED)) @ self.space.contacts
-            self._forcing[key] = self._load._replace(
-                constant=constant if shift_force is None else constant + shift_force
-            )
-        at_zero = self._forcing[key]
-        return at_zero._replace(harmonic=at_zero.harmonic * np.exp(1j * at_zero.omega * time)) if time else at_zero
-
-    @cached_property
-    def _load(self) -> Forcing:
-        """The modal load at t = 0."""
-        n = self.space.size
-        constant, waves = np.zeros(n), dict[float, Any]()
-        for load, vector in zip(self.system.loads, self.space.loads, strict=True):
-            assert isinstance(load.function, TimeFunction)
-            piece = load.function.piece(0.0)
-            constant = constant + piece.constant * vector
-            for omega, amplitude in piece.harmonics:
-                waves[omega] = waves.get(omega, 0.0) + amplitude * vector
-        harmonic = np.array([*waves.values()], dtype=complex).reshape(len(waves), n).T
-        return Forcing(np.array([*waves], dtype=float), np.ascontiguousarray(harmonic), constant, np.zeros(n))
-
-    def spectrum(self, status: Status) -> Spectrum:
-        """Return the eigensystem of a status."""
-        return self._spectra[status]
+        if key not in self._regimes:
+            load = self.loads.function[0], self.loads.omega[0]
+            self._regimes[key] = regime_of(
+                self._spectra[status], self.space, self.system.contacts, status, np.abs(self.space.contacts),
+                self._vectors, load, self.horizon,
+            )  # fmt: skip
+        return self._regimes[key]
 
     def motion(self, status: Status, time: float, state: Array) -> Motion:
         """Return the motion from a modal state, shape (2n,), at a time in s."""
         n = self.space.size
-        return start_motion(self.spectrum(status), state[:n], state[n:], self.forcing(status, time), self.horizon)
-
-    def reactions(self, status: Status, time: float) -> Reactions:
-        """Return the reactions of pinned contacts under the loads from a time on."""
-        laws = self.system.contacts
-        assert laws is not None
-        return reactions(self.space, laws, status, self.spectrum(status), self.forcing(status, time))
+        return start_motion(self.regime(status), state[:n], state[n:], self.loads.at(np.array([time]))[0])
 
     @cached_property
     def _structure(self) -> Structure:
-        return structure(self.space, self.system.contacts, self._load)
+        return structure(self.space, self.system.contacts, self._vectors, self.loads)
 
     def _known(self, statuses: Sequence[Status]) -> _Table:
         """Return the arrays of all statuses so far, some new ones among them."""
@@ -181,14 +157,16 @@ class Course:
             return now
         every = [*([] if now is None else now.statuses), *new.values()]
         keys = [status.tobytes() for status in every]
-        spectra = [self.spectrum(status) for status in every]
+        regimes = [self.regime(status) for status in every]
+        spectra = [regime.spectrum for regime in regimes]
 
         def made() -> Maps:
             return maps(self.space, self.system.contacts, every, spectra)
 
         of_system = self.system.cache.get("maps of statuses", b"".join(keys), made, _MOST_SETS)
-        loads = answers(spectra, [self.forcing(status, 0.0) for status in every], self.horizon)
-        self._table = _Table({key: k for k, key in enumerate(keys)}, every, of_system, loads)
+        loads = pieces(regimes, self.loads, self.space.size)
+        groups = [regime.blocks.group for regime in regimes]
+        self._table = _Table({key: k for k, key in enumerate(keys)}, every, of_system, loads, groups)
         return self._table
 
     def along(
@@ -228,10 +206,13 @@ class Course:
         k = columns.shape[1]
         kept = np.empty((durations.size if every else 0, size, k))
         nodes = np.empty((0, size)) if nodes is None else np.ascontiguousarray(nodes)
-        starts, ends, means, shifts, end_rows, mean_rows, last, sizes = pass_segments(
-            self._structure, table.maps, table.answers, time, np.ascontiguousarray(state), numbers, durations,
-            np.array(columns, order="C"), np.ascontiguousarray(lengthen), nodes, kept, self.horizon,
-        )  # fmt: skip
+        grouped = any(group is not None for group in table.groups)
+        with kernels(compiled=False) if grouped else nullcontext():
+            starts, ends, means, shifts, end_rows, mean_rows, last, sizes = pass_segments(
+                self._structure, table.maps, table.pieces, table.groups if grouped else None, time,
+                np.ascontiguousarray(state), numbers, durations, np.array(columns, order="C"),
+                np.ascontiguousarray(lengthen), nodes, kept, self.horizon,
+            )  # fmt: skip
         times = time + np.append(0.0, np.cumsum(durations[:-1]))
         return Path(
             self, statuses, times, durations, starts, ends, means, shifts, end_rows, mean_rows, last, kept,

@@ -9,7 +9,6 @@ them too.
 
 from __future__ import annotations
 
-import threading
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -21,9 +20,7 @@ from vofem.integrators.event_driven.follow import Follower
 from vofem.integrators.event_driven.modal_space import ModalSpace, modal_space
 from vofem.integrators.event_driven.pinned import PIN_FRACTION
 from vofem.integrators.event_driven.solution import EventSolution
-from vofem.integrators.event_driven.status_table import MOST_MODES
 from vofem.integrators.event_driven.tangent import Event, Tangent, acceleration
-from vofem.kernels.mode import compiled
 from vofem.system import Counters, State, System
 
 Array = NDArray[np.float64]
@@ -31,9 +28,6 @@ Status = NDArray[np.int64]
 
 #: Largest number of events in one flow.
 MOST_EVENTS = 10_000
-
-#: Tables of statuses that a system keeps for its flows.
-_MOST_TABLES = 4
 
 #: With fewer segments the size of a motion is also computed at these shares of the time.
 _FEW, _INSIDE = 4, np.array([0.13, 0.37, 0.61, 0.86])
@@ -203,7 +197,6 @@ def flow(
         status = start.status
         solution.begin_at(status, displacement, start.touching)
     tangent = None if derivative is None else Tangent(space, system.contacts, derivative[:n], derivative[n:])
-    _share_table(solution)
     edges = [t, *_stops(system, t, stop)]
     follower = Follower(
         solution, edges, t, status, displacement, velocity, PIN_FRACTION, most_events
@@ -218,19 +211,6 @@ def flow(
     events = _pass_along(solution, follower, tangent)
     monodromy = None if tangent is None else tangent.matrix
     return Flow(start, stop, displacement, velocity, monodromy, tuple(events), solution)
-
-
-def _share_table(solution: EventSolution) -> None:
-    """Let a flow use the table of statuses that earlier flows of the system have filled in this thread."""
-    if not compiled() or solution.space.size > MOST_MODES:
-        return
-    # Loads with one function of time are gathered, so that the vectors may differ where the system does not.
-    vectors = solution.load_vectors
-    key = threading.get_ident(), vectors.shape, vectors.tobytes()
-    table = solution.system.cache.get("status table of flows", key, lambda: solution.table, _MOST_TABLES)
-    if table is not solution.__dict__.get("table"):
-        table.renumber(solution.record.number)
-        solution.table = table
 
 
 def _stops(system: System, start: float, stop: float) -> list[float]:

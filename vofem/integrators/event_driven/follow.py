@@ -1,43 +1,45 @@
-"""Computes a motion segment by segment, in compiled code where this is possible and otherwise in Python.
+"""Follows a motion from segment to segment by the loop, and takes the decisions that the loop leaves open.
 
-A step in Python handles every segment: contacts that are pinned, events of several contacts at once, clusters of
-complex modes. The compiled loop (`loop.run_segments`) handles the common ones, many in one call. The choice between
-them depends on the motion alone, so that a run that is continued from a snapshot gives the same bits.
+A compiled loop computes many segments in a call. The numbers do not depend on where it returns, so that a run that is
+continued from a snapshot gives the same bits.
 """
 
 from __future__ import annotations
 
 import time
-from functools import cached_property
+from contextlib import nullcontext
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem.integrators.event_driven.load_table import LoadTable, load_table
 from vofem.integrators.event_driven.loop import (
+    DECISION,
     EVALUATIONS,
     EVENTS,
     FULL,
+    FUNCTION,
+    INTERVAL,
+    LEFT,
     SEGMENTS,
-    SLOT,
-    SPECIAL,
+    STATUS,
     SWITCHED,
     Laws,
+    Loads,
     LoopSpace,
     Reached,
     loop_space,
     run_segments,
 )
-from vofem.integrators.event_driven.search import exact_cut, next_event
+from vofem.integrators.event_driven.regime import Regime
 from vofem.integrators.event_driven.solution import EventSolution
-from vofem.integrators.event_driven.status_table import MOST_MODES
-from vofem.kernels.mode import compiled
-from vofem.system import CLOSED, OPEN
+from vofem.integrators.event_driven.table import MOST_MODES, Statuses, Table, single
+from vofem.kernels.mode import kernels
+from vofem.system import PINNED
 
 Array = NDArray[np.float64]
 Status = NDArray[np.int64]
 
-#: Segments in the first call of the compiled loop; seconds that a call may take; segments and events in any call.
+#: Segments in the first call of the loop; seconds that a call may take; segments and events in any call.
 FIRST_CALL, _SECONDS, MOST = 64, 0.1, 100_000
 
 
@@ -65,8 +67,8 @@ class Follower:
     ----------
     time, status, displacement, velocity
         Time, contact status and modal state that have been reached.
-    calls, steps : int
-        Number of calls of the compiled loop, and number of segments that were computed in Python.
+    calls : int
+        Number of calls of the loop.
     """
 
     def __init__(
@@ -75,58 +77,17 @@ class Follower:
     ) -> None:  # fmt: skip
         self.solution = solution
         self.time, self.status, self.displacement, self.velocity = time, status, displacement, velocity
-        self.calls, self.steps = 0, 0
-        self._edges = np.asarray(edges, dtype=float)
-        self._stop = 0
+        self.calls = 0
+        loads = solution.exosystem = solution.loads_between(np.asarray(edges, dtype=float))
+        self._loads = Loads(loads.edges, loads.states, loads.kind, loads.omega)
         self._pin_fraction, self._most_events = pin_fraction, most_events
         self._segments = FIRST_CALL
-        self._in_loop = compiled() and solution.space.size <= MOST_MODES
-
-    def advance(self) -> None:
-        """Compute one segment or more. In compiled code a call takes about 0.1 s of wall time at most."""
-        slot = self._slot() if self._in_loop else -1
-        if slot >= 0:
-            self._loop(slot)
-        else:
-            self._step()
-
-    # -- in Python --------------------------------------------------------------------------------
-
-    def _step(self) -> None:
-        """Compute one segment."""
-        solution, edges = self.solution, self._edges
-        self.steps += 1
-        while edges[self._stop] <= self.time:
-            self._stop += 1
-        t, stop = self.time, float(edges[self._stop])
-        motion = solution.add_segment(t, self.status, self.displacement, self.velocity)
-        tau, duration = stop - t, stop - t
-        entered = None
-        if solution.system.contacts is not None:
-            functions, owner, entering = solution.event_functions(motion)
-            if owner.size:
-                tau, hits, evaluations = next_event(functions, motion, duration)
-                solution.counters.gap_evaluations += evaluations * len(solution.system.contacts)
-                if hits.any():
-                    entered = dict(zip(owner[hits].tolist(), entering[hits].tolist(), strict=True))
-                elif tau < duration:
-                    tau = exact_cut(t, tau)
-        self.displacement, self.velocity = solution.end_segment(tau)
-        self.time = stop if tau >= duration else t + tau
-        if entered is not None:
-            self.status = solution.enter(
-                self.time, self.status, entered, self.displacement, self.velocity, self._pin_fraction
-            )
-
-    # -- in compiled code -------------------------------------------------------------------------
-
-    @cached_property
-    def _loads(self) -> LoadTable | None:
-        return load_table(self.solution.load_functions, self._edges)
-
-    @cached_property
-    def _laws(self) -> Laws:
-        return self.solution.system.cache.get("laws of the loop", self._pin_fraction, self._laws_of_system)
+        self._statuses = Statuses(len(loads.omega))
+        self._space: LoopSpace | None = None
+        self._shapes: tuple[int, ...] = ()
+        contacts, n = solution.space.contacts.shape
+        self._reached = Reached(np.zeros(1), np.full(8, -1), np.zeros(n), np.zeros(n), np.zeros(contacts))
+        self._laws = solution.system.cache.get("laws of the loop", pin_fraction, self._laws_of_system)
 
     def _laws_of_system(self) -> Laws:
         solution = self.solution
@@ -141,46 +102,42 @@ class Follower:
             scale * laws.stiffness * laws.gap, scale * laws.damping,
         )  # fmt: skip
 
-    @cached_property
-    def _reached(self) -> Reached:
-        n, contacts = self.solution.space.contacts.shape[1], self.solution.space.contacts.shape[0]
-        return Reached(np.zeros(1), np.zeros(6, dtype=np.int64), np.zeros(n), np.zeros(n), np.zeros(contacts))
+    def advance(self) -> None:
+        """Compute one segment or more. In compiled code a call takes about 0.1 s of wall time at most."""
+        solution, place = self.solution, self._reached.place
+        loads, number = solution.exosystem, solution.record.number(self.status)
+        place[INTERVAL] = loads.interval(np.array([self.time]))[0]
+        kind = int(loads.kind[place[INTERVAL]])
+        regime = solution.regime(self.status, kind)
+        group = regime.blocks.group
+        if group is not None or solution.space.size > MOST_MODES:
+            table = single(regime, number, kind, len(solution.record.statuses), len(loads.omega))
+        else:
+            table = self._statuses.enter(regime, number, kind)
+            left, function = place[LEFT], place[FUNCTION]
+            if 0 <= left < len(table.after) and function < table.after.shape[1]:
+                table.after[left, function] = number
+        place[STATUS], place[LEFT] = number, -1
+        with nullcontext() if group is None else kernels(compiled=False):
+            self._loop(regime, table)
 
-    @cached_property
-    def _space(self) -> LoopSpace:
-        assert self._loads is not None
-        contacts, n = self.solution.space.contacts.shape
-        return loop_space(n, contacts, self._loads.omega.shape[1])
-
-    def _slot(self) -> int:
-        """Return the slot of the status for the compiled loop; -1 where the next segment is for Python."""
-        status, record = self.status, self.solution.record
-        if self._loads is None:
-            return -1
-        if record.segments and np.count_nonzero(status != record.last_status) > 1:
-            return -1
-        return self.solution.slot(status)
-
-    def _loop(self, slot: int) -> None:
-        """Continue in compiled code from a slot, or with a step in Python if the next segment needs it."""
-        assert self._loads is not None
+    def _loop(self, regime: Regime, table: Table) -> None:
         solution, reached = self.solution, self._reached
-        record, counters = solution.record, solution.counters
-        reached.time[0] = self.time
-        reached.displacement[:], reached.velocity[:] = self.displacement, self.velocity
-        changed = np.flatnonzero(self.status != record.last_status).tolist() if record.segments else []
-        reached.place[SLOT], reached.place[SWITCHED] = slot, changed[0] if changed else -1
-        reached.place[SEGMENTS], reached.place[EVENTS], reached.place[EVALUATIONS] = record.segments, record.events, 0
-        reached.gaps[:] = solution.gaps_at(self.status, self.displacement)
-        first, first_event, begun = record.segments, record.events, time.perf_counter()
+        record, counters, place = solution.record, solution.counters, reached.place
+        self._enter()
+        place[SEGMENTS], place[EVENTS], place[EVALUATIONS] = record.segments, record.events, 0
+        shapes = (*table.rows.shape[1:], *table.steady.shape[1:])
+        if self._space is None or shapes != self._shapes:
+            self._space, self._shapes = loop_space(table), shapes
+        group, first, first_event, begun = regime.blocks.group, record.segments, record.events, time.perf_counter()
         record.make_room(1, 1)
         while True:
             reason = run_segments(
-                solution.table.arrays, self._laws, self._loads, reached, record.buffers, self._space, solution.t_end,
-                self._segments, self._most_events,
+                table, group, self._laws, self._loads, reached, record.buffers, self._space,
+                1 if group is not None else self._segments, self._most_events,
             )  # fmt: skip
             self.calls += 1
-            record.segments, record.events = int(reached.place[SEGMENTS]), int(reached.place[EVENTS])
+            record.segments, record.events = int(place[SEGMENTS]), int(place[EVENTS])
             if reason != FULL:
                 break
             more = max(min(record.segments, MOST), 1)
@@ -191,20 +148,41 @@ class Follower:
             self._segments = max(self._segments // 2, 1) if seconds > 2.0 * _SECONDS else self._segments
         counters.steps += record.segments - first
         counters.events += record.events - first_event
-        counters.gap_evaluations += int(reached.place[EVALUATIONS]) * reached.gaps.size
+        counters.gap_evaluations += int(place[EVALUATIONS]) * reached.gaps.size
         if record.segments > first:
-            self._take_over()
-        if reason == SPECIAL:
-            self._step()
+            self._take_over(table, decide=reason == DECISION)
 
-    def _take_over(self) -> None:
-        """Take over the time and the state at which the compiled loop has stopped."""
-        reached, record = self._reached, self.solution.record
+    def _enter(self) -> None:
+        """Write the state that has been reached as that at which the next segment begins."""
+        solution, reached, record = self.solution, self._reached, self.solution.record
+        displacement, switched = self.displacement, np.zeros(0, dtype=np.int64)
+        if record.segments:
+            switched = np.flatnonzero((self.status != record.last_status) & (self.status != PINNED))
+            if switched.size > 1:
+                displacement = solution.at_gaps(switched, displacement)
+        reached.time[0] = self.time
+        reached.displacement[:], reached.velocity[:] = displacement, self.velocity
+        reached.place[SWITCHED] = switched[0] if switched.size == 1 else -1
+        reached.gaps[:] = solution.gaps_at(self.status, displacement)
+
+    def _take_over(self, table: Table, *, decide: bool) -> None:
+        """Take over the time and the state at which the loop has stopped, and take the decision about an event."""
+        solution, reached, place, record = self.solution, self._reached, self._reached.place, self.solution.record
         self.time = float(reached.time[0])
         self.displacement, self.velocity = reached.displacement.copy(), reached.velocity.copy()
-        self.solution.gaps_now = reached.gaps.copy()
+        solution.gaps_now = reached.gaps.copy()
         self.status = record.last_status
-        if reached.place[SWITCHED] >= 0:
-            contact = reached.place[SWITCHED]
+        if not (decide or place[SWITCHED] >= 0):
+            return
+        if not decide:
             self.status = self.status.copy()
-            self.status[contact] = OPEN if self.status[contact] == CLOSED else CLOSED
+            self.status[place[SWITCHED]] = record.buffers.event_status[record.events - 1]
+            return
+        assert self._space is not None
+        s = table.slots[record.status_numbers[-1], solution.exosystem.kind[place[INTERVAL]]]
+        place[LEFT] = -1
+        hits = np.flatnonzero(self._space.search.hits[: table.counts[s, 0]])
+        entered = dict(zip(table.owner[s, hits].tolist(), table.leads[s, hits].tolist(), strict=True))
+        self.status = solution.enter(
+            self.time, self.status, entered, self.displacement, self.velocity, self._pin_fraction
+        )  # fmt: skip

@@ -1,26 +1,27 @@
 """The contact statuses of a motion in flat arrays, and kernels that follow the motion through known segments.
 
-In each status the motion is a constant part, harmonic answers to the loads and a free part; see `motion.py`. The first
-two do not depend on the state. They are computed once for each status; at another time the harmonic answers turn.
+In each status the motion is free motion of blocks, the loads among them; see `regime.py`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.integrators.event_driven.blocks import Blocks, change
+from vofem.integrators.event_driven.clusters import Group
+from vofem.integrators.event_driven.exosystem import Exosystem
 from vofem.integrators.event_driven.modal_space import ModalSpace
-from vofem.integrators.event_driven.motion import Forcing, free_changes, special_response, start_motion
+from vofem.integrators.event_driven.regime import Regime
 from vofem.integrators.event_driven.spectrum import Spectrum
 from vofem.kernels.jit import jit, plain_form
-from vofem.linalg.exponential import matrix_change, oscillator, oscillator_changes
+from vofem.linalg.exponential import matrix_change, oscillator, oscillator_change, oscillator_changes
 from vofem.system import CLOSED, PINNED, ContactLaws
 
 Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 IntArray = NDArray[np.int64]
 
 #: How block states follow from modal states: they are the same, by real modes, or by a matrix for whole states.
@@ -39,7 +40,7 @@ _NOTHING = 1e-33
 
 
 class Structure(NamedTuple):
-    """What a motion depends on beside its status: c contacts, n modes, h frequencies of loads.
+    """What a motion depends on beside its status: c contacts, n modes, e loads.
 
     Attributes
     ----------
@@ -49,11 +50,8 @@ class Structure(NamedTuple):
     rows : ndarray, shape (c, n)
     gap : ndarray, shape (c,)
         Coordinates at which the springs of closed contacts are free of force.
-    omega : ndarray, shape (h,)
-    constant : ndarray, shape (n,)
-        Modal load.
-    harmonic : ndarray of complex, shape (n, h)
-        Modal loads ``Re(harmonic exp(i omega t))``.
+    sources : ndarray, shape (e, n)
+        Modal forces of the loads.
     """
 
     stiffness: Array
@@ -61,9 +59,7 @@ class Structure(NamedTuple):
     coupling: Array
     rows: Array
     gap: Array
-    omega: Array
-    constant: Array
-    harmonic: Complex
+    sources: Array
 
 
 class Maps(NamedTuple):
@@ -104,52 +100,44 @@ class Maps(NamedTuple):
     mean_v: Array
 
 
-class Answers(NamedTuple):
-    """Answers of blocks to loads, at t = 0.
+class Pieces(NamedTuple):
+    """Loads, and the blocks of s statuses under them: e loads, M = e + n blocks.
 
     Attributes
     ----------
-    still_z, still_v : ndarray, shape (s, n)
-        Constant parts.
-    steady_z, steady_v : ndarray of complex, shape (s, n, h)
-        Amplitudes of the harmonic parts.
-    specials : ndarray of int, shape (s + 1,)
-        Where the responses from rest of a status begin. They stand for resonant and rigid blocks.
-    block : ndarray of int, shape (q,)
-    exponent, g1, g2 : ndarray of complex, shape (q,)
-        Inputs ``Re(g exp(exponent t))`` of these blocks.
-    clusters : ndarray of int, shape (s + 1,)
-        Where the clusters of a status begin.
-    member, members, matrix, matrices, state, states : ndarray
-        As in `ClusterFlow`.
+    first : ndarray, shape (2, e)
+        Values and rates of the loads at t = 0.
+    omega : ndarray, shape (e,)
+        Their frequencies in rad/s, 0 for lines.
+    of : ndarray, shape (s, 8, M)
+    pairs : ndarray of int, shape (s,)
+        Numbers of coupled blocks.
+    pair, gain : ndarray, shapes (s, r, 2) and (s, r, 4)
+        See `Blocks`.
+    steady : ndarray, shape (s, 2n, 2e)
+        Steady answers of the blocks.
+    work, bits : ndarray, shapes (6, M) and (M,)
+        Work space.
     """
 
-    still_z: Array
-    still_v: Array
-    steady_z: Complex
-    steady_v: Complex
-    specials: IntArray
-    block: IntArray
-    exponent: Complex
-    g1: Complex
-    g2: Complex
-    clusters: IntArray
-    member: IntArray
-    members: IntArray
-    matrix: Array
-    matrices: IntArray
-    state: Array
-    states: IntArray
+    first: Array
+    omega: Array
+    of: Array
+    pairs: IntArray
+    pair: IntArray
+    gain: Array
+    steady: Array
+    work: Array
+    bits: IntArray
 
 
-def structure(space: ModalSpace, laws: ContactLaws | None, load: Forcing) -> Structure:
-    """Return what motions depend on beside their status, from the modal load at t = 0."""
+def structure(space: ModalSpace, laws: ContactLaws | None, vectors: Array, loads: Exosystem) -> Structure:
+    """Return what motions depend on beside their status, from the modal vectors of the loads' functions."""
     coupling = np.empty((0, 0)) if space.coupling is None else np.ascontiguousarray(space.coupling)
     gap = np.zeros(0) if laws is None else laws.offset.astype(float)
-    return Structure(
-        space.stiffness, space.damping, coupling, np.ascontiguousarray(space.contacts), gap, load.omega, load.constant,
-        np.ascontiguousarray(load.harmonic),
-    )  # fmt: skip
+    sources, function = np.zeros((loads.size, space.size)), loads.function[0]
+    sources[function >= 0] = vectors[function[function >= 0]]
+    return Structure(space.stiffness, space.damping, coupling, np.ascontiguousarray(space.contacts), gap, sources)
 
 
 def maps(
@@ -201,47 +189,20 @@ def maps(
     return found
 
 
-def answers(spectra: Sequence[Spectrum], forcings: Sequence[Forcing], horizon: float) -> Answers:
-    """Return the answers of the blocks of some statuses to their forces at t = 0."""
-    n, h = forcings[0].constant.size, forcings[0].omega.size
-    still, steady = np.zeros((2, len(spectra), n)), np.zeros((2, len(spectra), n, h), dtype=complex)
-    motions = []
-    for k, (spectrum, forcing) in enumerate(zip(spectra, forcings, strict=True)):
-        m, rest = spectrum.p.size, np.zeros(n)
-        one = start_motion(spectrum, rest, rest, forcing, horizon)
-        still[:, k, :m] = one.poly_z[:, 0], one.poly_v[:, 0]
-        steady[:, k, :m] = one.steady_z, one.steady_v
-        motions.append(one)
-    special = [one.special for one in motions]
-    flows = [one.clusters for one in motions]
-    member, members = _joined([flow.member for flow in flows], [flow.members for flow in flows])
-    matrix, matrices = _joined([flow.matrix for flow in flows], [flow.matrices for flow in flows])
-    state, states = _joined([flow.state for flow in flows], [flow.states for flow in flows])
-    return Answers(
-        still[0],
-        still[1],
-        steady[0],
-        steady[1],
-        np.cumsum([0, *(one.block.size for one in special)]).astype(np.int64),
-        np.concatenate([one.block for one in special]),
-        np.concatenate([one.exponent for one in special]),
-        np.concatenate([one.g1 for one in special]),
-        np.concatenate([one.g2 for one in special]),
-        np.cumsum([0, *(flow.rate.size for flow in flows)]).astype(np.int64),
-        member,
-        members,
-        matrix,
-        matrices,
-        state,
-        states,
+def pieces(regimes: Sequence[Regime], loads: Exosystem, n: int) -> Pieces:
+    """Return the blocks of some statuses of n modes, under loads without breakpoints."""
+    s, e, r = len(regimes), loads.size, max(regime.blocks.pair.shape[0] for regime in regimes)
+    of, steady = np.ones((s, 8, e + n)), np.zeros((s, 2, n, 2 * e))
+    pairs, pair, gain = np.zeros(s, dtype=np.int64), np.zeros((s, r, 2), dtype=np.int64), np.zeros((s, r, 4))
+    for k, regime in enumerate(regimes):
+        blocks, m = regime.blocks, regime.spectrum.p.size
+        of[k, :, : e + m], pairs[k] = blocks.of, blocks.pair.shape[0]
+        pair[k, : pairs[k]], gain[k, : pairs[k]] = blocks.pair, blocks.gain
+        steady[k, :, :m] = regime.answers.steady.reshape(2, m, 2 * e)
+    work, bits = np.empty((6, e + n)), np.zeros(e + n, dtype=np.int64)
+    return Pieces(
+        loads.at(np.zeros(1))[0], loads.omega[0], of, pairs, pair, gain, steady.reshape(s, 2 * n, 2 * e), work, bits
     )
-
-
-def _joined(parts: list[Any], places: list[IntArray]) -> tuple[Any, IntArray]:
-    """Return flat arrays one after the other, and the places in them where things begin."""
-    base = np.cumsum([0, *(part.size for part in parts)]).tolist()
-    ends = [place[1:] + first for place, first in zip(places, base, strict=False)]
-    return np.concatenate(parts), np.concatenate([[0], *ends]).astype(np.int64)
 
 
 # -- kernels ------------------------------------------------------------------------------------------
@@ -272,60 +233,55 @@ def _out_of_blocks(maps: Maps, s: int, z: Array, v: Array) -> tuple[Array, Array
 
 
 @jit
+def _loads_at(loads: Pieces, time: float) -> Array:
+    """Return values and rates of the loads at a time, shape (2, e)."""
+    found = np.empty((2, loads.omega.size))
+    for j in range(loads.omega.size):
+        w, value, rate = loads.omega[j], loads.first[0, j], loads.first[1, j]
+        if w == 0.0:
+            found[0, j], found[1, j] = value + time * rate, rate
+        else:
+            cosine, sine = np.cos(w * time), np.sin(w * time)
+            found[0, j], found[1, j] = cosine * value + sine / w * rate, cosine * rate - w * sine * value
+    return found
+
+
+@jit
+def _answered(steady: Array, w: Array) -> Array:
+    """Return the steady answers (2n,) to states (2, e) of the loads."""
+    found = np.zeros(steady.shape[0])
+    for j in range(w.shape[1]):
+        found += w[0, j] * steady[:, j] + w[1, j] * steady[:, w.shape[1] + j]
+    return found
+
+
+@jit
 def _block_changes(
-    maps: Maps, loads: Answers, omega: Array, s: int, z: Array, v: Array, time: float, tau: float
+    loads: Pieces, groups: list[Group | None] | None, s: int, z: Array, v: Array, time: float, tau: float
 ) -> tuple[Array, Array]:
     """Return by how much block states, each (n, 1), that hold at a time have changed after tau."""
-    free_z, free_v = z[:, 0] - loads.still_z[s], v[:, 0] - loads.still_v[s]
-    steady_z, steady_v = loads.steady_z[s], loads.steady_v[s]
-    for h in range(omega.size):
-        turned = np.exp(1j * (omega[h] * time))
-        free_z = free_z - (steady_z[:, h] * turned).real
-        free_v = free_v - (steady_v[:, h] * turned).real
-    change_z, change_v = free_changes(maps.delta[s], maps.p[s], free_z, free_v, np.array([tau]))
-    for h in range(omega.size):
-        half = 0.5 * omega[h] * tau
-        turn = np.exp(1j * (omega[h] * time)) * complex(-2.0 * np.sin(half) ** 2, 2.0 * np.sin(half) * np.cos(half))
-        change_z[:, 0] += (steady_z[:, h] * turn).real
-        change_v[:, 0] += (steady_v[:, h] * turn).real
-    for e in range(loads.specials[s], loads.specials[s + 1]):
-        k, turned = loads.block[e], np.exp(loads.exponent[e] * time)
-        dz, dv = special_response(
-            maps.delta[s, k], maps.p[s, k], loads.exponent[e], loads.g1[e] * turned, loads.g2[e] * turned, False, tau
-        )
-        change_z[k, 0] += dz
-        change_v[k, 0] += dv
-    for c in range(loads.clusters[s], loads.clusters[s + 1]):
-        first, count = loads.members[c], loads.members[c + 1] - loads.members[c]
-        begin = loads.state[loads.states[c] : loads.states[c + 1]].copy()
-        size = begin.size
-        matrix = loads.matrix[loads.matrices[c] : loads.matrices[c + 1]].copy().reshape(size, size)
-        for j in range(count):
-            k = loads.member[first + j]
-            begin[j], begin[count + j] = z[k, 0] - loads.still_z[s, k], v[k, 0] - loads.still_v[s, k]
-        for j in range(2 * count, size - 1, 2):
-            angle, amplitude = -matrix[j, j + 1] * time, begin[j]
-            begin[j], begin[j + 1] = amplitude * np.cos(angle), amplitude * np.sin(angle)
-        change = matrix_change(matrix, tau) @ begin
-        for j in range(count):
-            k = loads.member[first + j]
-            change_z[k, 0], change_v[k, 0] = change[j], change[count + j]
-    return change_z, change_v
+    n, e = z.shape[0], loads.omega.size
+    begin, moved = np.empty((2, e + n)), np.empty((2, e + n))
+    begin[:, :e] = _loads_at(loads, time)
+    steady = _answered(loads.steady[s], begin[:, :e])
+    begin[0, e:], begin[1, e:] = z[:, 0] - steady[:n], v[:, 0] - steady[n:]
+    r = loads.pairs[s]
+    of, pair, gain = loads.of[s], loads.pair[s, :r], loads.gain[s, :r]
+    if groups is None:
+        change(Blocks(of, pair, gain, None, loads.work, loads.bits), begin, tau, moved)
+    else:
+        change(Blocks(of, pair, gain, groups[s], loads.work, loads.bits), begin, tau, moved)
+    steady = _answered(loads.steady[s], moved[:, :e])
+    return (moved[0, e:] + steady[:n]).reshape(n, 1), (moved[1, e:] + steady[n:]).reshape(n, 1)
 
 
 @jit
-def _load(structure: Structure, time: float) -> Array:
-    """Return the modal load at a time, shape (n,)."""
-    force = structure.constant.copy()
-    for h in range(structure.omega.size):
-        force += (structure.harmonic[:, h] * np.exp(1j * (structure.omega[h] * time))).real
-    return force
-
-
-@jit
-def _rates(structure: Structure, maps: Maps, s: int, time: float, z: Array, v: Array) -> Array:
+def _rates(structure: Structure, maps: Maps, loads: Pieces, s: int, time: float, z: Array, v: Array) -> Array:
     """Return the rates of a modal state under a status, shape (2n,)."""
-    force = _load(structure, time) - structure.stiffness * z - structure.damping * v
+    w = _loads_at(loads, time)
+    force = -structure.stiffness * z - structure.damping * v
+    for j in range(w.shape[1]):
+        force += w[0, j] * structure.sources[j]
     if structure.coupling.size:
         force -= structure.coupling @ v
     for j in range(structure.gap.size):
@@ -365,11 +321,8 @@ def _turned_at_once(delta: Array, p: Array, t: float, z: Array, v: Array) -> tup
 def _mean_weights(delta: Array, p: Array, t: float) -> tuple[Array, Array]:
     """Return means over a time of the rates of ``c`` and ``s`` of `oscillator`, each (n,)."""
     turn, sine = np.empty(p.size), np.empty(p.size)
-    one = np.ones(1)
     for i in range(p.size):
-        # Both by the changes of a motion, which are accurate for short times too.
-        z, v = free_changes(delta[i : i + 1], p[i : i + 1], np.zeros(1), one, np.array([t]))
-        turn[i], sine[i] = v[0, 0] + delta[i] * z[0, 0], z[0, 0]
+        turn[i], sine[i] = oscillator_change(delta[i], p[i], t)
     return turn / t, sine / t
 
 
@@ -381,7 +334,29 @@ def _mean_weights_at_once(delta: Array, p: Array, t: float) -> tuple[Array, Arra
 
 
 @jit
-def _columns_after(maps: Maps, loads: Answers, s: int, duration: float, columns: Array) -> tuple[Array, Array]:
+def _columns_of_group(
+    group: Group | None, duration: float, before: tuple[Array, Array], after: tuple[Array, Array],
+    weights: tuple[Array, Array], maps: Maps, s: int,
+) -> Array:  # fmt: skip
+    """Fill in the columns of the blocks of a group; return the mean rates of the contacts in all columns, (c, k)."""
+    if group is None:
+        return weights[0] @ before[0] + weights[1] @ before[1]
+    g, e = group.member.size, group.scale.size // 2
+    member = group.member - e
+    both = np.concatenate((before[0][member], before[1][member]))
+    generator = group.matrix[: 2 * g, : 2 * g].copy()
+    moved = matrix_change(generator, duration) @ both
+    mean = moved / duration if duration != 0.0 else generator @ both
+    after[0][member], after[1][member] = both[:g] + moved[:g], both[g:] + moved[g:]
+    weights[0][:, member] = weights[1][:, member] = 0.0
+    rows = weights[0] @ before[0] + weights[1] @ before[1]
+    return np.asarray(rows + maps.mean_z[s][:, member] @ mean[:g] + maps.mean_v[s][:, member] @ mean[g:])
+
+
+@jit
+def _columns_after(
+    maps: Maps, groups: list[Group | None] | None, s: int, duration: float, columns: Array
+) -> tuple[Array, Array]:
     """Return columns (2n, k) at a fixed time after a duration, and the mean rates of the contacts in them, (c, k)."""
     n = columns.shape[0] // 2
     z, v = _into_blocks(maps, s, columns[:n].copy(), columns[n:].copy())
@@ -394,35 +369,19 @@ def _columns_after(maps: Maps, loads: Answers, s: int, duration: float, columns:
     rows_z, rows_v = maps.mean_z[s], maps.mean_v[s]
     weight_z = rows_z * (turn + sine * delta) - rows_v * (sine * p)
     weight_v = rows_z * sine + rows_v * (turn - sine * delta)
-    if loads.clusters[s + 1] > loads.clusters[s]:
-        for e in range(loads.member.size):
-            if loads.members[loads.clusters[s]] <= e < loads.members[loads.clusters[s + 1]]:
-                weight_z[:, loads.member[e]] = 0.0
-                weight_v[:, loads.member[e]] = 0.0
-    rows = weight_z @ z + weight_v @ v
-    for c in range(loads.clusters[s], loads.clusters[s + 1]):
-        first, count = loads.members[c], loads.members[c + 1] - loads.members[c]
-        size = loads.states[c + 1] - loads.states[c]
-        matrix = loads.matrix[loads.matrices[c] : loads.matrices[c + 1]].copy().reshape(size, size)
-        generator = matrix[: 2 * count, : 2 * count].copy()
-        both = np.empty((2 * count, columns.shape[1]))
-        for j in range(count):
-            both[j], both[count + j] = z[loads.member[first + j]], v[loads.member[first + j]]
-        change = matrix_change(generator, duration) @ both
-        mean = change / duration if duration != 0.0 else generator @ both
-        for j in range(count):
-            k = loads.member[first + j]
-            after_z[k], after_v[k] = both[j] + change[j], both[count + j] + change[count + j]
-            for contact in range(rows.shape[0]):
-                rows[contact] += rows_z[contact, k] * mean[j] + rows_v[contact, k] * mean[count + j]
+    if groups is None:
+        rows = weight_z @ z + weight_v @ v
+    else:
+        rows = _columns_of_group(groups[s], duration, (z, v), (after_z, after_v), (weight_z, weight_v), maps, s)
     after_z, after_v = _out_of_blocks(maps, s, after_z, after_v)
     return np.concatenate((after_z, after_v)), rows
 
 
 @jit
 def pass_segments(
-    structure: Structure, maps: Maps, loads: Answers, time: float, state: Array, status: IntArray, durations: Array,
-    columns: Array, lengthen: Array, nodes: Array, all_columns: Array, horizon: float,
+    structure: Structure, maps: Maps, loads: Pieces, groups: list[Group | None] | None, time: float, state: Array,
+    status: IntArray, durations: Array, columns: Array, lengthen: Array, nodes: Array, all_columns: Array,
+    horizon: float,
 ) -> tuple[Array, Array, Array, Array, Array, Array, Array, Array]:  # fmt: skip
     """Follow a motion from a modal state (2n,) at a time through m segments, with k columns (2n, k).
 
@@ -451,8 +410,8 @@ def pass_segments(
     for j in range(k):
         first_size[j] = np.max(np.abs(columns[:, j]))
     fastest = 1.0 / horizon
-    for h in range(structure.omega.size):
-        fastest = max(fastest, structure.omega[h])
+    for j in range(loads.omega.size):
+        fastest = max(fastest, loads.omega[j])
     state = state.copy()
     for i in range(m):
         s, h = status[i], durations[i]
@@ -463,8 +422,8 @@ def pass_segments(
             held_z, held_v = _out_of_blocks(maps, s, block_z, block_v)
             z, v = held_z[:, 0] + maps.shift[s], held_v[:, 0].copy()
         starts[i, :n], starts[i, n:] = z, v
-        first = _rates(structure, maps, s, time, z, v)
-        change_z, change_v = _block_changes(maps, loads, structure.omega, s, block_z, block_v, time, h)
+        first = _rates(structure, maps, loads, s, time, z, v)
+        change_z, change_v = _block_changes(loads, groups, s, block_z, block_v, time, h)
         change_z, change_v = _out_of_blocks(maps, s, change_z, change_v)
         dz, dv = change_z[:, 0].copy(), change_v[:, 0].copy()
         mean = dz / h if h != 0.0 else v
@@ -475,15 +434,15 @@ def pass_segments(
         sizes[1] = max(sizes[1], np.sqrt(np.sum(last_v * last_v)))
         if m < _FEW:
             for share in _INSIDE:
-                more_z, more_v = _block_changes(maps, loads, structure.omega, s, block_z, block_v, time, share * h)
+                more_z, more_v = _block_changes(loads, groups, s, block_z, block_v, time, share * h)
                 more_z, more_v = _out_of_blocks(maps, s, more_z, more_v)
                 sizes[0] = max(sizes[0], np.sqrt(np.sum((z + more_z[:, 0]) ** 2)))
                 sizes[1] = max(sizes[1], np.sqrt(np.sum((v + more_v[:, 0]) ** 2)))
         if k:
-            last = _rates(structure, maps, s, time + h, last_z, last_v)
+            last = _rates(structure, maps, loads, s, time + h, last_z, last_v)
             for a in range(2 * n):
                 columns[a] = columns[a] - first[a] * shift
-            columns, rows = _columns_after(maps, loads, s, h, columns)
+            columns, rows = _columns_after(maps, groups, s, h, columns)
             later = (last_v - mean) / h if abs(h) * fastest > _SHORT else first[n:] / 6.0 + last[n:] / 3.0
             slope = structure.rows @ (dv / h if h != 0.0 else first[n:].copy())
             more = structure.rows @ later

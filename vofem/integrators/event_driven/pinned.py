@@ -8,13 +8,12 @@ removed along ``M^-1 b``. The contact is released when the reaction leaves its i
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.integrators.event_driven.modal_space import ModalSpace
-from vofem.integrators.event_driven.motion import Forcing, Motion
 from vofem.integrators.event_driven.spectrum import Spectrum
 from vofem.system import CLOSED, PINNED, ContactLaws
 
@@ -25,33 +24,33 @@ Status = NDArray[np.int64]
 PIN_FRACTION = 1e-7
 
 
-@dataclass(frozen=True)
-class Reactions:
-    """Reactions of the pinned contacts, ``A x + B x' + constant + slope tau + sum Re(harmonic exp(i w tau))``.
+class Reactions(NamedTuple):
+    """Reactions of the pinned contacts of a status, ``A x + B x' + L f``.
 
     Attributes
     ----------
     displacement, velocity : ndarray, shape (k, m)
         A and B over the real modes x of the status.
-    constant, slope : ndarray, shape (k,)
-    harmonic : ndarray of complex, shape (k, n_h)
+    loads : ndarray, shape (k, e)
+        L over the values of the loads.
+    row : ndarray, shape (k, 2M)
+        The reactions as rows over all blocks.
     """
 
     displacement: Array
     velocity: Array
-    constant: Array
-    slope: Array
-    harmonic: NDArray[np.complex128]
-
-    def at(self, motion: Motion, tau: Array) -> Array:
-        """Return the reactions at some times of a motion, shape (k, n_times)."""
-        x, rate = motion.spectrum.to_real(*motion.blocks(tau))
-        values = self.displacement @ x + self.velocity @ rate + self.constant[:, None] + self.slope[:, None] * tau
-        return values + (self.harmonic @ np.exp(1j * motion.omega[:, None] * tau)).real
+    loads: Array
+    row: Array
 
 
-def reactions(space: ModalSpace, laws: ContactLaws, status: Status, spectrum: Spectrum, forcing: Forcing) -> Reactions:
-    """Return the reactions that keep the pinned contacts of a status at their gaps."""
+def reactions(space: ModalSpace, laws: ContactLaws, status: Status, spectrum: Spectrum, sources: Array) -> Reactions:
+    """Return the reactions that keep the pinned contacts of a status at their gaps, but for their rows over blocks.
+
+    Parameters
+    ----------
+    sources : ndarray, shape (n, e)
+        Modal forces of the loads, the constant one first.
+    """
     real = spectrum.real
     rows = real.pinned
     assert real.shift_reaction is not None
@@ -60,13 +59,9 @@ def reactions(space: ModalSpace, laws: ContactLaws, status: Status, spectrum: Sp
     closed = (status == CLOSED) & (laws.damping > 0)
     touching = space.contacts[closed]
     damped = damped + touching.T @ (laws.damping[closed, None] * (touching @ share.T))
-    return Reactions(
-        displacement=-real.force,
-        velocity=-real.down(damped).T,
-        constant=share @ forcing.constant - real.shift_reaction,
-        slope=share @ forcing.slope,
-        harmonic=share @ forcing.harmonic,
-    )
+    loads = share @ sources
+    loads[:, 0] -= real.shift_reaction
+    return Reactions(-real.force, -real.down(damped).T, loads, np.zeros((0, 0)))
 
 
 def may_pin(space: ModalSpace, laws: ContactLaws, contact: int, velocity: Array, fraction: float) -> bool:

@@ -16,7 +16,6 @@ from vofem.integrators.event_driven.follow import Follower
 from vofem.integrators.event_driven.lifted import TruncatedSolution
 from vofem.integrators.event_driven.modal_space import modal_space
 from vofem.integrators.event_driven.pinned import PIN_FRACTION
-from vofem.integrators.event_driven.reduction import loss_in_all_modes
 from vofem.integrators.event_driven.solution import EventSolution
 from vofem.integrators.event_driven.truncated import (
     FULL_UNKNOWNS,
@@ -26,6 +25,7 @@ from vofem.integrators.event_driven.truncated import (
 )
 from vofem.integrators.methods import EVENT_DRIVEN
 from vofem.integrators.observer import Observer, Snapshot, deferred_interrupts
+from vofem.integrators.reduction import loss_in_all_modes
 from vofem.integrators.registry import advice
 from vofem.integrators.rounding import graded
 from vofem.integrators.sampled_loads import loads_by_values

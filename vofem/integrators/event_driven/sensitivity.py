@@ -18,13 +18,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.integrators.event_driven.clusters import add_clusters, free_flow
+from vofem.integrators.event_driven.loop import from_blocks, to_blocks
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.integrators.event_driven.record import Record
 from vofem.integrators.event_driven.spectrum import Spectrum
-from vofem.integrators.event_driven.status_table import Table, from_blocks, to_blocks
+from vofem.integrators.event_driven.table import Table
 from vofem.kernels.jit import jit
-from vofem.linalg.exponential import oscillator
+from vofem.linalg.exponential import matrix_change, oscillator
+from vofem.linalg.oscillators import DELTA, SQUARE
 from vofem.linalg.vectors import inner
 from vofem.system import CLOSED, OPEN, PINNED, ContactLaws
 
@@ -55,16 +56,12 @@ class Perturbation:
     def drift(self, spectrum: Spectrum, duration: float) -> None:
         """Follow the free motion of a status."""
         z, v = spectrum.to_blocks(self._z, self._v, shifted=False)
-        if spectrum.plain is None:
-            _drift(spectrum.delta, spectrum.p, z, v, duration)
-        else:
-            assert spectrum.blocks is not None
-            dz, dv = np.zeros((z.size, 1)), np.zeros((z.size, 1))
-            add_clusters(free_flow(spectrum.blocks.clusters, z, v), np.array([duration]), dz, dv)
-            together = spectrum.plain == 0.0
-            z_c, v_c = (z + dz[:, 0])[together], (v + dv[:, 0])[together]
-            _drift(spectrum.delta, spectrum.p, z, v, duration)
-            z[together], v[together] = z_c, v_c
+        clusters = () if spectrum.blocks is None else spectrum.blocks.clusters
+        together = [np.concatenate([z[cluster.member], v[cluster.member]]) for cluster in clusters]
+        _drift(spectrum.delta, spectrum.p, z, v, duration)
+        for cluster, both in zip(clusters, together, strict=True):
+            both = both + matrix_change(np.ascontiguousarray(cluster.generator), duration) @ both
+            z[cluster.member], v[cluster.member] = np.split(both, 2)
         self._z, self._v = spectrum.to_modes(z, v, shifted=False)
         self._renormalise()
 
@@ -96,13 +93,13 @@ class Perturbation:
         self._z, self._v = z, v
         self._renormalise()
 
-    def follow(self, table: Table, slots: Status, record: Record, index: int, growth: Array) -> int:
+    def follow(self, table: Table, record: Record, index: int, growth: Array) -> int:
         """Follow segments in compiled code until a status has no slot.
 
         Parameters
         ----------
-        slots : ndarray of int, shape (n_statuses,)
-            In the table, of the statuses of the record; -1 for those without.
+        table : Table
+            Statuses of the record under loads of any one kind, those without pinned contacts and without groups.
         index : int
             The first segment.
         growth : ndarray, shape (n_segments + 1,)
@@ -121,8 +118,8 @@ class Perturbation:
         growth[index] = self.growth
         z, v = np.array(self._z), np.array(self._v)
         done = _travel(
-            table, slots, record.status_numbers, record.durations, record.buffers.velocity, np.array(rows), force,
-            damping, self._frequency, index, z, v, growth,
+            table, np.array(record.statuses), record.status_numbers, record.durations, record.buffers.velocity,
+            np.array(rows), force, damping, self._frequency, index, z, v, growth,
         )  # fmt: skip
         self._z, self._v, self.growth = z, v, float(growth[done])
         return int(done)
@@ -144,32 +141,33 @@ def _drift(delta: Array, p: Array, z: Array, v: Array, t: float) -> None:
 
 @jit
 def _travel(
-    table: Table, slots: Status, numbers: Status, durations: Array, velocity: Array, rows: Array, force: Array,
+    table: Table, statuses: Status, numbers: Status, durations: Array, velocity: Array, rows: Array, force: Array,
     damping: Array, frequency: Array, index: int, z: Array, v: Array, growth: Array,
 ) -> int:  # fmt: skip
     """Do what `Perturbation.drift` and `Perturbation.jump` do, for many segments; return the first one not treated."""
-    n, segments = z.size, numbers.size
-    in_blocks, both, change = np.empty((2, n)), np.empty((2, 2 * n)), np.empty(n)
+    n, segments, loads, m = z.size, numbers.size, table.steady.shape[1] // 2, table.steady.shape[3]
+    both, change = np.empty((3, 2 * m)), np.empty(n)
     while index < segments:
-        s = slots[numbers[index]]
-        after = slots[numbers[index + 1]] if index + 1 < segments else s
-        if s < 0 or after < 0:
+        s = table.slots[numbers[index], 0]
+        after = numbers[index + 1] if index + 1 < segments else numbers[index]
+        if s < 0 or table.slots[after, 0] < 0:
             return index
-        to_blocks(table, s, z, v, in_blocks[0], in_blocks[1], both)
-        _drift(table.delta[s], table.p[s], in_blocks[0], in_blocks[1], durations[index])
-        from_blocks(table, s, in_blocks[0], in_blocks[1], z, v, both)
+        before, after_status = statuses[numbers[index]], statuses[after]
+        to_blocks(table, s, z, v, both)
+        of = table.of[s]
+        _drift(of[DELTA, loads:], of[SQUARE, loads:], both[0, :m], both[0, m:], durations[index])
+        from_blocks(table, s, both, z, v)
         growth[index + 1] = growth[index] + _scaled(frequency, z, v)
-        if after != s:
+        if after != numbers[index]:
             change[:] = 0.0
             for j in range(rows.shape[0]):
-                if table.sign[s, j] == table.sign[after, j]:
+                if before[j] == after_status[j]:
                     continue
                 speed = inner(rows[j], velocity[index + 1])
                 if speed == 0.0:
                     continue
                 push = damping[j] * speed + force[j]
-                # Sign 1 is that of an open contact, which closes.
-                factor = -table.sign[s, j] * push * inner(rows[j], z) / speed
+                factor = (-1.0 if after_status[j] == CLOSED else 1.0) * push * inner(rows[j], z) / speed
                 for k in range(n):
                     change[k] += factor * rows[j, k]
             for k in range(n):

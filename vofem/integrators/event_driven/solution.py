@@ -5,7 +5,7 @@ from __future__ import annotations
 import weakref
 from collections.abc import Callable, Iterator
 from functools import cached_property, wraps
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,28 +17,21 @@ from vofem.integrators.base import (
     Sensitivity,
     status_at,
 )
-from vofem.integrators.event_driven.load_table import LoadTable, load_table
+from vofem.integrators.event_driven.exosystem import Exosystem, exosystem, gathered
 from vofem.integrators.event_driven.modal_samples import ModalSamples
 from vofem.integrators.event_driven.modal_space import ModalSpace
-from vofem.integrators.event_driven.motion import Forcing, Motion, start_motion
-from vofem.integrators.event_driven.panels import changes_on_panels
-from vofem.integrators.event_driven.pinned import Reactions, may_pin, reactions, should_pin
+from vofem.integrators.event_driven.pinned import may_pin, should_pin
 from vofem.integrators.event_driven.record import Record
-from vofem.integrators.event_driven.sampling import sample_segments
-from vofem.integrators.event_driven.search import EventFunctions
+from vofem.integrators.event_driven.regime import Motion, Regime, flat, regime_of, start_motion
 from vofem.integrators.event_driven.segment import Segments
 from vofem.integrators.event_driven.sensitivity import Perturbation
 from vofem.integrators.event_driven.spectrum import Spectra, Spectrum
-from vofem.integrators.event_driven.status_table import MOST_MODES, StatusTable
+from vofem.integrators.event_driven.table import MOST_MODES, Statuses, Table
 from vofem.integrators.registry import advice
 from vofem.integrators.unclosed import never_closed, open_throughout
 from vofem.kernels.mode import as_it_ran, compiled, kernels
 from vofem.laws import initial_status
-from vofem.system import CLOSED, OPEN, PINNED, Counters, Events, State, System
-from vofem.time_functions import Piece, TimeFunction
-
-if TYPE_CHECKING:
-    from vofem.integrators.event_driven.energy import Loads, StatusForms
+from vofem.system import CLOSED, PINNED, Counters, Events, State, System
 
 Array = NDArray[np.float64]
 F = TypeVar("F", bound=Callable[..., Any])
@@ -48,20 +41,18 @@ _CANCELLING = 8.0
 Status = NDArray[np.int64]
 
 #: Largest number of statuses for which the growth of a perturbation is computed in compiled code.
-_MOST_SLOTS = 1000
+_MOST_STATUSES = 1000
 
 #: With fewer events the growth of perturbations is computed only on request, because it would cost more than it is
 #: worth.
 _MANY_EVENTS = 30
 
 
-#: Segments whose closed forms are kept, so that sampling a run starts from them: as many as hold so many numbers (one
-#: has an overhead of about 150), but few where each may keep another eigensystem in memory, and only the last one in
-#: systems of more modes than these.
-_MOST_NUMBERS, _OVERHEAD, _MOST_MOTIONS, _FEW_MODES = 12_000_000, 150, 32, 300
+#: Linear pieces that are kept with an eigensystem, and only one in systems of more modes than these.
+_MOST_REGIMES, _FEW_MODES = 8, 300
 
-#: Numbers that a closed form holds for each mode.
-_EACH = 20
+#: Numbers of the states of blocks that are computed together.
+_TOGETHER = 200_000
 
 #: Change of the energy of a run without loads and dampers, divided by the largest energy, above which a note is
 #: written.
@@ -78,24 +69,6 @@ _LOOKS = 257
 
 #: A contact touches at the start if its gap function is below this share of its displacement and its gap.
 _TOUCHING = 4.0 * float(np.finfo(float).eps)
-
-
-def _gathered(system: System, space: ModalSpace) -> tuple[list[Any], Array]:
-    """Return the functions of time of the loads, equal ones once, and for each the sum of its modal load vectors."""
-    places: dict[Any, int] = {}
-    functions: list[Any] = []
-    owner = []
-    for load in system.loads:
-        function = load.function
-        key = function if getattr(type(function), "__hash__", None) is not None else id(function)
-        if key not in places:
-            places[key] = len(functions)
-            functions.append(function)
-        owner.append(places[key])
-    vectors = np.zeros((len(functions), space.size))
-    for place, vector in zip(owner, space.loads, strict=True):
-        vectors[place] += vector
-    return functions, vectors
 
 
 def _sums_of_squares(states: Array, weight: Array) -> Array:
@@ -144,11 +117,7 @@ class EventSolution:
         # Gap functions at the end of the last segment, before an event there.
         self.gaps_now: Array | None = None
         self._initial = np.empty(0, dtype=np.int64)
-        # Whether closed contacts exert a force at zero displacement, as under the penetration law.
-        self._pushed = system.contacts is not None and bool(np.any(system.contacts.offset))
-        # Counters count the work of the run, not that of sampling it later.
-        self._motions: dict[int, Motion] = {}
-        self.load_functions, self.load_vectors = _gathered(system, space)
+        self.load_functions, self.load_vectors = gathered(system.loads, space.loads)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the solution without its last samples, which can be computed again."""
@@ -251,25 +220,7 @@ class EventSolution:
             gaps[touching] = 0.0
             self.gaps_now = gaps
 
-    def add_segment(self, t: float, status: Status, displacement: Array, velocity: Array) -> Motion:
-        """Begin a segment at time t in a modal state.
-
-        The displacement is corrected so that contacts that have just switched are exactly at their gaps. Otherwise a
-        stiff contact would turn the rounding of the displacement into energy.
-        """
-        record = self.record
-        if record.segments:
-            switched = np.flatnonzero((status != record.status(record.segments - 1)) & (status != PINNED))
-            if switched.size:
-                displacement = self._at_gaps(switched, displacement)
-        gaps = self.gaps_at(status, displacement)
-        record.add(t, status, displacement, velocity)
-        index = record.segments - 1
-        record.buffers.gaps[index] = gaps
-        self.counters.steps += 1
-        return self.motion(index)
-
-    def _at_gaps(self, switched: NDArray[np.int64], displacement: Array) -> Array:
+    def at_gaps(self, switched: NDArray[np.int64], displacement: Array) -> Array:
         """Return the displacement nearest to a given one at which some contacts are at their gaps.
 
         If a contact's coordinate is a small difference of large modal displacements, it is not corrected, because the
@@ -284,23 +235,6 @@ class EventSolution:
             return np.asarray(displacement - rows[0] * (off[0] / (rows[0] @ rows[0])))
         # Two contacts at one point have one row.
         return np.asarray(displacement - np.linalg.lstsq(rows, off, rcond=None)[0])
-
-    def end_segment(self, duration: float) -> tuple[Array, Array]:
-        """End the last segment after a duration in s; return the modal state there, two arrays of shape (n,).
-
-        The duration itself is stored, because the difference of the times at both ends has fewer digits.
-        """
-        index = self.record.segments - 1
-        self.record.buffers.durations[index] = duration
-        motion, (displacement, velocity) = self.motion(index), self._whole_changes(index)
-        if self.system.contacts is not None:
-            self.gaps_now = self.record.buffers.gaps[index] + self.space.contacts @ displacement
-        return motion.displacement + displacement, motion.velocity + velocity
-
-    def _whole_changes(self, index: int) -> tuple[Array, Array]:
-        """Return by how much modal displacement and velocity change over a segment, each of shape (n,)."""
-        displacement, velocity = self.motion(index).mode_changes(self.record.durations[index : index + 1])
-        return displacement[:, 0], velocity[:, 0]
 
     def gap_functions(self, index: int) -> Array:
         """Return the gap functions s at the begin of a segment, shape (n_contacts,).
@@ -341,86 +275,6 @@ class EventSolution:
         gaps[status == PINNED] = 0.0
         return gaps
 
-    def event_functions(self, motion: Motion) -> tuple[EventFunctions, NDArray[np.int64], Status]:
-        """Return the event functions of the last segment, the contact of each and the status it leads to.
-
-        Open contacts are searched for ``s > 0``, closed ones for ``s < 0``,
-        pinned ones for a reaction that leaves [0, K0 gap].
-        """
-        laws, index = self.system.contacts, self.record.segments - 1
-        assert laws is not None
-        spectrum, count = motion.spectrum, motion.omega.size
-        status, gaps = self.record.status(index), self.gap_functions(index)
-        functions, plain, leads, sign = self._plain_functions(status, spectrum, count)
-        constant = functions.constant
-        if functions.u.shape[1]:
-            # Rounding from earlier segments. The search itself considers only the changes within this segment.
-            constant = np.abs(constant) + self.row_sizes[plain] @ np.abs(motion.displacement)
-        functions = EventFunctions(
-            functions.w, functions.u, functions.w_size, functions.u_size, sign * gaps[plain], constant,
-            functions.slope, functions.harmonic,
-        )  # fmt: skip
-        pinned = status == PINNED
-        if not pinned.any():
-            return functions, plain, leads
-        held = np.flatnonzero(pinned)
-        force = self._reactions(index)
-        now = force.at(motion, np.zeros(1))[:, 0]
-        w, u = spectrum.functions(force.displacement, force.velocity)
-        w_size, u_size = spectrum.sizes(np.abs(force.displacement), np.abs(force.velocity))
-        none = np.zeros((plain.size, u.shape[1]))
-        u_plain, u_plain_size = (functions.u, functions.u_size) if functions.u.shape[1] else (none, none)
-        jump = laws.stiffness[held] * laws.gap[held]
-        functions = EventFunctions(
-            np.vstack([functions.w, -w, w]),
-            np.vstack([u_plain, -u, u]),
-            np.vstack([functions.w_size, w_size, w_size]),
-            np.vstack([u_plain_size, u_size, u_size]),
-            np.concatenate([functions.start, -now, now - jump]),
-            np.concatenate([functions.constant, force.constant, jump - force.constant]),
-            np.concatenate([functions.slope, -force.slope, force.slope]),
-            np.vstack([functions.harmonic, -force.harmonic, force.harmonic]),
-        )
-        leads = np.concatenate([leads, np.full(held.size, OPEN), np.full(held.size, CLOSED)])
-        return functions, np.concatenate([plain, held, held]), leads
-
-    def functions_of(self, status: Status) -> EventFunctions:
-        """Return the event functions of a status without pinned contacts, as far as they do not depend on the state."""
-        return self._plain_functions(status, self.spectrum_of(status), 0)[0]
-
-    def _plain_functions(
-        self, status: Status, spectrum: Spectrum, count: int
-    ) -> tuple[EventFunctions, NDArray[np.int64], Status, Array]:
-        """Return what `event_functions` does for contacts that are not pinned, the same whenever a status returns.
-
-        And the signs of their gap functions.
-        """
-        known = spectrum.event_functions.get(count)
-        if known is not None:
-            return known
-        laws = self.system.contacts
-        if laws is None:
-            none, empty = np.zeros(0), np.zeros((0, self.space.size))
-            rest = EventFunctions(empty, empty, empty, empty, none, none, none, empty.astype(complex))
-            return rest, np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), none
-        plain = np.flatnonzero(status != PINNED)
-        sign = np.where(status[plain] == CLOSED, -1.0, 1.0)
-        rows = sign[:, None] * self.space.contacts[plain]
-        level = sign * laws.gap[plain]
-        if spectrum.real.shift is not None:
-            level = level - rows @ spectrum.real.shift
-        none = np.zeros(plain.size)
-        functions = EventFunctions(
-            *spectrum.rows(rows, self.row_sizes[plain]),
-            none,
-            level,
-            none,
-            np.zeros((plain.size, count), dtype=complex),
-        )
-        known = functions, plain, np.where(status[plain] == CLOSED, OPEN, CLOSED), sign
-        spectrum.event_functions[count] = known
-        return known
-
     def enter(
         self, t: float, status: Status, entered: dict[int, int], displacement: Array, velocity: Array, fraction: float
     ) -> Status:
@@ -453,8 +307,6 @@ class EventSolution:
         """Write the notes. Notes that take long to compute are left out if the run was cut short."""
         if self.was_cut:
             return
-        if "table" in self.__dict__ and self.table.lend():
-            self._tables["last"] = self.table
         events, laws = self.events, self.system.contacts
         self._note_energy()
         if laws is not None and np.any(open_throughout(laws, events)):
@@ -515,97 +367,68 @@ class EventSolution:
         """Times at which the segments begin, shape (n_segments,)."""
         return self.record.starts
 
-    def load_pieces(self, t: float) -> list[Piece]:
-        """Return the closed form near time t of every load; loads with one function of time are one."""
-        return [function.piece(t) for function in self.load_functions if isinstance(function, TimeFunction)]
-
     def spectrum_of(self, status: Status) -> Spectrum:
         """Return the eigensystem of a status that occurs in the run."""
         return self._spectra[status]
-
-    @cached_property
-    def table(self) -> StatusTable:
-        """Eigensystems of the statuses as the compiled loops take them."""
-        known = self._tables.get("last")
-        earlier = None if known is None else known.continued(self.load_vectors, self.t_end)
-        if earlier is not None:
-            return earlier
-        laws = self.system.contacts
-        damped = self.system.damped or (laws is not None and bool(np.any(laws.damping > 0)))
-        return StatusTable(self.load_vectors, self.space.contacts.shape[0], self.t_end, damped)
-
-    @property
-    def _tables(self) -> dict[str, StatusTable]:
-        """The table of the last run of the system."""
-        return self.system.cache.get("status table", None, dict)
-
-    def slot(self, status: Status) -> int:
-        """Return the slot of a status in `table`; -1 where a contact is pinned or modes are in clusters."""
-        slot = self.table.slot(status)
-        if slot >= 0 or np.any(status == PINNED):
-            return slot
-        spectrum = self.spectrum_of(status)
-        if spectrum.plain is not None:
-            return -1
-        number = self.record.number(status)
-        slot = self.table.recall(status, number, spectrum)
-        if slot >= 0:
-            return slot
-        return self.table.enter(status, number, spectrum, self.functions_of(status), self.offset_force(status))
 
     def spectrum(self, index: int) -> Spectrum:
         """Return the eigensystem of a segment."""
         return self._spectra[self.record.status(index)]
 
+    @cached_property
+    def exosystem(self) -> Exosystem:
+        """The loads from the begin of the run to its end."""
+        begin = float(self.record.starts[0])
+        breaks = np.concatenate([[begin], *(function.breakpoints(self.t_end) for function in self.load_functions)])
+        return self.loads_between(np.append(np.unique(breaks[(breaks >= begin) & (breaks < self.t_end)]), self.t_end))
+
+    def loads_between(self, edges: Array) -> Exosystem:
+        """Return the loads between some times, of which the breakpoints are some."""
+        laws = self.system.contacts
+        constant = laws is not None and bool(np.any(laws.offset) or np.any(laws.jump))
+        return exosystem(self.load_functions, edges, constant=constant)
+
+    def regime(self, status: Status, kind: int) -> Regime:
+        """Return the linear piece of a contact status under loads of a kind; it is kept with the eigensystem."""
+        spectrum, system = self._spectra[status], self.system
+        load = self.exosystem.function[kind], self.exosystem.omega[kind]
+        # Systems with other loads share eigensystems.
+        key = self.t_end, self._loads_key, load[0].tobytes(), load[1].tobytes()
+        known = spectrum.regimes
+        if key not in known:
+            if len(known) >= (_MOST_REGIMES if self.space.size <= _FEW_MODES else 1):
+                known.clear()
+            sizes = self.space.contacts if system.contacts is None else self.row_sizes
+            known[key] = regime_of(
+                spectrum, self.space, system.contacts, status, sizes, self.load_vectors, load, self.t_end
+            )  # fmt: skip
+        return known[key]
+
+    @cached_property
+    def _loads_key(self) -> bytes:
+        return self.load_vectors.tobytes()
+
+    def regimes(self, segments: NDArray[np.int64]) -> Iterator[tuple[Regime, NDArray[np.int64]]]:
+        """Yield the linear pieces of some segments, each with the places in `segments` of those that have it."""
+        record, loads = self.record, self.exosystem
+        kind = loads.kind[loads.interval(record.starts[segments])]
+        key = record.status_numbers[segments] * len(loads.omega) + kind
+        order = np.argsort(key, kind="stable")
+        for mine in np.split(order, np.flatnonzero(np.diff(key[order])) + 1) if order.size else ():
+            yield self.regime(record.status(segments[mine[0]]), int(kind[mine[0]])), mine
+
+    def begins(self, regime: Regime, segments: NDArray[np.int64]) -> Array:
+        """Return the states of all blocks at the beginnings of some segments, shape (k, 2, M)."""
+        parts, starts = self.record.buffers, self.record.starts[segments]
+        return regime.begin(parts.displacement[segments], parts.velocity[segments], self.exosystem.at(starts))
+
     @as_it_ran
     def motion(self, index: int) -> Motion:
-        """Return the closed form of the motion in a segment. The ones that were computed last are kept."""
-        if index not in self._motions:
-            status, (displacement, velocity) = self.record.status(index), self.record.state(index)
-            spectrum = self._spectra[status]
-            forcing = self.forcing(self.record.starts[index], status)
-            if len(self._motions) >= self._most_motions():
-                del self._motions[next(iter(self._motions))]
-            self._motions[index] = start_motion(spectrum, displacement, velocity, forcing, self.t_end)
-        return self._motions[index]
-
-    def _most_motions(self) -> int:
-        """Return how many closed forms of segments are kept."""
-        size = self.space.size
-        if size > _FEW_MODES:
-            return 1
-        # Eigensystems that `Spectra` keeps cost nothing more.
-        return max(_MOST_NUMBERS // (_OVERHEAD + _EACH * size), 1) if self._spectra.all_kept else _MOST_MOTIONS
-
-    def forcing(self, t: float, status: Status) -> Forcing:
-        """Return the modal force of loads and of the offsets of closed contacts."""
-        space, spectrum = self.space, self._spectra[status]
-        constant, slope = np.zeros(space.size), np.zeros(space.size)
-        harmonics: dict[float, NDArray[np.complex128]] = {}
-        for vector, piece in zip(self.load_vectors, self.load_pieces(t), strict=True):
-            if piece.constant:
-                constant += piece.constant * vector
-            if piece.slope:
-                slope += piece.slope * vector
-            for w, amplitude in piece.harmonics:
-                wave = amplitude * vector
-                harmonics[w] = harmonics[w] + wave if w in harmonics else wave
-        if self._pushed:
-            constant += self.offset_force(status)
-        if spectrum.real.shift_force is not None:
-            constant += spectrum.real.shift_force
-        omega = np.array(list(harmonics))
-        waves = np.empty((space.size, omega.size), dtype=complex)
-        for h, wave in enumerate(harmonics.values()):
-            waves[:, h] = wave
-        return Forcing(omega, waves, constant, slope)
-
-    def offset_force(self, status: Status) -> Array:
-        """Return the modal force of closed contacts at zero displacement, shape (n,)."""
-        laws = self.system.contacts
-        if laws is None or not self._pushed:
-            return np.zeros(self.space.size)
-        return np.asarray((laws.stiffness * laws.offset * (status == CLOSED)) @ self.space.contacts)
+        """Return the closed form of the motion in a segment."""
+        displacement, velocity = self.record.state(index)
+        loads, start = self.exosystem, self.record.starts[index : index + 1]
+        regime = self.regime(self.record.status(index), int(loads.kind[loads.interval(start)[0]]))
+        return start_motion(regime, displacement, velocity, loads.at(start)[0])
 
     def visit(self, times: Array) -> list[tuple[int, NDArray[np.int64], Array]]:
         """Return (segment, indices into times, local times) for all segments that hold some of the times."""
@@ -644,44 +467,25 @@ class EventSolution:
 
     def _sampled_at(self, times: Array, gaps: bool) -> tuple[Array, Array, Array]:
         # In memory each row holds one time.
-        z, v = np.empty((times.size, self.space.size)).T, np.empty((times.size, self.space.size)).T
+        z, v = np.empty((times.size, self.space.size)), np.empty((times.size, self.space.size))
         gaps = gaps and self.system.contacts is not None
-        s = np.empty((times.size, len(self.space.contacts) if gaps else 0)).T
-        sampled = self._sample_compiled(times, z, v, s)
-        if np.all(sampled):
-            return z, v, s
-        for index, mine, tau in self.visit(times):
-            if sampled[self.record.status_numbers[index]]:
-                continue
-            motion = self.motion(index)
-            displacement, velocity = motion.mode_changes(tau)
-            if gaps:
-                s[:, mine] = self.gap_functions(index)[:, None] + self.space.contacts @ displacement
-            z[:, mine] = displacement + motion.displacement[:, None]
-            v[:, mine] = velocity + motion.velocity[:, None]
-        return z, v, s
-
-    def _sample_compiled(self, times: Array, z: Array, v: Array, gaps: Array) -> NDArray[np.bool_]:
-        """Fill in samples in compiled code; return for each status of the record whether its segments are done."""
-        record, slots, loads = self.record, self._slots(), self._load_table
-        none = np.zeros(len(record.statuses), dtype=bool)
-        if loads is None or not np.any(slots >= 0) or not times.size:
-            return none
-        order = np.argsort(times, kind="stable")
-        segments = np.searchsorted(record.starts, times[order], side="right") - 1
-        sample_segments(
-            self.table.arrays, slots, np.array(self.space.contacts), loads, record.buffers, self.t_end, segments,
-            times[order] - record.starts[segments], order, z.T, v.T, gaps.T,
-        )  # fmt: skip
-        return slots >= 0
-
-    @cached_property
-    def _load_table(self) -> LoadTable | None:
-        """The loads from the begin of the run to its end."""
-        begin = float(self.record.starts[0])
-        breaks = np.concatenate([[begin], *(function.breakpoints(self.t_end) for function in self.load_functions)])
-        edges = np.append(np.unique(breaks[breaks >= begin]), self.t_end)
-        return load_table(self.load_functions, edges) if self.t_end > begin else None
+        s = np.empty((times.size, len(self.space.contacts) if gaps else 0))
+        record, rows = self.record, np.array(self.space.contacts)
+        segments = np.clip(np.searchsorted(record.starts, times, side="right") - 1, 0, None)
+        for regime, group in self.regimes(segments):
+            together = max(_TOGETHER // max(self.space.size, 1), 1)
+            for mine in np.split(group, range(together, group.size, together)):
+                used, own = np.unique(segments[mine], return_inverse=True)
+                begins = self.begins(regime, used)
+                moved = regime.changes(begins, own, times[mine] - record.starts[segments[mine]])
+                displacement, velocity = regime.to_modes(moved)
+                first, rate = record.buffers.displacement[used], record.buffers.velocity[used]
+                if regime.held:
+                    first, rate = regime.to_modes(begins, shifted=True)
+                if gaps:
+                    s[mine] = record.buffers.gaps[segments[mine]] + displacement @ rows.T
+                z[mine], v[mine] = first[own] + displacement, rate[own] + velocity
+        return z.T, v.T, s.T
 
     @_evaluation
     def sample(self, times: Array) -> ModalSamples:
@@ -704,26 +508,24 @@ class EventSolution:
             rows -= self._contact_force(times, v, s).T @ space.contacts
         return rows.T
 
-    def _reactions(self, index: int) -> Reactions:
-        """Return the reactions of the pinned contacts of a segment."""
-        laws, status = self.system.contacts, self.record.status(index)
-        assert laws is not None
-        spectrum = self._spectra[status]
-        forcing = self.forcing(self.record.starts[index], status)
-        return reactions(self.space, laws, status, spectrum, forcing)
-
     def _contact_force(self, times: Array, v: Array, s: Array) -> Array:
         laws = self.system.contacts
         assert laws is not None
         force = laws.force(s, self.space.contacts @ v, status_at(self.events, times))
         if not any(np.any(status == PINNED) for status in self.record.statuses):
             return force
-        for index, mine, tau in self.visit(times):
-            held = np.flatnonzero(self.record.status(index) == PINNED)
-            if held.size:
+        starts = self.record.starts
+        segments = np.clip(np.searchsorted(starts, times, side="right") - 1, 0, None)
+        for regime, mine in self.regimes(segments):
+            if regime.reactions is not None:
+                held = np.flatnonzero(self.record.status(segments[mine[0]]) == PINNED)
+                used, own = np.unique(segments[mine], return_inverse=True)
+                begins = self.begins(regime, used)
+                states = begins[own] + regime.changes(begins, own, times[mine] - starts[segments[mine]])
                 # The interval's ends are roots, found to rounding.
                 jump = (laws.stiffness[held] * laws.gap[held])[:, None]
-                force[np.ix_(held, mine)] = np.clip(self._reactions(index).at(self.motion(index), tau), 0.0, jump)
+                reaction = regime.reactions.row @ flat(states).T
+                force[np.ix_(held, mine)] = np.clip(reaction, 0.0, jump)
         return force
 
     @_evaluation
@@ -753,53 +555,24 @@ class EventSolution:
         Returns
         -------
         ndarray or None
-            None if the contact is not closed, or if modes are coupled or at resonance. In these cases use `contacts`.
+            None if the contact is not closed; then use `contacts`.
         """
-        laws = self.system.contacts
+        laws, record = self.system.contacts, self.record
         assert laws is not None
-        gaps = np.empty((fractions.size, low.size))
-        segments = np.searchsorted(self.segment_starts, 0.5 * (low + high), side="right") - 1
-        for index in np.unique(segments).tolist():
-            motion = self.motion(index)
-            weight = motion.spectrum.real.down(self.space.contacts[contact])
-            mine = np.flatnonzero(segments == index)
-            tau = np.maximum(low[mine] - self.segment_starts[index], 0.0)
-            changes = changes_on_panels(motion, weight, tau, (high - low)[mine], fractions)
-            if changes is None or self.record.status(index)[contact] != CLOSED:
-                return None
-            gaps[:, mine] = self.gap_functions(index)[contact] + changes
-        return np.asarray(laws.stiffness[contact] * (gaps + laws.gap[contact] - laws.offset[contact]))
-
-    def _forms(self, index: int) -> StatusForms | None:
-        """Return the forms of work and dissipation of a segment's status, which are kept with its eigensystem."""
-        from vofem.integrators.event_driven.energy import StatusForms
-
-        spectrum, status = self.spectrum(index), self.record.status(index)
-        if spectrum.plain is not None:
+        segments = np.searchsorted(record.starts, 0.5 * (low + high), side="right") - 1
+        numbers = record.status_numbers[segments]
+        if any(record.statuses[number][contact] != CLOSED for number in np.unique(numbers).tolist()):
             return None
-        # Systems with other functions of time share eigensystems, but their loads may fall into other groups.
-        kept, key = spectrum.energy_forms, (self.t_end, self.load_vectors.tobytes())
-        forms = kept.get(key)
-        if forms is None:
-            push = self.offset_force(status)
-            if spectrum.real.shift_force is not None:
-                push = push + spectrum.real.shift_force
-            forms = StatusForms(spectrum, self.load_vectors, push, self.t_end)
-            if self.space.size <= _FEW_MODES:
-                kept.clear()
-                kept[key] = forms
-        return forms
-
-    def _driven(self, count: int) -> Iterator[tuple[NDArray[np.int64], Loads]]:
-        """Yield the first segments in groups, and their loads."""
-        from vofem.integrators.event_driven.energy import groups_of
-
-        starts, whole = self.record.starts, self._load_table
-        for first in range(0, count, count if whole is not None else _ROWS):
-            mine = np.arange(first, min(first + (count if whole is not None else _ROWS), count))
-            table = whole or load_table(self.load_functions, np.append(starts[mine], self.t_end))
-            assert table is not None
-            yield from groups_of(self.record, table, mine)
+        gaps = np.empty((fractions.size, low.size))
+        for regime, mine in self.regimes(segments):
+            tau = np.maximum(low[mine] - record.starts[segments[mine]], 0.0) + np.multiply.outer(
+                fractions, (high - low)[mine]
+            )
+            used, own = np.unique(segments[mine], return_inverse=True)
+            moved = regime.changes(self.begins(regime, used), np.tile(own, fractions.size), tau.ravel())
+            along = flat(moved) @ regime.coordinates[contact]
+            gaps[:, mine] = record.buffers.gaps[segments[mine], contact] + along.reshape(tau.shape)
+        return np.asarray(laws.stiffness[contact] * (gaps + laws.gap[contact] - laws.offset[contact]))
 
     @cached_property
     @_evaluation
@@ -808,9 +581,9 @@ class EventSolution:
         laws = self.system.contacts
         record, traveller = self.record, Perturbation(self.space, laws)
         growth = np.zeros(record.segments + 1)
-        index, slots = 0, self._slots()
+        table, index = self._free_table(), 0
         while index < record.segments:
-            done = traveller.follow(self.table.arrays, slots, record, index, growth) if slots.size else index
+            done = index if table is None else traveller.follow(table, record, index, growth)
             if done > index:
                 index = done
                 continue
@@ -825,15 +598,20 @@ class EventSolution:
             growth[index] = traveller.growth
         return Sensitivity(np.append(self.segment_starts, self.t_end), growth)
 
-    def _slots(self) -> Status:
-        """Return the slots in `table` of the statuses of the record, -1 for those without.
+    def _free_table(self) -> Table | None:
+        """Return the statuses of the record in which a perturbation can be followed in compiled code, None where none.
 
-        Empty in plain Python and where the table cannot hold all of them.
+        These are the ones without pinned contacts and groups.
         """
-        statuses = self.record.statuses
-        if not compiled() or self.space.size > MOST_MODES or len(statuses) > min(_MOST_SLOTS, self.table.capacity):
-            return np.zeros(0, dtype=np.int64)
-        return np.array([self.slot(status) for status in statuses], dtype=np.int64)
+        if not compiled() or self.space.size > MOST_MODES or len(self.record.statuses) > _MOST_STATUSES:
+            return None
+        held = Statuses(1)
+        for number, status in enumerate(self.record.statuses):
+            if not np.any(status == PINNED):
+                regime = self.regime(status, 0)
+                if regime.blocks.group is None:
+                    held.enter(regime, number, 0)
+        return held.room(len(self.record.statuses))
 
     @property
     def start_energy(self) -> float:
@@ -855,11 +633,7 @@ class EventSolution:
             damped = damped or bool(np.any(system.contacts.damping > 0))
             pinning = self._lost_in_pinning()
         if (damped or system.loads or pinning is not None) and times.size:
-            visits = self.visit(times)
-            work_and_dissipation(
-                space, system.contacts, self.load_vectors, self.record, self._forms, self.motion,
-                self._driven(visits[-1][0] + 1), visits, pinning, work, dissipated,
-            )  # fmt: skip
+            work, dissipated = work_and_dissipation(self.record, self.regimes, self.begins, times, pinning)
         kinetic, strain = 0.5 * _sums_of_squares(v, np.ones(space.size)), 0.5 * _sums_of_squares(z, space.stiffness)
         return Energies(kinetic, strain, contact, dissipated, work)
 

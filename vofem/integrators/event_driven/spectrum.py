@@ -124,28 +124,9 @@ class Spectrum:
             plain[cluster.member] = 0.0
         return plain
 
-    def response(self, w: float, horizon: float, make: Callable[[], Any]) -> Any:
-        """Return what `make` returns, kept by a frequency of loads in rad/s and a horizon in s."""
-        key = (float(w), horizon)
-        found = self._responses.get(key)
-        if found is None:
-            if len(self._responses) >= _MOST_RESPONSES:
-                self._responses.clear()
-            found = self._responses[key] = make()
-        return found
-
     @cached_property
-    def event_functions(self) -> dict[int, Any]:
-        """Event functions of the status by the number of harmonics, as far as they do not depend on the state."""
-        return {}
-
-    @cached_property
-    def energy_forms(self) -> dict[tuple[float, bytes], Any]:
-        """Forms of work and dissipation of the status by the time for which motions may be followed, and the loads."""
-        return {}
-
-    @cached_property
-    def _responses(self) -> dict[tuple[float, float], Any]:
+    def regimes(self) -> dict[Any, Any]:
+        """Linear pieces of runs that have this eigensystem, by all that they depend on beside it."""
         return {}
 
     @property
@@ -181,14 +162,9 @@ class Spectrum:
             displacement = displacement + shift
         return displacement, velocity
 
-    def inputs(self, force: Any) -> tuple[Any, Any]:
-        """Return block inputs (g1, g2), shape (m,), of a modal force, shape (n,), real or complex."""
-        g2 = self.real.down(force)
-        if self.blocks is None:
-            return np.zeros_like(g2), g2
-        # Real and imaginary parts apart: the product of a real with a complex matrix takes a hundred times as long.
-        both = self._into @ g2.real + 1j * (self._into @ g2.imag) if np.iscomplexobj(g2) else self._into @ g2
-        return both[: self.p.size], both[self.p.size :]
+    def real_inputs(self, force: Array) -> Array:
+        """Return block inputs (g1 above g2), shape (2m, k), of forces on the real modes, shape (m, k)."""
+        return np.concatenate([np.zeros_like(force), force]) if self.blocks is None else self._into @ force
 
     def functions(self, displacement: Array, velocity: Array | None = None) -> tuple[Array, Array]:
         """Return (W, U) with ``A x + B x' = W z + U v`` for rows A, B over the real modes x, each (k, m).

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from vofem.errors import MethodError
 from vofem.integrators.base import Truncation
 from vofem.integrators.event_driven.lifted import TruncatedSolution
-from vofem.integrators.event_driven.reduction import Reduction, input_rows
 from vofem.integrators.event_driven.solution import EventSolution
+from vofem.integrators.reduction import Reduction, input_rows
 from vofem.integrators.registry import advice
 from vofem.system import State, System
 

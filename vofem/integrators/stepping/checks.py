@@ -91,16 +91,25 @@ def check_contacts(table: Array, u: Array, rates: Array, dt: Array, first: int, 
         return
     u, rate = u[first : last + 1, :m], rates[first : last + 1, :m]
     s, h = u - table[:, _GAP], dt[first : last + 1, None]
-    s0 = np.vstack([table[None, :, _S], s[:-1]])
-    rate0 = np.vstack([table[None, :, _RATE], rate[:-1]])
-    before = np.vstack([table[None, :, _BEFORE], table[None, :, _RATE], rate[:-2]])[:count]
-    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        # The error of the step may be a tenth of the rise of the gap function within the step.
-        turns = (rate0 > 0.0) & (rate < 0.0) & (s0 <= 0.0) & (s <= 0.0)
-        table[:, MISSED] += np.sum(turns & (s0 + 0.55 * h * rate0 * (rate0 / (rate0 - rate)) > 0.0), axis=0)
-        table[:, DRIFT] += np.nansum(h * np.abs(rate - 2.0 * rate0 + before), axis=0) / 12.0
-        power = np.where(s > 0.0, np.abs(table[:, _STIFFNESS] * (u - table[:, _OFFSET]) * rate), 0.0)
+    gaps = np.concatenate([table[None, :, _S], s])
+    rates = np.concatenate([table[None, :, _BEFORE], table[None, :, _RATE], rate])
+    with np.errstate(invalid="ignore", over="ignore"):
+        away, towards, closed = rates[1:-1] > 0.0, rate < 0.0, s > 0.0
+        step, contact = np.nonzero(away & towards & ~closed)
+        if step.size:
+            s0, r0, r1 = gaps[step, contact], rates[step + 1, contact], rate[step, contact]
+            # The error of the step may be a tenth of the rise of the gap function within the step.
+            missed = (s0 <= 0.0) & (s0 + 0.55 * h[step, 0] * r0 * (r0 / (r0 - r1)) > 0.0)
+            np.add.at(table[:, MISSED], contact[missed], 1.0)
+        change = np.diff(rates, axis=0)
+        bend = np.abs(np.diff(change, axis=0), out=change[1:])
+        # There is no rate before the first one.
+        bend[:2][np.isnan(bend[:2])] = 0.0
+        table[:, DRIFT] += h[:, 0] @ bend / 12.0
         table[:, PEAK] = np.fmax(table[:, PEAK], np.max(s, axis=0))
         table[:, LOWEST] = np.fmin(table[:, LOWEST], np.min(s, axis=0))
-        table[:, POWER] = np.fmax(table[:, POWER], np.max(power, axis=0))
-    table[:, _S], table[:, _RATE], table[:, _BEFORE] = s[-1], rate[-1], rate0[-1]
+        step, contact = np.nonzero(closed)
+        if step.size:
+            power = table[contact, _STIFFNESS] * (u[step, contact] - table[contact, _OFFSET]) * rate[step, contact]
+            np.fmax.at(table[:, POWER], contact, np.abs(power))
+    table[:, _S], table[:, _RATE], table[:, _BEFORE] = s[-1], rate[-1], rates[-2]

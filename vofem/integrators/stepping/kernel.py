@@ -27,10 +27,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.kernels.jit import jit, plain_form
-from vofem.laws.evaluate import commit_all, damper_over, force_over, respond
+from vofem.laws.law import Laws, Way, commit_laws, damper_over, force_over, slope_over
 from vofem.laws.rows import Rows, dot, subtract_row
 from vofem.laws.springpot_steps import Springpots, begin_springpots, end_springpots
-from vofem.laws.table import Laws, Way
 from vofem.linalg.banded import factor_in_place, solve, subtract_product
 from vofem.linalg.vectors import copy, fill, inner
 
@@ -275,8 +274,7 @@ def _plain_largest(x: Array) -> float:
 @jit
 def advance(
     equations: Equations, numbers: Numbers, factored: Array, compliance: Array | None, band: Array | None,
-    others: bool | None, past: bool | None, pots: Springpots | None, force: Array, shift: Array, earlier: Array,
-    chunk: Chunk, work: Work,
+    dampers: bool, pots: Springpots | None, force: Array, shift: Array, earlier: Array, chunk: Chunk, work: Work,
 ) -> tuple[int, int]:  # fmt: skip
     """Take the steps that a chunk has rows for.
 
@@ -287,10 +285,8 @@ def advance(
     equations : Equations
     numbers, factored, compliance, band
         The fields of `Size`.
-    others : True or None
-        None where all laws are contacts with ideal switches and without dampers.
-    past : True or None
-        None where no law has internal variables.
+    dampers : bool
+        Whether a law has a damper.
     pots : Springpots or None
     force : ndarray, shape (steps, n)
         Loads in the balance of every step; no rows where there are none.
@@ -315,7 +311,8 @@ def advance(
     way = Way(mean, explicit, (1.0 + ahead) / weight, ahead / weight, dt)
     per_y = dt * numbers.cvw if explicit else dt * dt * numbers.cqw
     damped, shifted = damping.shape[0] > 0, shift.shape[0] > 0
-    if past is not None:
+    past = laws.state.size > 0
+    if past:
         copy(chunk.past[0], laws.state)
     for k in range(chunk.q.shape[0] - 1):
         q0, v0, a0, q1, v1, a1 = chunk.q[k], chunk.v[k], chunk.a[k], chunk.q[k + 1], chunk.v[k + 1], chunk.a[k + 1]
@@ -328,7 +325,9 @@ def advance(
         else:
             _predict(q0, v0, a0, q1, v1, dt, dt * dt * numbers.cqa, dt * numbers.cva)
             for j in range(m):
-                work.base[j], work.rate[j] = dot(rows, j, q1), dot(rows, j, v1)
+                work.base[j] = dot(rows, j, q1)
+                # Only dampers ask for it, and springpots, which count as such.
+                work.rate[j] = dot(rows, j, v1) if dampers else 0.0
         if pots is not None:
             begin_springpots(pots, k, laws, way, chunk.pots, u0, work.base, work.rate)
         for j in range(m):
@@ -367,10 +366,10 @@ def advance(
                 for j in range(m):
                     work.held[j] = found[j]
                     subtract_row(rows, j, weight * found[j], right)
-            if explicit and others is None:
+            if explicit and not dampers:
                 # Forces are known before the acceleration.
                 for j in range(m):
-                    found[j] = force_over(laws, None, j, way, u0[j], work.base[j], 0.0, 0.0)
+                    found[j] = force_over(laws, j, way, u0[j], work.base[j], 0.0, 0.0)
                     if found[j] != 0.0:
                         if not np.isfinite(found[j]):
                             return k, solves
@@ -385,7 +384,7 @@ def advance(
                     work.free[j] = dot(rows, j, x)
                 answer = 0
                 if compliance is not None:
-                    answer = _react(compliance, laws, others, way, u0, before, work, per_y, weight)
+                    answer = _react(compliance, laws, way, u0, before, work, per_y, weight)
                     if answer > 0:
                         copy(right, x)
                         for j in range(m):
@@ -393,7 +392,7 @@ def advance(
                                 subtract_row(rows, j, weight * (found[j] - work.held[j]), x)
                         solve(factored, x)
                 if band is not None:
-                    answer = _react_in_band(band, laws, others, rows, way, u0, before, work, per_y, weight)
+                    answer = _react_in_band(band, laws, rows, way, u0, before, work, per_y, weight)
                 if answer < 0:
                     return k, solves
                 if answer > 0:
@@ -414,9 +413,9 @@ def advance(
         else:
             _correct(q1, v1, a0, a1, x, dt * dt * numbers.cqw, dt * numbers.cvw, 1.0 / (1.0 - numbers.alpha_m))
         for j in range(m):
-            chunk.u[k + 1, j] = dot(rows, j, q1)
+            chunk.u[k + 1, j] = work.base[j] if explicit else dot(rows, j, q1)
             chunk.reaction[k + 1, j] = found[j]
-            if others is not None:
+            if dampers:
                 damper = damper_over(laws, j, way, u0[j], chunk.u[k + 1, j], dot(rows, j, v1))
                 chunk.damper[k + 1, j] = damper
                 # A damper that acts by its mean has no force at the end.
@@ -424,8 +423,8 @@ def advance(
                     chunk.reaction[k + 1, j] -= way.now * damper - way.before * before[j]
         if pots is not None:
             end_springpots(pots, k, way, chunk.pots, u0, chunk.u[k + 1], chunk.reaction[k + 1])
-        if past is not None:
-            commit_all(laws, chunk.u[k + 1])
+        if past:
+            commit_laws(laws, chunk.u[k + 1])
             copy(laws.state, chunk.past[k + 1])
     return chunk.q.shape[0] - 1, solves
 
@@ -435,8 +434,7 @@ def advance(
 
 @jit
 def _react(
-    compliance: Array, laws: Laws, others: bool | None, way: Way, u0: Array, before: Array, work: Work, per_y: float,
-    weight: float,
+    compliance: Array, laws: Laws, way: Way, u0: Array, before: Array, work: Work, per_y: float, weight: float
 ) -> int:  # fmt: skip
     """Find the reactions of a step through the compliance; return the Newton steps, 0 where no law acts, or -1.
 
@@ -450,13 +448,12 @@ def _react(
     m, reach, acts = y.size, per_y * weight, False
     for i in range(m):
         free[i] = (work.rate[i] if way.explicit else work.base[i]) + per_y * free[i]
-        for j in range(m):
-            if work.held[j] != 0.0:
-                free[i] += reach * compliance[i, j] * work.held[j]
     for j in range(m):
-        force[j] = force_over(
-            laws, others, j, way, u0[j], work.base[j] if way.explicit else free[j], free[j], before[j]
-        )
+        if work.held[j] != 0.0:
+            for i in range(m):
+                free[i] += reach * compliance[j, i] * work.held[j]
+    for j in range(m):
+        force[j] = force_over(laws, j, way, u0[j], work.base[j] if way.explicit else free[j], free[j], before[j])
         acts = acts or force[j] != 0.0
     if not acts or way.explicit:
         fill(found, 0.0)
@@ -466,14 +463,17 @@ def _react(
         off, size, size_of = 0.0, 0, 0.0
         for j in range(m):
             y[j], change[j] = free[j], 0.0
-            for i in range(m):
-                if found[i] != 0.0:
-                    y[j] -= reach * compliance[j, i] * found[i]
+        for i in range(m):
+            if found[i] != 0.0:
+                for j in range(m):
+                    y[j] -= reach * compliance[i, j] * found[i]
+        for j in range(m):
             if way.explicit:
                 # Forces are known but for dampers, which are linear in the rate.
-                slope[j] = 0.0 if others is None else damper_over(laws, j, way, u0[j], work.base[j], 1.0)
+                slope[j] = slope_over(laws, j, way, u0[j], work.base[j])
             else:
-                force[j], slope[j] = respond(laws, others, j, way, u0[j], y[j], before[j])
+                force[j] = force_over(laws, j, way, u0[j], y[j], 0.0, before[j])
+                slope[j] = slope_over(laws, j, way, u0[j], y[j])
             if not np.isfinite(force[j]):
                 return -1
             off, size_of = max(off, abs(force[j] - found[j])), max(size_of, abs(force[j]) + abs(found[j]))
@@ -513,7 +513,7 @@ def _react(
                 total = 0.0
                 for e in range(m):
                     if move[e] != 0.0:
-                        there = force_over(laws, others, e, way, u0[e], y[e] + length * move[e], 0.0, before[e])
+                        there = force_over(laws, e, way, u0[e], y[e] + length * move[e], 0.0, before[e])
                         total += move[e] * (there - found[e] - length * change[e])
                 if halving == 0 and total <= 0.0:
                     break
@@ -533,8 +533,7 @@ def _react(
 
 @jit
 def _react_in_band(
-    matrix: Array, laws: Laws, others: bool | None, rows: Rows, way: Way, u0: Array, before: Array, work: Work,
-    per_y: float, weight: float,
+    matrix: Array, laws: Laws, rows: Rows, way: Way, u0: Array, before: Array, work: Work, per_y: float, weight: float
 ) -> int:  # fmt: skip
     """Find the reactions of a step and x by Newton's method on x; return what `_react` does.
 
@@ -549,7 +548,7 @@ def _react_in_band(
     acts = False
     for j in range(m):
         u, r = work.base[j] + per_u * free[j], work.rate[j] + per_r * free[j]
-        acts = acts or held[j] != 0.0 or force_over(laws, others, j, way, u0[j], u, r, before[j]) != 0.0
+        acts = acts or held[j] != 0.0 or force_over(laws, j, way, u0[j], u, r, before[j]) != 0.0
     if not acts:
         fill(found, 0.0)
         return 0
@@ -560,10 +559,12 @@ def _react_in_band(
         for j in range(m):
             y[j] = dot(rows, j, x)
             if way.explicit:
-                force[j] = force_over(laws, others, j, way, u0[j], work.base[j], work.rate[j] + per_r * y[j], before[j])
-                slope[j] = 0.0 if others is None else damper_over(laws, j, way, u0[j], work.base[j], 1.0)
+                force[j] = force_over(laws, j, way, u0[j], work.base[j], work.rate[j] + per_r * y[j], before[j])
+                slope[j] = slope_over(laws, j, way, u0[j], work.base[j])
             else:
-                force[j], slope[j] = respond(laws, others, j, way, u0[j], work.base[j] + per_u * y[j], before[j])
+                u = work.base[j] + per_u * y[j]
+                force[j] = force_over(laws, j, way, u0[j], u, 0.0, before[j])
+                slope[j] = slope_over(laws, j, way, u0[j], u)
             if not np.isfinite(force[j]):
                 return -1
             off, size = max(off, abs(force[j] - found[j])), max(size, abs(force[j]) + abs(found[j]))
@@ -605,7 +606,7 @@ def _react_in_band(
                     if turn[j] != 0.0:
                         z = y[j] + length * turn[j]
                         u, r = work.base[j] + per_u * z, work.rate[j] + per_r * z
-                        there = force_over(laws, others, j, way, u0[j], u, r, before[j])
+                        there = force_over(laws, j, way, u0[j], u, r, before[j])
                         total += weight * turn[j] * (there - force[j])
                 if halving == 0 and total <= _FLAT * downhill:
                     break

@@ -22,11 +22,10 @@ from numpy.typing import NDArray
 from vofem.errors import ArgumentError, VofemError
 from vofem.integrators.observer import deferred_interrupts
 from vofem.integrators.registry import advice
+from vofem.integrators.stepping.checks import DRIFT, LOWEST, PEAK
 from vofem.integrators.stepping.record import Record
 from vofem.integrators.stepping.run import Run
 from vofem.kernels.mode import compiled
-from vofem.laws.evaluate import may_jump
-from vofem.laws.table import kinds_of
 from vofem.system import State
 
 Array = NDArray[np.float64]
@@ -39,6 +38,10 @@ _GROWTH = 1e3
 
 #: Time of twice that growth over the time of the first, from which on runs part slowly.
 _SLOWLY = 2.5
+
+#: Errors of steps over the motion of a contact, grown as differences do, above which there is a note, and the part of
+#: the run in which differences that grow exponentially have not yet grown to the root of their last size.
+_DRIFT, _EXPONENTIAL = 0.03, 0.2
 
 #: Events below which no growth like that is to be expected.
 _FEWEST_EVENTS = 8
@@ -63,7 +66,7 @@ def check_nearby(nearby: object) -> None:
 
 
 def note_growth(nearby: bool | None, run: Run, out: Record, again: Callable[[State], Run]) -> list[str]:
-    """Return a note where a finished run of equal steps is chaotic.
+    """Return a note where a finished run of equal steps is chaotic, or where differences make much of its errors.
 
     Parameters
     ----------
@@ -75,10 +78,10 @@ def note_growth(nearby: bool | None, run: Run, out: Record, again: Callable[[Sta
     again : callable
         Takes a start; returns a run of the same steps.
     """
-    system, start, laws = run.system, run.start, run.equations.laws
+    system, start = run.system, run.start
     steps, events = run.counters.steps, run.counters.events
     if nearby is None:
-        acts = events >= _FEWEST_EVENTS or (may_jump(laws) and kinds_of(laws.table).hysteretic is not None)
+        acts = events >= _FEWEST_EVENTS or run.laws.state.size > 0
         nearby = acts and steps * (_OWN + system.size) <= (_WORK if compiled() else _WORK_PLAIN)
     if not nearby or not run.finished:
         return []
@@ -97,7 +100,9 @@ def note_growth(nearby: bool | None, run: Run, out: Record, again: Callable[[Sta
     if found is None:
         return []
     apart = np.max(np.abs(weight * found - motion), axis=1) / size
-    return _judge(out.times[rows], np.maximum.accumulate(apart))
+    times, apart = out.times[rows], np.maximum.accumulate(apart)
+    assert run.dt is not None
+    return _judge(times, apart) or _grown(times, apart, out.contact_checks, run.dt)
 
 
 def _second(run: Run, times: Array) -> Array | None:
@@ -131,4 +136,20 @@ def _judge(times: Array, apart: Array) -> list[str]:
         f"later is a motion that the structure may have, not the one from this start: use statistics of it, or "
         f"choose {advice(exact=True)} where it applies, which says until when it holds. Where smaller steps leave "
         "this note out, the growth is that of steps which do not resolve the impacts"
+    ]
+
+
+def _grown(times: Array, apart: Array, contacts: Array, dt: float) -> list[str]:
+    """Return a note where errors of steps of dt s, made all along a run, grow exponentially to a noticeable size."""
+    growth = float(apart[-1]) / _DISTURBANCE
+    if not contacts.size or not growth >= _GROWTH:
+        return []
+    root = np.sqrt(growth)
+    drift, way = contacts[:, DRIFT], contacts[:, PEAK] - contacts[:, LOWEST]
+    off = root * float(np.max(np.divide(drift, way, out=np.zeros(way.size), where=way > 0.0)))
+    if off <= _DRIFT or times[np.argmax(apart >= root * _DISTURBANCE)] < _EXPONENTIAL * times[-1]:
+        return []
+    return [
+        f"step: the errors of steps of {dt:.4g} s may add up to {min(off, 1.0):.2g} of the motion by the end of the "
+        f"run, as differences grow {growth:.2g} times in it; reduce dt, or choose {advice(exact=True)} where it applies"
     ]

@@ -15,8 +15,7 @@ from vofem.integrators.stepped import interpolated
 from vofem.integrators.stepping.checks import check_contacts
 from vofem.integrators.stepping.kernel import Chunk
 from vofem.kernels.jit import jit
-from vofem.laws.evaluate import commit_all, dissipated, force_at, stored
-from vofem.laws.table import Laws
+from vofem.laws.law import END, FORCE, HISTORY, LOSS, START, STORED, Laws, ask, commit_laws
 from vofem.system import CLOSED, OPEN, ContactLaws
 
 Array = NDArray[np.float64]
@@ -50,7 +49,7 @@ class Path:
     """
 
     def __init__(self, rows: int, n: int, laws: Laws, pots: int, lags: bool) -> None:
-        m = laws.table.size
+        m = laws.table.shape[0]
         q, v, a = np.zeros((3, rows, n))
         u, reaction, damper = np.zeros((3, rows, m))
         self.chunk = Chunk(
@@ -121,19 +120,24 @@ class Switches:
         s = path.chunk.u[first : path.filled + 1, :m] - laws.gap
         q = path.chunk.q[first + 1 : path.filled + 1, self._columns]
         sizes = (self._sizes @ np.abs(q).T).T + np.abs(laws.gap)
-        sizes = np.maximum.accumulate(np.append(self.size, sizes))
-        self.size = float(sizes[-1])
-        noise = _ROUNDING * sizes[1:].reshape(-1, m)
-        # A gap function within its rounding leaves the status as it was.
-        known = np.vstack([np.ones((1, m), dtype=bool), np.abs(s[1:]) > noise])
-        status = np.vstack([self.status[None, :], np.where(s[1:] > 0.0, CLOSED, OPEN)])
-        last = np.maximum.accumulate(np.where(known, np.arange(count + 1)[:, None], 0), axis=0)
-        status = np.take_along_axis(status, last, axis=0)
-        acts = (path.chunk.reaction[first + 1 : path.filled + 1, :m] != 0.0) | (status[:-1] == CLOSED)
-        turned = np.where(status[:-1] == CLOSED, s[1:] < 0.0, s[1:] > 0.0)
-        path.turns[first + 1 : path.filled + 1] = np.any(acts & turned, axis=1)
-        step, contact = np.nonzero(status[1:] != status[:-1])
-        self.status = status[-1]
+        largest, closed = self.size, np.empty((count + 1, m), dtype=bool)
+        self.size = max(largest, float(sizes.max()))
+        closed[0] = self.status == CLOSED
+        np.greater(s[1:], 0.0, out=closed[1:])
+        rows = slice(first + 1, path.filled + 1)
+        path.turns[rows] = False
+        if np.abs(s[1:]).min() <= _ROUNDING * self.size:
+            # A gap function within its rounding leaves the status as it was.
+            noise = _ROUNDING * np.maximum.accumulate(np.append(largest, sizes))[1:].reshape(-1, m)
+            known = np.vstack([np.ones((1, m), dtype=bool), np.abs(s[1:]) > noise])
+            last = np.maximum.accumulate(np.where(known, np.arange(count + 1)[:, None], 0), axis=0)
+            closed = np.take_along_axis(closed, last, axis=0)
+        turned = np.where(closed[:-1], s[1:] < 0.0, s[1:] > 0.0)
+        step, contact = np.nonzero(turned)
+        acts = (path.chunk.reaction[rows][step, contact] != 0.0) | closed[step, contact]
+        path.turns[first + 1 + step[acts]] = True
+        step, contact = np.nonzero(closed[1:] != closed[:-1])
+        self.status = np.where(closed[-1], CLOSED, OPEN)
         if not step.size:
             return
         before, after = s[step, contact], s[step + 1, contact]
@@ -142,7 +146,7 @@ class Switches:
         row = first + 1 + step
         t = path.t[row] - path.dt[row] * (1.0 - np.clip(part, 0.0, 1.0))
         within = t <= t_end * (1.0 + 1e-12)
-        self.log.append(np.column_stack([t, contact, status[step + 1, contact]])[within])
+        self.log.append(np.column_stack([t, contact, np.where(closed[step + 1, contact], CLOSED, OPEN)])[within])
 
 
 class Record:
@@ -316,7 +320,7 @@ class Record:
             last = np.flatnonzero(self.wanted[begin:end])
             if last.size:
                 self.past = path.chunk.past[row[last[-1]] - 1].copy()
-                commit_all(laws._replace(state=self.past), np.ascontiguousarray(u[:, last[-1]]))
+                commit_laws(laws._replace(state=self.past), np.ascontiguousarray(u[:, last[-1]]))
         if pots:
             left = np.maximum(row - 1, 0)
             row = np.where(x > 0.0, row, 0)
@@ -379,16 +383,16 @@ def _along(laws: Laws, states: Array, u: Array, histories: Array) -> None:
     for k in range(u.shape[1]):
         for i in range(laws.state.size):
             laws.state[i] = states[k, i]
-        for j in range(laws.table.size):
-            if laws.table[j]["end"] > laws.table[j]["start"]:
-                i = laws.table[j]["history"]
-                histories[0, i, k] = force_at(laws, j, u[j, k])
-                histories[1, i, k] = stored(laws, j, u[j, k])
-                histories[2, i, k] = dissipated(laws, j, u[j, k])
+        for j in range(laws.table.shape[0]):
+            if laws.table[j, END] > laws.table[j, START]:
+                i = laws.table[j, HISTORY]
+                histories[0, i, k] = ask(laws, j, FORCE, u[j, k], u[j, k])
+                histories[1, i, k] = ask(laws, j, STORED, u[j, k], u[j, k])
+                histories[2, i, k] = laws.state[laws.table[j, START]] + ask(laws, j, LOSS, u[j, k], u[j, k])
 
 
 def hysteretic_energy(laws: Laws, state: Array, u: Array) -> tuple[float, float]:
     """Return the energies in J that all laws with internal variables store at u, and that they have dissipated."""
-    found = np.zeros((3, int(laws.table["history"].max()) + 1, 1))
+    found = np.zeros((3, int(laws.table[:, HISTORY].max()) + 1, 1))
     _along(laws, state[None, :], u[:, None], found)
     return float(found[1].sum()), float(found[2].sum())

@@ -25,12 +25,10 @@ from vofem.integrators.stepping.record import Path, Record, Switches, hysteretic
 from vofem.integrators.stepping.step_loads import StepLoads
 from vofem.kernels.mode import compiled
 from vofem.laws import initial_status
-from vofem.laws.callbacks import callbacks_of
-from vofem.laws.evaluate import closed_share, force_at, ideal_contacts, loaded, rising
 from vofem.laws.group import StepPast
-from vofem.laws.kinds import FEWEST_IN_BAND
+from vofem.laws.law import DAMPING, FEWEST_IN_BAND, LawSet, ask
+from vofem.laws.python import callbacks_of
 from vofem.laws.rows import Rows, all_rows, compressed
-from vofem.laws.table import Laws, build_laws
 from vofem.linalg.banded import band_order, band_width, factor, solve, subtract_product, to_band, widen
 from vofem.system import CLOSED, Counters, Events, State, System
 
@@ -165,13 +163,15 @@ class Run:
         self.rows = None if every_row is None else every_row[:, order].tocsr()
         q, v = start.q[order], start.v[order]
         u = np.zeros(0) if self.rows is None else np.asarray(self.rows @ q)
-        laws = loaded(build_laws(system.laws, self.callbacks), u, start.internal)
+        self.laws = LawSet(system.laws, self.callbacks)
+        self.laws.load(u, start.internal)
+        laws = self.laws.records
         damping = np.empty((0, system.size)) if self.damping is None else to_band(self.damping, order)
         self.equations = Equations(
             to_band(system.mass, order), to_band(system.stiffness, order), damping, rows, laws
         )  # fmt: skip
         self._lossy = None if self.damping is None else self.damping[order][:, order].tocsr()
-        self.kinds = None if ideal_contacts(laws) else True, True if laws.state.size else None
+        self.dampers = any(law.damped for law in self.laws.laws)
         self.past: StepPast | None = None
         for group in system.laws:
             past = group.past_in_steps(system.first_of(group), shortest, longest)
@@ -207,8 +207,8 @@ class Run:
 
     def _size(self, dt: float) -> Size:
         """Return the factored matrix of a step size, and the way in which reactions are found."""
-        numbers, (mass, stiffness, damping, rows, laws) = self.scheme.numbers(dt), self.equations
-        b, m = numbers.b, laws.table.size
+        numbers, (mass, stiffness, damping, rows, _) = self.scheme.numbers(dt), self.equations
+        b, m = numbers.b, len(self.laws)
         bands = [(mass, 1.0), (damping, b * dt * numbers.cvw), (stiffness, b * dt**2 * numbers.cqw)]
         bands = [(band, factor) for band, factor in bands if band.size and factor]
         width = max(band.shape[0] for band, _ in bands) - 1
@@ -218,7 +218,7 @@ class Run:
         width = max(width, *(_spread(rows, j) for j in range(m))) if m else width
         if m == 0:
             return Size(numbers, factored, None, None)
-        if _band_pays(laws, self.system.size, width):
+        if _band_pays(self.laws, self.system.size, width):
             return Size(numbers, factored, None, widen(a, width))
         assert self.rows is not None
         dense = self.rows.toarray()
@@ -244,14 +244,14 @@ class Run:
 
     def begin(self, dt: float) -> None:
         """Find forces and acceleration at t = 0 for a first step of a size in s."""
-        chunk, scheme, system, laws = self.path.chunk, self.scheme, self.system, self.equations.laws
+        chunk, scheme, system = self.path.chunk, self.scheme, self.system
         pots = np.zeros(0) if self.past is None else self.past.begin(self.start, dt if scheme.explicit else None)
         chunk.pots[0, :, 0] = self.path.pull[0] = pots
         if scheme.mean:
             return
         u = chunk.u[0]
         rate = np.zeros(0) if self.rows is None else np.asarray(self.rows @ chunk.v[0])
-        reaction = np.array([force_at(laws, j, x) for j, x in enumerate(u.tolist())])
+        reaction = np.array([float(self.laws.force(j, u[[j]])[0]) for j in range(u.size)])
         if scheme.explicit:
             force = self.over.nodal(0, 1, dt)
             values = np.concatenate([force[0], -0.5 * dt**2 * force[1]])[:, 0]
@@ -291,10 +291,11 @@ class Run:
 
     def _start_dampers(self, u: Array, rate: Array) -> Array:
         """Return the contact dampers' forces at t = 0: of a path of a millionth of the rate's own length scale."""
-        laws, forces = self.equations.laws, np.zeros(u.size)
-        for j in np.flatnonzero(laws.table["damping"] > 0.0).tolist():
-            ahead = u[j] + 1e-6 * abs(laws.table[j]["gap"] - u[j]) + 1e-9
-            forces[j] = laws.table[j]["damping"] * rate[j] * closed_share(laws, j, u[j], ahead) / (ahead - u[j])
+        forces = np.zeros(u.size)
+        for j, law in enumerate(self.laws.laws):
+            if law.damped:
+                ahead = u[j] + 1e-9 + max((1e-6 * abs(kink - u[j]) for kink in self.laws.kinks(j)[:1]), default=0.0)
+                forces[j] = rate[j] * ask(self.laws.records, j, DAMPING, float(u[j]), float(ahead))
         return forces
 
     # -- steps ------------------------------------------------------------------------------------------
@@ -327,7 +328,7 @@ class Run:
                 shift = forcing.first @ known.shift
         chunk, size = path.steps(t.size), known.size
         self.taken, solves = advance(
-            self.equations, size.numbers, size.factored, size.compliance, size.band, *self.kinds, pots, force, shift,
+            self.equations, size.numbers, size.factored, size.compliance, size.band, self.dampers, pots, force, shift,
             path.chunk.a[max(path.filled - 1, 0)], chunk, self._work(size),
         )  # fmt: skip
         if self.callbacks is not None:
@@ -337,7 +338,7 @@ class Run:
     def _work(self, size: Size) -> Any:
         """Return work space."""
         if not hasattr(self, "_space"):
-            self._space = work_space(self.system.size, self.equations.laws.table.size, size)
+            self._space = work_space(self.system.size, len(self.laws), size)
         return self._space
 
     def enter(self, path: Path, dt: float, t: Array, forcing: Forcing) -> None:
@@ -374,7 +375,7 @@ class Run:
                     path.dissipated[rows] = 0.5 * dt * np.einsum("ki,ki->k", half, pull[1:] + pull[:-1])
                 else:
                     path.dissipated[rows] = power[1:] + power[:-1]
-        if self.kinds[0] is not None:
+        if self.dampers:
             damper = damper[:, : self.initial.size]
             mean = 0.5 * (damper[1:] + damper[:-1]) if scheme.explicit else damper[1:]
             path.dissipated[rows] += np.einsum("kj,kj->k", mean, way[:, : self.initial.size])
@@ -409,10 +410,10 @@ class Run:
 
     def count(self, steps: int, evaluations: int) -> None:
         """Set the counters of steps, and of evaluations of laws and dampers."""
-        counters, system, table = self.counters, self.system, self.equations.laws.table
+        counters, system = self.counters, self.system
         counters.steps, counters.contact_solves = steps, self.solves
         counters.gap_evaluations = self.initial.size * evaluations
-        counters.memory_updates = int(np.sum(table["end"] > table["start"])) * evaluations
+        counters.memory_updates = sum(law.remembers for law in self.laws.laws) * evaluations
         if self.callbacks is not None:
             counters.law_evaluations = self.callbacks.calls
         if system.damped:
@@ -452,7 +453,7 @@ class Run:
         """
         absorbed = float(np.sum(out.total[2:]))
         chunk = self.path.chunk
-        if not self.equations.laws.state.size:
+        if not self.laws.state.size:
             return 0.0, absorbed
         energy, loss = hysteretic_energy(self.equations.laws, chunk.past[0], chunk.u[0])
         return energy, loss + absorbed
@@ -741,14 +742,15 @@ def _products(band: Array, vectors: Array) -> Array:
     return -result
 
 
-def _band_pays(laws: Laws, n: int, width: int) -> bool:
+def _band_pays(laws: LawSet, n: int, width: int) -> bool:
     """Return whether a Newton step costs less in the band than through the compliance, half of the laws acting.
 
     The compliance is always used where a spring softens, because the band may then not be positive definite, and where
     a force jumps, because Newton's method on all unknowns then stalls.
     """
-    m = laws.table.size
-    return rising(laws) and m >= FEWEST_IN_BAND and m**3 / 24.0 + 1.5 * m**2 > 8.0 * n * (width + 1.0) ** 2
+    m = len(laws)
+    costly = m >= FEWEST_IN_BAND and m**3 / 24.0 + 1.5 * m**2 > 8.0 * n * (width + 1.0) ** 2
+    return costly and all(law.rising for law in laws.laws)
 
 
 def _spread(rows: Rows, j: int) -> int:

@@ -27,9 +27,6 @@ from vofem.integrators.stepping.record import Path, Record
 from vofem.integrators.stepping.run import EqualSteps, Forcing, Run, Scheme
 from vofem.integrators.stepping.step_loads import of_halves
 from vofem.integrators.stepping.step_size import HALVINGS, StepSizeControl
-from vofem.kernels.jit import jit
-from vofem.laws.evaluate import force_and_tangent, may_jump, tangent_jumps
-from vofem.laws.table import Laws
 from vofem.linalg.banded import solve, subtract_product
 from vofem.system import CLOSED, Counters, State, System
 
@@ -108,8 +105,8 @@ class StepDoubling(StepSizeControl, Run):
         super().__init__(
             system, start, counters, t_end, method, scheme, 2 * _CHUNK + 2, self.tick, t_end + 2.0 * self.largest
         )
-        laws = self.equations.laws
-        self.aside = Path(2, system.size, laws, self.path.pull.shape[1], scheme.lags)
+        self.bends = np.array([self.laws.turns(j) for j in range(len(self.laws))], dtype=bool)
+        self.aside = Path(2, system.size, self.equations.laws, self.path.pull.shape[1], scheme.lags)
         self.weight = system.scale[self.order]
         self.period = self.over.period(t_end)
         self.steps_taken, self.coarsest, self.beyond, self.fineness = 0, 0.0, False, fineness
@@ -263,7 +260,7 @@ class StepDoubling(StepSizeControl, Run):
         """
         if self.rows is None:
             return False, 0.0
-        chunk, laws, m, acts = self.path.steps(2), self.equations.laws, self.initial.size, False
+        chunk, laws, m, acts = self.path.steps(2), self.laws, self.initial.size, False
         rates, worst = np.asarray(self.rows @ chunk.v.T).T, 0.0
         change = np.max(np.abs(rates[1:] - rates[:-1]), axis=0)
         contacts = self.system.contacts
@@ -277,22 +274,14 @@ class StepDoubling(StepSizeControl, Run):
         if laws.state.size:
             laws.state[:] = chunk.past[0]
             tangents = np.zeros(chunk.u.shape)
-            _tangents(laws, m, chunk.u, tangents)
+            for j in (np.flatnonzero(self.bends[m:]) + m).tolist():
+                tangents[:, j] = laws.tangent(j, chunk.u[:, j])
             stiff = np.max(np.abs(tangents), axis=0)
             jumps = np.max(np.abs(tangents[1:] - tangents[:-1]), axis=0) > 0.5 * stiff
             reaction = np.max(np.abs(chunk.reaction[1:]), axis=0)
             coarse = jumps & (0.5 * stiff * change * dt > _SOFT / self.fineness**2 * reaction)
             acts, worst = acts or bool(np.any(jumps)), max(worst, float(np.max(change, where=coarse, initial=0.0)))
         return acts, worst
-
-
-@jit
-def _tangents(laws: Laws, first: int, u: Array, tangents: Array) -> None:
-    """Enter the tangents at coordinates u, shape (k, n_laws), of laws that are no contacts, where tangents may jump."""
-    for j in range(first, u.shape[1]):
-        if tangent_jumps(laws, j):
-            for k in range(u.shape[0]):
-                tangents[k, j] = force_and_tangent(laws, j, u[k, j])[1]
 
 
 def under_tolerance(
@@ -313,11 +302,11 @@ def under_tolerance(
         return run
     rough = EqualSteps(system, start, counters, t_end, method, scheme, t_end / _STEPS, _STEPS)
     run.size_of_motion = run.largest_of(_trial(rough, np.linspace(0.0, t_end, _STEPS + 1))[0])
-    if not may_jump(run.equations.laws):
+    if not np.any(run.bends):
         return run
     trial = StepDoubling(system, start, Counters(), t_end, method, scheme, _COARSER * tol, 0.5)
     trial.size_of_motion = run.size_of_motion
-    hit = trial.initial.size < trial.equations.laws.table.size or bool(np.any(trial.initial == CLOSED))
+    hit = trial.initial.size < len(trial.laws) or bool(np.any(trial.initial == CLOSED))
     found, switched = _trial(trial, check_times(t_end, None, system.size), observer)
     if hit or switched:
         # This run gives the largest displacement more accurately than the rough one.

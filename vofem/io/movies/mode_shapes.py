@@ -9,7 +9,7 @@ import numpy as np
 from vofem.bodies import Beam
 from vofem.errors import ArgumentError
 from vofem.io.pictures.snapshot import BodyState, Snapshot, fixed_parts
-from vofem.scene import Scene
+from vofem.scene import Scene, as_scene
 from vofem.vibration import Modes
 
 #: Largest displacement that is shown, over the length of the scene.
@@ -27,11 +27,17 @@ def mode_snapshots(modes: Modes, number: int, scene: Scene | None, count: int) -
     Raises
     ------
     ArgumentError
-        For a number that there is no mode of.
+        For a number that there is no mode of, and for a scene of other bodies.
     """
     if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or not 0 <= number < modes.omega.size:
         raise ArgumentError(f"animate: mode is {number!r}, expected 0 to {modes.omega.size - 1}")
     bodies = modes.bodies
+    if scene is not None and {*as_scene("animate", scene).bodies} != {*bodies}:
+        names, others = ([body.name for body in some] for some in (bodies, scene.bodies))
+        raise ArgumentError(
+            f"animate: the mode shapes are those of the bodies {names}, and the scene has others, {others}; give the "
+            "scene of which vofem.modes found them"
+        )
     places = {b: np.linspace(b.nodes[0], b.nodes[-1], _POINTS) if isinstance(b, Beam) else b.shape.x for b in bodies}
     shapes = {b: modes.shape(number, places[b] if isinstance(b, Beam) else None, b) for b in bodies}
     largest = max(float(np.max(np.abs(shape), initial=0.0)) for shape in shapes.values())

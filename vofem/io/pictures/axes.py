@@ -6,11 +6,14 @@ A figure of vofem has its own style unless the user has chosen one. If a style s
 
 from __future__ import annotations
 
+import functools
+import inspect
 import os
+import re
 import weakref
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any, overload
+from typing import Any, TypeVar, overload
 
 import numpy as np
 
@@ -35,6 +38,37 @@ _OWN: weakref.WeakSet[Any] = weakref.WeakSet()
 def goal_of(path: Where) -> Path | None:
     """Return the file to which a picture is written, or None. Raise `OutputError` if it cannot be written."""
     return None if path is None else target(path, _SUFFIXES)
+
+
+_PATH = "path : path of a .png, .pdf or .svg, optional\n    The file to write.\n"
+_AX = "ax : matplotlib axes, optional\n    The axes to draw into. By default a new figure is made.\n"
+_RETURNS = "\nReturns\n-------\nPath or matplotlib axes\n    `path` where one is given, else the axes.\n"
+_ERROR = "OutputError\n    If the file cannot be written.\n"
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def figure(draw: F) -> F:
+    """Make a function of the user of one that draws on a `Canvas` and returns it.
+
+    The function has parameters `path` and `ax`. A file that cannot be written is told before the work begins. What is
+    drawn is written to `path`, which is returned, or else the axes are. The docstring gets what all of them share.
+    """
+    place = list(inspect.signature(draw).parameters).index("path")
+
+    @functools.wraps(draw)
+    def drawn(*given: Any, **named: Any) -> Any:
+        goal_of(named.get("path", given[place] if len(given) > place else None))
+        return draw(*given, **named).done()
+
+    text = inspect.cleandoc(draw.__doc__ or "")
+    parts = re.split(r"^((?:Raises|Notes|References)\n-+\n)", text + "\n", maxsplit=1, flags=re.MULTILINE)
+    head, rest = parts[0].rstrip() + "\n", "".join(parts[1:])
+    raises = "" if rest.startswith("Raises") else "Raises\n------\n"
+    errors, notes, more = (raises + rest).partition("\nNotes\n")
+    shared = _PATH + ("" if "\nax : " in head else _AX) + _RETURNS
+    drawn.__doc__ = f"{head}{shared}\n{errors.rstrip()}\n{_ERROR}{notes}{more}"
+    return drawn  # type: ignore[return-value]
 
 
 # -- the look -----------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import ArgumentError
-from vofem.io.pictures.axes import COLORS, Canvas, Where, beside, goal_of, ink, legend, plain, stroke
+from vofem.io.pictures.axes import COLORS, Canvas, Where, beside, figure, goal_of, ink, legend, plain, stroke
 from vofem.io.scene_file import point_named
 from vofem.studies.diagrams import Basins, BifurcationDiagram
 from vofem.studies.steady import Branch
@@ -27,6 +27,7 @@ _AREA = 240.0
 _MOST = len(COLORS)
 
 
+@figure
 def bifurcation(
     diagram: BifurcationDiagram,
     path: Where = None,
@@ -42,8 +43,6 @@ def bifurcation(
     Parameters
     ----------
     diagram : BifurcationDiagram
-    path : path of a .png, .pdf or .svg, optional
-        The file to write.
     point : point, optional
         The point whose displacement is drawn. The default is the first one of the diagram.
     branches : sequence of Branch
@@ -52,23 +51,13 @@ def bifurcation(
         Label of the axis: name and unit of the parameter.
     ylim : tuple of float, optional
         Limits of the displacement, m.
-    ax : matplotlib axes, optional
-        The axes to draw into. By default a new figure is made.
-
-    Returns
-    -------
-    Path or matplotlib axes
-        `path` where one is given, else the axes.
 
     Raises
     ------
     ArgumentError
         If the diagram has no such point.
-    OutputError
-        If the file cannot be written.
     """
-    goal = goal_of(path)
-    canvas = Canvas("bifurcation", goal, ax, (9.0, 5.2))
+    canvas = Canvas("bifurcation", goal_of(path), ax, (9.0, 5.2))
     axes = canvas.grid[0, 0]
     size = float(np.clip(_AREA / diagram.values.size, 0.8, 3.5))
     for color, start in zip((COLORS[1], COLORS[0], COLORS[2]), diagram.samples, strict=False):
@@ -100,7 +89,7 @@ def bifurcation(
     if ylim is not None:
         axes.set_ylim(*ylim)
     legend(axes)
-    return canvas.done()
+    return canvas
 
 
 def _pieces(branch: Branch, diagram: BifurcationDiagram, point: Any) -> list[tuple[bool, list[float], NDArray]]:
@@ -135,6 +124,7 @@ def _positions(orbit: Any, periods: int, diagram: BifurcationDiagram, point: Any
     return displacement
 
 
+@figure
 def basin_map(basins: Basins, path: Where = None, *, labels: tuple[str, str] | None = None, ax: Any = None) -> Any:
     """Draw to which attractor each initial state leads. Each attractor has its colour.
 
@@ -142,29 +132,17 @@ def basin_map(basins: Basins, path: Where = None, *, labels: tuple[str, str] | N
     ----------
     basins : Basins
         The outcome of `vofem.basins` over a grid of two parameters.
-    path : path of a .png, .pdf or .svg, optional
-        The file to write.
     labels : tuple of str, optional
         Labels of the axes: names and units of the two parameters.
-    ax : matplotlib axes, optional
-        The axes to draw into. By default a new figure is made.
-
-    Returns
-    -------
-    Path or matplotlib axes
-        `path` where one is given, else the axes.
 
     Raises
     ------
     ArgumentError
         If the grid has not two dimensions.
-    OutputError
-        If the file cannot be written.
     """
     from matplotlib.colors import BoundaryNorm, ListedColormap
     from matplotlib.patches import Patch
 
-    goal = goal_of(path)
     axes_values = basins.sweep.points.axes
     if axes_values is None or len(axes_values) != 2:
         raise ArgumentError(f"basin_map: {basins!r} is no grid of two parameters")
@@ -172,7 +150,7 @@ def basin_map(basins: Basins, path: Where = None, *, labels: tuple[str, str] | N
     names = [one.name for one in basins.attractors]
     colors = [*COLORS[: min(len(names), _MOST)], "#d7dade"]
     index = np.where(basins.index < 0, len(colors) - 1, np.minimum(basins.index, len(colors) - 1))
-    canvas = Canvas("basin_map", goal, ax, (7.4, 5.2))
+    canvas = Canvas("basin_map", goal_of(path), ax, (7.4, 5.2))
     axes = canvas.grid[0, 0]
     norm = BoundaryNorm(np.arange(len(colors) + 1) - 0.5, len(colors))
     axes.grid(False)
@@ -183,4 +161,4 @@ def basin_map(basins: Basins, path: Where = None, *, labels: tuple[str, str] | N
     if np.any(index == len(colors) - 1):
         handles.append(Patch(color=colors[-1], label="others, or failed" if len(names) > _MOST else "failed"))
     beside(axes, handles, [str(handle.get_label()) for handle in handles])
-    return canvas.done()
+    return canvas

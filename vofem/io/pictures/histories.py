@@ -13,7 +13,7 @@ from vofem.bodies.base import Point
 from vofem.effects import Contact
 from vofem.errors import ArgumentError
 from vofem.histories.impacts import window_of
-from vofem.io.pictures.axes import COLORS, Canvas, Where, goal_of, ink, legend, plain, stroke, text_size
+from vofem.io.pictures.axes import COLORS, Canvas, Where, figure, goal_of, ink, legend, plain, stroke, text_size
 from vofem.io.pictures.envelope import envelope_of
 from vofem.io.pictures.layout import place_of
 from vofem.io.pictures.places import all_contacts
@@ -58,6 +58,7 @@ class _RunView:
     parts: int
 
 
+@figure
 def time_history(
     result: Result | Mapping[str, Result],
     point: Any,
@@ -81,8 +82,6 @@ def time_history(
         more than a factor of ten.
     point : point, or several of them
         ``beam.at(x)`` or a Mass; found in every result by its body's name.
-    path : path of a .png, .pdf or .svg, optional
-        The file to write.
     contact : contact, name or several of them, optional
         The contacts to show; ``name[node]`` is a contact of a one-sided foundation. The default is the contacts at the
         points. If there are none, it is the nearest contacts of their bodies, at most six.
@@ -94,19 +93,12 @@ def time_history(
         The axes to draw into. For each result give one for displacements, or two, the second for K_eq. All axes for
         displacements come first. By default a new figure is made.
 
-    Returns
-    -------
-    Path or matplotlib axes
-        `path` where one is given, else the axes.
-
     Raises
     ------
     ArgumentError
         If `point` is not a point, `contact` is not a contact of the run, or the window lies outside the run.
-    OutputError
-        If the file cannot be written.
     """
-    goal, points = goal_of(path), _points(point)
+    points = _points(point)
     runs = result if isinstance(result, Mapping) else {points[0].describe() if len(points) == 1 else "": result}
     contacts, count = [_contacts(run, points, contact) for run in runs.values()], len(runs)
     # K_eq is drawn below the displacements, unless the user gave no axes for it.
@@ -118,7 +110,7 @@ def time_history(
     scale = length(max(float(np.max(np.abs(view.motion))) for view in views))
     size = (10.0 if count == 1 else 2.0 + 4.4 * count, 6.4 if below else 4.2)
     heights = (2.2, 1.0) if below else (1.0,)
-    canvas = Canvas("time_history", goal, ax, size, len(heights), count, sharex="col", height_ratios=heights)
+    canvas = Canvas("time_history", goal_of(path), ax, size, len(heights), count, sharex="col", height_ratios=heights)
     grid = canvas.grid
     if ax is None:
         _share(grid[0])
@@ -142,7 +134,7 @@ def time_history(
     grid[0, 0].set_ylabel(f"displacement [{scale[1]}]")
     for row in grid:
         legend(row[-1], row)
-    return canvas.done()
+    return canvas
 
 
 def _view(

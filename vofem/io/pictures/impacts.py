@@ -12,7 +12,7 @@ from vofem.errors import ArgumentError
 from vofem.histories import ContactHistory
 from vofem.histories.impacts import window_of
 from vofem.histories.touches import spans_of
-from vofem.io.pictures.axes import COLORS, Canvas, Where, goal_of, ink, plain, text_size
+from vofem.io.pictures.axes import COLORS, Canvas, Where, figure, goal_of, ink, plain, text_size
 from vofem.io.pictures.units import prefixed
 from vofem.result import Result
 
@@ -30,6 +30,7 @@ _QUANTITIES = (
 )
 
 
+@figure
 def force_histogram(
     result: Result,
     contact: Any = None,
@@ -46,28 +47,16 @@ def force_histogram(
     result : Result
     contact : Contact or str, optional
         The contact. It must be given if the scene has several.
-    path : path of a .png, .pdf or .svg, optional
-        The file to write.
     window : (float, float), optional
         Begin and end of the time that is drawn, in s. The default is the whole run.
     bins : int
         Number of bins of the histogram.
-    ax : matplotlib axes, optional
-        The axes to draw into. By default a new figure is made.
-
-    Returns
-    -------
-    Path or matplotlib axes
-        `path` where one is given, else the axes.
 
     Raises
     ------
     ArgumentError
         If the contact is unknown, or does not close in the window.
-    OutputError
-        If the file cannot be written.
     """
-    goal = goal_of(path)
     history = _one(result, contact, "force_histogram")
     bins = whole("force_histogram: bins", bins)
     begin, end = window_of("force_histogram", window, float(result.solution.t_end))
@@ -84,16 +73,17 @@ def force_histogram(
             f"looked at between {begin:g} and {end:g} s; choose a longer window, or name more times= when simulating"
         )
     factor, unit = prefixed(float(np.max(np.abs(force))), history.units.force)
-    canvas = Canvas("force_histogram", goal, ax, (7.2, 4.4))
+    canvas = Canvas("force_histogram", goal_of(path), ax, (7.2, 4.4))
     axes = canvas.grid[0, 0]
     axes.hist(force / factor, bins=bins, weights=np.full(force.size, 1.0 / force.size), color=COLORS[0])
     axes.set(xlabel=f"force [{unit}]", ylabel="share of the time in touch [-]")
     share = 100.0 * force.size / times.size
     title = f"{history.name}: in touch for {share:.3g} % of {begin:g} to {end:g} s"
     axes.set_title(plain(title), fontsize=text_size(11))
-    return canvas.done()
+    return canvas
 
 
+@figure
 def impact_statistics(
     result: Result,
     contact: Any = None,
@@ -110,8 +100,6 @@ def impact_statistics(
     result : Result
     contact : Contact or str, optional
         The contact. It must be given if the scene has several.
-    path : path of a .png, .pdf or .svg, optional
-        The file to write.
     window : (float, float), optional
         Impacts that begin between these times in s; all of them where not given.
     bins : int
@@ -119,17 +107,10 @@ def impact_statistics(
     ax : four matplotlib axes, optional
         The axes to draw into. By default a new figure is made.
 
-    Returns
-    -------
-    Path or matplotlib axes
-        `path` where one is given, else the axes.
-
     Raises
     ------
     ArgumentError
         If the contact is unknown, has no impacts in the window, or has forces that cannot be computed from the run.
-    OutputError
-        If the file cannot be written.
     """
     if (
         path is None
@@ -137,7 +118,6 @@ def impact_statistics(
         and str(contact).lower().endswith((".png", ".pdf", ".svg"))
     ):
         contact, path = None, contact
-    goal = goal_of(path)
     history = _one(result, contact, "impact_statistics")
     bins = whole("impact_statistics: bins", bins)
     begin, end = window_of("impact_statistics", window, float(result.solution.t_end))
@@ -147,7 +127,7 @@ def impact_statistics(
         raise ArgumentError(f"impact_statistics: contact {history.name!r} does not close from {begin:g} to {end:g} s")
     if impacts.why:
         raise ArgumentError(f"impact_statistics: forces of contact {history.name!r} are not known: {impacts.why}")
-    canvas = Canvas("impact_statistics", goal, ax, (9.6, 6.4), 2, 2)
+    canvas = Canvas("impact_statistics", goal_of(path), ax, (9.6, 6.4), 2, 2)
     for axes, (field, label, kind) in zip(canvas.grid.flat, _QUANTITIES, strict=True):
         values = getattr(impacts, field)[within]
         values = values[np.isfinite(values)]
@@ -161,9 +141,10 @@ def impact_statistics(
     rate = int(np.sum(within)) / (end - begin)
     title = f"{history.name}: {int(np.sum(within))} impacts from {begin:g} to {end:g} s, {rate:.3g} a second"
     canvas.grid[0, 0].set_title(plain(title), fontsize=text_size(11), loc="left")
-    return canvas.done()
+    return canvas
 
 
+@figure
 def event_raster(
     result: Result, path: Where = None, *, window: tuple[float, float] | None = None, ax: Any = None
 ) -> Any:
@@ -172,31 +153,19 @@ def event_raster(
     Parameters
     ----------
     result : Result
-    path : path of a .png, .pdf or .svg, optional
-        The file to write.
     window : (float, float), optional
         Begin and end of the time that is drawn, in s. The default is the whole run.
-    ax : matplotlib axes, optional
-        The axes to draw into. By default a new figure is made.
-
-    Returns
-    -------
-    Path or matplotlib axes
-        `path` where one is given, else the axes.
 
     Raises
     ------
     ArgumentError
         If the run has no contacts.
-    OutputError
-        If the file cannot be written.
     """
-    goal = goal_of(path)
     names = list(result.contacts)
     if not names:
         raise ArgumentError("event_raster: the scene has no contacts")
     begin, end = window_of("event_raster", window, float(result.solution.t_end))
-    canvas = Canvas("event_raster", goal, ax, (10.0, float(np.clip(1.4 + 0.34 * len(names), 2.4, 12.0))))
+    canvas = Canvas("event_raster", goal_of(path), ax, (10.0, float(np.clip(1.4 + 0.34 * len(names), 2.4, 12.0))))
     axes = canvas.grid[0, 0]
     for row in range(len(names)):
         span = spans_of(result, row)
@@ -208,7 +177,7 @@ def event_raster(
     shown = range(len(names)) if few else range(0, len(names), -(-len(names) // 30))
     axes.set_yticks(list(shown), [plain(names[k]) for k in shown])
     axes.set(xlabel="time [s]", ylabel="contact [-]", xlim=(begin, end), ylim=(len(names) - 0.4, -0.6))
-    return canvas.done()
+    return canvas
 
 
 def _one(result: Result, contact: Any, what: str) -> ContactHistory:

@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem._validate import choice
-from vofem.io.pictures.axes import Canvas, Where, goal_of, ink, plain, text_size
+from vofem.io.pictures.axes import Canvas, Where, figure, goal_of, ink, plain, text_size
 from vofem.studies.diagrams import StabilityMap
 
 _LABELS = {"amplitude": "amplitude [m]", "multiplier": "modulus of the leading multiplier [1]"}
 
 
+@figure
 def state_map(
     found: StabilityMap,
     path: Where = None,
@@ -27,34 +28,22 @@ def state_map(
     Parameters
     ----------
     found : StabilityMap
-    path : path of a .png, .pdf or .svg, optional
-        The file to write.
     quantity : {"amplitude", "multiplier"}
         The amplitude in m, or the modulus of the leading multiplier.
     labels : tuple of str
         Labels of the axes: names and units of the two parameters.
-    ax : matplotlib axes, optional
-        The axes to draw into. By default a new figure is made.
-
-    Returns
-    -------
-    Path or matplotlib axes
-        `path` where one is given, else the axes.
 
     Raises
     ------
     ArgumentError
         If the quantity is another one.
-    OutputError
-        If the file cannot be written.
     """
     from matplotlib.collections import PatchCollection
     from matplotlib.patches import Patch
 
-    goal = goal_of(path)
     choice("state_map: quantity", quantity, tuple(_LABELS))
     values = found.amplitude if quantity == "amplitude" else np.abs(found.multiplier)
-    canvas = Canvas("state_map", goal, ax, (7.8, 5.2))
+    canvas = Canvas("state_map", goal_of(path), ax, (7.8, 5.2))
     axes = canvas.grid[0, 0]
     axes.grid(False)
     # Grey shows where no orbit was found.
@@ -71,7 +60,7 @@ def state_map(
     axes.set(xlabel=plain(labels[0]), ylabel=plain(labels[1]))
     if handles:
         axes.legend(handles=handles, loc="upper right", fontsize=text_size(9.0))
-    return canvas.done()
+    return canvas
 
 
 def _cells(x: NDArray[np.float64], y: NDArray[np.float64], chosen: NDArray[np.bool_]) -> list[Any]:

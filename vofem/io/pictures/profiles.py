@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vofem.bodies import Beam
 from vofem.errors import ArgumentError
-from vofem.io.pictures.axes import COLORS, Canvas, Where, goal_of, ink, legend, plain, stroke, text_size
+from vofem.io.pictures.axes import COLORS, Canvas, Where, figure, goal_of, ink, legend, plain, stroke, text_size
 from vofem.io.pictures.places import Place, along_beam, one_beam
 from vofem.io.pictures.units import length
 from vofem.result import Result
@@ -31,6 +31,7 @@ _CLOSED, _SURFACE = "closed contact", "untouched surface"
 _LEGEND = 16
 
 
+@figure
 def shapes(
     outcome: Outcome | Mapping[str, Outcome],
     times: ArrayLike | None,
@@ -49,8 +50,6 @@ def shapes(
         What is drawn. Several outcomes are drawn side by side with the same scales.
     times : array_like or None
         Times in s, each drawn as one line; None for an equilibrium.
-    path : path of a .png, .pdf or .svg, optional
-        The file to write.
     scene : Scene, optional
         The scene of an equilibrium.
     body : Beam or name, optional
@@ -61,27 +60,19 @@ def shapes(
     ax : matplotlib axes, optional
         The axes to draw into, one for each outcome. By default a new figure is made.
 
-    Returns
-    -------
-    Path or matplotlib axes
-        `path` where one is given, else the axes.
-
     Raises
     ------
     ArgumentError
         If an equilibrium is given without its scene, a scene has several beams and `body` is missing, times lie outside
         the run, or arrays of `beside` have wrong shapes.
-    OutputError
-        If the file cannot be written.
     """
-    goal = goal_of(path)
     runs: Mapping[str, Outcome] = outcome if isinstance(outcome, Mapping) else {"": outcome}
     others: Mapping[str, Any] = beside if isinstance(beside, Mapping) else dict.fromkeys(runs, beside)
     at = [None] if times is None else [float(t) for t in np.atleast_1d(np.asarray(times, dtype=float))]
     drawn = {title: _Shapes(run, at, scene, body) for title, run in runs.items()}
     factor, unit = length(max(float(np.max(np.abs(shape.eta))) for shape in drawn.values()))
     width = 9.0 if len(runs) == 1 else 2.0 + 4.6 * len(runs)
-    canvas = Canvas("shapes", goal, ax, (width, 4.6), 1, len(runs), sharey=True)
+    canvas = Canvas("shapes", goal_of(path), ax, (width, 4.6), 1, len(runs), sharey=True)
     grid = canvas.grid
     for axes, (title, shape) in zip(grid[0], drawn.items(), strict=True):
         shape.draw(axes, factor, others.get(title))
@@ -89,7 +80,7 @@ def shapes(
         axes.set_xlabel("x [m]")
     grid[0, 0].set_ylabel(f"deflection [{unit}]")
     legend(grid[0, -1], grid[0], _LEGEND, last=(_CLOSED, _SURFACE))
-    return canvas.done()
+    return canvas
 
 
 class _Shapes:

@@ -9,7 +9,7 @@ import numpy as np
 from vofem.bodies import Beam
 from vofem.errors import ArgumentError
 from vofem.histories.impacts import window_of
-from vofem.io.pictures.axes import Canvas, Where, goal_of, ink, stroke, text_size
+from vofem.io.pictures.axes import Canvas, Where, figure, goal_of, ink, stroke, text_size
 from vofem.io.pictures.histories import closed_intervals
 from vofem.io.pictures.layout import is_line
 from vofem.io.pictures.places import along_beam, between_masses, one_line
@@ -20,6 +20,7 @@ from vofem.result import Result
 _TIMES, _POINTS = 1201, 201
 
 
+@figure
 def space_time(
     result: Result, path: Where = None, *, body: Beam | str | None = None, ax: Any = None,
     window: tuple[float, float] | None = None,
@@ -33,28 +34,16 @@ def space_time(
     Parameters
     ----------
     result : Result
-    path : path of a .png, .pdf or .svg, optional
-        The file to write.
     body : Beam or name, optional
         The beam. It must be given if the scene has several beams, or beams and masses.
-    ax : matplotlib axes, optional
-        The axes to draw into. By default a new figure is made.
     window : (float, float), optional
         Begin and end of the time that is drawn, in s. The default is the whole run.
-
-    Returns
-    -------
-    Path or matplotlib axes
-        `path` where one is given, else the axes.
 
     Raises
     ------
     ArgumentError
         If `body` is needed and missing.
-    OutputError
-        If the file cannot be written.
     """
-    goal = goal_of(path)
     end = min(float(result.times[-1]), result.solution.t_end)
     begin, end = window_of("space_time", window, end)
     stored = result.times[(result.times >= begin) & (result.times <= end)]
@@ -80,7 +69,7 @@ def space_time(
     peak = float(np.max(np.abs(eta)))
     bound = min(peak, 3.0 * float(np.sqrt(np.mean(eta**2))))
     factor, unit = length(bound)
-    canvas = Canvas("space_time", goal, ax, (10.0, 5.2))
+    canvas = Canvas("space_time", goal_of(path), ax, (10.0, 5.2))
     axes = canvas.grid[0, 0]
     axes.grid(False)
     limit = bound / factor or 1.0
@@ -100,4 +89,4 @@ def space_time(
     axes.set_ylim((0.5, x[-1] + 0.5) if masses else (x[0], x[-1]))
     extend = "both" if bound < peak else "neither"
     canvas.figure.colorbar(colors, ax=axes, label=f"displacement [{unit}]", pad=0.02, extend=extend)
-    return canvas.done()
+    return canvas

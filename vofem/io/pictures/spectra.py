@@ -11,7 +11,7 @@ from vofem._validate import choice, number
 from vofem.bodies.base import as_point
 from vofem.errors import ArgumentError
 from vofem.histories.impacts import window_of
-from vofem.io.pictures.axes import Canvas, Where, goal_of, ink, plain, stroke, text_size
+from vofem.io.pictures.axes import Canvas, Where, figure, goal_of, ink, plain, stroke, text_size
 from vofem.result import Result
 
 Array = NDArray[np.float64]
@@ -29,6 +29,7 @@ _AVERAGED, _DIVIDED = 8, 24
 _FEWEST = 16
 
 
+@figure
 def spectrum(
     result: Result,
     point: Any,
@@ -47,8 +48,6 @@ def spectrum(
     result : Result
     point : point
         ``beam.at(x)`` or a Mass.
-    path : path of a .png, .pdf or .svg, optional
-        The file to write.
     kind : str
         "amplitude": amplitudes over frequency, with a Hann window; the peak of a harmonic motion is its amplitude.
         "psd": power spectral density by Welch's method, one-sided; its integral is the variance. "spectrogram": the
@@ -60,27 +59,17 @@ def spectrum(
         spectrum of a steady motion.
     limit : float, optional
         Highest frequency that is drawn, Hz.
-    ax : matplotlib axes, optional
-        The axes to draw into. By default a new figure is made.
-
-    Returns
-    -------
-    Path or matplotlib axes
-        `path` where one is given, else the axes.
 
     Raises
     ------
     ArgumentError
         If the point, the kind or the quantity is not valid, or the run has stored too few times.
-    OutputError
-        If the file cannot be written.
 
     Notes
     -----
     P. D. Welch, The use of fast Fourier transform for the estimation of power spectra, IEEE Trans. Audio
     Electroacoust. 15(2), 70-73 (1967), https://doi.org/10.1109/TAU.1967.1161901.
     """
-    goal = goal_of(path)
     place = as_point("spectrum: point", point)
     kind = choice("spectrum: kind", kind, _KINDS)
     quantity = choice("spectrum: quantity", quantity, tuple(_UNITS))
@@ -88,7 +77,7 @@ def spectrum(
         limit = number("spectrum: limit", limit, positive=True)
     times, step = uniform_times(result, window)
     values = np.asarray(getattr(result, quantity)(place, times))
-    canvas = Canvas("spectrum", goal, ax, (8.0, 4.8))
+    canvas = Canvas("spectrum", goal_of(path), ax, (8.0, 4.8))
     axes, unit = canvas.grid[0, 0], _UNITS[quantity]
     if kind == "spectrogram":
         _spectrogram(canvas, times, step, values, unit if unit == "m" else f"({unit})", limit)
@@ -104,7 +93,7 @@ def spectrum(
         label = f"amplitude of the {quantity} [{unit}]" if kind == "amplitude" else f"PSD [{density_unit}]"
         axes.set(xlabel="frequency [Hz]", ylabel=label, xlim=(0.0, limit))
     axes.set_title(plain(f"{place.describe()}, {times[0]:g} to {times[-1] + step:g} s"), fontsize=text_size(11))
-    return canvas.done()
+    return canvas
 
 
 def uniform_times(result: Result, window: tuple[float, float] | None) -> tuple[Array, float]:

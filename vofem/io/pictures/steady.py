@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vofem.bodies.base import as_point
 from vofem.errors import ArgumentError
-from vofem.io.pictures.axes import COLORS, Canvas, Where, goal_of, ink, legend, plain, stroke, text_size
+from vofem.io.pictures.axes import COLORS, Canvas, Where, figure, goal_of, ink, legend, plain, stroke, text_size
 from vofem.io.pictures.units import length
 from vofem.studies.steady import Branch, Locus, PeriodicOrbit, PoincareSection
 
@@ -43,6 +43,7 @@ _FEW = 8
 _DENSE = 2001
 
 
+@figure
 def response_curve(
     branch: Branch | Sequence[Branch],
     point: Any,
@@ -59,27 +60,15 @@ def response_curve(
     branch : Branch, or several of them
         The branches. Each branch after the first has its own colour.
     point : point of a body
-    path : path of a .png, .pdf or .svg, optional
-        The file to write.
-    ax : matplotlib axes, optional
-        The axes to draw into. By default a new figure is made.
     parameter : str
         Name and unit of the parameter, for the axis.
     title : str
-
-    Returns
-    -------
-    Path or matplotlib axes
-        `path` where one is given, else the axes.
 
     Raises
     ------
     ArgumentError
         If the branch has no orbits, or `point` is not a point of a body.
-    OutputError
-        If the file cannot be written.
     """
-    goal = goal_of(path)
     branches = [branch] if isinstance(branch, Branch) else list(branch)
     place = as_point("response_curve: point", point)
     if not branches or not all(isinstance(one, Branch) and len(one) for one in branches):
@@ -89,7 +78,7 @@ def response_curve(
     heights = [one.amplitude(place) for one in branches]
     marked = [[(s, s.orbit.amplitude(place)) for s in one.special] for one in branches]
     scale = length(float(max(part.max() for part in heights)))
-    canvas = Canvas("response_curve", goal, ax, (9.0, 5.4))
+    canvas = Canvas("response_curve", goal_of(path), ax, (9.0, 5.4))
     axes = canvas.grid[0, 0]
     for k, (one, amplitude) in enumerate(zip(branches, heights, strict=True)):
         color = ink() if k == 0 else COLORS[(k - 1) % len(COLORS)]
@@ -111,9 +100,10 @@ def response_curve(
     axes.set_ylim(bottom=0.0)
     axes.set_title(plain(title or place.describe()), fontsize=text_size(11))
     legend(axes, most=12)
-    return canvas.done()
+    return canvas
 
 
+@figure
 def locus(
     curves: Locus | Sequence[Locus],
     path: Where = None,
@@ -129,31 +119,19 @@ def locus(
     ----------
     curves : Locus, or several of them
         Curves that `vofem.locus` has returned. The colour is that of the kind of special point.
-    path : path of a .png, .pdf or .svg, optional
-        The file to write.
     parameter, other : str
         Names and units of both parameters, for the axes.
     title : str
-    ax : matplotlib axes, optional
-        The axes to draw into. By default a new figure is made.
-
-    Returns
-    -------
-    Path or matplotlib axes
-        `path` where one is given, else the axes.
 
     Raises
     ------
     ArgumentError
         If an argument is not a locus.
-    OutputError
-        If the file cannot be written.
     """
-    goal = goal_of(path)
     loci = [curves] if isinstance(curves, Locus) else list(curves)
     if not loci or not all(isinstance(one, Locus) for one in loci):
         raise ArgumentError("locus: expected one or more loci, such as vf.locus returns")
-    canvas = Canvas("locus", goal, ax, (9.0, 5.4))
+    canvas = Canvas("locus", goal_of(path), ax, (9.0, 5.4))
     axes = canvas.grid[0, 0]
     for one in loci:
         _, number, name = MARKS[one.kind]
@@ -170,7 +148,7 @@ def locus(
     axes.ticklabel_format(useOffset=False)
     axes.set_title(plain(title or "loci of special points"), fontsize=text_size(11))
     legend(axes, most=12)
-    return canvas.done()
+    return canvas
 
 
 def _runs(branch: Branch) -> Iterator[tuple[bool | None, slice]]:
@@ -182,6 +160,7 @@ def _runs(branch: Branch) -> Iterator[tuple[bool | None, slice]]:
         start += count
 
 
+@figure
 def multipliers(orbit: PeriodicOrbit | Sequence[PeriodicOrbit] | Branch, path: Where = None, *, ax: Any = None) -> Any:
     """Draw Floquet multipliers in the complex plane, with the unit circle.
 
@@ -190,31 +169,19 @@ def multipliers(orbit: PeriodicOrbit | Sequence[PeriodicOrbit] | Branch, path: W
     orbit : PeriodicOrbit, several of them, or Branch
         If there are several orbits, the colour of the multipliers changes from light to dark in the order of the
         orbits.
-    path : path of a .png, .pdf or .svg, optional
-        The file to write.
-    ax : matplotlib axes, optional
-        The axes to draw into. By default a new figure is made.
-
-    Returns
-    -------
-    Path or matplotlib axes
-        `path` where one is given, else the axes.
 
     Raises
     ------
     ArgumentError
         If the multipliers of an orbit are not known.
-    OutputError
-        If the file cannot be written.
     """
-    goal = goal_of(path)
     orbits = [orbit] if isinstance(orbit, PeriodicOrbit) else list(orbit.orbits if isinstance(orbit, Branch) else orbit)
     known = [one.multipliers for one in orbits if one.multipliers is not None]
     if not known or len(known) < len(orbits):
         raise ArgumentError(
             "multipliers: the multipliers of an orbit are not known, because a law has a memory; its notes name the law"
         )
-    canvas = Canvas("multipliers", goal, ax, (6.4, 5.6))
+    canvas = Canvas("multipliers", goal_of(path), ax, (6.4, 5.6))
     axes = canvas.grid[0, 0]
     turn = np.exp(2j * np.pi * np.linspace(0.0, 1.0, 361))
     axes.fill(turn.real, turn.imag, color="#eef1f6", linewidth=stroke(0.0), zorder=0)
@@ -242,9 +209,10 @@ def multipliers(orbit: PeriodicOrbit | Sequence[PeriodicOrbit] | Branch, path: W
         axes.text(0.02, 0.02, text, transform=axes.transAxes, fontsize=text_size(9))
     if len(known) == 1:
         legend(axes)
-    return canvas.done()
+    return canvas
 
 
+@figure
 def phase_portrait(
     orbit: PeriodicOrbit | Sequence[PeriodicOrbit], point: Any, path: Where = None, *, ax: Any = None
 ) -> Any:
@@ -254,31 +222,19 @@ def phase_portrait(
     ----------
     orbit : PeriodicOrbit, or several of them
     point : point of a body
-    path : path of a .png, .pdf or .svg, optional
-        The file to write.
-    ax : matplotlib axes, optional
-        The axes to draw into. By default a new figure is made.
-
-    Returns
-    -------
-    Path or matplotlib axes
-        `path` where one is given, else the axes.
 
     Raises
     ------
     ArgumentError
         If an argument is not an orbit, or not a point.
-    OutputError
-        If the file cannot be written.
     """
-    goal = goal_of(path)
     orbits: list[PeriodicOrbit] = list(orbit) if isinstance(orbit, (list, tuple)) else [orbit]  # type: ignore[list-item]
     place = as_point("phase_portrait: point", point)
     if not orbits or not all(isinstance(one, PeriodicOrbit) for one in orbits):
         raise ArgumentError(
             f"phase_portrait: orbit is {orbit!r}, expected what vf.periodic returns, or several of these"
         )
-    canvas = Canvas("phase_portrait", goal, ax, (7.6, 5.4))
+    canvas = Canvas("phase_portrait", goal_of(path), ax, (7.6, 5.4))
     axes = canvas.grid[0, 0]
     drawn = []
     for one in orbits:
@@ -306,7 +262,7 @@ def phase_portrait(
     title = f"{place.describe()}, {frequencies[0]}" if same else place.describe()
     axes.set_title(plain(title), fontsize=text_size(11))
     legend(axes, most=8)
-    return canvas.done()
+    return canvas
 
 
 def _events(orbit: PeriodicOrbit) -> tuple[Array, NDArray[np.bool_]]:
@@ -317,6 +273,7 @@ def _events(orbit: PeriodicOrbit) -> tuple[Array, NDArray[np.bool_]]:
     return np.asarray(events.time, dtype=float), np.asarray(events.status == CLOSED)
 
 
+@figure
 def poincare_section(section: PoincareSection, point: Any, path: Where = None, *, ax: Any = None) -> Any:
     """Draw stroboscopic samples of a run: velocity over displacement of a point, once a period.
 
@@ -325,39 +282,28 @@ def poincare_section(section: PoincareSection, point: Any, path: Where = None, *
     section : PoincareSection
         A section that `vofem.poincare` has returned.
     point : point of a body
-    path : path of a .png, .pdf or .svg, optional
-        The file to write.
-    ax : matplotlib axes, optional
-        The axes to draw into. By default a new figure is made.
-
-    Returns
-    -------
-    Path or matplotlib axes
-        `path` where one is given, else the axes.
 
     Raises
     ------
     ArgumentError
         If an argument is not a section, or not a point.
-    OutputError
-        If the file cannot be written.
     """
-    goal = goal_of(path)
     if not isinstance(section, PoincareSection):
         raise ArgumentError(f"poincare_section: section is {section!r}, expected what vf.poincare returns")
     place = as_point("poincare_section: point", point)
     u, v = section.displacement(place), section.velocity(place)
     scale = length(float(np.abs(u).max()))
-    canvas = Canvas("poincare_section", goal, ax, (6.8, 5.4))
+    canvas = Canvas("poincare_section", goal_of(path), ax, (6.8, 5.4))
     axes = canvas.grid[0, 0]
     axes.plot(u / scale[0], v / scale[0], ".", color=ink(), markersize=3.0 if len(section) > 200 else 6.0)
     axes.set(xlabel=f"displacement [{scale[1]}]", ylabel=f"velocity [{scale[1]}/s]")
     axes.set_title(
         plain(f"{place.describe()}: {len(section)} samples, one every {section.period:.6g} s"), fontsize=text_size(11)
     )
-    return canvas.done()
+    return canvas
 
 
+@figure
 def backbone_curve(branch: Branch | Sequence[Branch], path: Where = None, *, ax: Any = None) -> Any:
     """Draw nonlinear normal modes: energy over frequency.
 
@@ -365,28 +311,16 @@ def backbone_curve(branch: Branch | Sequence[Branch], path: Where = None, *, ax:
     ----------
     branch : Branch, or several of them
         A branch that `vofem.backbone` has returned.
-    path : path of a .png, .pdf or .svg, optional
-        The file to write.
-    ax : matplotlib axes, optional
-        The axes to draw into. By default a new figure is made.
-
-    Returns
-    -------
-    Path or matplotlib axes
-        `path` where one is given, else the axes.
 
     Raises
     ------
     ArgumentError
         If the branch is not a backbone.
-    OutputError
-        If the file cannot be written.
     """
-    goal = goal_of(path)
     branches = [branch] if isinstance(branch, Branch) else list(branch)
     if not branches or not all(isinstance(one, Branch) for one in branches):
         raise ArgumentError("backbone_curve: expected one or more branches, as vf.backbone returns")
-    canvas = Canvas("backbone_curve", goal, ax, (7.6, 5.2))
+    canvas = Canvas("backbone_curve", goal_of(path), ax, (7.6, 5.2))
     axes = canvas.grid[0, 0]
     for k, one in enumerate(branches):
         color = ink() if k == 0 else COLORS[(k - 1) % len(COLORS)]
@@ -394,4 +328,4 @@ def backbone_curve(branch: Branch | Sequence[Branch], path: Where = None, *, ax:
         axes.plot(one.omega / (2.0 * np.pi), one.energy, color=color, linewidth=stroke(1.6), label=label)
     axes.set(xlabel="frequency [Hz]", ylabel="energy [J]", yscale="log")
     legend(axes)
-    return canvas.done()
+    return canvas

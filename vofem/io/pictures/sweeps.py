@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 
 from vofem.errors import ArgumentError
-from vofem.io.pictures.axes import COLORS, Canvas, Where, goal_of, plain, stroke
+from vofem.io.pictures.axes import COLORS, Canvas, Where, figure, goal_of, plain, stroke
 from vofem.studies.sweep import Sweep
 
 #: Width and height of one panel, inches.
 _PANEL = (6.4, 3.6)
 
 
+@figure
 def sweep_curves(
     sweep: Sweep,
     path: Where = None,
@@ -33,8 +34,6 @@ def sweep_curves(
     ----------
     sweep : Sweep
         A grid of one or two parameters that are numbers.
-    path : path of a .png, .pdf or .svg, optional
-        The file to write.
     names : tuple of str, optional
         Names of the quantities that are drawn. The default is all quantities that are numbers.
     units : dict of str to str, optional
@@ -42,19 +41,11 @@ def sweep_curves(
     ax : matplotlib axes, optional
         The axes to draw into, one for each quantity. By default a new figure is made.
 
-    Returns
-    -------
-    Path or matplotlib axes
-        `path` where one is given, else the axes.
-
     Raises
     ------
     ArgumentError
         If the points are not a grid of one or two parameters, or no quantity can be drawn.
-    OutputError
-        If the file cannot be written.
     """
-    goal = goal_of(path)
     axes_values = sweep.points.axes
     if (
         axes_values is None
@@ -70,10 +61,10 @@ def sweep_curves(
     chosen = [name for name in names or sweep if sweep[name].ndim == dimensions and sweep[name].dtype.kind in "biuf"]
     if not chosen:
         raise ArgumentError(f"sweep_curves: {sweep!r} has no quantity that is one number a point")
-    canvas = Canvas("sweep_curves", goal, ax, (_PANEL[0], _PANEL[1] * len(chosen)), len(chosen), 1)
+    canvas = Canvas("sweep_curves", goal_of(path), ax, (_PANEL[0], _PANEL[1] * len(chosen)), len(chosen), 1)
     for axes, name in zip(canvas.grid[:, 0], chosen, strict=True):
         (_curve if dimensions == 1 else _map)(canvas.figure, axes, sweep, name, units or {})
-    return canvas.done()
+    return canvas
 
 
 def _curve(figure: Any, axes: Any, sweep: Sweep, name: str, units: Mapping[str, str]) -> None:

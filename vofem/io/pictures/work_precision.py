@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 
 from vofem.integrators.registry import method_named
-from vofem.io.pictures.axes import COLORS, Canvas, Where, beside, goal_of, ink, plain, stroke, text_size
+from vofem.io.pictures.axes import COLORS, Canvas, Where, beside, figure, goal_of, ink, plain, stroke, text_size
 from vofem.studies.accuracy import Study
 from vofem.studies.accuracy.study import Setting
 
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 
 
+@figure
 def work_precision(study: Study, path: Where = None, title: str = "", *, ax: Any = None) -> Any:
     """Draw the error of all runs of a study against their time and their steps.
 
@@ -25,24 +26,11 @@ def work_precision(study: Study, path: Where = None, title: str = "", *, ax: Any
     Parameters
     ----------
     study : Study
-    path : path of a .png, .pdf or .svg, optional
-        The file to write.
     title : str
     ax : two matplotlib axes, optional
         The axes to draw into. By default a new figure is made.
-
-    Returns
-    -------
-    Path or matplotlib axes
-        `path` where one is given, else the axes.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
     """
-    goal = goal_of(path)
-    canvas = Canvas("work_precision", goal, ax, (11.0, 5.2), 1, 2, sharey=True)
+    canvas = Canvas("work_precision", goal_of(path), ax, (11.0, 5.2), 1, 2, sharey=True)
     figure, grid = canvas.figure, canvas.grid
     meshes = sorted({run.setting.elements for run in study.runs})
     methods = list(dict.fromkeys(run.setting.method for run in study.runs))
@@ -64,7 +52,7 @@ def work_precision(study: Study, path: Where = None, title: str = "", *, ax: Any
     _legend(grid[0, 1], study, colors, marks)
     if title:
         figure.suptitle(plain(title), fontsize=text_size(11))
-    return canvas.done()
+    return canvas
 
 
 def _series(setting: Setting) -> tuple[str, int, bool]:

@@ -9,12 +9,12 @@ from vofem import effects
 from vofem.bodies import Beam, Mass
 from vofem.io.scenes.beam import KEYS, MESH, read_beam, values_of_beam
 from vofem.parameters.declared import (
-    declarations,
     is_declared,
     keys_of,
     read,
     schema_of,
     table_name,
+    values_of,
     writable,
     write_values,
 )
@@ -47,7 +47,7 @@ def write_table(thing: Any, place: Place) -> dict[str, Any]:
     """Return the table of a body or an effect without default values; report what a scene file cannot hold."""
     cls = type(thing)
     if cls is not Beam:
-        return write_values(cls, {name: getattr(thing, name) for name in declarations(cls)}, place)
+        return write_values(cls, values_of(thing), place)
     try:
         values, mesh = values_of_beam(thing, place)
     except Unwritable as error:

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, astuple
-from functools import cache
+from functools import cache, cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
+from numpy.polynomial import Polynomial
+from numpy.typing import NDArray
 
-from vofem.errors import MissingCallableError, SceneFileError
+from vofem.errors import ArgumentError, ConvergenceError, MissingCallableError, SceneFileError
 from vofem.files.hdf5 import check_format, mark_format, writing
 from vofem.files.whole import target
 from vofem.io.scenes.reader import read_tables
@@ -24,16 +27,31 @@ from vofem.scene import Scene
 from vofem.studies.steady import Branch, BranchCounters, Locus, PeriodicOrbit, SpecialPoint
 from vofem.studies.steady.branch import Orbits
 from vofem.studies.steady.condensed import condensed, condensed_result
+from vofem.studies.steady.family import Family
+from vofem.studies.steady.follow import Follower
 from vofem.studies.steady.harmonic_balance import harmonics_in
 from vofem.studies.steady.methods import problem_of
+from vofem.studies.steady.near import CLOSES, signature_at
 from vofem.studies.steady.orbit import OrbitTruncation
-from vofem.studies.steady.shooting import orbit_result
+from vofem.studies.steady.point import Interval
+from vofem.studies.steady.shooting import Shooting, orbit_result
+from vofem.studies.steady.steady_state import as_guess
 from vofem.system import State
+
+Array = NDArray[np.float64]
 
 SUFFIXES = (".h5", ".hdf")
 
 #: Names of the groups by which a file is known to hold a branch or a locus, and not a run.
 GROUP, LOCUS = "vofem_branch", "vofem_locus"
+
+#: Degree of polynomials by which numbers of scenes may depend on the parameter, and their relative rounding.
+_DEGREE, _ROUNDING = 4, 1e-13
+
+#: Relative difference below which two orbits are the same.
+_SAME = 1e-8
+
+_AGAIN = "follow the branch again with vofem.continuation"
 
 #: Version of the format. It is increased when this version could not read the new files.
 FORMAT = 3
@@ -142,14 +160,17 @@ def read(file: h5py.File) -> Branch | Locus:
             notes=record["notes"],
             interrupted=record["interrupted"],
         )
+    orbits = Orbits(makers[:count])
+    free = bool(np.any(kept["autonomous"]))
     return Branch(
         record["values"],
-        Orbits(makers[:count]),
+        orbits,
         special,
         BranchCounters(**record["counters"]),
         notes=record["notes"],
         periods=record["periods"],
         interrupted=record.get("interrupted", False),
+        source=None if free else _Loaded(kept, record["values"], special, orbits, folder),
     )
 
 
@@ -177,7 +198,14 @@ def _maker(kept: dict[str, Any], k: int, folder: Path) -> Callable[[], PeriodicO
             problem = problem_of("load", scene(), method, periods, period=period, harmonics=harmonics)
             return problem.orbit(unknowns, problem.evaluate(unknowns)).result
 
-        return PeriodicOrbit(
+        def extremes(row: Array) -> tuple[float, float]:
+            problem = problem_of("load", scene(), method, periods, period=2.0 * np.pi / omega)
+            assert isinstance(problem, Shooting)
+            problem = as_guess(problem, orbit)
+            chart, y, _ = signature_at(problem, problem.from_orbit(orbit))
+            return chart.evaluate(problem, y, derivative=False).range_of(problem.modal_row(row))
+
+        orbit = PeriodicOrbit(
             scene,
             method,
             omega,
@@ -191,20 +219,147 @@ def _maker(kept: dict[str, Any], k: int, folder: Path) -> Callable[[], PeriodicO
             autonomous=bool(kept["autonomous"][k]),
             start=start,
             stable=kept["stable"][k],
+            extremes=extremes if method == "shooting" and not kept["autonomous"][k] else None,
         )
+        return orbit
 
     return make
 
 
-def _scene(text: str, problem: str, folder: Path) -> Scene:
-    """Return the scene of an orbit from its text."""
+def _scene(text: str, problem: str, folder: Path, content: dict[str, Any] | None = None) -> Scene:
+    """Return the scene of an orbit from its text, or from changed content of the same order."""
     if not text:
         raise MissingCallableError(
             f"the scene of this orbit could not be written to the file, so its motion is not known: {problem}; follow "
             "the branch again with vofem.continuation"
         )
     book = Book(folder)
-    scene, _, _ = read_tables(tomllib.loads(text), text, book)
+    scene, _, _ = read_tables(tomllib.loads(text) if content is None else content, text, book)
     if book.problems or scene is None:
         raise SceneFileError("the scene of an orbit", book.problems)
     return scene
+
+
+class _Loaded:
+    """Finds further orbits of a branch from a file; see `branch.Source`.
+
+    Parameters
+    ----------
+    kept : dict
+        What the file holds of the orbits.
+    values : ndarray, shape (n_points,)
+    special : list of SpecialPoint
+    orbits : sequence of PeriodicOrbit
+    folder : Path
+    """
+
+    def __init__(
+        self,
+        kept: dict[str, Any],
+        values: Array,
+        special: list[SpecialPoint],
+        orbits: Sequence[PeriodicOrbit],
+        folder: Path,
+    ) -> None:
+        self._kept, self._values, self._special, self._orbits, self._folder = kept, values, special, orbits, folder
+
+    @cached_property
+    def _numbers(self) -> dict[tuple[Any, ...], Polynomial | float]:
+        """The numbers of the scenes by their place in the tables, as polynomials in the parameter where they change."""
+        count = self._values.size
+        texts = self._kept["scenes"][:count]
+        if not all(texts):
+            _scene("", next(p for p in self._kept["problems"] if p), self._folder)
+        tables = [dict(_leaves(tomllib.loads(text), ())) for text in texts]
+        found: dict[tuple[Any, ...], Polynomial | float] = {}
+        for place, first in tables[0].items():
+            entries = [table.get(place) for table in tables]
+            if entries.count(first) == count:
+                continue
+            if any(isinstance(entry, bool) or not isinstance(entry, int | float) for entry in entries):
+                raise ArgumentError(
+                    f"at: {_path(place)} of the scenes changes along the branch and is no number; {_AGAIN}"
+                )
+            numbers = np.array(entries, dtype=float)
+            for degree in range(1, _DEGREE + 1):
+                fitted = Polynomial.fit(self._values, numbers, degree)
+                if np.max(np.abs(fitted(self._values) - numbers)) <= _ROUNDING * np.max(np.abs(numbers)):
+                    found[place] = fitted
+                    break
+            else:
+                raise ArgumentError(
+                    f"at: {_path(place)} of the scenes is no polynomial in the branch's parameter up to degree "
+                    f"{_DEGREE}, so the file does not tell it between its orbits; {_AGAIN}"
+                )
+        if any(table.keys() != tables[0].keys() for table in tables):
+            raise ArgumentError(f"at: the scenes of the branch differ in more than numbers; {_AGAIN}")
+        return found
+
+    def build(self, value: float) -> Scene:
+        """Return the scene at a value of the parameter."""
+        text = self._kept["scenes"][0]
+        content = tomllib.loads(text)
+        for place, number in self._numbers.items():
+            table: Any = content
+            for key in place[:-1]:
+                table = table[key]
+            table[place[-1]] = float(number(value)) if isinstance(number, Polynomial) else number
+        return _scene(text, "", self._folder, content)
+
+    def at(self, value: float) -> list[PeriodicOrbit]:
+        """Return all orbits at a value of the parameter, from their neighbours in the file."""
+        points = [(float(k), self._values[k], orbit) for k, orbit in enumerate(self._orbits)]
+        points += [(s.place, s.value, s.orbit) for s in self._special if s.kind in ("fold", "branch_point")]
+        points.sort(key=lambda point: point[0])
+        found: list[tuple[Array, PeriodicOrbit]] = []
+        for (_, low, before), (_, high, after) in pairwise(points):
+            if (low - value) * (high - value) > 0.0 or low == high:
+                continue
+            orbit = self._between(before, after, (value - low) / (high - low), value)
+            unknowns = orbit.unknowns
+            assert unknowns is not None
+            if not any(np.linalg.norm(unknowns - one) <= _SAME * np.linalg.norm(one) for one, _ in found):
+                found.append((unknowns, orbit))
+        return [orbit for _, orbit in found]
+
+    def _between(self, before: PeriodicOrbit, after: PeriodicOrbit, share: float, value: float) -> PeriodicOrbit:
+        """Return the orbit at a value between two neighbours, by Newton's method from both of them."""
+        nearest = before if share < 0.5 else after
+        unknowns = nearest.unknowns
+        harmonics = None
+        if nearest.method == "harmonic_balance":
+            assert unknowns is not None
+            harmonics = harmonics_in(nearest.scene, unknowns.size)
+        family = Family("at", self.build, nearest.method, nearest.periods, harmonics)
+        problem = as_guess(family.at(value), nearest)
+        family.begin_with(problem, value)
+        ends = [problem.from_orbit(orbit) for orbit in (before, after)]
+        guess = ends[0] + share * (ends[1] - ends[0])
+        walker = Follower(family, Interval(float(self._values.min()), float(self._values.max())), BranchCounters())
+        for start in (guess, *ends):
+            try:
+                point = walker.begin(start, value)
+                orbit = point.orbit()
+            except ConvergenceError:
+                continue
+            if orbit.residual <= CLOSES:
+                return orbit
+        raise ConvergenceError(f"at: no orbit is found at {value:g} from the neighbours in the file; {_AGAIN}")
+
+    def switch(self, special: SpecialPoint) -> Branch:
+        """Refuse."""
+        raise ArgumentError(f"switch: a file does not hold the equations of special points; {_AGAIN}")
+
+
+def _leaves(table: Any, place: tuple[Any, ...]) -> Iterator[tuple[tuple[Any, ...], Any]]:
+    """Yield places and values of all entries of nested tables and arrays."""
+    entries: Any = table.items() if isinstance(table, dict) else enumerate(table) if isinstance(table, list) else None
+    if entries is None:
+        yield place, table
+        return
+    for key, entry in entries:
+        yield from _leaves(entry, (*place, key))
+
+
+def _path(place: tuple[Any, ...]) -> str:
+    return "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in place).lstrip(".")

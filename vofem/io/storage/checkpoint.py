@@ -72,7 +72,8 @@ class _Writers:
         """Return the function for a plan."""
         scene = self.scene
         start = scene.initial_state() if plan.start is None else plan.start
-        encode = Encoder(scene.model.system.laws, start.q[:, None], np.array([plan.t_start]))
+        times = np.array([plan.t_start])
+        kept = scene_record(scene, start.q[:, None], times)
 
         def write(snapshot: dict[str, Any]) -> None:
             if _identity(self.goal) not in (self.last, None):
@@ -83,8 +84,8 @@ class _Writers:
             with writing(self.goal, overwrite=True) as blocks:
                 own = blocks.file.create_group("vofem_checkpoint")
                 mark_format(own, FORMAT)
-                record = {"scene": scene_record(scene), "plan": plan, "snapshot": snapshot}
-                write_tree(own.create_group("run"), record, encode)
+                record = {"scene": kept, "plan": plan, "snapshot": snapshot}
+                write_tree(own.create_group("run"), record, Encoder(times))
             self.last = _identity(self.goal)
 
         return write

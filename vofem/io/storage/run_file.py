@@ -5,7 +5,7 @@ group of the file     what is in it
 ====================  ==========================================================================
 ``VTKHDF``            the fields on the grid, see `vtkhdf`
 ``history``           all degrees of freedom, contacts, energies, events, probes, see `history`
-``vofem``             scene, model and solution as `load` needs them, see `records`; the scene as
+``vofem``             scene and solution as `load` needs them, see `records`; the scene as
                       TOML where it can be said so
 ====================  ==========================================================================
 """
@@ -62,18 +62,17 @@ def save(
         own.attrs["method"] = result.method
         own.attrs["compiled"] = result.compiled
         _write_toml(own, result, goal)
-        system, solution = result.scene.model.system, solution_record(result.solution)
+        solution, used = solution_record(result.solution), result.t_start + result.times
         if result.solution.truncation is None:
-            # The system of the scene is written once; `load` shifts its loads by t_start again.
-            solution["system"] = system
+            # `load` assembles the scene again, and shifts its loads by t_start.
+            solution["system"] = None
         record = {
-            "scene": scene_record(result.scene),
+            "scene": scene_record(result.scene, result.samples.q, used),
             "solution": solution,
             "t_start": result.t_start,
             "start": result.start,
         }
-        encode = Encoder(system.laws, result.samples.q, result.t_start + result.times)
-        write_tree(own.create_group("run"), record, encode)
+        write_tree(own.create_group("run"), record, Encoder(used))
         if has_segments(result):
             write_segments(blocks, own.create_group("segments"), result.solution)
         write_history(blocks, result)

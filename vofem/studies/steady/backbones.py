@@ -11,7 +11,7 @@ doi:10.1016/j.ymssp.2008.04.002.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,48 +24,31 @@ from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.laws import CLOSED, OPEN, ContactLaws
 from vofem.result import Result
 from vofem.scene import Scene, as_scene
-from vofem.studies.steady.arclength import LostCurveError, until_positive
+from vofem.studies.steady.between import Step
 from vofem.studies.steady.branch import Branch, BranchCounters, Orbits
 from vofem.studies.steady.condensed import GOOD, Condensed, condensed_result, reduced
 from vofem.studies.steady.counters import Work
-from vofem.studies.steady.newton import direction
+from vofem.studies.steady.follow import Follower
+from vofem.studies.steady.newton import solved
 from vofem.studies.steady.orbit import PeriodicOrbit
+from vofem.studies.steady.point import Interval, OriginChart, Point
 from vofem.studies.steady.shooting import orbit_result, shooting_refusal
+from vofem.studies.steady.special import SpecialPoint
 from vofem.system import State, System
 
 Array = NDArray[np.float64]
 
-#: Steps of Newton's method, the residual that is small enough, and what counts as rounding where it stops shrinking.
-_STEPS, _TOLERANCE, _ROUNDING = 12, 1e-14, 1e-11
+#: Steps of Newton's method, and the residual that is small enough.
+_STEPS, _TOLERANCE = 12, 1e-14
 
-#: First, largest and least step of the logarithm of the energy.
-_FIRST, _LARGEST, _LEAST = 0.02, 0.3, 1e-6
+#: First, largest and least step of the logarithm of the level, and the first step by arclength.
+_FIRST, _LARGEST, _LEAST, _SHORT = 0.02, 0.3, 1e-6, 1e-4
 
 #: Number of vectors of a large system for each mode below the one that is followed.
 _EACH_MODE = 4
 
 #: First fraction of the contacts' stiffness if contacts touch at rest, and the factor by which it grows.
 _SOFT, _HARDER = 1e-3, 2.0
-
-
-@dataclass(frozen=True)
-class _Rest:
-    """Half a free oscillation.
-
-    Attributes
-    ----------
-    z : ndarray, shape (n,)
-        Modal displacement at rest.
-    half : float
-        Half the period, s.
-    """
-
-    z: Array
-    half: float
-
-    @property
-    def y(self) -> Array:
-        return np.append(self.z, self.half)
 
 
 @dataclass(frozen=True)
@@ -99,7 +82,12 @@ class _Level:
 
 @one_thread
 def backbone(
-    scene: Scene, mode: int, energies: ArrayLike | None = None, *, amplitudes: ArrayLike | None = None
+    scene: Scene,
+    mode: int,
+    energies: ArrayLike | None = None,
+    *,
+    amplitudes: ArrayLike | None = None,
+    max_points: int = 1000,
 ) -> Branch:
     """Return a nonlinear normal mode of a conservative scene: free oscillations at some energies or amplitudes.
 
@@ -114,6 +102,8 @@ def backbone(
     amplitudes : array_like, shape (k,), optional
         Amplitudes in m, given instead of energies. The amplitude is the largest displacement of any degree of freedom
         at the instant of rest.
+    max_points : int
+        Largest number of orbits that are computed beyond a turn of the backbone, on the way to a level.
 
     Returns
     -------
@@ -138,6 +128,7 @@ def backbone(
     levels = np.atleast_1d(array("backbone: energies or amplitudes", energies if amplitudes is None else amplitudes))
     if levels.ndim != 1 or not levels.size or np.any(levels <= 0.0):
         raise ArgumentError(f"backbone: energies or amplitudes are {levels!r}, expected positive numbers")
+    max_points = whole("backbone: max_points", max_points)
     system = scene.model.system
     _check(scene, system)
     work = Work()
@@ -145,22 +136,21 @@ def backbone(
     few = reduced(system, _EACH_MODE * mode)
     search = _Search(system if few is None else few.system, work, few)
     number = _mode_number(search.space, mode, system)
-    found: dict[float, _Rest] = {}
     now, kind = search.linear(number, float(levels.min()), amplitudes is not None)
+    found: dict[float, Array] = {}
     failed: ConvergenceError | None = None
     for level in np.unique(levels).tolist():
         try:
-            now = search.path(now, kind, level)
+            found[level] = now = search.path(now, kind, level, max_points)
         except ConvergenceError as error:
             failed = error
             break
-        found[level] = now
     search, found = search.settled(found, kind)
     levels = np.array([level for level in levels.tolist() if level in found])
     counters = BranchCounters(points=levels.size, flows=work.flows, eigensolves=work.runs.eigensolves)
     orbits = [search.orbit(scene, found[level]) for level in levels.tolist()]
     counters.flows = work.flows
-    values = [search.energy(found[level].z) for level in levels.tolist()]
+    values = [search.energy(found[level][:-1]) for level in levels.tolist()]
     branch = Branch(np.array(values), Orbits([lambda o=o: o for o in orbits]), [], counters)  # type: ignore[misc]
     if failed is not None:
         failed.branch = branch  # type: ignore[attr-defined]
@@ -209,6 +199,7 @@ class _Search:
         self.rotation = system.rotation if few is None else few.full.rotation
         #: Relative change of the oscillations by doubling the vectors.
         self.change: float | None = None
+        self._latest: tuple[Array, tuple[Array, Array]] | None = None
 
     def energy(self, z: Array) -> float:
         """Return the energy of a displacement at rest, J."""
@@ -219,7 +210,7 @@ class _Search:
         q: Array = self.shapes @ z
         return State(q, np.zeros(q.size))
 
-    def settled(self, found: dict[float, _Rest], kind: _Level) -> tuple[_Search, dict[float, _Rest]]:
+    def settled(self, found: dict[float, Array], kind: _Level) -> tuple[_Search, dict[float, Array]]:
         """Return the oscillations in so many vectors that twice as many change them little."""
         search = self
         while found and search.few is not None:
@@ -229,14 +220,14 @@ class _Search:
                 break
             finer, better, change = _Search(finer_system.system, self.work, finer_system), {}, 0.0
             for level, one in found.items():
-                state = search.state(one.z)
+                state = search.state(one[:-1])
                 in_finer = modal_state(finer.system, finer.space, finer_system.project(state))[0]
                 try:
-                    better[level] = finer.solved(_Rest(in_finer, one.half), kind, level)
+                    better[level] = finer.solved(np.append(in_finer, one[-1]), kind, level)
                 except ConvergenceError:
                     return search, found
-                apart = search.few.change(state, finer.state(better[level].z))
-                change = max(change, apart, abs(better[level].half / one.half - 1.0))
+                apart = search.few.change(state, finer.state(better[level][:-1]))
+                change = max(change, apart, abs(better[level][-1] / one[-1] - 1.0))
             search.change = change
             if change <= GOOD:
                 break
@@ -244,7 +235,7 @@ class _Search:
             search.change = change
         return search, found
 
-    def linear(self, number: int, level: float, by_amplitude: bool) -> tuple[_Rest, _Level]:
+    def linear(self, number: int, level: float, by_amplitude: bool) -> tuple[Array, _Level]:
         """Return a linear oscillation of a mode that touches no contact, or else one in which the contacts close."""
         space, laws = self.space, self.system.contacts
         shape = np.zeros(space.size)
@@ -263,7 +254,7 @@ class _Search:
         kind = _Level(dof)
         unit, _ = kind.of(self, shape, linear=True)
         size = level / unit if by_amplitude else float(np.sqrt(level / unit))
-        start = _Rest(size * shape, np.pi / frequency)
+        start = np.append(size * shape, np.pi / frequency)
         if laws is None:
             return start, kind
         # The mode swings to both sides.
@@ -272,10 +263,10 @@ class _Search:
         if size * (1.0 + 1e-9) < reach:
             return start, kind
         if farthest > 0.0:
-            return _Rest(0.999 * reach * shape, start.half), kind
+            return np.append(0.999 * reach * shape, start[-1]), kind
         return self._hardened(start, kind, level), kind
 
-    def _hardened(self, start: _Rest, kind: _Level, level: float) -> _Rest:
+    def _hardened(self, start: Array, kind: _Level, level: float) -> Array:
         """Return an oscillation with contacts that touch at rest. The contacts are soft at first and then stiffened."""
         share, now = _SOFT, start
         factor = _HARDER
@@ -297,88 +288,56 @@ class _Search:
                 return now
             share = min(share * factor, 1.0)
 
-    def path(self, now: _Rest, kind: _Level, level: float) -> _Rest:
-        """Return the oscillation at a level, followed from another one."""
-        here, goal = np.log(kind.of(self, now.z)[0]), np.log(level)
+    def path(self, now: Array, kind: _Level, level: float, most: int) -> Array:
+        """Return the oscillation at a level, followed from another one.
+
+        Steps in the level pass by the narrow tongues of internal resonances, into which the backbone itself leads.
+        Where the level turns it is followed by arclength.
+        """
+        here, goal = np.log(kind.of(self, now[:-1])[0]), np.log(level)
         before: tuple[float, Array] | None = None
         step = _FIRST
         if goal <= here + 1e-15:
             return self.solved(now, kind, level)
-        while True:
+        while here < goal:
             ahead = min(here + step, goal)
-            guess = now.y
+            guess = now.copy()
             if before is not None:
-                guess = guess + (guess - before[1]) * (ahead - here) / (here - before[0])
+                guess += (now - before[1]) * (ahead - here) / (here - before[0])
             else:
                 # In proportion to the square root of the energy, or to the amplitude.
                 guess[:-1] *= np.exp((ahead - here) * (0.5 if kind.dof < 0 else 1.0))
             try:
-                found = self.solved(_Rest(guess[:-1], float(guess[-1])), kind, float(np.exp(ahead)))
-                if abs(found.half / now.half - 1.0) > 0.1 or _far(found.z, now.z):
+                found = self.solved(guess, kind, float(np.exp(ahead)))
+                if abs(found[-1] / now[-1] - 1.0) > 0.1 or _far(found[:-1], now[:-1]):
                     raise ConvergenceError("the oscillation changes too much in one step")
-            except ConvergenceError as error:
+            except ConvergenceError:
                 step *= 0.3
                 if step < _LEAST:
-                    return self._past_turns(now, before, kind, level, error)
+                    return self._past_turns(now, before, kind, level, most)
                 continue
-            before, now, here = (here, now.y), found, ahead
-            if ahead == goal:
-                return now
+            before, now, here = (here, now), found, ahead
             step = min(1.6 * step, _LARGEST)
+        return now
 
     def _past_turns(
-        self, now: _Rest, before: tuple[float, Array] | None, kind: _Level, level: float, error: ConvergenceError
-    ) -> _Rest:
-        """Return the oscillation at a level beyond a place where the backbone turns in its level, by arclength."""
+        self, now: Array, before: tuple[float, Array] | None, kind: _Level, level: float, most: int
+    ) -> Array:
+        """Return the oscillation at a level beyond a place where the backbone turns in its level."""
+        here = kind.of(self, now[:-1])[0]
+        towards = now - before[1] if before is not None else now * np.append(np.ones(self.space.size), 0.0)
+        scales = np.append(np.full(now.size - 1, np.linalg.norm(now[:-1])), now[-1])
+        family: Any = _Levels(self, kind)
+        walker = _Walk(family, Interval(0.0, level), BranchCounters(), most=most, noun="backbone")
+        first = walker.point(_RestChart(), np.append(now, here), np.append(towards / scales, 0.0))
+        points = walker.follow(first, _SHORT).points
+        if points[-1].value != level:
+            raise _not_reached(points, kind, level, walker.track.notes[-1])
+        return self.solved(points[-1].y[:-1], kind, level)
 
-        def level_of(y: Array) -> float:
-            return kind.of(self, y[:-1])[0] / level - 1.0
-
-        towards = now.y - before[1] if before is not None else now.y * np.append(np.ones(self.space.size), 0.0)
-        try:
-            first, last = until_positive(self.speeds, level_of, now.y, towards)
-            a, b = level_of(first), level_of(last)
-            guess = first + (last - first) * a / (a - b)
-            return self.solved(_Rest(guess[:-1], float(guess[-1])), kind, level)
-        except ConvergenceError as lost:
-            here = kind.of(self, now.z)[0]
-            beyond = f"{error}; and beyond that level {lost}"
-            if isinstance(lost, LostCurveError):
-                top, end = (level * (1.0 + level_of(y)) for y in (lost.farthest, lost.last))
-                beyond = (
-                    f"the backbone turns near {top:.9g}, at {np.pi / lost.farthest[-1]:.9g} rad/s, and was followed on "
-                    f"to {end:.9g}, at {np.pi / lost.last[-1]:.9g} rad/s; {lost}"
-                )
-            what = "energy" if kind.dof < 0 else "amplitude"
-            raise ConvergenceError(
-                f"backbone: by its {what} followed up to {here:.9g}, and not to {level:.9g}: {beyond}. Ask for levels "
-                "below; those that were found are in the attribute branch of this error"
-            ) from lost
-
-    def solved(self, guess: _Rest, kind: _Level, level: float) -> _Rest:
-        """Return the oscillation at a level near a guess."""
-        y, n = guess.y, self.space.size
-        best, kept = np.inf, y
-        for _ in range(_STEPS):
-            if not np.all(np.isfinite(y)) or y[-1] <= 0.0:
-                break
-            speeds, slopes = self.speeds(y)
-            value, slope = kind.of(self, y[:n])
-            residual = np.append(speeds, value / level - 1.0)
-            error = float(np.max(np.abs(residual)))
-            if error < best:
-                best, kept = error, y
-            elif best <= _ROUNDING:
-                break
-            if error <= _TOLERANCE:
-                break
-            matrix = np.zeros((n + 1, n + 1))
-            matrix[:n] = slopes
-            matrix[n, :n] = slope / level
-            y = y - direction(matrix, residual)
-        if best > _ROUNDING:
-            raise ConvergenceError(f"Newton's method left a residual of {best:.2e}")
-        return _Rest(kept[:n], float(kept[-1]))
+    def solved(self, guess: Array, kind: _Level, level: float) -> Array:
+        """Return the oscillation at a level near a guess: displacement at rest and half the period, shape (n + 1,)."""
+        return solved(_AtLevel(self, kind, level), guess, _STEPS).unknowns
 
     def speeds(self, y: Array) -> tuple[Array, Array]:
         """Return the modal velocities after half a period over the speed of the motion, and their derivative.
@@ -392,7 +351,12 @@ class _Search:
         -------
         ndarray, shape (n,), and ndarray, shape (n, n + 1)
         """
+        # Levels do not change the motion, so that derivatives by the level ask for the same one again.
+        if self._latest is not None and np.array_equal(self._latest[0], y):
+            return self._latest[1]
         n = self.space.size
+        if not np.all(np.isfinite(y)) or y[-1] <= 0.0:
+            raise ConvergenceError("the iteration diverged: half the period is not positive")
         begin = np.zeros((2 * n, n))
         begin[:n] = np.eye(n)
         start = Start(0.0, y[:n], np.zeros(n))
@@ -404,18 +368,19 @@ class _Search:
         assert one.monodromy is not None
         _, speed = one.sizes
         slopes = np.concatenate([one.monodromy[n:], one.rate(at_start=False)[n:, None]], axis=1) / speed
-        return one.velocity / speed, slopes
+        self._latest = y.copy(), (one.velocity / speed, slopes)
+        return self._latest[1]
 
-    def orbit(self, scene: Scene, rest: _Rest) -> PeriodicOrbit:
+    def orbit(self, scene: Scene, rest: Array) -> PeriodicOrbit:
         """Return the orbit of an oscillation, from rest at the side that is farther from the stops."""
         n, space = self.space.size, self.space
-        z = rest.z
-        one = flow(self.system, Start(0.0, z, np.zeros(n)), rest.half, counters=self.work.runs)
+        z, half = rest[:-1], float(rest[-1])
+        one = flow(self.system, Start(0.0, z, np.zeros(n)), half, counters=self.work.runs)
         if self.system.contacts is not None:
             gap = self.system.contacts.gap
             if np.max(space.contacts @ one.displacement - gap) < np.max(space.contacts @ z - gap):
                 z = one.displacement
-        period = 2.0 * rest.half
+        period = 2.0 * half
         full = flow(self.system, Start(0.0, z, np.zeros(n)), period, derivative=np.eye(2 * n), counters=self.work.runs)
         self.work.flows += 2
         assert full.monodromy is not None
@@ -432,7 +397,7 @@ class _Search:
         return PeriodicOrbit(
             scene,
             "shooting",
-            np.pi / rest.half,
+            np.pi / half,
             1,
             multipliers=np.linalg.eigvals(full.monodromy).astype(complex),
             residual=float(residual),
@@ -450,10 +415,111 @@ class _Search:
 _UNDECIDED = 1e-6
 
 
+@dataclass(frozen=True)
+class _Evaluation:
+    """The equations of a free oscillation; an `Evaluation`.
+
+    Attributes
+    ----------
+    residual : ndarray, shape (n + 1,)
+        Velocities after half a period over the speed of the motion, and one minus the wanted level over the level.
+    jacobian : ndarray, shape (n + 1, n + 1)
+    scales : ndarray, shape (n + 1,)
+    """
+
+    residual: Array
+    jacobian: Array
+    scales: Array
+    size: float = 1.0
+    flow: None = None
+    multipliers: None = None
+
+    @property
+    def error(self) -> float:
+        """The largest entry of the residual."""
+        return float(np.max(np.abs(self.residual)))
+
+
+@dataclass(frozen=True)
+class _AtLevel:
+    """The free oscillations at a level as roots of equations."""
+
+    search: _Search
+    kind: _Level
+    level: float
+    tolerance: ClassVar[float] = _TOLERANCE
+
+    @property
+    def size(self) -> int:
+        return self.search.space.size + 1
+
+    def evaluate(self, unknowns: Array, *, derivative: bool = True) -> _Evaluation:
+        speeds, slopes = self.search.speeds(unknowns)
+        value, slope = self.kind.of(self.search, unknowns[:-1])
+        if not value > 0.0:
+            raise ConvergenceError("the oscillation has vanished")
+        jacobian = np.concatenate([slopes, np.append(slope * self.level / value**2, 0.0)[None, :]])
+        scales = np.append(np.full(unknowns.size - 1, np.linalg.norm(unknowns[:-1])), unknowns[-1])
+        return _Evaluation(np.append(speeds, 1.0 - self.level / value), jacobian, scales)
+
+
+@dataclass(frozen=True)
+class _Levels:
+    """The free oscillations over the level, as a family."""
+
+    search: _Search
+    kind: _Level
+
+    @property
+    def work(self) -> Work:
+        return self.search.work
+
+    def of(self, y: Array) -> _AtLevel:
+        return _AtLevel(self.search, self.kind, float(y[-1]))
+
+
+class _RestChart(OriginChart):
+    """The displacement at rest and half the period as coordinates."""
+
+    def scales(self, problem: Any, evaluation: Any) -> Array:
+        """Return sizes of the coordinates."""
+        return np.asarray(evaluation.scales)
+
+
 def _far(a: Array, b: Array) -> bool:
     """Return whether two displacements differ in direction by more than a step may."""
     cosine = float(a @ b) / float(np.linalg.norm(a) * np.linalg.norm(b))
     return cosine < 0.9
+
+
+class _Walk(Follower):
+    """Follows a backbone, on which no special points are searched."""
+
+    def located(self, step: Step) -> list[SpecialPoint]:
+        """Return nothing."""
+        return []
+
+    def _look_between(self, earlier: Step, step: Step, base: int) -> None:
+        """Search nothing."""
+
+
+def _not_reached(points: list[Point], kind: _Level, level: float, why: str) -> ConvergenceError:
+    """Return the error of a backbone that does not come to a level."""
+    changes = np.diff([point.value for point in points])
+    turns = np.flatnonzero(changes[:-1] * changes[1:] < 0.0)
+    end, turned = points[-1], ""
+    # The walk by levels may have ended at the turn itself.
+    top = points[0] if changes.size and changes[0] < 0.0 else points[int(turns[0]) + 1] if turns.size else end
+    if top is not end:
+        turned = (
+            f"the backbone turns near {top.value:.9g}, at {np.pi / top.y[-2]:.9g} rad/s, and was followed on to "
+            f"{end.value:.9g}, at {np.pi / end.y[-2]:.9g} rad/s; "
+        )
+    what = "energy" if kind.dof < 0 else "amplitude"
+    return ConvergenceError(
+        f"backbone: by its {what} followed up to {points[0].value:.9g}, and not to {level:.9g}: {turned}{why}. Ask for "
+        "levels below; those that were found are in the attribute branch of this error"
+    )
 
 
 def replace_contacts(system: System, contacts: ContactLaws) -> System:

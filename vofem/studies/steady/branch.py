@@ -199,10 +199,16 @@ class Branch(Shown):
         A branch with folds has several orbits at one value. Each orbit is computed by Newton's method from its stored
         neighbours and not interpolated. There is no orbit outside the branch.
 
+        A file holds the scenes of the orbits instead of a function that builds scenes. Numbers that change from one
+        scene to the next are therefore read as polynomials in the parameter, if they are that to rounding.
+
         Raises
         ------
         ArgumentError
-            If the branch was loaded from a file, which holds no function that builds scenes.
+            If the branch is a backbone. If it was loaded from a file whose scenes depend on the parameter in another
+            way.
+        ConvergenceError
+            If the branch was loaded, and an orbit is not found from its neighbours.
         """
         return self._finder("at").at(number("at: value", value))
 
@@ -238,10 +244,7 @@ class Branch(Shown):
 
     def _finder(self, what: str) -> Source:
         if self._source is None:
-            raise ArgumentError(
-                f"{what}: this branch has no function that builds scenes, since it was loaded from a file or is a "
-                "backbone; follow it again with vofem.continuation"
-            )
+            raise ArgumentError(f"{what}: a backbone has no parameter of scenes; ask vofem.backbone for other levels")
         return self._source
 
     def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:

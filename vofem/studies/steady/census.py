@@ -78,7 +78,7 @@ def real_at(at: float) -> Test:
     def test(point: Point) -> float:
         values = multipliers(point)
         assert values is not None
-        factors = (1.0 - at * values) / np.maximum(1.0, np.abs(values))
+        factors = (1.0 - at * values) / np.hypot(1.0, np.abs(values))
         return float(np.prod(factors).real)
 
     return test
@@ -106,7 +106,7 @@ def pairs_at_one(reference: Point) -> Test:
         values = multipliers(point)
         assert values is not None
         products = np.multiply.outer(values, values)[np.triu_indices(values.size, 1)]
-        factors = (1.0 - products) / np.maximum(1.0, np.abs(products))
+        factors = (1.0 - products) / np.hypot(1.0, np.abs(products))
         away = np.abs(factors)
         if not np.min(away, initial=1.0) > _RECIPROCAL:
             return np.nan, 0.0

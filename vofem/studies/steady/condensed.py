@@ -21,9 +21,9 @@ from vofem.errors import MethodError
 from vofem.integrators.base import Truncation
 from vofem.integrators.event_driven.flow import modes_of
 from vofem.integrators.event_driven.lifted import TruncatedSolution
-from vofem.integrators.event_driven.reduction import Reduction, input_rows
 from vofem.integrators.event_driven.run import run
 from vofem.integrators.event_driven.solution import EventSolution
+from vofem.integrators.reduction import Reduction, input_rows
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.studies.steady.orbit import TIMES, OrbitTruncation

@@ -35,8 +35,9 @@ from vofem.studies.steady.census import (
 from vofem.studies.steady.extended import Extended, SpecialEquations
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.newton import solved
-from vofem.studies.steady.point import Interval, Point, derivative_by_value
+from vofem.studies.steady.point import Interval, Point, derivative_by_value, tangent_at
 from vofem.studies.steady.shorter import at_flip, repeats
+from vofem.studies.steady.special import SpecialPoint, special_at
 
 Array = NDArray[np.float64]
 
@@ -62,26 +63,8 @@ _NEWTON, _NEARBY = 12, 1e-3
 #: How near to a special point, as a share of its part of the step, its neighbours are compared.
 _BESIDE = 0.02
 
-
-@dataclass(frozen=True)
-class Crossing:
-    """A special point between two neighbours.
-
-    Attributes
-    ----------
-    kind : str
-        As in `SpecialPoint`, or "shorter" for an orbit that repeats before its end, at which a branch ends.
-    point : Point
-    share : float
-        Position of the point as a share of the step between the neighbours.
-    turns : bool
-        Whether the branch turns there.
-    """
-
-    kind: str
-    point: Point
-    share: float
-    turns: bool = False
+#: The same, where other special points may hide between a special point and the ends of its part.
+_AROUND = (0.5, 0.1, 0.02)
 
 
 @dataclass(frozen=True)
@@ -92,9 +75,9 @@ class _Part:
     low: float = 0.0
     high: float = 1.0
 
-    def placed(self, found: list[Crossing]) -> list[Crossing]:
+    def placed(self, found: list[SpecialPoint]) -> list[SpecialPoint]:
         """Return special points of this part with their share of the whole step."""
-        return [replace(one, share=self.low + one.share * (self.high - self.low)) for one in found]
+        return [replace(one, place=self.low + one.place * (self.high - self.low)) for one in found]
 
     def cut(self, family: Family, interval: Interval, share: float) -> tuple[_Part, _Part]:
         """Return the parts on both sides of a share of this part."""
@@ -103,7 +86,7 @@ class _Part:
         return _Part(Step(self.step.first, middle), self.low, at), _Part(Step(middle, self.step.last), at, self.high)
 
 
-def crossings(family: Family, step: Step, interval: Interval) -> list[Crossing]:
+def crossings(family: Family, step: Step, interval: Interval) -> list[SpecialPoint]:
     """Return the special points of a step, in the order of the branch, that can be found from its two ends.
 
     Parameters
@@ -116,13 +99,13 @@ def crossings(family: Family, step: Step, interval: Interval) -> list[Crossing]:
     if shorter is not None:
         at = root(family, step, interval, shorter)
         if at is not None:
-            return [Crossing("shorter", at_flip(family, at[0], interval), at[1])]
+            return [special_at("shorter", at_flip(family, at[0], interval), at[1])]
     return _found(family, interval, step, None)
 
 
 def hidden(
     family: Family, interval: Interval, steps: tuple[Step, Step], known: tuple[set[str], set[str]]
-) -> tuple[list[Crossing], list[Crossing]]:
+) -> tuple[list[SpecialPoint], list[SpecialPoint]]:
     """Return opposite special points of two successive steps, which cannot be found from the ends of the steps.
 
     Along the three orbits at the ends of both steps every function that vanishes at a special point is compared with a
@@ -138,10 +121,10 @@ def hidden(
 
     Returns
     -------
-    list of Crossing, list of Crossing
+    list of SpecialPoint, list of SpecialPoint
         The special points of each of the two steps.
     """
-    found: tuple[list[Crossing], list[Crossing]] = ([], [])
+    found: tuple[list[SpecialPoint], list[SpecialPoint]] = ([], [])
     for kinds, test in _tests(steps[0].last):
         place = _lowest(family, interval, steps, test)
         if place is None:
@@ -167,7 +150,7 @@ def _tests(middle: Point) -> list[tuple[set[str], Test]]:
     return tests
 
 
-def _found(family: Family, interval: Interval, step: Step, cut: float | None) -> list[Crossing]:
+def _found(family: Family, interval: Interval, step: Step, cut: float | None) -> list[SpecialPoint]:
     whole = _Part(step)
     parts = [whole]
     try:
@@ -182,18 +165,19 @@ def _found(family: Family, interval: Interval, step: Step, cut: float | None) ->
         if multipliers(step.first) is not None:
             for between in _around(family, interval, part, first):
                 found += between.placed(_single(family, interval, between.step))
-    return sorted(found, key=lambda crossing: crossing.share)
+    return sorted(found, key=lambda crossing: crossing.place)
 
 
-def _around(family: Family, interval: Interval, part: _Part, found: list[Crossing]) -> list[_Part]:
+def _around(family: Family, interval: Interval, part: _Part, found: list[SpecialPoint]) -> list[_Part]:
     """Return the parts of a step between the special points that were found in it, where they hide others."""
     points, shares = [part.step.first], [0.0]
-    for one in sorted(found, key=lambda crossing: crossing.share):
-        for share in (one.share - _BESIDE * one.share, one.share + _BESIDE * (1.0 - one.share)):
+    for one in sorted(found, key=lambda crossing: crossing.place):
+        before = [one.place - beside * one.place for beside in _AROUND]
+        for share in (*before, *(one.place + beside * (1.0 - one.place) for beside in reversed(_AROUND))):
             if share <= shares[-1]:
                 continue
             try:
-                points.append(point_between(family, part.step, interval, share))
+                points.append(point_between(family, part.step, interval, share, tangent=False))
             except ConvergenceError:
                 return []
             shares.append(share)
@@ -204,12 +188,23 @@ def _around(family: Family, interval: Interval, part: _Part, found: list[Crossin
         for (a, b), (low, high) in zip(itertools.pairwise(points), itertools.pairwise(shares), strict=True)
     ]
     # A part with a special point of those found in it shows that one alone.
-    return [
+    wanted = [
         one
         for one in parts
         if census(one.step.first) != census(one.step.last)
-        and not any(one.low <= known.share * (part.high - part.low) + part.low <= one.high for known in found)
+        and not any(one.low <= known.place * (part.high - part.low) + part.low <= one.high for known in found)
     ]
+    return [
+        replace(one, step=Step(*(_directed(family, interval, point) for point in (one.step.first, one.step.last))))
+        for one in wanted
+    ]
+
+
+def _directed(family: Family, interval: Interval, point: Point) -> Point:
+    """Return a point with the direction of the branch there, on the side of its tangent so far."""
+    y, evaluation = point.y, point.evaluation
+    by_value = derivative_by_value(family, interval, point.chart, y, evaluation)
+    return replace(point, by_value=by_value, tangent=tangent_at(evaluation, by_value, point.scales, point.tangent))
 
 
 def _changes(step: Step) -> Census | None:
@@ -226,9 +221,9 @@ def _changes(step: Step) -> Census | None:
     return Census(plus, minus, pairs)
 
 
-def _single(family: Family, interval: Interval, step: Step) -> list[Crossing]:
+def _single(family: Family, interval: Interval, step: Step) -> list[SpecialPoint]:
     """Return the special points of a step, that can be found from the numbers of multipliers at its ends."""
-    found: list[Crossing] = []
+    found: list[SpecialPoint] = []
     changes = _changes(step)
     turned = turning(step.first) * turning(step.last) < 0.0
     if changes is None or not step.first.chart.segmented:
@@ -249,23 +244,23 @@ def _single(family: Family, interval: Interval, step: Step) -> list[Crossing]:
     return found
 
 
-def _by_modulus(family: Family, interval: Interval, step: Step) -> list[Crossing]:
+def _by_modulus(family: Family, interval: Interval, step: Step) -> list[SpecialPoint]:
     """Return where multipliers pass the unit circle that change their kind on the way, as a pair that becomes real."""
     low, high = sorted((outside(step.first), outside(step.last)))
-    found: list[Crossing] = []
+    found: list[SpecialPoint] = []
     place = low
     while place < high:
         at = root(family, step, interval, modulus(place))
         kind = "" if at is None else kind_of(at[0])
         if at is not None and (kind != "branch_point" or step.first.chart.segmented):
-            found.append(Crossing(kind, *at))
+            found.append(special_at(kind, *at))
         place += 2 if kind == "neimark_sacker" else 1
     return found
 
 
 def _located(
     family: Family, interval: Interval, step: Step, kind: str, test: Test, change: int, which: int
-) -> list[Crossing]:
+) -> list[SpecialPoint]:
     """Return the places at which multipliers pass the unit circle, one for each of them."""
     tests = [test]
     if abs(change) > 1:
@@ -276,10 +271,10 @@ def _located(
     found = [root(family, step, interval, one) for one in (tests if change else [])]
     if kind == "branch_point":
         found = [None if at is None else (_exact(family, interval, at[0]), at[1]) for at in found]
-    return [Crossing(kind, *at) for at in found if at is not None]
+    return [special_at(kind, *at) for at in found if at is not None]
 
 
-def _at_turn(family: Family, interval: Interval, step: Step, passed: bool, at_one: Test) -> list[Crossing]:
+def _at_turn(family: Family, interval: Interval, step: Step, passed: bool, at_one: Test) -> list[SpecialPoint]:
     """Return the special point at which a branch turns: a fold, or a point at which it meets another branch.
 
     At a fold the determinant changes its sign with the direction of the branch. Where it does not, the branch comes
@@ -290,22 +285,22 @@ def _at_turn(family: Family, interval: Interval, step: Step, passed: bool, at_on
         return []
     point, share = at
     if passed:
-        return [Crossing("fold", point, share, True)]
+        return [special_at("fold", point, share)]
     low, high = share - _BESIDE * share, share + _BESIDE * (1.0 - share)
     try:
         beside = [point_between(family, step, interval, near) for near in (low, high)]
     except ConvergenceError:
-        return [Crossing("fold", point, share, True)]
+        return [special_at("fold", point, share)]
     if orientation(beside[0]) == orientation(beside[1]):
-        return [Crossing("branch_point", _exact(family, interval, point), share, True)]
+        return [special_at("branch_point", _exact(family, interval, point), share)]
     # A fold, and apart from it in the same step a branch point.
-    found = [Crossing("fold", point, share, True)]
+    found = [special_at("fold", point, share)]
     for part in (_Part(Step(step.first, beside[0]), 0.0, low), _Part(Step(beside[1], step.last), high, 1.0)):
         if orientation(part.step.first) != orientation(part.step.last):
             other = root(family, part.step, interval, at_one)
             if other is not None:
                 share = part.low + other[1] * (part.high - part.low)
-                found.append(Crossing("branch_point", _exact(family, interval, other[0]), share))
+                found.append(special_at("branch_point", _exact(family, interval, other[0]), share))
     return found
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 from vofem.errors import ConvergenceError
 from vofem.studies.steady.between import Step
 from vofem.studies.steady.branch import BranchCounters
-from vofem.studies.steady.crossings import Crossing, crossings, hidden
+from vofem.studies.steady.crossings import crossings, hidden
 from vofem.studies.steady.family import Family
+from vofem.studies.steady.near import signature_at
 from vofem.studies.steady.point import ORIGIN, Interval, Point, corrected, derivative_by_value, tangent_at
 from vofem.studies.steady.shooting import Shooting
 from vofem.studies.steady.signature import Signature
-from vofem.studies.steady.touching import Passage, ending, passage, signature_at
+from vofem.studies.steady.special import SpecialPoint, special_at
+from vofem.studies.steady.touching import Passage, ending, passage
 
 Array = NDArray[np.float64]
 
@@ -49,29 +51,6 @@ _AGAIN = 1e-2
 
 
 @dataclass
-class Mark:
-    """A special point.
-
-    Attributes
-    ----------
-    kind : str
-    point : Point
-    place : float
-        Number of the point before it, plus the share of the step to the next one.
-    contact : str
-        Name of the contact that grazes; empty for other kinds.
-    turns : bool
-        Whether the branch turns there, smoothly.
-    """
-
-    kind: str
-    point: Point
-    place: float
-    contact: str = ""
-    turns: bool = False
-
-
-@dataclass
 class Track:
     """The part of a branch that has been followed.
 
@@ -80,7 +59,7 @@ class Track:
     points : list of Point
     steps : list of Step or None
         The steps from each point to the next; None if both are one orbit in other coordinates.
-    marks : list of Mark
+    special : list of SpecialPoint
     notes : list of str
     interrupted : bool
         Whether Ctrl-C was pressed.
@@ -88,7 +67,7 @@ class Track:
 
     points: list[Point] = field(default_factory=list)
     steps: list[Step | None] = field(default_factory=list)
-    marks: list[Mark] = field(default_factory=list)
+    special: list[SpecialPoint] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     interrupted: bool = False
 
@@ -141,7 +120,7 @@ class Follower:
 
     # -- points ---------------------------------------------------------------------------------------
 
-    def located(self, step: Step) -> list[Crossing]:
+    def located(self, step: Step) -> list[SpecialPoint]:
         """Return the special points of a step, except grazings."""
         return crossings(self.family, step, self.interval)
 
@@ -152,7 +131,7 @@ class Follower:
     def begin(self, unknowns: Array, value: float) -> Point:
         """Return the first point, heading for the far end of the interval."""
         problem = self.family.at(value)
-        chart, y = signature_at(problem, unknowns) if isinstance(problem, Shooting) else (ORIGIN, unknowns)
+        chart, y, _ = signature_at(problem, unknowns) if isinstance(problem, Shooting) else (ORIGIN, unknowns, None)
         y = np.append(y, value)
         towards = np.zeros(y.size)
         towards[-1] = 1.0 if self.interval.stop > self.interval.start else -1.0
@@ -212,7 +191,7 @@ class Follower:
                 track.interrupted = True
                 track.notes.append(f"interrupted at {now.value:.9g}, the end of the {self.noun}")
         self.counters.points = len(track.points)
-        track.marks.sort(key=lambda mark: mark.place)
+        track.special.sort(key=lambda mark: mark.place)
         return track
 
     def _advanced(self, now: Point, step: float) -> tuple[Point, float] | None:
@@ -268,7 +247,7 @@ class Follower:
         assert laws is not None
         place = float(len(self.track.points) - 1)
         for contact in passed.grazed:
-            self.track.marks.append(Mark("grazing", passed.at, place, laws.names[contact]))
+            self.track.special.append(special_at("grazing", passed.at, place, laws.names[contact]))
         if passed.after is None:
             names = " and ".join(repr(laws.names[contact]) for contact in passed.grazed)
             self.track.notes.append(
@@ -384,7 +363,7 @@ class Follower:
     def _look_between(self, earlier: Step, step: Step, base: int) -> None:
         """Mark special points of the last two steps that undo each other."""
         first, second = (
-            {mark.kind for mark in self.track.marks if place <= mark.place < place + 1.0}
+            {mark.kind for mark in self.track.special if place <= mark.place < place + 1.0}
             for place in (base - 1.0, float(base))
         )
         before, after = hidden(self.family, self.interval, (earlier, step), (first, second))
@@ -393,9 +372,9 @@ class Follower:
         for crossing in after:
             self._mark(crossing, step, base)
 
-    def _mark(self, crossing: Crossing, step: Step, base: int) -> None:
-        """Add a crossing. A branch over several periods ends where its orbits repeat earlier."""
-        kind, at = crossing.kind, crossing.point
+    def _mark(self, special: SpecialPoint, step: Step, base: int) -> None:
+        """Add a special point. A branch over several periods ends where its orbits repeat earlier."""
+        kind, at = special.kind, special.point
         problem = at.problem
         if kind == "shorter":
             shortest = problem.shortest_period(at.unknowns(), at.evaluation)
@@ -408,7 +387,7 @@ class Follower:
                 f"the branch ends at {at.value:.12g} on orbits over {shortest} {times} of the loads; beyond are the "
                 "same orbits, later by whole periods"
             )
-        self.track.marks.append(Mark(kind, at, base + crossing.share, turns=crossing.turns))
+        self.track.special.append(replace(special, kind=kind, place=base + special.place))
 
     def _closed(self, now: Point, after: Point) -> bool:
         """Return whether the branch has come back to its first point, as it began; then it is over."""
@@ -433,7 +412,7 @@ class Follower:
         self._over = True
         # The points beyond the first orbit are the beginning of the branch again.
         last = len(points) - 2 + share - _AGAIN
-        self.track.marks[:] = [mark for mark in self.track.marks if mark.place < last]
+        self.track.special[:] = [mark for mark in self.track.special if mark.place < last]
         self.track.notes.append(
             f"the {self.noun} is closed: it has come back to its first orbit at {points[0].value:.12g}"
         )

@@ -12,9 +12,7 @@ from numpy.typing import NDArray
 
 from vofem.integrators.base import ContactSamples, Energies, SpringSamples, status_at
 from vofem.integrators.event_driven.modal_samples import ModalSamples
-from vofem.laws import LawGroup
-from vofem.laws.evaluate import commit, dissipated, force_and_tangent, stored
-from vofem.laws.table import Laws
+from vofem.laws import LawGroup, LawSet
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.studies.steady.law_path import LawPaths
@@ -157,11 +155,11 @@ class HarmonicSolution:
 
     def _along_path(self, groups: Sequence[LawGroup], times: Array) -> tuple[list[Array], Array]:
         """Return force, stored energy and loss of the laws of each group, and all internal variables at the end."""
-        records = self.motion.laws.laws
+        records = self.motion.laws.laws.fresh()
         parts = [self._linear(g, times) if g.linear else self._followed(g, records, times) for g in groups]
         return parts, records.state
 
-    def _followed(self, group: LawGroup, records: Laws, times: Array) -> Array:
+    def _followed(self, group: LawGroup, records: LawSet, times: Array) -> Array:
         """Return force, stored energy and loss of laws with internal variables, (3, n_laws, n_times); update these."""
         motion = self.motion
         first = motion.laws.first_of(group)
@@ -174,18 +172,18 @@ class HarmonicSolution:
             at_turns, at_times = u[: turns.size].tolist(), u[turns.size :].tolist()
             for _ in range(motion.laws.passes):
                 for value in at_turns:
-                    commit(records, j, value)
-            begin = dissipated(records, j, at_times[0])
+                    records.commit(j, value)
+            begin = records.dissipated(j, at_times[0])
             part = np.searchsorted(turns, times, side="right")
             done = 0
             for k, value in enumerate(at_times):
                 while done < part[k]:
-                    commit(records, j, at_turns[done])
+                    records.commit(j, at_turns[done])
                     done += 1
-                out[0, i, k] = force_and_tangent(records, j, value)[0]
-                out[1, i, k] = stored(records, j, value)
-                out[2, i, k] = dissipated(records, j, value) - begin
-            commit(records, j, at_times[-1])
+                out[0, i, k] = records.force(j, np.array([value]))[0]
+                out[1, i, k] = records.stored(j, value)
+                out[2, i, k] = records.dissipated(j, value) - begin
+            records.commit(j, at_times[-1])
         return out
 
     def _linear(self, group: LawGroup, times: Array) -> Array:

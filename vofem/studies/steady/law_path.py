@@ -16,9 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import ConvergenceError
-from vofem.laws.evaluate import commit, curve, forces_along, jumps, kinks, past_slopes, switched_on
-from vofem.laws.group import LawGroup
-from vofem.laws.table import Laws, build_laws
+from vofem.laws import LawGroup, LawSet
 from vofem.studies.steady.trigonometric import basis, rate, roots, turning_points
 from vofem.system import System
 
@@ -128,17 +126,11 @@ class LawPaths:
     def __init__(self, groups: tuple[LawGroup, ...]) -> None:
         self.groups = groups
         self.size = sum(len(group) for group in groups)
-        self._laws = build_laws(groups)
-        self._law_of: list[tuple[LawGroup, int]] = [(group, i) for group in groups for i in range(len(group))]
+        self.laws = LawSet(groups)
 
     def first_of(self, group: LawGroup) -> int:
         """Return the number of a group's first law."""
-        return next(j for j, (one, _) in enumerate(self._law_of) if one is group)
-
-    @property
-    def laws(self) -> Laws:
-        """Records of the laws, with internal variables of their own, those before any load."""
-        return self._laws._replace(state=self._laws.state.copy())
+        return sum(len(one) for one in self.groups[: self.groups.index(group)])
 
     def along(self, j: int, series: Array, omega: float, wanted: int, *, derivative: bool = True) -> LawForce:
         """Return the force of law j along a motion.
@@ -156,45 +148,41 @@ class LawPaths:
         """
         total = _Integral(series.size // 2, wanted, derivative)
         settled = True
-        if self._laws.table[j]["end"] > self._laws.table[j]["start"]:
-            settled = _with_past(self.laws, j, series, total)
-        elif kinks(self._laws, j):
-            _between_kinks(self._laws, j, omega, series, total)
+        if self.laws.laws[j].remembers:
+            settled = _with_past(self.laws.fresh(), j, series, total)
+        elif self.laws.kinks(j):
+            _between_kinks(self.laws, j, omega, series, total)
         else:
-            _smooth(self._laws, j, *self._law_of[j], series, total)
+            _smooth(self.laws, j, series, total)
         return LawForce(total.force, total.slope if derivative else None, settled)
 
     def with_past(self) -> str | None:
         """Return the label of the first law whose force depends on the past, or None."""
-        for record, (group, index) in zip(self._laws.table, self._law_of, strict=True):
-            if record["end"] > record["start"]:
-                return group.labels[index]
-        return None
+        return next((law.label for law in self.laws.laws if law.remembers), None)
 
     def tangent(self, j: int, series: Array, omega: float) -> LawTangent:
         """Return the tangent of law j, whose force does not depend on the past, along a motion."""
-        laws, (group, index) = self._laws, self._law_of[j]
-        if kinks(laws, j):
+        laws = self.laws
+        if laws.kinks(j):
             return _tangent_between_kinks(laws, j, omega, series)
 
         def at(angles: Array) -> Array:
-            stiffness = curve(group, laws, j, index, basis(angles, series.size // 2) @ series, True)[1]
+            stiffness = laws.tangent(j, basis(angles, series.size // 2) @ series)
             return np.stack([stiffness, np.zeros(angles.size)])
 
         return LawTangent(np.zeros(0), np.zeros((0, 4)), at)
 
 
-def _tangent_between_kinks(laws: Laws, j: int, omega: float, series: Array) -> LawTangent:
+def _tangent_between_kinks(laws: LawSet, j: int, omega: float, series: Array) -> LawTangent:
     """Return the tangent of a law with kinks."""
     harmonics = series.size // 2
     begin, end = _stretches(series)
-    damping = float(laws.table[j]["damping"])
-    levels = kinks(laws, j)
+    levels = laws.kinks(j)
     edges = [np.mod(_crossings(series, begin, end, level), _TURN) for level in levels]
-    moved = np.zeros((edges[0].size if any(jumps(laws, j)) else 0, 4))
+    moved = np.zeros((edges[0].size if any(laws.jumps(j)) else 0, 4))
     if moved.size:
         moved[:, 0], moved[:, 1] = edges[0], omega * (basis(edges[0], harmonics) @ rate(series))
-        moved[:, 2:] = jumps(laws, j)
+        moved[:, 2:] = laws.jumps(j)
 
     def at(angles: Array) -> Array:
         functions = basis(angles, harmonics)
@@ -203,10 +191,8 @@ def _tangent_between_kinks(laws: Laws, j: int, omega: float, series: Array) -> L
         acts = along > levels[0]
         if np.any(acts):
             u, speed = along[acts], omega * (functions[acts] @ rate(series))
-            force, tangent = np.empty(u.size), np.empty(u.size)
-            forces_along(laws, j, u, force, tangent)
-            share, change = switched_on(laws, j, u) if damping else (np.zeros(u.size), np.zeros(u.size))
-            found[0, acts], found[1, acts] = tangent + damping * change * speed, damping * share
+            damping, change = laws.damping(j, u)
+            found[0, acts], found[1, acts] = laws.tangent(j, u) + change * speed, damping
         return found
 
     return LawTangent(np.unique(np.concatenate(edges)), moved, at)
@@ -220,18 +206,23 @@ def panels(low: float, high: float, harmonics: int) -> tuple[Array, Array]:
     return (edges[:-1, None] + half * (1.0 + _NODES)).ravel(), (half * _WEIGHTS).ravel()
 
 
-def _smooth(laws: Laws, j: int, group: LawGroup, index: int, series: Array, total: _Integral) -> None:
+def _smooth(laws: LawSet, j: int, series: Array, total: _Integral) -> None:
     """Sum over equal angles, which for smooth forces converges faster than any power."""
     harmonics = series.size // 2
     count = 1 << int(np.ceil(np.log2(_SAMPLES * (max(harmonics, total.wanted) + 1))))
     angles = np.asarray(np.arange(count) * (_TURN / count), dtype=float)
     functions = basis(angles, harmonics)
     u = functions @ series
-    force, tangent = curve(group, laws, j, index, u, total.derivative)
+    try:
+        force = laws.force(j, u)
+        tangent = laws.tangent(j, u) if total.derivative else force
+    except OverflowError:
+        # Newton's method has tried a point that is much too far away.
+        force = tangent = np.full(u.size, np.inf)
     usable = (np.abs(force) < _LARGEST) & (np.abs(tangent) < _LARGEST)
     if not np.all(usable):
         k = int(np.argmin(usable))
-        raise ConvergenceError(f"{group.labels[index]} has a force of {force[k]:.3g} N at u = {u[k]:.3g} m")
+        raise ConvergenceError(f"{laws.laws[j].label} has a force of {force[k]:.3g} N at u = {u[k]:.3g} m")
     slopes = tangent[:, None] * functions if total.derivative else None
     total.add(angles, np.full(count, _TURN / count), force, slopes)
 
@@ -252,18 +243,17 @@ def _crossings(series: Array, begin: Array, end: Array, level: float) -> Array:
     return roots(series, begin[crossed], end[crossed], level) if np.any(crossed) else np.zeros(0)
 
 
-def _between_kinks(laws: Laws, j: int, omega: float, series: Array, total: _Integral) -> None:
+def _between_kinks(laws: LawSet, j: int, omega: float, series: Array, total: _Integral) -> None:
     """Integrate over the times at which a law acts that has kinks, as a contact does while it is closed."""
     harmonics = series.size // 2
     begin, end = _stretches(series)
-    damping = float(laws.table[j]["damping"]) * omega
-    levels = kinks(laws, j)
+    damped, levels = laws.laws[j].damped, laws.kinks(j)
     edges = [_crossings(series, begin, end, level) for level in levels]
     for angle in edges[0]:
         # A place where the force jumps moves by -du over the rate of u, on closing as on opening.
         speed = float(basis(np.array([angle]), harmonics)[0] @ rate(series))
         if speed != 0.0:
-            spring, damper = jumps(laws, j)
+            spring, damper = laws.jumps(j)
             total.add_jump(angle, (spring + omega * damper * speed) / abs(speed))
     cuts = np.unique(np.mod(np.concatenate(edges), _TURN))
     if not cuts.size:
@@ -275,16 +265,15 @@ def _between_kinks(laws: Laws, j: int, omega: float, series: Array, total: _Inte
         angles, weights = panels(low, high, harmonics + total.wanted)
         functions = basis(angles, harmonics)
         u = np.maximum(functions @ series, np.nextafter(levels[0], np.inf))
-        force, tangent = np.empty(u.size), np.empty(u.size)
-        forces_along(laws, j, u, force, tangent)
-        slopes = tangent[:, None] * functions if total.derivative else None
-        if damping:
-            changes = functions @ rate(series)
-            share, change = switched_on(laws, j, u)
-            force = force + damping * share * changes
+        force = laws.force(j, u)
+        slopes = laws.tangent(j, u)[:, None] * functions if total.derivative else None
+        if damped:
+            speeds = omega * (functions @ rate(series))
+            damping, change = laws.damping(j, u)
+            force = force + damping * speeds
             if slopes is not None:
-                moving = _rates_of(functions)
-                slopes = slopes + damping * (share[:, None] * moving + (change * changes)[:, None] * functions)
+                moving = omega * _rates_of(functions)
+                slopes = slopes + damping[:, None] * moving + (change * speeds)[:, None] * functions
         total.add(angles, weights, force, slopes)
 
 
@@ -296,35 +285,35 @@ def _rates_of(functions: Array) -> Array:
     return np.concatenate([np.zeros((functions.shape[0], 1)), -order * sines, order * cosines], axis=1)
 
 
-def _with_past(laws: Laws, j: int, series: Array, total: _Integral) -> bool:
+def _with_past(laws: LawSet, j: int, series: Array, total: _Integral) -> bool:
     """Follow the internal variables over the period until they repeat, then integrate; return whether they repeat."""
     harmonics = series.size // 2
     begin, end = _stretches(series)
     functions = basis(begin, harmonics)
     u = functions @ series
-    part = slice(laws.table[j]["start"], laws.table[j]["end"])
-    slopes = np.zeros((part.stop - part.start, series.size))
+    state = laws.of(j)
+    slopes = np.zeros((state.size, series.size))
 
     def carry(i: int) -> None:
         nonlocal slopes
         if total.derivative:
-            _, past, now = past_slopes(laws, j, u[i])
+            _, past, now = laws.past_slopes(j, u[i])
             slopes = past @ slopes + np.outer(now, functions[i])
-        commit(laws, j, u[i])
+        laws.commit(j, u[i])
 
     size = float(np.abs(series).sum())
     settled = False
     carry(0)
     for _ in range(PASSES):
-        before = laws.state[part].copy()
+        before = state.copy()
         for i in (*range(1, begin.size), 0):
             carry(i)
-        change = np.abs(laws.state[part] - before)[1:]
+        change = np.abs(state - before)[1:]
         if np.all(change <= _SETTLED * (size + np.abs(before[1:]))):
             settled = True
             break
     for i in range(begin.size):
-        levels = [level for level in kinks(laws, j) if np.isfinite(level)]
+        levels = [level for level in laws.kinks(j) if np.isfinite(level)]
         inside = [_crossings(series, begin[i : i + 1], end[i : i + 1], level) for level in levels]
         cuts = np.concatenate([begin[i : i + 1], np.sort(np.concatenate([*inside, np.zeros(0)])), end[i : i + 1]])
         for low, high in pairwise(cuts.tolist()):
@@ -333,13 +322,12 @@ def _with_past(laws: Laws, j: int, series: Array, total: _Integral) -> bool:
             angles, weights = panels(low, high, harmonics + total.wanted)
             moving = basis(angles, harmonics)
             along = moving @ series
-            force, tangent = np.empty(along.size), np.empty(along.size)
-            forces_along(laws, j, along, force, tangent)
+            force, tangent = laws.force(j, along), laws.tangent(j, along)
             by_series = None
             if total.derivative:
                 # Between kinks the internal variables act as the coordinate does, in proportion to the tangent.
                 middle = along.size // 2
-                by_past = past_slopes(laws, j, along[middle])[0]
+                by_past = laws.past_slopes(j, along[middle])[0]
                 share = tangent / tangent[middle] if tangent[middle] != 0.0 else np.ones(tangent.size)
                 by_series = tangent[:, None] * moving + np.outer(share, by_past @ slopes)
             total.add(angles, weights, force, by_series)

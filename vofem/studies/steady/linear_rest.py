@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from vofem.errors import ArgumentError, ConvergenceError, SingularSystemError
 from vofem.integrators.event_driven.flow import modes_of
-from vofem.integrators.event_driven.reduction import holding, two_solutions
+from vofem.integrators.reduction import holding, two_solutions
 from vofem.linalg.ritz import RitzBasis
 from vofem.system import Counters, System
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,15 +21,16 @@ from vofem.studies.steady.between import Step
 from vofem.studies.steady.branch import BranchCounters
 from vofem.studies.steady.branch_progress import branch_progress
 from vofem.studies.steady.census import Test, kind_of, multipliers, pairs_at_one, real_at, turning
-from vofem.studies.steady.crossings import Crossing, root
+from vofem.studies.steady.crossings import root
 from vofem.studies.steady.extended import Extended
 from vofem.studies.steady.family import Family
-from vofem.studies.steady.follow import LARGEST, Follower, Mark
+from vofem.studies.steady.follow import LARGEST, Follower
+from vofem.studies.steady.near import signature_at
+from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.point import ORIGIN, Interval, Point, corrected
 from vofem.studies.steady.shooting import Shooting
-from vofem.studies.steady.special import KINDS, SpecialPoint
+from vofem.studies.steady.special import KINDS, SpecialPoint, special_at
 from vofem.studies.steady.steady_state import as_guess
-from vofem.studies.steady.touching import signature_at
 
 Array = NDArray[np.float64]
 
@@ -224,16 +226,12 @@ def locus(
     counters.points, counters.check_flows = len(track.points), family.work.checks
     counters.eigensolves = family.work.runs.eigensolves
     rows = [(float(place), point) for place, point in enumerate(track.points)]
-    rows += [(mark.place, mark.point) for mark in track.marks]
+    rows += [(one.place, one.point) for one in track.special]
     rows.sort(key=lambda row: row[0])
     values = np.array([point.y[-2:] for _, point in rows])
     distinct = np.append(True, np.any(np.diff(values, axis=0) != 0.0, axis=1))
-    found = [
-        SpecialPoint(mark.kind, float(mark.point.y[-2]), mark.point.orbit(), mark.contact, mark.place, mark.point.value)
-        for mark in track.marks
-    ]
     return Locus(
-        values[distinct], special.kind, found, counters,
+        values[distinct], special.kind, track.special, counters,
         contact=special.contact, notes=track.notes, interrupted=track.interrupted,
     )  # fmt: skip
 
@@ -247,7 +245,7 @@ class _Walk(Follower):
         towards[-1] = 1.0 if self.interval.stop > self.interval.start else -1.0
         return self.point(first.chart, first.y, towards, first.evaluation)
 
-    def located(self, step: Step) -> list[Crossing]:
+    def located(self, step: Step) -> list[SpecialPoint]:
         """Return the points of a step at which the locus is special."""
         kind, middle = step.first.chart.kind, step.first
         tests: list[tuple[str, Test]] = []
@@ -261,7 +259,7 @@ class _Walk(Follower):
             # A pair begins where both multipliers of a double one belong together.
             names = [_PAIR if at == kind else at for at in ("fold", "period_doubling")]
             tests += [(names[0], real_at(1.0)), (names[1], real_at(-1.0)), (_PAIR, pairs_at_one(middle))]
-        found: list[Crossing] = []
+        found: list[SpecialPoint] = []
         for name, test in tests:
             ends = [test(step.first), test(step.last)]
             if not np.all(np.isfinite(ends)) or max(map(abs, ends)) <= _ROUNDING or ends[0] * ends[1] > 0.0:
@@ -274,8 +272,8 @@ class _Walk(Follower):
             if name == "turn" and found:
                 # At a tip, and where the locus comes back along itself.
                 continue
-            found.append(Crossing(name, *at))
-        return sorted(found, key=lambda one: one.share)
+            found.append(special_at(name, *at))
+        return sorted(found, key=lambda one: one.place)
 
     def _take(self, step: Step | None, point: Point | None = None) -> None:
         """Add a point, unless it is none of a locus of its kind."""
@@ -296,10 +294,10 @@ class _Walk(Follower):
     def _look_between(self, earlier: Step, step: Step, base: int) -> None:
         """Search nothing: the curve shows its own turns."""
 
-    def _mark(self, crossing: Crossing, step: Step, base: int) -> None:
+    def _mark(self, special: SpecialPoint, step: Step, base: int) -> None:
         """Add a special point. Where both multipliers of a pair meet, the locus ends."""
-        at = crossing.point
-        self.track.marks.append(Mark(crossing.kind, at, base + crossing.share))
+        at = special.point
+        self.track.special.append(replace(special, place=base + special.place))
         if at.chart.kind == _PAIR and abs(np.sin(at.y[-3])) < _MEET:
             self._over = True
             where = "1" if np.cos(at.y[-3]) > 0.0 else "-1"
@@ -313,6 +311,12 @@ def _is_pair(point: Point) -> bool:
     values = multipliers(point)
     assert values is not None
     return bool(np.min(np.abs(np.abs(values) - 1.0)) < _ON_CIRCLE) and kind_of(point) == _PAIR
+
+
+def _unknowns(problem: Any, orbit: PeriodicOrbit) -> tuple[Any, Array]:
+    """Return the equations of an orbit and its unknowns in them."""
+    x = problem.from_orbit(orbit)
+    return signature_at(problem, x)[:2] if isinstance(problem, Shooting) else (ORIGIN, x)
 
 
 def _begin(build: Callable[[float, float], Scene], special: SpecialPoint, interval: Interval) -> tuple[Family, Point]:
@@ -329,8 +333,8 @@ def _begin(build: Callable[[float, float], Scene], special: SpecialPoint, interv
     if isinstance(problem, Shooting):
         problem = as_guess(problem, orbit)
         family.begin_with(problem, value, interval.start)
-    x = problem.from_orbit(orbit)
-    known = problem.evaluate(x)
+    inner, y = _unknowns(problem, orbit)
+    known = inner.evaluate(problem, y)
     where = f"build({value:.9g}, {interval.start:.9g})"
     if not known.error <= _ORBIT:
         raise ArgumentError(
@@ -339,12 +343,11 @@ def _begin(build: Callable[[float, float], Scene], special: SpecialPoint, interv
             "value of the other parameter there"
         )
     # A branch of orbits over several periods may end at a special point of orbits over fewer.
-    shortest = problem.shortest_period(x, known)
+    shortest = problem.shortest_period(y, known)
     if shortest < problem.periods:
         family = family.over(shortest)
         problem = family.at(value, interval.start)
-        x = problem.from_orbit(orbit)
-    inner, y = signature_at(problem, x) if isinstance(problem, Shooting) else (ORIGIN, x)
+        inner, y = _unknowns(problem, orbit)
     held = -1
     if kind == "grazing":
         inner, y, held = _touch(problem, inner, y, special)

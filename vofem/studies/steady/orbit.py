@@ -107,6 +107,9 @@ class PeriodicOrbit(Shown):
         State over the free degrees of freedom at t = 0 of the loads.
     stable : bool or None, optional
         Whether the orbit is stable, if this is known already.
+    extremes : callable, optional
+        Returns the least and the largest value of a row over the free degrees of freedom, shape (n,), along the orbit.
+        By default they are found in the result, which takes a run.
 
     Attributes
     ----------
@@ -131,6 +134,7 @@ class PeriodicOrbit(Shown):
         decided: Callable[[], float] | None = None,
         start: State | None = None,
         stable: bool | Unknown | None = UNKNOWN,
+        extremes: Callable[[Array], tuple[float, float]] | None = None,
     ) -> None:
         self._scene, self.method = scene, method
         self.omega, self.periods = float(omega), int(periods)
@@ -140,7 +144,7 @@ class PeriodicOrbit(Shown):
         self.notes = list(notes)
         self.unknowns = unknowns
         self.autonomous = autonomous
-        self._make, self._decided = result, decided
+        self._make, self._decided, self._along = result, decided, extremes
         self.start = start
         self._stable = stable
         self._measured: tuple[Any, tuple[float, float]] | None = None
@@ -265,6 +269,8 @@ class PeriodicOrbit(Shown):
         return self._measured[1]
 
     def _extremes(self, point: Any) -> tuple[float, float]:
+        if self._along is not None:
+            return self._along(rows_over(self.scene.model, self.scene.bodies, [point]).toarray()[0])
         result = self.result
         times = self._corners
         u, v = result.displacement(point, times), result.velocity(point, times)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from vofem.assembly import Model
-from vofem.bodies import BeamPoint
+from vofem.bodies import BodyPoint
 from vofem.bodies.base import Body
 from vofem.effects import Contact
 from vofem.integrators.event_driven.flow import share_modes
@@ -100,7 +100,7 @@ def _same(new: Any, old: Any, partners: dict[Body, Body]) -> bool:
         return partners.get(new) is old
     if type(new) is not type(old):
         return False
-    if isinstance(new, BeamPoint):
+    if isinstance(new, BodyPoint):
         return partners.get(new.body) is old.body and bool(new.x == old.x)
     if new is None or isinstance(new, (bool, int, float, complex, str, np.generic)):
         return bool(new == old)

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from vofem.errors import ConvergenceError
 from vofem.integrators.event_driven.flow import Start
-from vofem.studies.steady.newton import Solved, solved
+from vofem.studies.steady.near import orbit_near
+from vofem.studies.steady.newton import Solved
 from vofem.studies.steady.shooting import Shooting, relative
 
 Array = NDArray[np.float64]
@@ -22,7 +23,7 @@ MOST_PERIODS = 200
 _TRY, _AGAIN = 1e-2, 0.1
 
 #: Steps of Newton's method in a trial, and the largest distance to its solution, in changes over an orbit.
-_STEPS, _FAR = 8, 200.0
+_STEPS, _FAR = 2, 200.0
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ def from_rest(what: str, problem: Shooting) -> Settled:
         x = after
     seen = f"after {MOST_PERIODS} periods from rest the motion still changes by {change:.2g} of itself over an orbit"
     try:
-        found = solved(problem, problem.linear_response())
+        found = orbit_near(problem, problem.linear_response())
     except ConvergenceError as error:
         regular = (
             "another start, at which the motion is regular, such as one where no contact is touched"
@@ -85,7 +86,7 @@ def from_rest(what: str, problem: Shooting) -> Settled:
 def _tried(problem: Shooting, x: Array, change: float, sizes: tuple[float, float]) -> Solved | None:
     """Return the orbit that the transient approaches, or None where Newton's method does not find it from here."""
     try:
-        found = solved(problem, x, _STEPS)
+        found = orbit_near(problem, x, _STEPS)
     except ConvergenceError:
         return None
     multipliers = found.evaluation.multipliers

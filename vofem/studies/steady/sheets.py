@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,7 @@ from vofem.errors import ArgumentError, ConvergenceError
 from vofem.studies.steady.branch import Branch, BranchCounters, Orbits
 from vofem.studies.steady.branching import other_direction
 from vofem.studies.steady.family import Family
-from vofem.studies.steady.follow import FIRST, Follower, Mark, Track
+from vofem.studies.steady.follow import FIRST, Follower, Track
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.point import Point, corrected, derivative_by_value
 from vofem.studies.steady.special import SpecialPoint
@@ -27,18 +26,13 @@ _SAME, _TRIED = 1e-8, (1.0, 0.1, 1e-2, 1e-3)
 def branch_of(track: Track, family: Family, walker: Follower) -> Branch:
     """Return a branch that has been followed."""
     source = Sheets(track, family, walker)
-    special = [
-        SpecialPoint(mark.kind, mark.point.value, mark.point.orbit(), mark.contact, mark.place) for mark in track.marks
-    ]
-    source.marked = dict(zip(map(id, special), track.marks, strict=True))
-    source.special = special
     walker.counters.points = len(track.points)
     walker.counters.check_flows = family.work.checks
     walker.counters.eigensolves = family.work.runs.eigensolves
     return Branch(
         np.array([point.value for point in track.points]),
         Orbits([point.orbit for point in track.points]),
-        special,
+        track.special,
         walker.counters,
         notes=track.notes,
         periods=family.periods,
@@ -60,8 +54,6 @@ class Sheets:
 
     def __init__(self, track: Track, family: Family, walker: Follower) -> None:
         self.track, self.family, self.walker = track, family, walker
-        self.marked: dict[int, Any] = {}
-        self.special: list[SpecialPoint] = []
 
     def at(self, value: float) -> list[PeriodicOrbit]:
         """Return all orbits at a value of the parameter, one for each part of the branch between folds."""
@@ -83,7 +75,7 @@ class Sheets:
         for k, step in enumerate(self.track.steps):
             if step is None:
                 continue
-            turns = [m.point for m in self.track.marks if m.turns and k < m.place < k + 1]
+            turns = [one.point for one in self.track.special if one.turns and k < one.place < k + 1]
             chain = [step.first, *turns, step.last]
             parts += list(itertools.pairwise(chain))
         return parts
@@ -111,22 +103,20 @@ class Sheets:
 
     def switch(self, special: SpecialPoint) -> Branch:
         """Return the branch that leaves at a special point."""
-        mark = self.marked.get(id(special))
-        if mark is None:
-            same = [s for s in self.special if s.kind == special.kind and s.value == special.value]
-            if not same:
-                raise ArgumentError("switch: the special point is not one of this branch; take it from branch.special")
-            mark = self.marked[id(same[0])]
-        point: Point = mark.point
+        same = [one for one in self.track.special if one.kind == special.kind and one.value == special.value]
+        if not same:
+            raise ArgumentError("switch: the special point is not one of this branch; take it from branch.special")
+        special = special if any(one is special for one in same) else same[0]
+        point: Point = special.point
         doubles = special.kind == "period_doubling" and point.problem.periods == self.family.periods
-        if special.kind == "period_doubling" and self._ends_at(mark):
+        if special.kind == "period_doubling" and point is self.track.points[-1]:
             raise ArgumentError(
                 "switch: the branch ends at this point, on orbits over fewer periods; follow those with "
                 f"vofem.continuation(..., periods={self.family.periods // 2})"
             )
         family = self.family.over(2 * self.family.periods) if doubles else self.family.over(self.family.periods)
         start = self._origin(point, family, doubles)
-        direction = self._direction(family, start, mark, doubles)
+        direction = self._direction(family, start, special, doubles)
         last: ConvergenceError | None = None
         for factor in _TRIED:
             counters = BranchCounters()
@@ -146,9 +136,6 @@ class Sheets:
             + (f": {last}" if last else "")
         )
 
-    def _ends_at(self, mark: Any) -> bool:
-        return bool(self.track.points and mark.point is self.track.points[-1])
-
     def _origin(self, point: Point, family: Family, doubles: bool) -> Point:
         """Return the special orbit as a point of the leaving branch."""
         if not doubles:
@@ -161,14 +148,14 @@ class Sheets:
         by_value = derivative_by_value(family, self.walker.interval, chart, y, evaluation)
         return Point(chart, y, problem, evaluation, scales, by_value, np.zeros_like(y))
 
-    def _direction(self, family: Family, start: Point, mark: Mark, doubles: bool) -> Array:
+    def _direction(self, family: Family, start: Point, special: SpecialPoint, doubles: bool) -> Array:
         """Return the direction in which the other branch leaves: at a period doubling that of the eigenvector."""
         n = start.y.size - 1
         if doubles:
             matrix = start.evaluation.jacobian * start.scales[:n]
             norms = np.linalg.norm(matrix, axis=1)
             return np.append(np.linalg.svd(matrix / np.where(norms > 0.0, norms, 1.0)[:, None])[2][-1], 0.0)
-        step = self.track.steps[int(mark.place)] if int(mark.place) < len(self.track.steps) else None
+        step = self.track.steps[int(special.place)] if int(special.place) < len(self.track.steps) else None
         along = np.append(np.zeros(n), 1.0)
         if step is not None:
             along = (step.last.y - step.first.y) / start.scales

@@ -8,7 +8,6 @@ and the multipliers are those of the orbit.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -21,14 +20,13 @@ from vofem.integrators.event_driven.along import Course
 from vofem.integrators.event_driven.flow import Flow, Start, flow, modal_state, modes_of, share_modes
 from vofem.integrators.event_driven.run import refusal
 from vofem.integrators.methods import EVENT_DRIVEN
-from vofem.linalg.eigen import eigenvalues
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.simulate.plan import Plan, run_plan
 from vofem.studies.steady.condensed import Condensed, condensable, condensed, condensed_result, first_count
 from vofem.studies.steady.counters import Work
 from vofem.studies.steady.loads import LoadPeriod, load_period
-from vofem.studies.steady.orbit import DECIDED, TIMES, PeriodicOrbit
+from vofem.studies.steady.orbit import TIMES, PeriodicOrbit
 from vofem.system import OPEN, State
 
 Array = NDArray[np.float64]
@@ -36,90 +34,6 @@ Complex = NDArray[np.complex128]
 
 #: Degrees of freedom up to which all modes may be unknowns.
 MOST_UNKNOWNS = 600
-
-#: Rounding error of a multiplier, divided by its condition and the size of the monodromy matrix.
-_EPS = 64.0 * float(np.finfo(float).eps)
-
-
-@dataclass(frozen=True)
-class ShootingEvaluation:
-    """A flow over one orbit from some unknowns.
-
-    Attributes
-    ----------
-    flow : Flow
-    residual : ndarray, shape (2n,)
-        Difference of the states at the end and at the start.
-    frame : ndarray, shape (n, n), optional
-        Modal states of one unit of each unknown; None for the identity.
-    """
-
-    flow: Flow
-    residual: Array
-    frame: Array | None = None
-
-    @cached_property
-    def jacobian(self) -> Array:
-        """Derivative of the residual, shape (2n, 2n)."""
-        return self.monodromy - np.eye(self.residual.size)
-
-    @cached_property
-    def monodromy(self) -> Array:
-        """Derivative of the end with respect to the start, in the unknowns, shape (2n, 2n)."""
-        matrix = self.flow.monodromy
-        assert matrix is not None
-        if self.frame is None:
-            return matrix
-        n = self.frame.shape[0]
-        both = np.zeros((2 * n, 2 * n))
-        both[:n, :n] = both[n:, n:] = self.frame
-        return np.asarray(np.linalg.solve(both, matrix @ both))
-
-    @property
-    def closing(self) -> float:
-        """The same as `error`."""
-        return self.error
-
-    @property
-    def sizes(self) -> tuple[float, float]:
-        """Sizes of modal displacements and velocities."""
-        return self.flow.sizes
-
-    def change_after(self, time: float) -> Array:
-        """Return by how much the modal state has changed after a time in s, shape (2n,)."""
-        z, v = self.flow.solution.modal(np.array([self.flow.start.time + time]))
-        start = self.flow.start
-        return np.concatenate([z[:, 0] - start.displacement, v[:, 0] - start.velocity])
-
-    @cached_property
-    def error(self) -> float:
-        """The difference of both ends over the size of the motion, displacements and velocities apart."""
-        return relative(self.residual, self.sizes)
-
-    @cached_property
-    def multipliers(self) -> Complex:
-        """Eigenvalues of the monodromy matrix."""
-        # The eigenvalues do not depend on the unknowns. Perturbations that have decayed have the eigenvalue zero.
-        matrix = self.flow.monodromy
-        assert matrix is not None
-        if not np.all(np.isfinite(matrix)):
-            raise ConvergenceError("the monodromy matrix is not finite: the orbit grazes a contact")
-        return eigenvalues(matrix)
-
-    @cached_property
-    def uncertainty(self) -> float:
-        """Estimated rounding error of the modulus of the largest multipliers."""
-        from scipy.linalg import eig
-
-        values, left, right = eig(self.monodromy, left=True, right=True)
-        size = np.abs(values)
-        if not size.size:
-            return DECIDED
-        close = np.abs(np.sum(left.conj() * right, axis=0))
-        norm = float(np.linalg.norm(self.monodromy, 2))
-        loss = _EPS * norm / np.maximum(close, np.finfo(float).eps)
-        near = np.abs(size - 1.0) <= np.maximum(loss, DECIDED)
-        return float(max(DECIDED, np.max(np.minimum(loss, 0.1)[near], initial=0.0)))
 
 
 def relative(residual: Array, sizes: tuple[float, float]) -> float:
@@ -262,6 +176,11 @@ class Shooting:
         state = State(self.space.shapes @ z, self.space.shapes @ v)
         return state if self.condensed is None else self.condensed.lift(state)
 
+    def modal_row(self, row: Array) -> Array:
+        """Return a row over the free degrees of freedom, shape (m,), in modes, shape (n,)."""
+        row = row if self.condensed is None else row @ self.condensed.vectors
+        return np.asarray(row @ self.space.shapes)
+
     def in_vectors(self, count: int) -> Shooting:
         """Return the problem of a large system in another number of vectors."""
         return Shooting(self._what, self.scene, self.periods, period=self._period, work=self.work, vectors=count)
@@ -306,16 +225,9 @@ class Shooting:
         except EventStormError as error:
             raise ConvergenceError(str(error)) from error
 
-    def evaluate(self, unknowns: Array, *, derivative: bool = True) -> ShootingEvaluation:
-        """Return the flow over one orbit."""
-        z, v = self.to_modes(unknowns)
-        one = self.run(Start(0.0, z, v), self.duration, derivative=np.eye(self.size) if derivative else None)
-        ends = self.to_unknowns(one.displacement, one.velocity)
-        return ShootingEvaluation(one, ends - unknowns, self.frame)
-
-    def orbit(self, unknowns: Array, evaluation: ShootingEvaluation) -> PeriodicOrbit:
+    def orbit(self, unknowns: Array, evaluation: Any) -> PeriodicOrbit:
         """Return the orbit of a solution."""
-        return self.orbit_of(unknowns, evaluation, lambda: evaluation.uncertainty)
+        return self.orbit_of(unknowns, evaluation, lambda: float(evaluation.uncertainty))
 
     def orbit_of(self, unknowns: Array, evaluation: Any, decided: Callable[[], float]) -> PeriodicOrbit:
         """Return the orbit of a solution, whose stability is not decided within a distance from the unit circle."""
@@ -333,6 +245,7 @@ class Shooting:
             unknowns=np.array(unknowns),
             start=self.state(unknowns),
             decided=decided,
+            extremes=lambda row: evaluation.range_of(self.modal_row(row)),
         )
 
     def result_of(self, unknowns: Array) -> Callable[[], Result]:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from vofem.errors import ConvergenceError
 from vofem.integrators.event_driven.along import Path
 from vofem.integrators.event_driven.flow import Flow, Start
-from vofem.integrators.event_driven.motion import Motion
+from vofem.integrators.event_driven.regime import Motion
 from vofem.linalg.eigen import eigenvalues
 from vofem.studies.steady.orbit import DECIDED, PeriodicOrbit
 from vofem.studies.steady.shooting import Shooting, relative
@@ -51,6 +51,9 @@ _SAME = 1e-5
 
 #: Length in rad of a touch that may be lost in rounding.
 _SHORT = 1e-5
+
+#: Rounding error of a multiplier, divided by its condition and the size of the monodromy matrix.
+_EPS = 64.0 * float(np.finfo(float).eps)
 
 #: Condition of the equations of the switches above which multipliers need a generalised eigenvalue problem.
 _SINGULAR = 1e3
@@ -114,6 +117,28 @@ class SignatureEvaluation:
         """Return the evaluation without the columns of its segments, which take memory."""
         return replace(self, path=self.path.stripped())
 
+    def range_of(self, row: Array) -> tuple[float, float]:
+        """Return the least and the largest value of a modal row, shape (n,), along the orbit."""
+        values: list[float] = []
+        turns: list[tuple[float, float, Motion, float, float]] = []
+        for k, duration in enumerate(self.path.durations.tolist()):
+            if duration <= 0.0:
+                continue
+            motion, tau = self.path.motion(k), _times(duration, self.problem.duration)
+            z, v = motion.modes(tau)
+            u, rate = row @ z, row @ v
+            values += [float(u.min()), float(u.max())]
+            for i in np.flatnonzero(rate[:-1] * rate[1:] < 0.0).tolist():
+                reach = max(abs(rate[i]), abs(rate[i + 1])) * (tau[i + 1] - tau[i])
+                turns.append((min(u[i : i + 2]) - reach, max(u[i : i + 2]) + reach, motion, tau[i], tau[i + 1]))
+        least, largest = min(values), max(values)
+        # Only neighbours of the largest samples are refined, because no other sample can be an extreme.
+        for low, high, motion, begin, end in turns:
+            if low < least or high > largest:
+                place = _root_of_rate(motion, row, begin, end)
+                values.append(float(row @ motion.modes(np.array([place]))[0][:, 0]))
+        return min(values), max(values)
+
     def change_after(self, time: float) -> Array:
         """Return by how much the modal state has changed after a time in s from the anchor on, shape (2n,)."""
         chart, problem = self.chart, self.problem
@@ -130,18 +155,40 @@ class SignatureEvaluation:
         return relative(after - self.y[: self.problem.size], self.sizes)
 
     @cached_property
-    def multipliers(self) -> Complex:
-        """Eigenvalues of the monodromy matrix; infinite where a contact whose force jumps is grazed."""
+    def monodromy(self) -> Array | None:
+        """Derivative of the state after an orbit, shape (2n, 2n); None where a contact whose force jumps is grazed."""
         n = self.problem.size
         closes, switches = self.jacobian[:n], self.jacobian[n:]
         matrix = closes[:, :n] + np.eye(n)
         if not np.all(np.isfinite(self.jacobian)):
             raise ConvergenceError("the derivative of an orbit is not finite")
         if self.chart.smooth(self.problem) or not switches.size:
-            return eigenvalues(matrix)
+            return np.asarray(matrix)
         scaled = switches[:, n:] / np.linalg.norm(switches[:, n:], axis=1)[:, None]
-        if np.linalg.cond(scaled) < _SINGULAR:
-            return eigenvalues(matrix - closes[:, n:] @ np.linalg.solve(switches[:, n:], switches[:, :n]))
+        if np.linalg.cond(scaled) >= _SINGULAR:
+            return None
+        return np.asarray(matrix - closes[:, n:] @ np.linalg.solve(switches[:, n:], switches[:, :n]))
+
+    @cached_property
+    def uncertainty(self) -> float:
+        """Estimated rounding error of the modulus of the largest multipliers."""
+        from scipy.linalg import eig
+
+        matrix = self.monodromy
+        if matrix is None or not matrix.size:
+            return DECIDED
+        values, left, right = eig(matrix, left=True, right=True)
+        close = np.abs(np.sum(left.conj() * right, axis=0))
+        loss = _EPS * float(np.linalg.norm(matrix, 2)) / np.maximum(close, np.finfo(float).eps)
+        near = np.abs(np.abs(values) - 1.0) <= np.maximum(loss, DECIDED)
+        return float(max(DECIDED, np.max(np.minimum(loss, 0.1)[near], initial=0.0)))
+
+    @cached_property
+    def multipliers(self) -> Complex:
+        """Eigenvalues of the monodromy matrix; infinite where a contact whose force jumps is grazed."""
+        if self.monodromy is not None:
+            return eigenvalues(self.monodromy)
+        n = self.problem.size
         from scipy.linalg import eig
 
         right = np.zeros_like(self.jacobian)
@@ -339,15 +386,16 @@ class Signature:
         laws, n = problem.system.contacts, problem.size // 2
         assert laws is not None
         held = int(np.sum(path.statuses[index][:contact] == PINNED))
-        force, motion, duration = path.reactions(index), path.motion(index), float(path.durations[index])
-        full = float(laws.stiffness[contact] * laws.gap[contact])
-        value = float(force.at(motion, np.array([duration]))[held, 0]) - (full if status == CLOSED else 0.0)
+        motion, duration = path.motion(index), float(path.durations[index])
+        force, full = motion.regime.reactions, float(laws.stiffness[contact] * laws.gap[contact])
+        assert force is not None
+        value = float(motion.reactions(np.array([duration]))[held, 0]) - (full if status == CLOSED else 0.0)
         columns = path.all_columns[index] if path.all_columns.size else np.empty((2 * n, 0))
-        real, turned = motion.spectrum.real, np.exp(1j * motion.omega * duration)
-        wave = float((1j * motion.omega * force.harmonic[held] * turned).real.sum())
+        rates = problem.course.loads.at(np.array([float(path.times[index]) + duration]))[0, 1]
+        real = motion.spectrum.real
         derived = force.displacement[held] @ real.down(columns[:n]) + force.velocity[held] @ real.down(columns[n:])
         # The columns move with the end of the segment, the load's phase does too.
-        return value, derived + (wave + float(force.slope[held])) * path.shifts[index], full
+        return value, derived + float(force.loads[held] @ rates) * path.shifts[index], full
 
     # -- coordinates ----------------------------------------------------------------------------------
 
@@ -434,8 +482,7 @@ class Signature:
         for k, duration in enumerate(evaluation.path.durations.tolist()):
             if duration <= 0.0:
                 continue
-            count = max(_LEAST_SAMPLES, int(_SAMPLES * duration / problem.duration))
-            tau = np.linspace(0.0, duration, count + 1)
+            tau = _times(duration, problem.duration)
             for j in np.flatnonzero(self.statuses[k] != PINNED).tolist():
                 found += self._extremes_in(problem, evaluation, k, j, tau)
         return found
@@ -601,6 +648,11 @@ def _mean(path: Path, contact: int, partner: int, index: int) -> tuple[float, Ar
     if whole != 0.0:
         derived = derived + ((means - value) / whole) @ np.diff(path.shifts[partner : index + 1], axis=0)
     return value, derived
+
+
+def _times(duration: float, whole: float) -> Array:
+    """Return times within a segment of an orbit at which its motion is sampled."""
+    return np.linspace(0.0, duration, max(_LEAST_SAMPLES, int(_SAMPLES * duration / whole)) + 1)
 
 
 def _root_of_rate(motion: Motion, row: Array, low: float, high: float) -> float:

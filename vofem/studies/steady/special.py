@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 from vofem.studies.steady.orbit import PeriodicOrbit
+
+#: Share of the parameter in the direction of a branch below which it turns at a branch point.
+_LEVEL = 1e-3
 
 #: Kinds of special points.
 KINDS = ("fold", "period_doubling", "neimark_sacker", "grazing", "branch_point")
@@ -39,3 +43,16 @@ class SpecialPoint:
     contact: str = ""
     place: float = 0.0
     other: float = float("nan")
+    #: The `Point` of the continuation; None for points from a file.
+    point: Any = field(default=None, repr=False, compare=False)
+
+    @property
+    def turns(self) -> bool:
+        """Whether the branch turns there, as it does at a fold, and at a branch point where it returns mirrored."""
+        return self.kind == "fold" or (self.kind == "branch_point" and abs(self.point.tangent[-1]) < _LEVEL)
+
+
+def special_at(kind: str, point: Any, place: float, contact: str = "") -> SpecialPoint:
+    """Return a point of a branch or locus as a special point."""
+    value, other = (*point.problem.parameters, float("nan"))[:2]
+    return SpecialPoint(kind, value, point.orbit(), contact, place, other, point)

@@ -9,9 +9,11 @@ import numpy as np
 from vofem._validate import choice, whole
 from vofem.blas import one_thread
 from vofem.errors import ConvergenceError
+from vofem.integrators.event_driven.flow import Start
 from vofem.scene import Scene, as_scene
 from vofem.studies.steady.condensed import GOOD
 from vofem.studies.steady.methods import METHODS, chosen, problem_of
+from vofem.studies.steady.near import orbit_near
 from vofem.studies.steady.newton import Solved, solved
 from vofem.studies.steady.orbit import PeriodicOrbit
 from vofem.studies.steady.problem import OrbitProblem
@@ -100,7 +102,8 @@ def first_orbit(what: str, problem: OrbitProblem, guess: Any) -> tuple[OrbitProb
         found, notes = settled.solved, settled.notes
     else:
         try:
-            found = solved(problem, problem.from_rest() if guess is None else problem.from_orbit(guess))
+            start = problem.from_rest() if guess is None else problem.from_orbit(guess)
+            found = orbit_near(problem, start) if isinstance(problem, Shooting) else solved(problem, start)
         except ConvergenceError as error:
             seen = seen_of(problem, guess) if isinstance(problem, Shooting) else ""
             raise ConvergenceError(
@@ -121,8 +124,10 @@ def first_orbit(what: str, problem: OrbitProblem, guess: Any) -> tuple[OrbitProb
     return problem, found, notes
 
 
-def as_guess(problem: Shooting, guess: Any) -> Shooting:
+def as_guess(problem: Any, guess: Any) -> Any:
     """Return the problem of a large system with as many vectors as were needed for the orbit that is the guess."""
+    if not isinstance(problem, Shooting):
+        return problem
     few = problem.condensed
     known = guess.truncation if isinstance(guess, PeriodicOrbit) and guess.method == "shooting" else None
     if few is None or known is None or guess.unknowns is None:
@@ -145,7 +150,7 @@ def _with_enough_vectors(problem: Shooting, found: Solved) -> tuple[Shooting, So
             break
         finer = problem.in_vectors(more)
         state = problem.state(found.unknowns)
-        better = solved(finer, finer.from_state(state))
+        better = orbit_near(finer, finer.from_state(state))
         problem.change = now.change(state, finer.state(better.unknowns))
         if problem.change > GOOD:
             notes = (
@@ -159,10 +164,10 @@ def _with_enough_vectors(problem: Shooting, found: Solved) -> tuple[Shooting, So
 def seen_of(problem: Shooting, guess: Any) -> str:
     """Return a sentence about a grazing or chatter near a guess, or an empty one."""
     try:
-        evaluation = problem.evaluate(problem.from_orbit(guess), derivative=False)
+        z, v = problem.to_modes(problem.from_orbit(guess))
+        events = problem.run(Start(0.0, z, v), problem.duration).events
     except ConvergenceError as error:
         return f"From the guess: {error}. "
-    events = evaluation.flow.events
     rates = np.array([abs(event.rate) for event in events])
     if rates.size > 1 and rates.min() < _SLOW * rates.max():
         slow = events[int(rates.argmin())]

@@ -10,16 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import ConvergenceError
-from vofem.integrators.event_driven.flow import Start
 from vofem.studies.steady.family import Family
+from vofem.studies.steady.near import CLOSES
 from vofem.studies.steady.point import Interval, Point, corrected, derivative_by_value, tangent_at
-from vofem.studies.steady.shooting import Shooting
-from vofem.studies.steady.signature import AT_ONCE, ROUNDING, Extreme, Signature, signature_of
+from vofem.studies.steady.signature import AT_ONCE, ROUNDING, Extreme, Signature
 
 Array = NDArray[np.float64]
-
-#: Largest difference of both ends of an orbit under an ordinary run, over the size of the motion.
-CLOSES = 1e-8
 
 #: `Evaluation.error` of a grazing: as small as rounding allows.
 _EXACT = 1e-16
@@ -33,6 +29,9 @@ _NEARLY = 5e-3
 
 #: Height over the size of the motion, and difference of phases over the orbit, up to which touches begin together.
 _TOGETHER, _ALIKE = 1e-9, 1e-6
+
+#: Rate of the parameter, in scaled coordinates, that may be rounding beside a grazing.
+_ROUNDED = 1e-8
 
 #: Shares of a step before its begin and beyond its end up to which a change may lie.
 _OUTSIDE = 0.05
@@ -78,21 +77,6 @@ class _Change:
     extreme: Extreme | None = None
     pairs: tuple[tuple[int, int], ...] = ()
     place: int = -1
-
-
-def signature_at(problem: Shooting, unknowns: Array) -> tuple[Signature, Array]:
-    """Return the signature of the orbit from a state at t = 0, anchored in its longest segment, and coordinates."""
-    z, v = problem.to_modes(unknowns)
-    whole = problem.run(Start(0.0, z, v), problem.duration)
-    times = np.array([0.0, *(event.time for event in whole.events), problem.duration])
-    longest = int(np.argmax(np.diff(times)))
-    if times.size == 2:
-        return signature_of(problem, whole)
-    anchor = float(0.5 * (times[longest] + times[longest + 1]))
-    z, v = (part[:, 0] for part in whole.solution.modal(np.array([anchor])))
-    segments = whole.solution.segments
-    status = segments.status[max(int(np.searchsorted(segments.starts, anchor, side="right")) - 1, 0)]
-    return signature_of(problem, problem.run(Start(anchor, z, v, status.copy()), anchor + problem.duration))
 
 
 def passage(family: Family, interval: Interval, now: Point, after: Point) -> Passage | None:
@@ -241,7 +225,7 @@ def _begins(family: Family, interval: Interval, now: Point, after: Point, guess:
     grazed = tuple(sorted((extreme.contact, *(e.contact for e in others))))
     if not others:
         beyond = _lengthened(family, interval, at, [(place, 1)], BEYOND)
-        return Passage(state, state, beyond, grazed)
+        return Passage(state, state, _not_turned(beyond, state), grazed)
     if _jump(at.problem, grazed):
         return Passage(state, state, None, grazed)
     every = [extreme._replace(phase=phase), *others]
@@ -313,11 +297,24 @@ def _ends(
     outside = _point(family, interval, out, y, np.append(np.zeros(y.size - 1), 1.0))
     if _rise(family, outside, contact, phase) * (-1.0 if status == 1 else 1.0) > 0.0:
         outside = replace(outside, tangent=-outside.tangent)
+    if single:
+        before = _not_turned(before, outside)
     other = _grazing(outside, [(contact, phase)]) if single else []
     if not other or _jump(now.problem, [e.contact for e in other]):
         return Passage(before, outside, outside, grazed)
     # Those that touched no longer do, and those that did not begin to: so this branch crosses that without touches.
     return Passage(before, outside, _touched(family, interval, outside, other), (*grazed, *(e.contact for e in other)))
+
+
+def _not_turned(short: Point, outside: Point) -> Point:
+    """Return an orbit with a short touch such that the parameter changes as along the branch without the touch.
+
+    The length of the touch changes like the root of its height, so the rate of the parameter is lost in rounding.
+    """
+    rate, like = float(short.tangent[-1]), float(outside.tangent[-1])
+    if rate * like >= 0.0 or abs(rate) > _ROUNDED or not short.chart.smooth(short.problem):
+        return short
+    return replace(short, tangent=np.append(short.tangent[:-1], -rate))
 
 
 def _grazing(point: Point, known: Sequence[tuple[int, float]]) -> list[Extreme]:

@@ -19,6 +19,8 @@ from pathlib import Path
 from typing import Any
 
 from vofem._version import __version__
+from vofem.errors import ArgumentError
+from vofem.parameters import values_of
 from vofem.studies.sweep.content import NoContentError, digest, node_of
 
 
@@ -140,14 +142,16 @@ class _Reached:
         return parts
 
     def _of_vofem(self, value: Any) -> Any:
-        """Return what an object of vofem was made from: its attributes of the names of its constructor's arguments."""
+        """Return what an object of vofem was made from: its parameters, or attributes of the names of its arguments."""
+        if isinstance(value, dict):
+            return self.node(dict(value))
         if hasattr(value, "as_start"):
             # The outcome of a run follows from its scene; its last state stands for how it was run.
             return [self.node(getattr(value, "scene", None)), self.node(value.as_start())]
-        arguments = list(inspect.signature(type(value).__init__).parameters.values())[1:]
-        told = {one.name: getattr(value, one.name) for one in arguments if hasattr(value, one.name)}
-        if any(one.default is one.empty and one.name not in told for one in arguments):
-            raise NoContentError
+        try:
+            told = values_of(value)
+        except ArgumentError:
+            raise NoContentError from None
         if re.fullmatch(r"[a-z]+-\d+", str(told.get("name"))):
             del told["name"]  # chosen by vofem, and another one each time
         return [type(value).__qualname__, self.node(told)]
@@ -173,14 +177,29 @@ def _is_cached(part: Any) -> bool:
 
 
 def _source(thing: Any) -> Any:
-    """Return the source of a class or of the code of a function; of code whose source is not there, its parts."""
+    """Return the source of a class or of the code of a function; of code whose source is not there, its parts.
+
+    The source of a lambda is its line, which may hold several of them: its parts too.
+    """
     try:
-        return inspect.getsource(thing)
+        source = inspect.getsource(thing)
     except (OSError, TypeError):
-        if not isinstance(thing, types.CodeType):
-            return thing.__qualname__
-        constants = [_source(c) if isinstance(c, types.CodeType) else repr(c) for c in thing.co_consts]
-        return [thing.co_code.hex(), thing.co_names, constants]
+        source = ""
+    if not isinstance(thing, types.CodeType):
+        return source or thing.__qualname__
+    return source if source and thing.co_name != "<lambda>" else [source, *_code(thing)]
+
+
+def _code(code: types.CodeType) -> list[Any]:
+    """Return what the code of a function consists of, as plain data."""
+    constants: list[Any] = []
+    for one in code.co_consts:
+        if isinstance(one, types.CodeType):
+            constants.append(_code(one))
+        else:
+            # Of a set the order is another one in each process.
+            constants.append(sorted(map(repr, one)) if isinstance(one, frozenset) else repr(one))
+    return [code.co_code.hex(), code.co_names, constants]
 
 
 def _own(file: str | None) -> bool:

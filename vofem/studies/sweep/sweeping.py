@@ -8,6 +8,7 @@ from typing import Any
 
 from vofem._validate import number
 from vofem.errors import ArgumentError
+from vofem.kernels.mode import compiled as kernel_mode
 from vofem.progress import SweepProgress
 from vofem.studies.sweep import Sweep
 from vofem.studies.sweep.engines import engine_for
@@ -27,7 +28,7 @@ def sweep(
     workers: int | None = None,
     time_limit: float | None = None,
     retry_failed: bool = False,
-    compiled: bool = True,
+    compiled: bool | None = None,
 ) -> Sweep:
     """Call a function for many points, and return its quantities as arrays over the points.
 
@@ -71,10 +72,11 @@ def sweep(
         ten seconds.
     retry_failed : bool
         Whether points that failed in an earlier sweep are computed again.
-    compiled : bool
-        Whether the kernels of vofem run as compiled code in all workers. They may have to be compiled once on a
-        machine. False runs them as plain Python, which suits few and short runs. Results of both ways agree to
-        rounding, but not to the last bit, so a store holds rows of one way only.
+    compiled : bool, optional
+        Whether the kernels of vofem run as compiled code in all workers, by default as the environment variable
+        VOFEM_COMPILED says, and without it True. They may have to be compiled once on a machine. False runs them as
+        plain Python, which suits few and short runs. Results of both ways agree to rounding, but not to the last bit,
+        so a store holds rows of one way only.
 
     Returns
     -------
@@ -106,12 +108,13 @@ def sweep(
     limit = None if time_limit is None else number("sweep: time_limit", time_limit, positive=True)
     table = as_points(points)
     engine = engine_for(executor, function, workers)
-    task = Task(function, limit, bool(compiled))
+    compiled = kernel_mode() if compiled is None else bool(compiled)
+    task = Task(function, limit, compiled)
     if store is None:
         return run_sweep(task, table, engine, None, progress)
     from vofem.studies.sweep.store import SweepFile
 
-    own, unknown = identity(function, bool(compiled))
+    own, unknown = identity(function, compiled)
     file = SweepFile(store, own)
     try:
         if retry_failed:

@@ -1,0 +1,180 @@
+"""Free motion of blocks ``z' = v, v' = -2 delta v - p z``, the one form in which every motion is computed.
+
+The blocks of a contact status come from its eigenproblem. Loads are blocks too: a harmonic is an oscillator without
+damping, a line ``(f, f')`` is one without stiffness, and the constant 1 is a line. A load acts on the structure through
+the steady answer, which is a constant matrix. So nothing is forced, and every quantity (a gap, a velocity, the reaction
+of a pinned contact) is a row over the states of all blocks.
+
+A steady answer would divide by almost zero where a block resonates with a load, or is slower than the run. Such a block
+is coupled: it has no answer to this load and is driven by it from rest,
+
+    z' = v + a1 f + b1 f',    v' = -2 delta v - p z + a2 f + b2 f'.
+
+All motions are evaluated as changes since the beginning of a segment, which are accurate however small they are. The
+small penetration of a stiff contact is therefore far more accurate than the displacement to which it is added.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.integrators.event_driven.clusters import Group, group_change
+from vofem.kernels.jit import jit, plain_form
+from vofem.kernels.mode import kernels
+from vofem.linalg.exponential import exponential_response, oscillator, ramp_response
+from vofem.linalg.oscillators import (
+    DELTA,
+    SQUARE,
+    oscillator_times,
+    oscillators,
+    oscillators_at,
+    oscillators_at_once,
+)
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+class Blocks(NamedTuple):
+    """The blocks of loads, and after them those of the structure.
+
+    Attributes
+    ----------
+    of : ndarray, shape (8, m)
+        See `linalg.oscillators`.
+    pair : ndarray of int, shape (r, 2)
+        Coupled blocks and the loads that drive them, as numbers of blocks.
+    gain : ndarray, shape (r, 4)
+        a1, b1, a2, b2 of each pair.
+    group : Group or None
+        Blocks that are not independent. Without them what is computed for them is left out of the machine code.
+    work, bits : ndarray, shapes (6, m) and (m,)
+        Work space.
+    """
+
+    of: Array
+    pair: Integers
+    gain: Array
+    group: Group | None
+    work: Array
+    bits: Integers
+
+
+def blocks_of(delta: Array, p: Array, pair: Integers, gain: Array, group: Group | None) -> Blocks:
+    """Return blocks with work space."""
+    work, bits = np.empty((6, p.size)), np.zeros(p.size, dtype=np.int64)
+    return Blocks(oscillators(delta, p), pair, gain, group, work, bits)
+
+
+@jit
+def _special_response(delta: float, p: float, b: complex, g1: complex, g2: complex, tau: float) -> tuple[float, float]:
+    """Return the response (z, v) from rest of a block to ``exp(b tau)``."""
+    d = exponential_response(delta, p, b, tau)
+    rate = b * d + oscillator(delta, p, tau)[1]
+    return (g1 * (rate + 2.0 * delta * d) + g2 * d).real, (g2 * rate - p * g1 * d).real
+
+
+@jit
+def from_rest(
+    delta: float, p: float, square: float, f: float, rate: float, gain: Array, tau: float
+) -> tuple[float, float]:  # fmt: skip
+    """Return the response (z, v) from rest of a block to a load.
+
+    Parameters
+    ----------
+    square : float
+        Squared frequency of the load in 1/s^2; 0 for a line.
+    f, rate : float
+        The load's value and rate at tau = 0.
+    gain : ndarray, shape (4,)
+    """
+    if square > 0.0:
+        w = np.sqrt(square)
+        wave = complex(f, -rate / w)
+        g1, g2 = complex(gain[0], w * gain[1]) * wave, complex(gain[2], w * gain[3]) * wave
+        return _special_response(delta, p, complex(0.0, w), g1, g2, tau)
+    g1, g2 = complex(gain[0] * f + gain[1] * rate, 0.0), complex(gain[2] * f + gain[3] * rate, 0.0)
+    z, v = _special_response(delta, p, 0.0j, g1, g2, tau)
+    if rate != 0.0:
+        d0 = ramp_response(delta, p, tau)
+        d1 = exponential_response(delta, p, 0.0j, tau).real
+        r1, r2 = gain[0] * rate, gain[2] * rate
+        z += r1 * (d1 + 2.0 * delta * d0) + r2 * d0
+        v += r2 * d1 - p * r1 * d0
+    return z, v
+
+
+@jit
+def _add_from_rest(blocks: Blocks, start: Array, tau: float, out: Array) -> None:
+    of, pair = blocks.of, blocks.pair
+    for e in range(pair.shape[0]):
+        k, j = pair[e, 0], pair[e, 1]
+        z, v = from_rest(of[DELTA, k], of[SQUARE, k], of[SQUARE, j], start[0, j], start[1, j], blocks.gain[e], tau)
+        out[0, k] += z
+        out[1, k] += v
+
+
+@jit
+def change(blocks: Blocks, start: Array, tau: float, out: Array) -> None:
+    """Write by how much the states of all blocks, shape (2, m), have changed at tau."""
+    of, both = blocks.of, blocks.work[4:]
+    oscillators_at(of, tau, both, blocks.work, blocks.bits)
+    for k in range(of.shape[1]):
+        z, v, delta = start[0, k], start[1, k], of[DELTA, k]
+        out[0, k] = both[0, k] * z + both[1, k] * (v + delta * z)
+        out[1, k] = both[0, k] * v - both[1, k] * (of[SQUARE, k] * z + delta * v)
+    _add_from_rest(blocks, start, tau, out)
+    group_change(blocks.group, start, tau, out)
+
+
+@plain_form(change)
+def change_at_once(blocks: Blocks, start: Array, tau: float, out: Array) -> None:
+    """Do what `change` does, for all blocks at once."""
+    of, both = blocks.of, blocks.work[4:]
+    oscillators_at_once(of, tau, both, blocks.work, blocks.bits)
+    z, v = start
+    delta = of[DELTA]
+    np.add(both[0] * z, both[1] * (v + delta * z), out=out[0])
+    np.subtract(both[0] * v, both[1] * (of[SQUARE] * z + delta * v), out=out[1])
+    if blocks.pair.size:
+        _add_from_rest(blocks, start, tau, out)
+    if blocks.group is not None:
+        group_change(blocks.group, start, tau, out)
+
+
+def changes(blocks: Blocks, starts: Array, own: Integers, tau: Array) -> Array:
+    """Return by how much states have changed, shape (n_times, 2, m).
+
+    Parameters
+    ----------
+    starts : ndarray, shape (k, 2, m)
+        States at the beginnings of some segments.
+    own, tau : ndarray, shape (n_times,)
+        The row of `starts` for each time, and times from these beginnings, s.
+    """
+    found = np.empty((tau.size, *starts.shape[1:]))
+    _changes(blocks._replace(group=None), np.ascontiguousarray(starts), own, tau, found)
+    if blocks.group is not None:
+        with kernels(compiled=False):
+            for i, t in enumerate(tau.tolist()):
+                group_change(blocks.group, starts[own[i]], t, found[i])
+    return found
+
+
+@jit
+def _changes(blocks: Blocks, starts: Array, own: Integers, tau: Array, out: Array) -> None:
+    for i in range(tau.size):
+        change(blocks, starts[own[i]], tau[i], out[i])
+
+
+@plain_form(_changes)
+def _changes_at_once(blocks: Blocks, starts: Array, own: Integers, tau: Array, out: Array) -> None:
+    c, s = oscillator_times(blocks.of, tau)
+    z, v, delta = starts[own, 0], starts[own, 1], blocks.of[DELTA]
+    out[:, 0] = c * z + s * (v + delta * z)
+    out[:, 1] = c * v - s * (blocks.of[SQUARE] * z + delta * v)
+    for i in range(tau.size) if blocks.pair.size else ():
+        _add_from_rest(blocks, starts[own[i]], tau[i], out[i])

@@ -1,0 +1,141 @@
+"""The loads of a run as free motions: harmonics are oscillators without damping, lines have a value and a slope."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.system import Load
+from vofem.time_functions import TimeFunction
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+#: The load that is 1 at all times; its force is that of the offsets of closed and pinned contacts.
+CONSTANT = -1
+
+#: The place of a load where others have more.
+_NONE = -2
+
+
+@dataclass(frozen=True)
+class Exosystem:
+    """Functions of time as sums of loads ``(f, f')``, each with ``f'' = -omega^2 f``, between breakpoints.
+
+    Intervals with the same frequencies are of one kind.
+
+    Attributes
+    ----------
+    edges : ndarray, shape (k + 1,)
+        Ends of the intervals in s.
+    states : ndarray, shape (k, 2, e)
+        Values and rates of the loads at the beginnings of the intervals.
+    kind : ndarray of int, shape (k,)
+        Kinds of the intervals.
+    function : ndarray of int, shape (n_kinds, e)
+        The function that each load is a part of, or `CONSTANT`.
+    omega : ndarray, shape (n_kinds, e)
+        Frequencies in rad/s, 0 for lines.
+    """
+
+    edges: Array
+    states: Array
+    kind: Integers
+    function: Integers
+    omega: Array
+
+    @property
+    def size(self) -> int:
+        """Number of loads e."""
+        return int(self.states.shape[2])
+
+    def interval(self, times: Array) -> Integers:
+        """Return the interval in which each time lies, the later one of two that meet there."""
+        found = np.searchsorted(self.edges, times, side="right") - 1
+        return np.clip(found, 0, self.kind.size - 1)
+
+    def at(self, times: Array) -> Array:
+        """Return values and rates of the loads at some times, shape (n_times, 2, e).
+
+        A time is counted from the beginning of its interval, so times beyond the last interval belong to that.
+        """
+        interval = self.interval(times)
+        omega = self.omega[self.kind[interval]]
+        late, first = (times - self.edges[interval])[:, None], self.states[interval]
+        waves = omega > 0.0
+        cosine = np.cos(omega * late)
+        sine = np.where(waves, np.sin(omega * late) / np.where(waves, omega, 1.0), late)
+        value, rate = first[:, 0], first[:, 1]
+        return np.stack([cosine * value + sine * rate, cosine * rate - omega**2 * sine * value], axis=1)
+
+
+def gathered(loads: Sequence[Load], rows: Array) -> tuple[list[Any], Array]:
+    """Return the functions of time of some loads, equal ones once, and for each the sum of its modal load vectors.
+
+    Parameters
+    ----------
+    loads : sequence of Load
+    rows : ndarray, shape (n_loads, n)
+        Modal load vectors.
+    """
+    places: dict[Any, int] = {}
+    functions: list[Any] = []
+    owner = []
+    for load in loads:
+        function = load.function
+        key = function if getattr(type(function), "__hash__", None) is not None else id(function)
+        if key not in places:
+            places[key] = len(functions)
+            functions.append(function)
+        owner.append(places[key])
+    vectors = np.zeros((len(functions), rows.shape[1]))
+    for place, vector in zip(owner, rows, strict=True):
+        vectors[place] += vector
+    return functions, vectors
+
+
+def exosystem(functions: Sequence[TimeFunction], edges: Array, *, constant: bool) -> Exosystem:
+    """Return some functions of time as loads.
+
+    Parameters
+    ----------
+    functions : sequence of TimeFunction
+        Functions with closed forms.
+    edges : ndarray, shape (k + 1,)
+        Increasing times in s with all breakpoints in between.
+    constant : bool
+        Whether the first load is the constant 1.
+    """
+    edges = np.array(edges, dtype=float)
+    begin = edges[:-1]
+    k = begin.size
+    lines, waves = np.zeros((k, 2, len(functions))), [dict[tuple[int, float], complex]() for _ in range(k)]
+    for f, function in enumerate(functions):
+        straight = function.lines(begin)
+        if straight is not None:
+            lines[:, 0, f], lines[:, 1, f] = straight
+            continue
+        for i, t in enumerate(begin.tolist()):
+            piece = function.piece(t)
+            lines[i, :, f] = piece.constant, piece.slope
+            for w, wave in piece.harmonics:
+                waves[i][f, float(w)] = waves[i].get((f, float(w)), 0.0j) + wave
+    used = np.flatnonzero(np.any(lines, axis=(0, 1)))
+    kinds: dict[tuple[tuple[int, float], ...], int] = {}
+    kind = np.array([kinds.setdefault(tuple(found), len(kinds)) for found in waves], dtype=np.int64)
+    first = int(constant) + used.size
+    e = first + max((len(found) for found in kinds), default=0)
+    states = np.zeros((k, 2, e))
+    owner, omega = np.full((len(kinds), e), _NONE), np.zeros((len(kinds), e))
+    if constant:
+        states[:, 0, 0], owner[:, 0] = 1.0, CONSTANT
+    states[:, :, int(constant) : first], owner[:, int(constant) : first] = lines[:, :, used], used
+    for i, found in enumerate(waves):
+        for j, ((f, w), wave) in enumerate(found.items(), first):
+            owner[kind[i], j], omega[kind[i], j] = f, w
+            states[i, :, j] = wave.real, -w * wave.imag
+    return Exosystem(edges, states, kind, owner, omega)
