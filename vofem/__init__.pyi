@@ -63,6 +63,8 @@ from .polynomial import Polynomial as Polynomial
 from .result import Result as Result
 from .scene import Scene as Scene
 from .sensitivities import Parameter as Parameter
+from .sensitivities import gradient as gradient
+from .sensitivities import objectives as objectives
 from .sensitivities import sensitivities as sensitivities
 from .simulate.explanation import explain as explain
 from .simulate.simulation import simulate as simulate

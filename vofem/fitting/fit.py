@@ -31,6 +31,9 @@ _ROUGH = 1e-4
 #: Singular values of the scaled Jacobian, relative to the largest one, below which a combination is not identifiable.
 _SINGULAR = 1e-9
 
+#: Trials that are kept: the optimiser comes back to the last good one when a step is rejected.
+_KEPT = 4
+
 #: Range of further starts around the scene's numbers where there are no bounds.
 _SPREAD = 0.5
 
@@ -173,7 +176,7 @@ class _Problem:
         self.end = float(max((t[-1] for t in times), default=0.0))
         self.bounds = self._bounds()
         self.runs = 0
-        self._known: tuple[bytes, float, Trial, Array] | None = None
+        self._known: dict[tuple[bytes, float], tuple[Trial, Array]] = {}
 
     def _bounds(self) -> tuple[Array, Array]:
         low = np.array([parameter.bounds[0] for parameter in self.parameters])
@@ -200,8 +203,8 @@ class _Problem:
 
     def trial(self, x: Array, until: float) -> tuple[Trial, Array]:
         """Return a trial and its residuals in the units of the data."""
-        key = x.tobytes()
-        if self._known is None or self._known[:2] != (key, until):
+        key = x.tobytes(), until
+        if key not in self._known:
             scene = self.scene_of(x)
             parameters = tuple(parameter.carried(self.scene, scene) for parameter in self.parameters)
             end = min(until, self.end)
@@ -215,8 +218,10 @@ class _Problem:
                 if k in self.with_offset:
                     part = part + x[len(self.parameters) + self.with_offset.index(k)]
                 parts.append(part)
-            self._known = key, until, trial, np.concatenate(parts)
-        return self._known[2], self._known[3]
+            if len(self._known) >= _KEPT:
+                del self._known[next(iter(self._known))]
+            self._known[key] = trial, np.concatenate(parts)
+        return self._known[key]
 
     def weights(self, until: float) -> Array:
         """Return the inverse of the noise of each residual."""
@@ -346,7 +351,7 @@ def fit(
     failure: VofemError | None = None
     for begin in _begins(problem, starts):
         x = np.append(begin, np.zeros(len(problem.with_offset)))
-        problem.runs, problem._known = 0, None
+        problem.runs, problem._known = 0, {}
         try:
             for until in windows[:-1]:
                 x = problem.solve(x, until, _ROUGH).x

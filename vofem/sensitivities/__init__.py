@@ -1,6 +1,7 @@
 """Exact derivatives of outcomes by the numbers that a scene is made of."""
 
-from vofem.sensitivities.entry import sensitivities
+from vofem.sensitivities import objectives
+from vofem.sensitivities.entry import gradient, sensitivities
 from vofem.sensitivities.of_orbits import OrbitSensitivities, SpecialSensitivities
 from vofem.sensitivities.of_runs import RunSensitivities
 from vofem.sensitivities.of_statics import EquilibriumSensitivities, ModesSensitivities
@@ -13,5 +14,7 @@ __all__ = [
     "Parameter",
     "RunSensitivities",
     "SpecialSensitivities",
+    "gradient",
+    "objectives",
     "sensitivities",
 ]

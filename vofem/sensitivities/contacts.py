@@ -159,18 +159,11 @@ class ContactSensitivities:
                 parts[2:, i] = np.nan
         return ImpactSensitivities(*parts)
 
-    def _within(self, begin: float, end: float) -> list[int]:
-        """Return the segments of an impact."""
-        starts = self._forward.starts
-        first = int(np.searchsorted(starts, begin, side="right")) - 1
-        last = int(np.searchsorted(starts, end, side="left")) - 1
-        return [k for k in range(first, last + 1) if self._forward.segments.status[k][self._index] != OPEN]
-
     def _impulse(self, begin: float, end: float) -> Array:
         """Return the derivatives of the integral of the force over an impact, shape (p,)."""
         forward = self._forward
         total = np.zeros(len(forward.changes))
-        for index in self._within(begin, end):
+        for index in within(forward, self._index, begin, end):
             law, piece = Law(forward, index, self._index), forward.closed(index)
             duration = float(forward.segments.durations[index])
             integrals = piece.integrals()
@@ -190,71 +183,117 @@ class ContactSensitivities:
 
     def _moved(self, index: int, at: float) -> Array | None:
         """Return the derivative of the time of the own event at the begin (0) or at the end of a segment, (p,)."""
-        forward = self._forward
-        events = forward.events
-        t = forward.starts[index] if at == 0.0 else forward.starts[index] + forward.segments.durations[index]
-        close = np.flatnonzero((events.contact == self._index) & (np.abs(events.time - t) <= 4e-16 * abs(t)))
-        return forward.event_times[close[0]] if close.size else None
+        number = event_at(self._forward, index, at, self._index)
+        return None if number is None else self._forward.event_times[number]
 
     def _peak(self, time: float, begin: float, end: float) -> tuple[Array, Array]:
         """Return the derivatives of the force of largest magnitude in an impact, and of its time, each (p,)."""
         forward = self._forward
-        within = self._within(begin, end)
-        starts = forward.starts
-        index = next((k for k in reversed(within) if starts[k] <= time), within[0])
-        duration = float(forward.segments.durations[index])
-        law, piece = Law(forward, index, self._index), forward.closed(index)
-        flow = forward.flow(forward.segments.status[index])
-        _, force, forces = forward.forces(index)
-        matrix = flow.equation.matrix
-        n = forward.modal.size
-        tau = min(max(time - float(starts[index]), 0.0), duration)
-        guess, bend, step = tau, 0.0, np.inf
-        for _ in range(_ROUNDS):
-            state, rate, second = _motion(piece, matrix, force, n, tau)
-            slope = float(law.row @ rate) + (0.0 if law.waves is None else _sum(_rates(law.waves, tau), tau))
-            bend = float(law.row @ second)
-            if law.waves is not None:
-                bend += _sum(_rates(_rates(law.waves, tau), tau), tau)
-            step = -slope / bend if bend != 0.0 else np.inf
-            if not 0.0 <= tau + step <= duration or abs(tau + step - guess) > 0.02 * duration:
-                step = np.inf
-                break
-            tau += step
-            if abs(step) <= 1e-15 * duration:
-                break
-        if np.isfinite(step):
-            state, rate, second = _motion(piece, matrix, force, n, tau)
-            eye = np.eye(2 * n)
-            moved = piece.sample(eye, np.array([tau]))[:, 0]
-            peak = law.row @ moved + law.explicit(state, tau)
-            rates = matrix @ moved
-            for k, (change, own) in enumerate(zip(flow.matrices, forces, strict=True)):
-                if change is not None:
-                    rates[:, k] += change @ state
-                if own is not None:
-                    rates[n:, k] += _vector(own, tau)
-            slopes = law.row @ rates + law.rows @ rate
-            for k, waves in enumerate(law.wave_changes):
-                slopes[k] += _sum(_rates(waves, tau), tau)
-            return peak, -slopes / bend
-        # The largest force is at an end of the impact, or at the event of another contact.
-        at = 0.0 if guess <= 0.5 * duration else duration
-        state, rate, _ = _motion(piece, matrix, force, n, at)
-        shift = self._shift(index, at)
-        moved = piece.sample(law.row[None], np.array([at]))[0, 0]
-        slope = float(law.row @ rate) + (0.0 if law.waves is None else _sum(_rates(law.waves, at), at))
-        return moved + law.explicit(state, at) + slope * shift, shift
+        found = peak_of(forward, self._index, time, begin, end)
+        law, tau, state = found.law, found.tau, found.state
+        flow = forward.flow(forward.segments.status[found.index])
+        _, force, forces = forward.forces(found.index)
+        piece, n = forward.closed(found.index), forward.modal.size
+        if not found.interior:
+            moved = piece.sample(law.row[None], np.array([tau]))[0, 0] + law.explicit(state, tau)
+            none = np.zeros(len(forward.changes))
+            shift = none if found.event is None else forward.event_times[found.event]
+            return moved + found.slope * shift, shift
+        _, rate, _ = _motion(piece, flow.equation.matrix, force, n, tau)
+        moved = piece.sample(np.eye(2 * n), np.array([tau]))[:, 0]
+        rates = flow.equation.matrix @ moved
+        for k, (change, own) in enumerate(zip(flow.matrices, forces, strict=True)):
+            if change is not None:
+                rates[:, k] += change @ state
+            if own is not None:
+                rates[n:, k] += _vector(own, tau)
+        slopes = law.row @ rates + law.rows @ rate
+        for k, waves in enumerate(law.wave_changes):
+            slopes[k] += _sum(_rates(waves, tau), tau)
+        return law.row @ moved + law.explicit(state, tau), -slopes / found.bend
 
-    def _shift(self, index: int, at: float) -> Array:
-        """Return the derivative of the time of any event at the begin (0) or at the end of a segment, (p,)."""
-        forward = self._forward
-        own = self._moved(index, at)
-        if own is not None:
-            return own
-        t = forward.starts[index] if at == 0.0 else forward.starts[index] + forward.segments.durations[index]
-        close = np.flatnonzero(np.abs(forward.events.time - t) <= 4e-16 * abs(t))
-        return forward.event_times[close[0]] if close.size else np.zeros(len(forward.changes))
+
+@dataclass(frozen=True)
+class Peak:
+    """Where the force of a contact is largest in an impact.
+
+    Attributes
+    ----------
+    index : int
+        The segment.
+    tau : float
+        Time after its start, s.
+    law : Law
+    state : ndarray, shape (2n,)
+    slope, bend : float
+        First and second derivative of the force by time there.
+    interior : bool
+        Whether the force is stationary there; else it is largest at an event.
+    event : int, optional
+        This event.
+    """
+
+    index: int
+    tau: float
+    law: Law
+    state: Array
+    slope: float
+    bend: float
+    interior: bool
+    event: int | None
+
+
+def peak_of(forward: Forward, j: int, time: float, begin: float, end: float) -> Peak:
+    """Return the exact place of the largest force of contact j in an impact, near an approximate time in s."""
+    chosen = within(forward, j, begin, end)
+    starts = forward.starts
+    index = next((k for k in reversed(chosen) if starts[k] <= time), chosen[0])
+    duration = float(forward.segments.durations[index])
+    law, piece = Law(forward, index, j), forward.closed(index)
+    _, force, _ = forward.forces(index)
+    matrix, n = forward.flow(forward.segments.status[index]).equation.matrix, forward.modal.size
+
+    def slopes(at: float) -> tuple[Array, float, float]:
+        state, rate, second = _motion(piece, matrix, force, n, at)
+        one, two = float(law.row @ rate), float(law.row @ second)
+        if law.waves is not None:
+            one, two = one + _sum(_rates(law.waves, at), at), two + _sum(_rates(_rates(law.waves, at), at), at)
+        return state, one, two
+
+    tau = guess = min(max(time - float(starts[index]), 0.0), duration)
+    for _ in range(_ROUNDS):
+        state, slope, bend = slopes(tau)
+        step = -slope / bend if bend != 0.0 else np.inf
+        if not 0.0 <= tau + step <= duration or abs(tau + step - guess) > 0.02 * duration:
+            break
+        tau += step
+        if abs(step) <= 1e-15 * duration:
+            state, slope, bend = slopes(tau)
+            return Peak(index, tau, law, state, 0.0, bend, True, None)
+    else:
+        return Peak(index, tau, law, state, 0.0, bend, True, None)
+    # The largest force is at an end of the impact, or at the event of another contact.
+    at = 0.0 if guess <= 0.5 * duration else duration
+    state, slope, bend = slopes(at)
+    event = event_at(forward, index, at, j)
+    return Peak(index, at, law, state, slope, bend, False, event_at(forward, index, at) if event is None else event)
+
+
+def within(forward: Forward, j: int, begin: float, end: float) -> list[int]:
+    """Return the segments of an impact of contact j."""
+    first = int(np.searchsorted(forward.starts, begin, side="right")) - 1
+    last = int(np.searchsorted(forward.starts, end, side="left")) - 1
+    return [k for k in range(first, last + 1) if forward.segments.status[k][j] != OPEN]
+
+
+def event_at(forward: Forward, index: int, at: float, contact: int | None = None) -> int | None:
+    """Return the number of an event, of one contact or of any, at the begin (0) or at the end of a segment."""
+    t = forward.starts[index] if at == 0.0 else forward.starts[index] + forward.segments.durations[index]
+    near = np.abs(forward.events.time - t) <= 4e-16 * abs(t)
+    if contact is not None:
+        near &= forward.events.contact == contact
+    found = np.flatnonzero(near)
+    return int(found[0]) if found.size else None
 
 
 def _motion(piece: Closed | Block, matrix: Array, force: Forcing, n: int, tau: float) -> tuple[Array, Array, Array]:

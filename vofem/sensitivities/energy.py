@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.sensitivities.flow import Block, Closed
-from vofem.sensitivities.forward import Forward
+from vofem.sensitivities.forward import Forward, Passage
 from vofem.system import CLOSED, OPEN
 
 Array = NDArray[np.float64]
@@ -47,7 +47,11 @@ def dissipated(forward: Forward, times: Array) -> Array:
             out[k] = total + parts[: place + 1].sum(axis=0)
         if ahead == order.size:
             break
-        total = total + parts.sum(axis=0) + _jumps(forward, float(end), index)
+        total = total + parts.sum(axis=0)
+        if index in forward.passages:
+            for number, power in powers(forward, forward.passages[index]):
+                if power:
+                    total = total + power * forward.event_times[number]
     return out
 
 
@@ -57,19 +61,17 @@ def _integrals(forward: Forward, index: int, edges: Array) -> Array:
     n, p = modal.size, len(forward.changes)
     piece = forward.closed(index)
     equation = forward.flow(forward.segments.status[index]).equation
-    matrices = [-forward._lower(equation, change)[:, n:] for change in forward.changes]
-    fastest = _fastest(piece, equation.matrix)
+    matrices = [-forward.lower(equation, change)[:, n:] for change in forward.changes]
+    rate_limit = fastest(piece, equation.matrix)
     parts = np.zeros((edges.size - 1, p))
     nodes, weights, owner = [], [], []
     for k, (low, high) in enumerate(pairwise(edges)):
         if high <= low:
             continue
-        count = max(1, int(np.ceil((high - low) * fastest / _PHASE)))
-        half = 0.5 * (high - low) / count
-        middles = low + half * (2.0 * np.arange(count) + 1.0)
-        nodes.append((middles[:, None] + half * _NODES).ravel())
-        weights.append(np.tile(half * _WEIGHTS, count))
-        owner.append(np.full(count * _NODES.size, k))
+        points, shares = gauss(float(low), float(high), rate_limit)
+        nodes.append(points)
+        weights.append(shares)
+        owner.append(np.full(points.size, k))
     if not nodes:
         return parts
     tau, weight, of = np.concatenate(nodes), np.concatenate(weights), np.concatenate(owner)
@@ -88,7 +90,28 @@ def _integrals(forward: Forward, index: int, edges: Array) -> Array:
     return parts
 
 
-def _fastest(piece: Closed | Block, matrix: Array) -> float:
+def gauss(low: float, high: float, frequency: float) -> tuple[Array, Array]:
+    """Return points and weights of a quadrature that is exact to rounding up to a frequency in rad/s."""
+    count = max(1, int(np.ceil((high - low) * frequency / _PHASE)))
+    half = 0.5 * (high - low) / count
+    middles = low + half * (2.0 * np.arange(count) + 1.0)
+    return (middles[:, None] + half * _NODES).ravel(), np.tile(half * _WEIGHTS, count)
+
+
+def powers(forward: Forward, passage: Passage) -> list[tuple[int, float]]:
+    """Return what the motion of events adds to the dissipated energy, W: numbers of events, and powers."""
+    laws, modal = forward.modal.laws, forward.modal
+    assert laws is not None
+    found = []
+    for number in passage.numbers:
+        j, entered = int(forward.events.contact[number]), int(forward.events.status[number])
+        rate = float(modal.contacts[j] @ passage.state[modal.size :])
+        if {int(passage.before[j]), entered} == {OPEN, CLOSED}:
+            found.append((number, laws.damping[j] * rate**2 * (-1.0 if entered == CLOSED else 1.0)))
+    return found
+
+
+def fastest(piece: Closed | Block, matrix: Array) -> float:
     """Return the largest frequency in rad/s with which power oscillates in a segment."""
     if isinstance(piece, Block):
         return 2.0 * float(np.max(np.abs(np.linalg.eigvals(matrix)), initial=1.0))
@@ -96,21 +119,3 @@ def _fastest(piece: Closed | Block, matrix: Array) -> float:
     counted = size > _COUNTS * max(float(np.max(size)), float(np.max(np.abs(piece.y0), initial=0.0)))
     own = float(np.max(np.abs(piece.basis.values[counted]), initial=0.0))
     return 2.0 * max(own, float(np.max(np.abs(piece.sigma), initial=0.0)))
-
-
-def _jumps(forward: Forward, end: float, index: int) -> Array:
-    """Return what the motion of events at the end of a segment adds, shape (p,)."""
-    laws, modal = forward.modal.laws, forward.modal
-    total = np.zeros(len(forward.changes))
-    if laws is None or index + 1 >= forward.starts.size:
-        return total
-    before, after = forward.segments.status[index], forward.segments.status[index + 1]
-    for j in np.flatnonzero(before != after):
-        rate = float(modal.contacts[j] @ forward.segments.velocity[index + 1])
-        power = laws.damping[j] * rate**2
-        if power == 0.0 or {int(before[j]), int(after[j])} != {OPEN, CLOSED}:
-            continue
-        near = (forward.events.contact == j) & (np.abs(forward.events.time - end) <= 4e-16 * abs(end) + 1e-300)
-        for number in np.flatnonzero(near):
-            total += (-power if after[j] == CLOSED else power) * forward.event_times[number]
-    return total

@@ -6,8 +6,10 @@ from typing import Any
 
 from vofem.errors import ArgumentError
 from vofem.result import Result
+from vofem.sensitivities.adjoint import Backward
+from vofem.sensitivities.objectives import Objective
 from vofem.sensitivities.of_orbits import OrbitSensitivities, SpecialSensitivities
-from vofem.sensitivities.of_runs import run_sensitivities
+from vofem.sensitivities.of_runs import bare_run, run_sensitivities
 from vofem.sensitivities.of_statics import EquilibriumSensitivities, ModesSensitivities
 from vofem.sensitivities.parameter import Parameter
 from vofem.statics import Equilibrium
@@ -69,3 +71,36 @@ def sensitivities(outcome: Any, parameters: Any, *, along: Parameter | None = No
         f"sensitivities: {outcome!r} is no outcome with derivatives; expected a Result, a PeriodicOrbit, "
         "a SpecialPoint, an Equilibrium or Modes"
     )
+
+
+def gradient(result: Result, objective: Objective, parameters: Any) -> Any:
+    """Return the gradient of one number of a run by any number of parameters.
+
+    One pass backward through the run gives the derivatives by all parameters (the adjoint method). For few parameters
+    and many numbers `sensitivities` is better.
+
+    Parameters
+    ----------
+    result : Result
+        A run of ``event_driven``.
+    objective : Objective
+        One of `vofem.objectives`: ``peak_force(contact, impact)``, ``impulse(contact, impact)``, ``dissipated()``,
+        ``sum_of_squares(point, times, data)``, or a function of one's own, ``of_motion(points, times, function)``.
+    parameters : list of Parameter
+
+    Returns
+    -------
+    ndarray, shape (p,)
+        In the unit of the objective over that of the parameter.
+
+    Raises
+    ------
+    ArgumentError
+        If the scene does not have a parameter, or the objective asks for an impact or a time that is not there.
+    MethodError
+        If the run used a stepping method.
+    """
+    if not isinstance(objective, Objective):
+        raise ArgumentError(f"gradient: objective is {objective!r}, expected one of vofem.objectives")
+    forward = bare_run("gradient", result, parameters)
+    return Backward(forward, objective.linear(result, forward)).gradient()

@@ -302,19 +302,21 @@ class Block:
     def __init__(self, matrix: Array, changes: list[Array | None], segment: Segment) -> None:
         self.matrix, self.changes, self.segment = matrix, changes, segment
 
-    def _system(self, k: int) -> tuple[Array, Array]:
-        """Return the generator of (u_p, u, waves) for one parameter, and the values of these at the start."""
+    def _system(self, k: int | None) -> tuple[Array, Array]:
+        """Return the generator of (u_p, u, waves) for one parameter, or for none, and the values at the start."""
         matrix, segment = self.matrix, self.segment
         big = matrix.shape[0]
         n = big // 2
-        force, other = segment.force, segment.forces[k]
+        force, other = segment.force, None if k is None else segment.forces[k]
         omegas = force.omega if other is None else np.union1d(force.omega, other.omega)
         size = 2 * big + 4 * omegas.size
         generator, start = np.zeros((size, size)), np.zeros(size)
         generator[:big, :big] = generator[big : 2 * big, big : 2 * big] = matrix
-        if (change := self.changes[k]) is not None:
-            generator[:big, big : 2 * big] = change
-        start[:big], start[big : 2 * big] = segment.starts[:, k], segment.start
+        start[big : 2 * big] = segment.start
+        if k is not None:
+            start[:big] = segment.starts[:, k]
+            if (change := self.changes[k]) is not None:
+                generator[:big, big : 2 * big] = change
         for place, w in enumerate(omegas.tolist()):
             at = 2 * big + 4 * place
             # cos, sin, and both times tau.
@@ -332,7 +334,7 @@ class Block:
                     generator[rows, at + 3] -= forcing.growth[h].imag
         return generator, start
 
-    def _run(self, k: int, times: Array) -> Array:
+    def _run(self, k: int | None, times: Array) -> Array:
         """Return (u_p, u) at ascending times, shape (2N, n_times)."""
         from scipy.linalg import expm
 
@@ -350,7 +352,7 @@ class Block:
         """Return the motion at times after the start, shape (N, n_times)."""
         order = np.argsort(times, kind="stable")
         out = np.empty((self.matrix.shape[0], times.size))
-        out[:, order] = self._run(0, times[order])[self.matrix.shape[0] :]
+        out[:, order] = self._run(None, times[order])[self.matrix.shape[0] :]
         return out
 
     def ends(self) -> Array:

@@ -47,13 +47,15 @@ class Work:
 class StatusFlow:
     """What all segments of one contact status share."""
 
-    def __init__(self, modal: ModalSystem, status: Status, changes: list[ModalChange], work: Work) -> None:
+    def __init__(
+        self, modal: ModalSystem, status: Status, changes: list[ModalChange], work: Work, bare: bool = False
+    ) -> None:
         self.equation = StatusEquation(modal, status)
         found = [self.equation.changes(change) for change in changes]
         self.matrices = [matrix for matrix, _, _ in found]
         self.inverses = [inverse for _, inverse, _ in found]
         self.pushes = [push for _, _, push in found]
-        self.basis: Basis | None = basis_of(self.equation.matrix, self.matrices)
+        self.basis: Basis | None = basis_of(self.equation.matrix, [] if bare else self.matrices)
         work.eigensolves += 1
 
     def force(self, waves: list[Any], vectors: list[Array]) -> Forcing:
@@ -143,12 +145,15 @@ class Forward:
     changes : list of ModalChange
         One for each parameter.
     work : Work
+    bare : bool
+        Whether the derivatives themselves are left out: only the motion and its events are wanted.
     """
 
     solution: Any
     modal: ModalSystem
     changes: list[ModalChange]
     work: Work = field(default_factory=Work)
+    bare: bool = False
     crossings: list[Crossing] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -159,7 +164,10 @@ class Forward:
         self._starts: list[Array] = []
         self.passages: dict[int, Passage] = {}
         self.final = np.empty(0)
-        self._propagate()
+        if self.bare:
+            self._follow()
+        else:
+            self._propagate()
 
     # -- pieces of the run ------------------------------------------------------------------------
 
@@ -167,7 +175,7 @@ class Forward:
         """Return what all segments of a status share."""
         key = status.tobytes()
         if key not in self._flows:
-            self._flows[key] = StatusFlow(self.modal, status, self.changes, self.work)
+            self._flows[key] = StatusFlow(self.modal, status, self.changes, self.work, self.bare)
         return self._flows[key]
 
     def state(self, index: int) -> Array:
@@ -183,7 +191,7 @@ class Forward:
         vectors = list(modal.loads)
         whole = forcing_of(waves, vectors, flow.equation.push)
         changes: list[Forcing | None] = []
-        for k, change in enumerate(self.changes):
+        for k, change in enumerate([] if self.bare else self.changes):
             parts: list[Any] = []
             along: list[Array] = []
             if change.loads is not None:
@@ -256,6 +264,20 @@ class Forward:
             z, v = self._pass(index, before, after, numbers, state, z, v)
             event += count
         self.final = np.concatenate([scale * z, v])
+
+    def _follow(self) -> None:
+        """Note the states at which events are passed, without derivatives."""
+        event, none = 0, np.zeros((2 * self.modal.size, 0))
+        for index in range(self.segments.starts.size):
+            self._starts.append(none)
+            last = index + 1 == self.segments.starts.size
+            before = self.segments.status[index]
+            after = self._status_at_end(event) if last else self.segments.status[index + 1]
+            count = self.events.time.size - event if last else int(np.count_nonzero(before != after))
+            if count:
+                state = self.closed(index).states(np.array([self.segments.durations[index]]))[:, 0]
+                self.passages[index] = Passage(range(event, event + count), before, state, none)
+                event += count
 
     def _status_at_end(self, event: int) -> Status:
         """Return the status after the events that happen at the very end of the run."""
@@ -379,7 +401,7 @@ class Forward:
         flow, change = self.flow(self.segments.status[index]), self.changes[k]
         equation = flow.equation
         place = int(np.flatnonzero(equation.pinned == j)[0])
-        lower = self._lower(equation, change)
+        lower = self.lower(equation, change)
         rows_p, share_p = equation.reaction_changes(change, lower)
         _, share = equation.reaction()
         whole, _, _ = self.forces(index)
@@ -400,7 +422,7 @@ class Forward:
             np.concatenate([own.growth @ share[place], whole.growth @ share_p[place]]),
         )
 
-    def _lower(self, equation: StatusEquation, change: ModalChange) -> Array:
+    def lower(self, equation: StatusEquation, change: ModalChange) -> Array:
         """Return the derivative of forces over the state, before projection, shape (n, 2n)."""
         free = StatusEquation(self.modal, np.where(equation.status == PINNED, OPEN, equation.status))
         matrix, inverse, _ = free.changes(change)

@@ -56,12 +56,8 @@ class RunSensitivities:
         self.result = result
         self.parameters = parameters
         self.times = result.times
-        scene, full = result.scene, result.model.system
-        self._changes: list[SystemChange] = [system_change(scene, parameter) for parameter in parameters]
-        if result.start is not None:
-            self._changes = [_from_state(change, parameter) for change, parameter in zip(self._changes, parameters,
-                                                                                           strict=True)]  # fmt: skip
-        check_modal_damping(full, self.names, self._changes)
+        full = result.model.system
+        self._changes = _changes(result, parameters)
         self._modal = modal_system(result.solution)
         self.work = Work(assemblies=sum(change.assemblies for change in self._changes))
         self._forward = Forward(
@@ -184,13 +180,39 @@ def _from_state(change: SystemChange, parameter: Parameter) -> SystemChange:
     return replace(change, displacement=none, velocity=none)
 
 
-def run_sensitivities(result: Result, parameters: Any) -> RunSensitivities:
-    """Return the derivatives of a run; see `sensitivities`."""
+def bare_run(what: str, result: Any, parameters: Any) -> Forward:
+    """Return a run and the derivatives of its equations of motion, without those of the motion."""
+    _check(what, result)
+    chosen = parameters_of(what, parameters, result.scene)
+    full, modal = result.model.system, modal_system(result.solution)
+    changes = _changes(result, chosen)
+    work = Work(assemblies=sum(change.assemblies for change in changes))
+    return Forward(result.solution, modal, [modal_change(modal, full, change) for change in changes], work, bare=True)
+
+
+def _changes(result: Result, parameters: tuple[Parameter, ...]) -> list[SystemChange]:
+    """Return the derivatives of the system of a run."""
+    found = [system_change(result.scene, parameter) for parameter in parameters]
+    if result.start is not None:
+        found = [_from_state(change, parameter) for change, parameter in zip(found, parameters, strict=True)]
+    check_modal_damping(result.model.system, [parameter.name for parameter in parameters], found)
+    return found
+
+
+def _check(what: str, result: Any) -> None:
+    """Raise where a run has no exact derivatives."""
+    if not isinstance(result, Result):
+        raise ArgumentError(f"{what}: {result!r} is no Result of vofem.simulate")
     if result.method != "event_driven":
         raise MethodError(
-            f"sensitivities: the run used {result.method}, whose steps have no exact derivatives; simulate with "
+            f"{what}: the run used {result.method}, whose steps have no exact derivatives; simulate with "
             f"{advice(exact=True)}"
         )
     if result.interrupted:
-        raise ArgumentError("sensitivities: the run was interrupted; run it to its end")
+        raise ArgumentError(f"{what}: the run was interrupted; run it to its end")
+
+
+def run_sensitivities(result: Result, parameters: Any) -> RunSensitivities:
+    """Return the derivatives of a run; see `sensitivities`."""
+    _check("sensitivities", result)
     return RunSensitivities(result, parameters_of("sensitivities", parameters, result.scene))

@@ -1,0 +1,81 @@
+"""Gradients by one pass backward equal the forward derivatives."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vofem as vf
+from vofem import Parameter
+
+pytestmark = pytest.mark.kernels("plain")
+
+
+def beam_case() -> tuple[vf.Scene, list[Parameter], Any]:
+    beam = vf.Beam(0.8, EI=[60.0] * 5, rhoA=[0.9] * 5, elements=5, supports={"left": "clamped"}, name="beam")
+    tip = beam.at(0.8)
+    one = vf.Contact(tip, gap=0.008, stiffness=2e4, damping=3.0, side="below", acts_on="penetration", name="one")
+    two = vf.Contact(beam.at(0.5), gap=0.0045, stiffness=3e3, damping=5.0, side="above", acts_on="displacement",
+                     name="two")  # fmt: skip
+    load = vf.PointLoad(tip, vf.Sine(14.0, 38.0, phase=0.2) + vf.Ramp(20.0, 0.02, 0.15), name="load")
+    scene = vf.Scene([beam], [one, two, load, vf.RayleighDamping(2.0, 4e-5, name="rayleigh"), vf.Gravity(name="g")])
+    fields = [("one", "gap"), ("one", "stiffness"), ("one", "damping"), ("two", "gap"), ("two", "stiffness"),
+              ("two", "x"), ("beam", "length"), ("load", "f.terms.0.amplitude"), ("load", "f.terms.0.omega"),
+              ("load", "f.terms.0.phase"), ("load", "f.terms.1.slope"), ("rayleigh", "alpha"), ("rayleigh", "beta"),
+              ("g", "g")]  # fmt: skip
+    parameters = [Parameter(*pair) for pair in fields]
+    parameters += [Parameter("beam", name, element=k) for name in ("EI", "rhoA") for k in range(5)]
+    return scene, parameters, tip
+
+
+def ball_case() -> tuple[vf.Scene, list[Parameter], Any]:
+    ball = vf.Mass(1.0, name="ball")
+    floor = vf.Contact(ball, gap=0.5, stiffness=5000.0, damping=3.0, side="below", acts_on="penetration", name="one")
+    scene = vf.Scene([ball], [floor, vf.Gravity(name="g")], initial={ball: (0.1, 0.2)})
+    fields = [("ball", "mass"), ("one", "gap"), ("g", "g"), ("ball", "initial.velocity"), ("one", "stiffness")]
+    return scene, [Parameter(*pair) for pair in fields], ball
+
+
+@pytest.mark.parametrize("case", [beam_case, ball_case])
+def test_the_pass_backward_gives_the_forward_derivatives(case: Any) -> None:
+    scene, parameters, point = case()
+    t_end = 0.2 if case is beam_case else 1.2
+    run = vf.simulate(scene, t_end, times=[0.5 * t_end, t_end], method="event_driven")
+    d = vf.sensitivities(run, parameters)
+    impacts = d.contacts["one"].impacts
+    times = np.linspace(0.05, t_end, 9)
+    data = np.zeros(9)
+    u, moved = run.displacement(point, times), d.displacement(point, times)
+    pairs = {
+        "squares": (vf.objectives.sum_of_squares(point, times, data), 2.0 * u @ moved),
+        "peak": (vf.objectives.peak_force("one", 1), impacts.peak_force[0]),
+        "last peak": (vf.objectives.peak_force("one", len(impacts)), impacts.peak_force[-1]),
+        "impulse": (vf.objectives.impulse("one", 2), impacts.impulse[1]),
+        "dissipated": (vf.objectives.dissipated(), d.energy.dissipated[-1]),
+        "own": (
+            vf.objectives.of_motion([point], times[-1:], lambda x: (float(np.sum(x**3)), 3.0 * x**2)),
+            3.0 * u[-1] ** 2 * moved[-1],
+        ),
+    }
+    for name, (objective, right) in pairs.items():
+        found = vf.gradient(run, objective, parameters)
+        # The largest entries are those of short elements and of lengths; each parameter counts by its own size.
+        size = np.abs([parameter.value(scene) for parameter in parameters])
+        size = np.where(size > 0.0, size, 1.0)
+        assert np.max(np.abs(found - right) * size) < 1e-11 * np.max(np.abs(right) * size), name
+
+
+def test_wrong_objectives_are_refused() -> None:
+    scene, parameters, point = ball_case()
+    run = vf.simulate(scene, 0.6, method="event_driven")
+    with pytest.raises(vf.ArgumentError, match=r"expected one of vofem\.objectives"):
+        vf.gradient(run, "peak", parameters)  # type: ignore[arg-type]
+    with pytest.raises(vf.ArgumentError, match="the run has 1"):
+        vf.gradient(run, vf.objectives.peak_force("one", 2), parameters)
+    with pytest.raises(vf.ArgumentError, match="outside of the run"):
+        vf.gradient(run, vf.objectives.sum_of_squares(point, [2.0], [0.0]), parameters)
+    stepped = vf.simulate(scene, 0.1, method="energy_conserving", dt=0.01)
+    with pytest.raises(vf.MethodError, match="event_driven"):
+        vf.gradient(stepped, vf.objectives.dissipated(), parameters)

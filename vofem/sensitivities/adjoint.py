@@ -1,0 +1,295 @@
+"""Gradients of one number of a run by any number of parameters: one pass backward through the run.
+
+The pass carries the derivatives of the objective by the state, backward through segments and events, with the same
+eigenbases and divided differences as the forward derivatives. For every status it leaves one matrix, which is in the
+end contracted with the derivatives of the equation of motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vofem.errors import MethodError
+from vofem.sensitivities.flow import Block, Closed, divided, divided_far, ramped
+from vofem.sensitivities.forcing import Forcing, derivative_waves, waves_of
+from vofem.sensitivities.forward import Forward
+from vofem.sensitivities.modal import ModalChange
+from vofem.system import OPEN, PINNED
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+#: As for forward derivatives.
+_NEAR = 1.0
+
+
+@dataclass
+class Linear:
+    """The derivative of an objective as a linear form of the derivatives of the run.
+
+    Attributes
+    ----------
+    weights : dict of int to list of (float, ndarray)
+        For segments: times after the start, and what the derivative of the scaled state there counts for, (2n,).
+    events : ndarray, shape (n_events,)
+        What the derivatives of the times of events count for.
+    explicit : ndarray, shape (p,)
+        Derivatives by the parameters at a fixed motion.
+    value : float
+    """
+
+    events: Array
+    explicit: Array
+    value: float = 0.0
+    weights: dict[int, list[tuple[float, Array]]] = field(default_factory=dict)
+
+    def add(self, index: int, tau: float, weight: Array) -> None:
+        """Count the state at a time after the start of a segment."""
+        self.weights.setdefault(index, []).append((tau, weight))
+
+
+class _Sums:
+    """What the pass leaves for a status: it is contracted with derivatives of the equation of motion."""
+
+    def __init__(self, n: int, status: Any) -> None:
+        self.status = status
+        self.pairs = np.zeros((2 * n, 2 * n), dtype=complex)
+        self.forces = np.zeros((n, n))
+        self.push = np.zeros(n)
+
+
+class Backward:
+    """One pass backward through a run.
+
+    Parameters
+    ----------
+    forward : Forward
+        The run, without derivatives.
+    linear : Linear
+    """
+
+    def __init__(self, forward: Forward, linear: Linear) -> None:
+        self._forward, self._linear = forward, linear
+        modal = forward.modal
+        self._gradient = linear.explicit.copy()
+        self._sums: dict[bytes, _Sums] = {}
+        self._loads = np.zeros_like(modal.loads)
+
+    def gradient(self) -> Array:
+        """Return the gradient, shape (p,)."""
+        forward, n = self._forward, self._forward.modal.size
+        segments = forward.segments
+        weight = np.zeros(2 * n)
+        for index in range(segments.starts.size - 1, -1, -1):
+            if index in forward.passages:
+                weight = self._event(index, weight)
+            weight = self._segment(index, weight)
+        weight = self._released(np.flatnonzero(segments.status[0] == PINNED), weight, *forward._split(forward.state(0)))
+        self._contract()
+        scale = forward.modal.scale
+        for k, change in enumerate(forward.changes):
+            self._gradient[k] += (weight[:n] * scale) @ change.displacement + weight[n:] @ change.velocity
+        return self._gradient
+
+    # -- events -----------------------------------------------------------------------------------
+
+    def _event(self, index: int, weight: Array) -> Array:
+        """Return the weight of the state before the events at the end of a segment."""
+        forward, modal = self._forward, self._forward.modal
+        laws, passage, n = modal.laws, forward.passages[index], modal.size
+        assert laws is not None
+        z, v = forward._split(passage.state)
+        last = index + 1 == forward.segments.starts.size
+        after = forward._status_at_end(passage.numbers[0]) if last else forward.segments.status[index + 1]
+        held = np.flatnonzero(after == PINNED)
+        if np.any(passage.before[held] != PINNED):
+            rows = modal.contacts[held]
+            stopped = v - rows.T @ np.linalg.solve(rows @ rows.T, rows @ v)
+            weight = self._released(held, weight, z, stopped)
+        before = weight.copy()
+        project = forward.flow(passage.before).equation.project
+        for number in passage.numbers:
+            j = int(forward.events.contact[number])
+            row = modal.contacts[j]
+            counted = float(self._linear.events[number])
+            if passage.before[j] == PINNED:
+                if counted:
+                    raise MethodError(
+                        "gradient: the objective depends on the time at which a pinned contact is released; take "
+                        "vofem.sensitivities instead"
+                    )
+                continue
+            rate = float(row @ v)
+            share = -counted / rate if counted else 0.0
+            if after[j] != PINNED:
+                lever = laws.stiffness[j] * (laws.gap[j] - laws.offset[j])
+                force = (lever / rate if lever else 0.0) + laws.damping[j]
+                sign = 1.0 if passage.before[j] == OPEN else -1.0
+                push = row if project is None else project @ row
+                share -= sign * force * float(push @ weight[n:])
+            before[:n] += share * row / modal.scale
+            self._gradient += share * self._explicit_gap(j, z)
+        return before
+
+    def _explicit_gap(self, j: int, z: Array) -> Array:
+        """Return the derivatives of a gap function at a fixed motion, shape (p,)."""
+        found = np.array([-change.change.gap[j] for change in self._forward.changes])
+        for k, change in enumerate(self._forward.changes):
+            if change.contacts is not None:
+                found[k] += change.contacts[j] @ z
+        return found
+
+    def _released(self, held: Any, weight: Array, z: Array, v: Array) -> Array:
+        """Return the weight of a state before it is held at the gaps of pinned contacts."""
+        if not held.size:
+            return weight
+        modal, n = self._forward.modal, self._forward.modal.size
+        rows = modal.contacts[held]
+        share = np.linalg.solve(rows @ rows.T, rows)
+        by_gap, by_speed = share @ (weight[:n] * modal.scale), share @ weight[n:]
+        for j, one, two in zip(held.tolist(), by_gap, by_speed, strict=True):
+            self._gradient -= one * self._explicit_gap(int(j), z)
+            for k, change in enumerate(self._forward.changes):
+                if change.contacts is not None:
+                    self._gradient[k] -= two * float(change.contacts[j] @ v)
+        found = weight.copy()
+        found[:n] -= (rows.T @ by_gap) / modal.scale
+        found[n:] -= rows.T @ by_speed
+        return found
+
+    # -- segments ---------------------------------------------------------------------------------
+
+    def _segment(self, index: int, weight: Array) -> Array:
+        """Return the weight of the state at the begin of a segment."""
+        forward = self._forward
+        counted = [(float(forward.segments.durations[index]), weight), *self._linear.weights.get(index, [])]
+        counted = [(tau, one) for tau, one in counted if np.any(one)]
+        if not counted:
+            return np.zeros_like(weight)
+        times = np.array([tau for tau, _ in counted])
+        weights = np.stack([one for _, one in counted])
+        piece = forward.closed(index)
+        if isinstance(piece, Closed):
+            return self._closed(index, piece, times, weights)
+        return self._block(index, piece, times, weights)
+
+    def _closed(self, index: int, piece: Closed, times: Array, weights: Array) -> Array:
+        basis = piece.basis
+        values = basis.values
+        left = weights @ basis.vectors
+        e = np.exp(values * times[:, None])
+        sums = self._of(index)
+        away = values[:, None] - values[None, :]
+        near = np.abs(away) * piece.segment.duration < _NEAR
+        both = left.T @ e
+        kernel = (np.sum(left * e, axis=0)[:, None] - both) / np.where(near, np.inf, away)
+        i, j = np.nonzero(near)
+        for t, one in zip(times.tolist(), left, strict=True):
+            kernel[i, j] += one[i] * divided(values[i], values[j], t)
+        pairs = kernel * piece.a
+        into = basis.inverse[:, values.size // 2 :]
+        for sigma, y0, y1 in zip(piece.sigma, piece.y0, piece.y1, strict=True):
+            exponent = np.full((1, values.size), sigma)
+            level = np.sum(left * divided_far(values[None], exponent, times[:, None]), axis=0)
+            growth = np.sum(left * ramped(values[None], exponent, times[:, None]), axis=0)
+            pairs += np.outer(level, y0) + np.outer(growth, y1)
+            self._forces(index, float(sigma.imag), level @ into, growth @ into)
+        sums.pairs += basis.inverse.T @ pairs @ basis.vectors.T
+        return np.asarray((np.sum(left * e, axis=0) @ basis.inverse).real)
+
+    def _forces(self, index: int, omega: float, level: Complex, growth: Complex) -> None:
+        """Count the derivatives of the forces at one frequency, with sign, in a segment.
+
+        A derivative that grows with time, as that by a frequency, is counted together with the level: both weights are
+        those of the waves exp(i omega tau) and tau exp(i omega tau).
+        """
+        forward, sums = self._forward, self._of(index)
+        equation = forward.flow(forward.segments.status[index]).equation
+        project = equation.project
+        through = level if project is None else level @ project
+        through_growth = growth if project is None else growth @ project
+        whole, _, _ = forward.forces(index)
+        t = float(forward.segments.starts[index])
+        sums.forces += _paired(whole, omega, level, growth)
+        if omega == 0.0:
+            sums.push += through.real
+        loads = forward.modal.system.loads
+        for number, load in enumerate(loads):
+            wave = waves_of(load.function.piece(t))  # type: ignore[attr-defined]
+            self._loads[number] += _counted(wave, omega, through, through_growth)
+        for k, change in enumerate(forward.changes):
+            for number, path in change.change.functions.items():
+                wave = derivative_waves(loads[number].function, path, t)
+                self._gradient[k] += forward.modal.loads[number] @ _counted(wave, omega, through, through_growth)
+
+    def _block(self, index: int, piece: Block, times: Array, weights: Array) -> Array:
+        """Do what `_closed` does with block exponentials, one parameter after the other."""
+        from scipy.linalg import expm
+
+        forward = self._forward
+        segment = piece.segment
+        full = Forward.__new__(Forward)
+        full.__dict__.update(forward.__dict__)
+        full.bare = False
+        _, _, forces = Forward.forces(full, index)
+        p = len(forward.changes)
+        flow = forward.flow(forward.segments.status[index])
+        own = Block(
+            flow.equation.matrix, flow.matrices,
+            segment._replace(starts=np.zeros((segment.start.size, p)), forces=forces),
+        )  # fmt: skip
+        rest = own.sample(np.eye(segment.start.size), times)
+        self._gradient += np.einsum("tn,ntp->p", weights, rest)
+        return np.asarray(sum(one @ expm(own.matrix * t) for t, one in zip(times.tolist(), weights, strict=True)))
+
+    def _of(self, index: int) -> _Sums:
+        status = self._forward.segments.status[index]
+        key = status.tobytes()
+        if key not in self._sums:
+            self._sums[key] = _Sums(self._forward.modal.size, status)
+        return self._sums[key]
+
+    def _contract(self) -> None:
+        """Contract what the pass has left with the derivatives of equations and loads."""
+        for sums in self._sums.values():
+            flow = self._forward.flow(sums.status)
+            pairs = sums.pairs.real
+            parts = zip(flow.matrices, flow.inverses, flow.pushes, strict=True)
+            for k, (matrix, inverse, push) in enumerate(parts):
+                if matrix is not None:
+                    self._gradient[k] += float(np.sum(matrix * pairs))
+                if inverse is not None:
+                    self._gradient[k] += float(np.sum(inverse * sums.forces))
+                self._gradient[k] += float(push @ sums.push)
+        change: ModalChange
+        for k, change in enumerate(self._forward.changes):
+            if change.loads is not None:
+                self._gradient[k] += float(np.sum(change.loads * self._loads))
+
+
+def _paired(whole: Forcing, omega: float, level: Complex, growth: Complex) -> Array:
+    """Return the products of weights and of forces at one frequency, shape (n, n)."""
+    out = np.zeros((level.size, level.size))
+    for w, one, two in zip(whole.omega.tolist(), whole.level, whole.growth, strict=True):
+        if abs(omega) != w:
+            continue
+        half = 1.0 if w == 0.0 else 0.5
+        a, b = (one, two) if omega >= 0.0 else (one.conj(), two.conj())
+        out += half * (np.outer(level, a) + np.outer(growth, b)).real
+    return out
+
+
+def _counted(wave: Any, omega: float, level: Complex, growth: Complex) -> Array:
+    """Return what a vector that goes with a function of time counts for, from the weights of one frequency, (n,)."""
+    out = np.zeros(level.size)
+    for w, one, two in zip(wave.omega.tolist(), wave.level, wave.growth, strict=True):
+        if abs(omega) != w:
+            continue
+        half = 1.0 if w == 0.0 else 0.5
+        a, b = (one, two) if omega >= 0.0 else (one.conjugate(), two.conjugate())
+        out += half * (a * level + b * growth).real
+    return out

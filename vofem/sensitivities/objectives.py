@@ -1,0 +1,172 @@
+"""Objectives: one number of a run, for `vofem.gradient`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vofem._validate import array, name_of, whole
+from vofem.bodies.base import as_point
+from vofem.errors import ArgumentError
+from vofem.lookup import rows_over
+from vofem.result import Result
+from vofem.sensitivities.adjoint import Linear
+from vofem.sensitivities.contacts import Law, event_at, peak_of, within
+from vofem.sensitivities.energy import fastest, gauss, powers
+from vofem.sensitivities.forward import Forward
+
+Array = NDArray[np.float64]
+
+
+class Objective:
+    """One number of a run, and how it depends on the motion.
+
+    Attributes
+    ----------
+    describe : str
+    """
+
+    def __init__(self, describe: str, linear: Callable[[Result, Forward], Linear]) -> None:
+        self.describe = describe
+        self._linear = linear
+
+    def __repr__(self) -> str:
+        return f"<objective: {self.describe}>"
+
+    def linear(self, result: Result, forward: Forward) -> Linear:
+        """Return value and derivative along a run."""
+        return self._linear(result, forward)
+
+
+def peak_force(contact: Any, impact: int = 1) -> Objective:
+    """Return the force of largest magnitude in an impact, N; impacts count from 1."""
+    name, number = name_of(contact), whole("peak_force: impact", impact)
+
+    def linear(result: Result, forward: Forward) -> Linear:
+        j, found = _impact(result, name, number)
+        out = _blank(forward)
+        out.value = float(found.peak_force[number - 1])
+        time, begin, end = (float(values[number - 1]) for values in (found.peak_time, found.closing, found.opening))
+        peak = peak_of(forward, j, time, begin, end)
+        out.add(peak.index, peak.tau, peak.law.row)
+        out.explicit += peak.law.explicit(peak.state, peak.tau)
+        if peak.event is not None:
+            out.events[peak.event] += peak.slope
+        return out
+
+    return Objective(f"peak force of impact {number} of {name!r}", linear)
+
+
+def impulse(contact: Any, impact: int = 1) -> Objective:
+    """Return the integral of the force over an impact, N s; impacts count from 1."""
+    name, number = name_of(contact), whole("impulse: impact", impact)
+
+    def linear(result: Result, forward: Forward) -> Linear:
+        j, found = _impact(result, name, number)
+        out = _blank(forward)
+        out.value = float(found.impulse[number - 1])
+        for index in within(forward, j, float(found.closing[number - 1]), float(found.opening[number - 1])):
+            law, piece = Law(forward, index, j), forward.closed(index)
+            matrix = forward.flow(forward.segments.status[index]).equation.matrix
+            duration = float(forward.segments.durations[index])
+            tau, weight = gauss(0.0, duration, fastest(piece, matrix))
+            states = piece.states(tau)
+            for k, (t, share) in enumerate(zip(tau.tolist(), weight.tolist(), strict=True)):
+                out.add(index, t, share * law.row)
+                out.explicit += share * law.explicit(states[:, k], t)
+            for at, sign in ((0.0, -1.0), (duration, 1.0)):
+                event = event_at(forward, index, at, j)
+                if event is not None:
+                    out.events[event] += sign * law.value(piece.states(np.array([at]))[:, 0], at)
+        return out
+
+    return Objective(f"impulse of impact {number} of {name!r}", linear)
+
+
+def dissipated() -> Objective:
+    """Return the energy that dampers take until the end of the run, J."""
+
+    def linear(result: Result, forward: Forward) -> Linear:
+        modal, out = forward.modal, _blank(forward)
+        n = modal.size
+        for index in range(forward.starts.size):
+            piece = forward.closed(index)
+            equation = forward.flow(forward.segments.status[index]).equation
+            matrices = [-forward.lower(equation, change)[:, n:] for change in forward.changes]
+            tau, weight = gauss(0.0, float(forward.segments.durations[index]), fastest(piece, equation.matrix))
+            v = piece.states(tau)[n:]
+            pull = equation.damping @ v
+            out.value += float(weight @ np.sum(v * pull, axis=0))
+            for k, (t, share) in enumerate(zip(tau.tolist(), weight.tolist(), strict=True)):
+                out.add(index, t, 2.0 * share * np.concatenate([np.zeros(n), pull[:, k]]))
+            for k, matrix in enumerate(matrices):
+                if np.any(matrix):
+                    out.explicit[k] += float(weight @ np.sum(v * (matrix @ v), axis=0))
+        for passage in forward.passages.values():
+            for number, power in powers(forward, passage):
+                out.events[number] += power
+        return out
+
+    return Objective("dissipated energy", linear)
+
+
+def sum_of_squares(point: Any, times: ArrayLike, data: ArrayLike) -> Objective:
+    """Return the sum of the squared differences of a point's displacement and data at some times, m^2."""
+    place = as_point("sum_of_squares: point", point)
+    when = np.atleast_1d(array("sum_of_squares: times", times))
+    values = array("sum_of_squares: data", data, shape=when.shape)
+
+    def squares(u: Array) -> tuple[float, Array]:
+        return float(np.sum((u[0] - values) ** 2)), 2.0 * (u - values)
+
+    return of_motion([place], when, squares)
+
+
+def of_motion(points: Sequence[Any], times: ArrayLike, function: Callable[[Array], tuple[float, Any]]) -> Objective:
+    """Return an objective of one's own: a function of the displacements of points at some times.
+
+    Parameters
+    ----------
+    points : list of points
+    times : array_like, shape (n_times,)
+    function : callable
+        Takes the displacements, shape (n_points, n_times), and returns the objective and its derivatives by all of
+        them, in the same shape.
+    """
+    places = [as_point("of_motion: points", point) for point in points]
+    when = np.atleast_1d(array("of_motion: times", times))
+
+    def linear(result: Result, forward: Forward) -> Linear:
+        if np.any(when < 0.0) or np.any(when > result.solution.t_end):
+            raise ArgumentError(f"gradient: times lie outside of the run, expected 0 to {result.solution.t_end:g} s")
+        modal = forward.modal
+        rows = np.asarray(rows_over(result.model, result.scene.bodies, places) @ modal.shapes)
+        motion = forward.motion(when)[0]
+        value, slopes = function(rows @ motion)
+        slopes = array("of_motion: derivatives", slopes, shape=(rows.shape[0], when.size))
+        out = _blank(forward)
+        out.value = float(value)
+        scaled = np.hstack([rows / modal.scale, np.zeros_like(rows)])
+        for index, mine, tau in forward.visit(when):
+            for k, t in zip(mine.tolist(), tau.tolist(), strict=True):
+                out.add(index, t, slopes[:, k] @ scaled)
+        for k, change in enumerate(forward.changes):
+            if (moved := change.change.points(places)) is not None:
+                out.explicit[k] += float(np.sum(slopes * (np.asarray(moved @ modal.shapes) @ motion)))
+        return out
+
+    return Objective(f"function of {len(places)} points at {when.size} times", linear)
+
+
+def _impact(result: Result, name: str, number: int) -> tuple[int, Any]:
+    found = result.contacts[name].impacts
+    if number > len(found):
+        raise ArgumentError(f"gradient: impact {number} of {name!r} was asked for; the run has {len(found)}")
+    return list(result.contacts).index(name), found
+
+
+def _blank(forward: Forward) -> Linear:
+    return Linear(np.zeros(forward.events.time.size), np.zeros(len(forward.changes)))
