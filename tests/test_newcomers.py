@@ -108,7 +108,8 @@ def test_faults_in_a_table_of_a_misspelt_name(tmp_path):
 
 #: What runs return, and the base of all functions of time: users do not construct these.
 OUTCOMES = (
-    vf.Branch, vf.Equilibrium, vf.Modes, vf.PeriodicOrbit, vf.QuasiStatic, vf.Result, vf.SpecialPoint, vf.TimeFunction,
+    vf.Branch, vf.Equilibrium, vf.Fit, vf.Locus, vf.Modes, vf.PeriodicOrbit, vf.QuasiStatic, vf.Result,
+    vf.SpecialPoint, vf.TimeFunction,
 )  # fmt: skip
 
 CONSTRUCTED = [

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import array, choice, name_of, number, public
-from vofem.bodies.base import as_point
+from vofem.bodies.base import Point, as_point
 from vofem.errors import ArgumentError
 from vofem.result import Result
 from vofem.scene import Scene
@@ -96,7 +96,7 @@ class Measured:
 
     def __init__(
         self,
-        point: Any,
+        point: Point,
         times: ArrayLike,
         values: ArrayLike,
         noise: float | ArrayLike | None = None,
@@ -275,7 +275,7 @@ class MeasuredStatics:
     unit = "m"
 
     def __init__(
-        self, point: Any, times: ArrayLike, values: ArrayLike, noise: float | ArrayLike | None = None, *,
+        self, point: Point, times: ArrayLike, values: ArrayLike, noise: float | ArrayLike | None = None, *,
         offset: bool = False,
     ) -> None:  # fmt: skip
         self.point = as_point("MeasuredStatics: point", point)
