@@ -79,6 +79,9 @@ def drawn(run, orbit):
     scene = vf.Scene([free], [stop], {free: (0.0, 1.0)})
     study = vf.accuracy.work_precision(scene, 3.0, methods=["energy_conserving"], dt=[0.1], point=free, repeats=1)
     yield "work_precision", plot.work_precision(study)
+    released = vf.Scene([free], [], {free: (0.1, 0.0)})
+    start = vf.Parameter(free, "initial.displacement")
+    yield "fit", plot.fit(vf.fit(released, [start], vf.Measured(free, [0.5, 1.0], [0.17, 0.1], noise=0.01)))
 
 
 def labels(axes):
