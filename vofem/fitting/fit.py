@@ -132,7 +132,8 @@ class Fit(Shown):
 
     def report(self) -> str:
         """Return a table of estimates with their deviations and correlations, and the notes."""
-        lines = [f"{self.residuals.size} data, chi2 = {self.chi2:.6g}, {self.runs} runs, {len(self.starts)} starts"]
+        begun = "from one start" if len(self.starts) == 1 else f"from {len(self.starts)} starts"
+        lines = [f"{self.residuals.size} data, chi2 = {self.chi2:.6g}, {self.runs} runs {begun}"]
         width = max(len(parameter.name) for parameter in self.parameters)
         for parameter, value, deviation in zip(self.parameters, self.values, self.deviation, strict=True):
             spread = "not determined" if np.isnan(deviation) else f"+- {deviation:.3g}"

@@ -42,7 +42,7 @@ def fit(result: Fit, path: Where = None, *, ax: Any = None) -> Any:
         residuals = result.residuals[row : row + size]
         row += size
         numbered = isinstance(one, MeasuredEvents | MeasuredFrequencies)
-        x = np.arange(1, size + 1) if isinstance(one, MeasuredEvents | MeasuredFrequencies) else one.times[used]
+        x = np.arange(1, size + 1) if numbered else one.times[used]
         constant = 0.0
         if one.offset:
             constant, shift = float(result.offsets[shift]), shift + 1
@@ -55,6 +55,7 @@ def fit(result: Fit, path: Where = None, *, ax: Any = None) -> Any:
         upper.legend()
         lower.axhline(0.0, color=ink(), linewidth=stroke(0.6))
         lower.plot(x, residuals, marker, color=COLORS[1], markersize=4.0)
-        lower.set(xlabel="number" if numbered else "time [s]", ylabel=f"residual [{one.unit}]")
-        upper.set_ylabel(f"[{one.unit}]")
+        along = "number [-]" if numbered else "time [s]"
+        lower.set(xlabel=along, ylabel=f"residual [{one.unit}]")
+        upper.set(xlabel=along, ylabel=f"value [{one.unit}]")
     return canvas.done()
