@@ -193,9 +193,10 @@ def _fill_noise(tau: float, terms: EventFunctions, blocks: Blocks, begin: Array,
     """Fill in the level below which each function is rounding of its terms up to tau.
 
     Complex modes are summed of the velocities of blocks too. For a slow block the velocity divided by the frequency is
-    large compared with all displacements, so only the change of a block within tau is counted.
+    large compared with all displacements, so only the change of a block within tau is counted. What loads add to a
+    coupled block is at most its change and that of its free motion.
     """
-    of, state, bounds, sizes = blocks.of, space.states[_STATE], space.bounds, terms.sizes
+    of, changed, bounds, sizes = blocks.of, space.states[_CHANGE], space.bounds, terms.sizes
     loads, mixed = terms.loads, terms.tail > terms.loads
     amplitude, speed = space.states[3, 0], space.states[3, 1]
     for k in range(of.shape[1]):
@@ -206,8 +207,8 @@ def _fill_noise(tau: float, terms: EventFunctions, blocks: Blocks, begin: Array,
             # Free energy does not grow, so it bounds the rates.
             amplitude[k] = min(amplitude[k], energy * tau)
             speed[k] = min(energy, (2.0 * of[DELTA, k] + of[FREQUENCY, k]) * energy * tau)
-        amplitude[k] += bounds[_COUPLED, k] * abs(state[0, k])
-        speed[k] += bounds[_COUPLED, k] * abs(state[1, k])
+        amplitude[k] += bounds[_COUPLED, k] * abs(changed[0, k])
+        speed[k] += bounds[_COUPLED, k] * abs(changed[1, k])
     for j in range(terms.start.size):
         size = terms.level[j]
         for k in range(of.shape[1]):
@@ -219,14 +220,14 @@ def _fill_noise(tau: float, terms: EventFunctions, blocks: Blocks, begin: Array,
 
 @plain_form(_fill_noise)
 def _noise_at_once(tau: float, terms: EventFunctions, blocks: Blocks, begin: Array, space: SearchSpace) -> None:
-    of, state, bounds, loads = blocks.of, space.states[_STATE], space.bounds, terms.loads
+    of, changed, bounds, loads = blocks.of, space.states[_CHANGE], space.bounds, terms.loads
     energy = bounds[_ENERGY]
     amplitude, speed = np.minimum(np.abs(begin[0]) + np.abs(begin[1]) * tau, bounds[_CAP]), energy.copy()
     if terms.tail > loads:
         amplitude[loads:] = np.minimum(amplitude, energy * tau)[loads:]
         speed[loads:] = np.minimum(energy, (2.0 * of[DELTA] + of[FREQUENCY]) * energy * tau)[loads:]
-    amplitude += bounds[_COUPLED] * np.abs(state[0])
-    speed += bounds[_COUPLED] * np.abs(state[1])
+    amplitude += bounds[_COUPLED] * np.abs(changed[0])
+    speed += bounds[_COUPLED] * np.abs(changed[1])
     count = terms.start.size
     size = terms.level + terms.sizes[:count, 0] @ amplitude + terms.sizes[:count, 1] @ speed
     space.functions[_NOISE, :count] = _ROUNDING * size + _LEAST
