@@ -330,7 +330,7 @@ def test_a_file_that_another_program_has_changed_is_read(results, old):
 
 def test_missing_parts_are_named(old):
     path, before = old
-    for part in ("history", "vofem/run", "history/q", "vofem/segments/status", "vofem/run/scene.whole.model.free"):
+    for part in ("history", "vofem/run", "history/q", "vofem/segments/status", "vofem/run/solution.space.shapes"):
         path.write_bytes(before)
         with h5py.File(path, "r+") as file:
             del file[part]

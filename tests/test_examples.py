@@ -173,6 +173,21 @@ def check_cantilever_map(example, found, printed):
     assert "% stable" in printed
 
 
+def check_stop_placement(example, found, printed):
+    """The tip reaches its limit, and no stop beside the best one is hit more softly."""
+    best, trials = found
+    x, gap, force = best.x
+    last = example.Trial(x, gap)
+    assert last.lowest == pytest.approx(-example.LIMIT, rel=1e-6)
+    assert last.peaks.max() == pytest.approx(force, rel=1e-6)
+    assert force < 0.82 * trials[0].peaks.max()
+    for angle in np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False):
+        beside = example.Trial(x + 2e-3 * np.cos(angle), gap + 2e-5 * np.sin(angle))
+        assert beside.peaks.max() > force or beside.lowest < -example.LIMIT
+    assert len(trials) < 30
+    assert f"{len(trials)} runs" in printed
+
+
 CHECKS = {
     "beam_shapes": check_beam_shapes,
     "cantilever_map": check_cantilever_map,
@@ -183,6 +198,7 @@ CHECKS = {
     "laws_on_constants": check_laws_on_constants,
     "one_sided_foundation": check_one_sided_foundation,
     "several_stops": check_several_stops,
+    "stop_placement": check_stop_placement,
     "switching_operator": check_switching_operator,
     "two_masses": check_two_masses,
 }
