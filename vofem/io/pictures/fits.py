@@ -42,7 +42,7 @@ def fit(result: Fit, path: Where = None, *, ax: Any = None) -> Any:
         residuals = result.residuals[row : row + size]
         row += size
         numbered = isinstance(one, MeasuredEvents | MeasuredFrequencies)
-        x = np.arange(1, size + 1) if numbered else one.times[used]
+        x = np.arange(1, size + 1) if isinstance(one, MeasuredEvents | MeasuredFrequencies) else one.times[used]
         constant = 0.0
         if one.offset:
             constant, shift = float(result.offsets[shift]), shift + 1
