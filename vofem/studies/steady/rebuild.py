@@ -88,7 +88,7 @@ def _same_effect(new: Any, old: Any, partners: dict[int, Body]) -> bool:
         return True
     if type(new) is not type(old):
         return False
-    free = {_function_of(type(new))} | ({"name"} if type(new) is Contact else set())
+    free = {_function_of(new.__class__)} | ({"name"} if type(new) is Contact else set())
     mine, other = vars(new), vars(old)
     kept = [name for name in mine if name not in free]
     return all(name in other and _same(mine[name], other[name], partners) for name in kept)
