@@ -91,16 +91,17 @@ def number(
     expected = "a positive number" if positive else "a number"
     if minimum is not None:
         expected = "a number that is not negative" if minimum == 0 else f"a number not below {minimum:g}"
-    text_or_list = isinstance(value, (bool, str, list, tuple))
-    if text_or_list or not np.isscalar(value):
-        array = None if text_or_list else np.asarray(value)
-        if array is None or array.ndim != 0 or array.dtype.kind not in "iuf":
-            raise wrong(what, repr(value), expected)
+    if type(value) is not float and type(value) is not int:
+        text_or_list = isinstance(value, (bool, str, list, tuple))
+        if text_or_list or not np.isscalar(value):
+            array = None if text_or_list else np.asarray(value)
+            if array is None or array.ndim != 0 or array.dtype.kind not in "iuf":
+                raise wrong(what, repr(value), expected)
     try:
         result = float(value)
     except (TypeError, ValueError, OverflowError):
         raise wrong(what, repr(value), expected) from None
-    if np.isnan(result):
+    if result != result:
         raise wrong(what, "NaN", expected, "; look where the value was computed")
     if finite and not abs(result) <= HUGE:
         raise wrong(what, repr(result), f"a finite number (magnitude at most {HUGE:g})")

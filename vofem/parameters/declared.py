@@ -94,6 +94,13 @@ def declared(
         inherited = {name for base in made.__mro__[1:] for name in getattr(base, "_declarations", ())}
         order = sorted(known, key=lambda name: known[name].keyword * (1 + (name in inherited)))
         made._declarations = {name: known[name] for name in order}
+        # What the constructor needs of them at each call. Without a check of its own, a kind takes any value.
+        made._named = "name" in known and isinstance(known["name"].kind, Name)
+        made._checks = tuple(
+            (name, one.kind.check, one.default is None, one.kind.choices if one.kind.needed else "")
+            for name, one in made._declarations.items()
+            if type(one.kind).check is not Kind.check
+        )
         signature = inspect.signature(made.__init__)
         own = [p for name in ("self", *order) for p in (signature.parameters[name],)]
         made.__init__.__signature__ = signature.replace(parameters=own)
@@ -167,16 +174,17 @@ def _kind_of(cls: type, name: str, hint: Any) -> Kind:
 
 def _check(self: Any) -> None:
     """Check all parameters of an object and run its rules: the end of its constructor."""
-    known = self._declarations
-    if "name" in known and isinstance(known["name"].kind, Name):
+    if self._named:
         object.__setattr__(self, "name", automatic_name(self.name, type(self).__name__))
     label = label_of(self)
-    for name, declaration in known.items():
-        value, kind = getattr(self, name), declaration.kind
-        if value is not None or declaration.default is not None:
-            object.__setattr__(self, name, kind.check(f"{label}: {name}", value))
-        elif kind.needed and kind.choices:
-            raise missing(f"{label}: {name}", kind.choices)
+    for name, check, optional, choices in self._checks:
+        value = getattr(self, name)
+        if value is not None or not optional:
+            checked = check(f"{label}: {name}", value)
+            if checked is not value:
+                object.__setattr__(self, name, checked)
+        elif choices:
+            raise missing(f"{label}: {name}", choices)
     for one in self._rules:
         one(self)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +17,17 @@ Array = NDArray[np.float64]
 
 #: `Evaluation.error` that the orbits reach with which special points are located.
 EXACT = 1e-14
+
+#: Points of a step by their share of it.
+Known = Mapping[float, Point]
+
+_NONE: Known = {}
+
+#: Number of known points inside of a step that are used for a guess.
+_NEAREST = 3
+
+#: Least distance of two such points, as a share of their distance from the guess.
+_APART = 1e-2
 
 
 @dataclass
@@ -41,31 +53,30 @@ class Step:
         return float(np.linalg.norm(self.secant))
 
 
-def between(family: Family, interval: Interval, step: Step, share: float) -> tuple[Array, Any, Array]:
+def between(
+    family: Family, interval: Interval, step: Step, share: float, known: Known, tolerance: float
+) -> tuple[Array, Any, Array]:
     """Return an orbit between two neighbours, at a share of the way along the line between them."""
-    first, last = step.first, step.last
-    scales = first.scales
-    start, end = first.y / scales, last.y / scales
-    secant = end - start
-    length = float(np.linalg.norm(secant))
-    # Hermite's cubic through both points with their tangents.
-    one = first.tangent / max(float(first.tangent @ secant) / length, 0.1)
-    two = last.tangent * last.scales / scales
-    two = two / max(float(two @ secant) / length, 0.1)
-    t = share
-    guess = (
-        (2 * t**3 - 3 * t**2 + 1) * start
-        + (t**3 - 2 * t**2 + t) * length * one
-        + (3 * t**2 - 2 * t**3) * end
-        + (t**3 - t**2) * length * two
-    )
-    normal = secant / length
+    first, last, scales = step.first, step.last, step.first.scales
+    normal = step.secant / step.length
+    # Hermite's polynomial through both points with their tangents, and through the nearest of the other known ones.
+    near: list[float] = []
+    for other in sorted(known, key=lambda other: abs(other - share)):
+        # Places that are close to each other, seen from here, would make rounding large.
+        if min(abs(other - place) for place in (0.0, 1.0, *near)) > _APART * abs(other - share):
+            near.append(other)
+    near = near[:_NEAREST]
+    places = [0.0, 0.0, 1.0, 1.0, *near]
+    values = [point.y / scales for point in (first, first, last, last, *(known[other] for other in near))]
+    slopes = [point.tangent * point.scales / scales for point in (first, last)]
+    slopes = [slope * step.length / max(float(slope @ normal), 0.1) for slope in slopes]
+    guess = _interpolated(places, values, slopes, share)
     # The orbit is found on the plane at this share.
-    guess = guess + normal * (normal @ (start + t * secant - guess))
-    by_value = (1.0 - t) * first.by_value + t * last.by_value
+    guess = guess + normal * (normal @ (values[0] + share * step.secant - guess))
+    by_value = (1.0 - share) * first.by_value + share * last.by_value
     common = family, first.chart, guess * scales, scales, normal
     try:
-        return corrected(*common, by_value, tolerance=EXACT)
+        return corrected(*common, by_value, tolerance=tolerance)
     except ConvergenceError:
         if first.chart.nodes(first.evaluation) is None:
             raise
@@ -73,16 +84,39 @@ def between(family: Family, interval: Interval, step: Step, share: float) -> tup
     problem = family.of(common[2])
     start = first.chart.evaluate(problem, common[2][:-1])
     by_value = derivative_by_value(family, interval, first.chart, common[2], start)
-    return corrected(*common, by_value, 16, EXACT, improve=False)
+    return corrected(*common, by_value, 16, tolerance, improve=False)
 
 
-def point_between(family: Family, step: Step, interval: Interval, share: float, *, tangent: bool = True) -> Point:
-    """Return a point between two neighbours."""
+def _interpolated(places: list[float], values: list[Array], slopes: list[Array], at: float) -> Array:
+    """Return the polynomial through values at places, of which the first and second pair have a slope, by Newton."""
+    differences, total, factor = list(values), values[0].copy(), 1.0
+    for order in range(1, len(places)):
+        differences = [
+            slopes[k // 2]
+            if places[k + order] == places[k]
+            else (differences[k + 1] - differences[k]) / (places[k + order] - places[k])
+            for k in range(len(differences) - 1)
+        ]
+        factor *= at - places[order - 1]
+        total += factor * differences[0]
+    return total
+
+
+def point_between(
+    family: Family,
+    step: Step,
+    interval: Interval,
+    share: float,
+    known: Known = _NONE,
+    *,
+    tangent: bool = True,
+    tolerance: float = EXACT,
+) -> Point:
+    """Return a point between two neighbours; `known` ones between them, by their shares, make the guess better."""
     first = step.first
-    y, evaluation, by_value = between(family, interval, step, share)
+    y, evaluation, by_value = between(family, interval, step, share, known, tolerance)
     direction = first.tangent
     if tangent:
         by_value = derivative_by_value(family, interval, first.chart, y, evaluation)
-        secant = (step.last.y - first.y) / first.scales
-        direction = tangent_at(evaluation, by_value, first.scales, secant / np.linalg.norm(secant))
+        direction = tangent_at(evaluation, by_value, first.scales, step.secant / step.length)
     return Point(first.chart, y, family.of(y), evaluation, first.scales, by_value, direction)

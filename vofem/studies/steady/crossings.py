@@ -35,14 +35,26 @@ from vofem.studies.steady.census import (
 from vofem.studies.steady.extended import Extended, SpecialEquations
 from vofem.studies.steady.family import Family
 from vofem.studies.steady.newton import solved
-from vofem.studies.steady.point import Interval, Point, derivative_by_value, tangent_at
+from vofem.studies.steady.point import TOLERANCE, Interval, Point, derivative_by_value, tangent_at
 from vofem.studies.steady.shorter import at_flip, repeats
 from vofem.studies.steady.special import SpecialPoint, special_at
 
 Array = NDArray[np.float64]
 
+#: A share of a step and the value of a test there.
+_Place = tuple[float, float]
+
 #: Evaluations of a test function in the search for its root, and the share of the step to which it is found.
-_TRIES, _FINE = 60, 1e-13
+_TRIES, _FINE = 60, 1e-12
+
+#: Distance of two places, as a share of the step, between which the values of a test may differ by rounding alone.
+_ROUGH = 1e-9
+
+#: Largest portion of a bracket that is gone at once.
+_MOST = 0.999
+
+#: Values of a test that are zero, and the share of the step in which a value that stays large shows a jump.
+_ZERO, _JUMP = 1e-14, 1e-7
 
 #: A sign change counts as a root where the function is smaller there than this share of its ends: no pole, no jump.
 _VANISHES = 1e-3
@@ -171,13 +183,16 @@ def _found(family: Family, interval: Interval, step: Step, cut: float | None) ->
 def _around(family: Family, interval: Interval, part: _Part, found: list[SpecialPoint]) -> list[_Part]:
     """Return the parts of a step between the special points that were found in it, where they hide others."""
     points, shares = [part.step.first], [0.0]
+    known = {one.place: one.point for one in found}
     for one in sorted(found, key=lambda crossing: crossing.place):
         before = [one.place - beside * one.place for beside in _AROUND]
         for share in (*before, *(one.place + beside * (1.0 - one.place) for beside in reversed(_AROUND))):
             if share <= shares[-1]:
                 continue
             try:
-                points.append(point_between(family, part.step, interval, share, tangent=False))
+                points.append(
+                    point_between(family, part.step, interval, share, known, tangent=False, tolerance=TOLERANCE)
+                )
             except ConvergenceError:
                 return []
             shares.append(share)
@@ -414,40 +429,58 @@ def _vertex(known: dict[float, float]) -> _Vertex:
 
 
 def root(family: Family, step: Step, interval: Interval, test: Test) -> tuple[Point, float] | None:
-    """Return where a test function changes its sign, by the Illinois form of the secant iteration."""
-    best: tuple[Point, float] | None = None
-    smallest = largest = np.inf
+    """Return where a test function changes its sign, and its share of the step; None at a jump or a pole.
+
+    Inverse quadratic interpolation is used where it is safe, and otherwise the bracket is halved (Chandrupatla, 1997).
+    """
+    ends = test(step.first), test(step.last)
+    if not np.all(np.isfinite(ends)) or ends[0] * ends[1] > 0.0:
+        return None
+    vanishes = _VANISHES * max(map(abs, ends))
+    known: dict[float, Point] = {}
+    # The newest place, the one on the other side of the root, and the one that was left out last, with their values.
+    a, b, c = (0.0, ends[0]), (1.0, ends[1]), None
+    settled = False
     try:
-        low, high = 0.0, 1.0
-        at_low, at_high = test(step.first), test(step.last)
-        if not (np.isfinite(at_low) and np.isfinite(at_high)) or at_low * at_high > 0.0:
-            return None
-        largest = max(abs(at_low), abs(at_high))
-        side = 0
         for _ in range(_TRIES):
-            share = (low * at_high - high * at_low) / (at_high - at_low)
-            if not low < share < high:
-                share = 0.5 * (low + high)
-            point = point_between(family, step, interval, share)
-            value = test(point)
-            if abs(value) < smallest:
-                smallest, best = abs(value), (point, share)
-            if value == 0.0 or high - low <= _FINE:
+            width = abs(b[0] - a[0])
+            jump = width <= _JUMP and min(abs(a[1]), abs(b[1])) > vanishes
+            if width <= _FINE or jump or (settled and width <= _ROUGH):
                 break
-            if (value > 0.0) == (at_high > 0.0):
-                moved = abs(high - share)
-                high, at_high = share, value
-                # Illinois: the end that stays counts half.
-                at_low = 0.5 * at_low if side == 1 else at_low
-                side = 1
+            moved = _portion(a, b, c) * width
+            # A test that only touches zero beside its root is found out by a value on the other side.
+            beside = a[0] in known and (settled or moved <= _FINE)
+            share = a[0] + (min(_ROUGH, 0.5 * width) if beside else moved) * np.sign(b[0] - a[0])
+            known[share] = point_between(family, step, interval, share, known, tangent=test is turning)
+            value = test(known[share])
+            rounding = moved <= _ROUGH and abs(value) >= abs(a[1])
+            if (value > 0.0) == (a[1] > 0.0):
+                a, c = (share, value), a
+                settled = not beside and (rounding or abs(value) <= _ZERO)
             else:
-                moved = abs(share - low)
-                low, at_low = share, value
-                at_high = 0.5 * at_high if side == -1 else at_high
-                side = -1
-            if moved <= _FINE or abs(value) <= 1e-14:
+                a, b, c = (share, value), a, b
+                settled = beside or rounding or abs(value) <= _ZERO
+            if beside and abs(value) <= _ZERO:
                 break
     except ConvergenceError:
         # At a branch point the equations are singular; an orbit beside it is better than none.
         pass
-    return best if smallest <= _VANISHES * largest else None
+    found = [(abs(value), float(share)) for share, value in (a, b) if share in known]
+    value, share = min(found, default=(np.inf, 0.0))
+    if value > vanishes:
+        return None
+    return known[share] if test is turning else _directed(family, interval, known[share]), share
+
+
+def _portion(a: _Place, b: _Place, c: _Place | None) -> float:
+    """Return the next place at which a root between a and b is searched, as a portion of the way from a to b."""
+    if a[1] == b[1] or (c is not None and c[1] == b[1]):
+        return 0.5
+    if c is None:
+        return a[1] / (a[1] - b[1])
+    x, y = (a[0] - b[0]) / (c[0] - b[0]), (a[1] - b[1]) / (c[1] - b[1])
+    if not 1.0 - np.sqrt(1.0 - x) < y < np.sqrt(x):
+        return 0.5
+    portion = a[1] / (b[1] - a[1]) * c[1] / (b[1] - c[1])
+    portion += (c[0] - a[0]) / (b[0] - a[0]) * a[1] / (c[1] - a[1]) * b[1] / (c[1] - b[1])
+    return float(min(max(portion, 0.0), _MOST))

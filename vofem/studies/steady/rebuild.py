@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields, is_dataclass, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -37,13 +38,13 @@ def recompiled(scene: Scene, earlier: Scene) -> Scene:
     """
     if len(scene.bodies) != len(earlier.bodies) or len(scene.effects) != len(earlier.effects):
         return scene
-    partners = dict(zip(scene.bodies, earlier.bodies, strict=True))
-    if not all(_same_body(new, old) for new, old in partners.items()):
+    if not all(_same_body(new, old) for new, old in zip(scene.bodies, earlier.bodies, strict=True)):
         return scene
+    partners = {id(new): old for new, old in zip(scene.bodies, earlier.bodies, strict=True)}
     for new, old in zip(scene.effects, earlier.effects, strict=True):
         if not _same_effect(new, old, partners):
             return scene
-    model = _with_functions(earlier.model, scene, earlier, partners)
+    model = _with_functions(earlier.model, scene, earlier)
     return scene if model is None else scene.compiled_as(model)
 
 
@@ -67,9 +68,10 @@ def like_guess(scene: Scene, guess: Any) -> Scene:
     return scene
 
 
-def _function_of(effect: Any) -> str | None:
-    """Return the name of the parameter of a load that is its function of time."""
-    known = declarations(type(effect)) if is_declared(type(effect)) else {}
+@cache
+def _function_of(cls: type) -> str | None:
+    """Return the name of the parameter of a class of loads that is its function of time."""
+    known = declarations(cls) if is_declared(cls) else {}
     return next((name for name, one in known.items() if isinstance(one.kind, OfTime)), None)
 
 
@@ -81,27 +83,30 @@ def _same_body(new: Body, old: Body) -> bool:
     return all(_same(getattr(new, name), getattr(old, name), {}) for name in declarations(type(new)) if name != "name")
 
 
-def _same_effect(new: Any, old: Any, partners: dict[Body, Body]) -> bool:
+def _same_effect(new: Any, old: Any, partners: dict[int, Body]) -> bool:
     if new is old:
         return True
     if type(new) is not type(old):
         return False
-    free = {_function_of(new)} | ({"name"} if type(new) is Contact else set())
+    free = {_function_of(new.__class__)} | ({"name"} if type(new) is Contact else set())
     mine, other = vars(new), vars(old)
     kept = [name for name in mine if name not in free]
     return all(name in other and _same(mine[name], other[name], partners) for name in kept)
 
 
-def _same(new: Any, old: Any, partners: dict[Body, Body]) -> bool:
-    """Return whether two values are the same; where that is not known, False."""
+def _same(new: Any, old: Any, partners: dict[int, Body]) -> bool:
+    """Return whether two values are the same; where that is not known, False.
+
+    The body of the earlier scene that belongs to a body of the new one is found by the `id` of the latter.
+    """
     if new is old:
         return True
-    if isinstance(new, Body):
-        return partners.get(new) is old
+    if id(new) in partners:
+        return partners[id(new)] is old
     if type(new) is not type(old):
         return False
     if isinstance(new, BodyPoint):
-        return partners.get(new.body) is old.body and bool(new.x == old.x)
+        return partners.get(id(new.body)) is old.body and bool(new.x == old.x)
     if new is None or isinstance(new, (bool, int, float, complex, str, np.generic)):
         return bool(new == old)
     if isinstance(new, np.ndarray):
@@ -115,12 +120,12 @@ def _same(new: Any, old: Any, partners: dict[Body, Body]) -> bool:
     return False
 
 
-def _with_functions(model: Model, scene: Scene, earlier: Scene, partners: dict[Body, Body]) -> Model | None:
+def _with_functions(model: Model, scene: Scene, earlier: Scene) -> Model | None:
     """Return a model with the functions of a scene's loads and its contacts' names; None if this is not clear."""
     functions: dict[int, tuple[TimeFunction, str]] = {}
     names: dict[str, str] = {}
     for new, old in zip(scene.effects, earlier.effects, strict=True):
-        attribute = _function_of(new)
+        attribute = _function_of(type(new))
         if attribute is not None:
             function = getattr(old, attribute)
             if id(function) in functions and functions[id(function)][0] is not getattr(new, attribute):
@@ -141,5 +146,5 @@ def _with_functions(model: Model, scene: Scene, earlier: Scene, partners: dict[B
     )
     changed = replace(system, loads=tuple(loads), laws=laws)
     changed.share(system)
-    back = {old: new for new, old in partners.items()}
+    back = dict(zip(earlier.bodies, scene.bodies, strict=True))
     return replace(model, system=changed, offsets={back[body]: start for body, start in model.offsets.items()})
