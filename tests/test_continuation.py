@@ -431,3 +431,11 @@ if __name__ == "__main__":
     print(whole, whole.counters)
     for row in compared(whole, 0.19, 6.0):
         print("{:16s} {:.16f}  frequency {:.1e}  state {:.1e}".format(*row))
+
+
+def test_an_undamped_linear_mass_has_no_special_points():
+    """Its multipliers lie on the unit circle, and rounding does not carry them across it."""
+    mass = vf.Mass(1.0, stiffness=1.0, name="m")
+    branch = vf.continuation(lambda w: vf.Scene([mass], [vf.PointLoad(mass, vf.Sine(0.1, w))]), 0.3, 0.8)
+    assert branch.values[-1] == 0.8
+    assert not branch.special

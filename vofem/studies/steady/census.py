@@ -20,6 +20,9 @@ Test = Callable[[Point], float]
 #: Imaginary part of a multiplier, over its modulus, up to which it counts as real.
 _REAL = 1e-12
 
+#: Modulus of a complex pair, less 1, up to which it counts as 1: without damping all pairs lie on the unit circle.
+_ON_CIRCLE = 1e-9
+
 #: Distance from 1 below which the product of two multipliers counts as 1.
 _RECIPROCAL = 1e-12
 
@@ -52,13 +55,17 @@ def _real(values: Complex) -> NDArray[np.bool_]:
     return np.abs(values.imag) <= _REAL * np.maximum(np.abs(values), 1e-300)
 
 
+def _beyond(values: Complex) -> NDArray[np.bool_]:
+    return np.abs(values) > np.where(_real(values), 1.0, 1.0 + _ON_CIRCLE)
+
+
 def census(point: Point) -> Census | None:
     """Return the numbers of multipliers beyond the unit circle, or None if the method does not compute them."""
     values = multipliers(point)
     if values is None:
         return None
     real = _real(values)
-    pairs = int(np.sum(~real & (np.abs(values) > 1.0))) // 2
+    pairs = int(np.sum(~real & _beyond(values))) // 2
     return Census(int(np.sum(real & (values.real > 1.0))), int(np.sum(real & (values.real < -1.0))), pairs)
 
 
@@ -160,7 +167,7 @@ def counted(which: int, middle: float) -> Test:
 def outside(point: Point) -> int:
     """Return the number of multipliers beyond the unit circle; 0 if the method does not compute them."""
     values = multipliers(point)
-    return 0 if values is None else int(np.sum(np.abs(values) > 1.0))
+    return 0 if values is None else int(np.sum(_beyond(values)))
 
 
 def modulus(place: int) -> Test:
