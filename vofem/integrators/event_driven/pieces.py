@@ -209,27 +209,27 @@ def pieces(regimes: Sequence[Regime], loads: Exosystem, n: int) -> Pieces:
 
 
 @jit
+def _mapped(kind: int, s: int, single: Array, double: Array, z: Array, v: Array) -> tuple[Array, Array]:
+    """Return differences of states of status s, each (n, k), by maps of displacements or of whole states."""
+    if kind == 0:
+        return z, v
+    if kind == 1:
+        return single[s] @ z, single[s] @ v
+    n = z.shape[0]
+    both = double[s] @ np.concatenate((z, v))
+    return both[:n], both[n:]
+
+
+@jit
 def _into_blocks(maps: Maps, s: int, z: Array, v: Array) -> tuple[Array, Array]:
     """Return block states, each (n, k), of differences of modal states, each (n, k)."""
-    if maps.kind[s] == 0:
-        return z, v
-    if maps.kind[s] == 1:
-        return maps.down[s] @ z, maps.down[s] @ v
-    n = z.shape[0]
-    both = maps.into[s] @ np.concatenate((z, v))
-    return both[:n], both[n:]
+    return _mapped(maps.kind[s], s, maps.down, maps.into, z, v)
 
 
 @jit
 def _out_of_blocks(maps: Maps, s: int, z: Array, v: Array) -> tuple[Array, Array]:
     """Return differences of modal states, each (n, k), of block states, each (n, k)."""
-    if maps.kind[s] == 0:
-        return z, v
-    if maps.kind[s] == 1:
-        return maps.up[s] @ z, maps.up[s] @ v
-    n = z.shape[0]
-    both = maps.out[s] @ np.concatenate((z, v))
-    return both[:n], both[n:]
+    return _mapped(maps.kind[s], s, maps.up, maps.out, z, v)
 
 
 @jit
