@@ -7,34 +7,22 @@ from typing import Any
 import numpy as np
 
 from vofem.fitting import Fit, MeasuredEvents, MeasuredFrequencies
-from vofem.io.pictures.axes import COLORS, Canvas, Where, goal_of, ink, plain, stroke, text_size
+from vofem.io.pictures.axes import COLORS, Canvas, Where, figure, goal_of, ink, plain, stroke, text_size
 
 
+@figure
 def fit(result: Fit, path: Where = None, *, ax: Any = None) -> Any:
     """Draw measurements with the model that was fitted to them, and below the residuals.
 
     Parameters
     ----------
     result : Fit
-    path : path of a .png, .pdf or .svg, optional
-        The file to write.
     ax : matplotlib axes, optional
         The axes to draw into, in the order of rows: those of all measurements, then those of their residuals. By
         default a new figure is made.
-
-    Returns
-    -------
-    Path or matplotlib axes
-        `path` where one is given, else the axes.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
     """
-    goal = goal_of(path)
     count = len(result.data)
-    canvas = Canvas("fit", goal, ax, (6.0 + 2.0 * count, 5.6), rows=2, columns=count)
+    canvas = Canvas("fit", goal_of(path), ax, (6.0 + 2.0 * count, 5.6), rows=2, columns=count)
     row, shift = 0, 0
     for k, one in enumerate(result.data):
         used = one.used(result.until)
@@ -58,4 +46,4 @@ def fit(result: Fit, path: Where = None, *, ax: Any = None) -> Any:
         along = "number [-]" if numbered else "time [s]"
         lower.set(xlabel=along, ylabel=f"residual [{one.unit}]")
         upper.set(xlabel=along, ylabel=f"value [{one.unit}]")
-    return canvas.done()
+    return canvas
