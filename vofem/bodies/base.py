@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
@@ -304,6 +305,34 @@ class BodyPoint:
     def describe(self) -> str:
         """Return body and place."""
         return f"{self.body.label} at x = {self.x:g} m"
+
+
+def touching(effect: Any, bodies: Mapping[Any, Any], moved: Callable[[BodyPoint, Any], Any]) -> Any:
+    """Return an effect as a copy that touches other bodies; the effect itself where it touches none of them.
+
+    Parameters
+    ----------
+    effect : effect
+    bodies : dict
+        Bodies, and those that take their place.
+    moved : callable
+        Returns the point on a new body that takes the place of a point on the old one.
+    """
+    changes = {}
+    for name, value in vars(effect).items():
+        if isinstance(value, BodyPoint):
+            if value.body in bodies:
+                changes[name] = moved(value, bodies[value.body])
+            continue
+        for old, new in bodies.items():
+            if old is value:
+                changes[name] = new
+    if not changes:
+        return effect
+    made = copy.copy(effect)
+    for name, value in changes.items():
+        setattr(made, name, value)
+    return made
 
 
 class Point(Protocol):

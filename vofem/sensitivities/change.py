@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem._validate import nearest
-from vofem.bodies.base import Body, BodyPoint
+from vofem.bodies.base import Body, BodyPoint, touching
 from vofem.bodies.beam import Beam
 from vofem.errors import ArgumentError
 from vofem.parameters import changed
@@ -197,59 +197,38 @@ def after(scene: Scene, thing: Any, field: str, elements: tuple[int, ...] | None
     else:
         new = changed(thing, **{field: getattr(thing, field) + amount})
     effects = [new if effect is thing else effect for effect in scene.effects]
-    return _scene(scene.bodies, effects, scene.initial)
+    return Scene(scene.bodies, effects, scene.initial)
 
 
 def _with_body(scene: Scene, body: Any, field: str, elements: tuple[int, ...] | None, amount: float) -> Scene:
-    stretch = 1.0
-    if isinstance(body, Beam):
-        if field == "length":
-            stretch = (body.length + amount) / body.length
-        new: Any = _beam(body, field, elements, amount, stretch)
-    else:
-        new = changed(body, **{field: getattr(body, field) + amount})
+    stretch = (body.length + amount) / body.length if field == "length" else 1.0
+    new = _stretched(body, stretch) if field == "length" else _numbered(body, field, elements, amount)
     bodies = [new if one is body else one for one in scene.bodies]
-    effects = [_moved(effect, body, new, stretch) for effect in scene.effects]
+    effects = [
+        touching(effect, {body: new}, lambda point, to: moved_point(point, to, stretch)) for effect in scene.effects
+    ]
     initial = scene.initial
     if isinstance(initial, Mapping):
         initial = {new if one is body else one: state for one, state in initial.items()}
-    return _scene(bodies, effects, initial)
+    return Scene(bodies, effects, initial)
 
 
-def _beam(beam: Beam, field: str, elements: tuple[int, ...] | None, amount: float, stretch: float) -> Beam:
-    """Return a beam with a number changed; lengths of elements are stretched."""
-    numbers: dict[str, Any] = {name: getattr(beam, name) for name in ("EI", "rhoA", "tension")}
-    if field != "length":
-        value = numbers[field]
-        if elements is None:
-            numbers[field] = value + amount
-        else:
-            each = np.array(np.broadcast_to(value, beam.element_lengths.shape), dtype=float)
-            np.add.at(each, list(elements), amount)
-            numbers[field] = each
+def _stretched(beam: Beam, stretch: float) -> Any:
+    """Return a beam whose elements are longer by a factor."""
+    if np.ndim(beam.elements) == 0:
+        return changed(beam, length=beam.length * stretch)
     nodes = beam.origin + (beam.nodes - beam.origin) * stretch
-    mesh = beam.elements
-    if np.ndim(mesh) == 1:
-        mesh = nodes
-    supports: dict[Any, str] = {float(nodes[node]): kind for node, kind in beam.supports.items()}
-    length = beam.length * stretch if np.ndim(mesh) == 0 or beam.mesh is not None else nodes[-1] - nodes[0]
-    if np.ndim(mesh) == 0 and beam.mesh is None:
-        even = np.linspace(0.0, length, beam.element_lengths.size + 1)
-        supports = {float(even[node]): kind for node, kind in beam.supports.items()}
-    return Beam(length, numbers["EI"], numbers["rhoA"], mesh, supports, numbers["tension"], beam.name)
+    return changed(beam, elements=nodes, length=nodes[-1] - nodes[0])
 
 
-def _moved(effect: Any, body: Any, new: Any, stretch: float) -> Any:
-    """Return an effect that touches a changed body in place of the old one."""
-    if not any(value is body or getattr(value, "body", None) is body for value in vars(effect).values()):
-        return effect
-    moved = copy.copy(effect)
-    for name, value in vars(effect).items():
-        if value is body:
-            setattr(moved, name, new)
-        elif isinstance(value, BodyPoint) and value.body is body:
-            setattr(moved, name, moved_point(value, new, stretch))
-    return moved
+def _numbered(body: Any, field: str, elements: tuple[int, ...] | None, amount: float) -> Any:
+    """Return a body with a number changed, or with those of some elements."""
+    value = getattr(body, field)
+    if elements is None:
+        return changed(body, **{field: value + amount})
+    each = np.array(np.broadcast_to(value, body.element_lengths.shape), dtype=float)
+    np.add.at(each, list(elements), amount)
+    return changed(body, **{field: each})
 
 
 def moved_point(point: Any, new: Any, stretch: float) -> Any:
@@ -266,8 +245,4 @@ def _with_initial(scene: Scene, body: Any, field: str, amount: float) -> Scene:
     if given is not None and not isinstance(given, Mapping):
         initial = {one: given for one in scene.bodies}
     initial[body] = tuple(states)
-    return _scene(scene.bodies, scene.effects, initial)
-
-
-def _scene(bodies: Any, effects: Any, initial: Any) -> Scene:
-    return Scene(bodies, effects, initial)
+    return Scene(scene.bodies, scene.effects, initial)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -172,8 +172,6 @@ class RunSensitivities:
 
 def _from_state(change: SystemChange, parameter: Parameter) -> SystemChange:
     """Return the change for a run that began in a given state, which depends on no parameter."""
-    from dataclasses import replace
-
     if parameter.field.startswith("initial."):
         raise ArgumentError(f"Parameter {parameter.name}: the run began in the state that initial= of simulate gave")
     none = np.zeros_like(change.displacement)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vofem._validate import nearest, number, public, whole
 from vofem.errors import ArgumentError
 from vofem.scene import Scene
-from vofem.sensitivities.change import INITIAL, LINEAR, PLACES, after, check_field, function_at
+from vofem.sensitivities.change import INITIAL, LINEAR, PLACES, after, check_field, function_at, initial_pair, point_of
 
 Array = NDArray[np.float64]
 
@@ -124,10 +124,8 @@ class Parameter:
         """Return the number in a scene; of several, that of the first target or element."""
         thing = self.found(scene)[0]
         if self.field in INITIAL:
-            return float(initial_of(scene, thing)[INITIAL.index(self.field)])
+            return float(initial_pair(scene, thing)[INITIAL.index(self.field)])
         if self.field in PLACES:
-            from vofem.sensitivities.change import point_of
-
             return float(getattr(thing, point_of(thing, self.field)).x)
         if (known := function_at(thing, self.field)) is not None:
             return float(getattr(known[1], known[2]))
@@ -169,13 +167,6 @@ class Parameter:
 
 
 public(Parameter)
-
-
-def initial_of(scene: Scene, mass: Any) -> tuple[float, float]:
-    """Return displacement and velocity at t = 0 of a body with one number each."""
-    from vofem.sensitivities.change import initial_pair
-
-    return initial_pair(scene, mass)
 
 
 def parameters_of(what: str, parameters: Any, scene: Scene) -> tuple[Parameter, ...]:

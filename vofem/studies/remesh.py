@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem._validate import whole
-from vofem.bodies.base import Body, BodyPoint
+from vofem.bodies.base import Body, touching
 from vofem.bodies.beam import Beam
 from vofem.bodies.kinds import Section
 from vofem.bodies.supports import ByNode
@@ -64,7 +63,7 @@ def remeshed(scene: Scene, elements: int) -> Scene:
         return scene
     beams = {beam: _with_elements(beam, count) for beam, count in _counts(scene, elements).items()}
     bodies = [beams.get(body, body) if isinstance(body, Beam) else body for body in scene.bodies]
-    effects = [_moved(effect, beams) for effect in scene.effects]
+    effects = [touching(effect, beams, lambda point, new: new.at(point.x)) for effect in scene.effects]
     return Scene(bodies, effects, _initial(scene, beams))
 
 
@@ -131,17 +130,6 @@ def _on(beam: Beam, elements: Any, held: dict[int, str], **coefficients: Any) ->
 def _divided(nodes: Array, parts: int) -> Array:
     inner = nodes[:-1, None] + np.diff(nodes)[:, None] * (np.arange(parts) / parts)
     return np.append(inner.ravel(), nodes[-1])
-
-
-def _moved(thing: Any, beams: Mapping[Beam, Beam]) -> Any:
-    """Return an effect as a copy that touches the new beams; what it is made of stays."""
-    moved = copy.copy(thing)
-    for name, value in vars(thing).items():
-        if isinstance(value, Beam):
-            setattr(moved, name, beams[value])
-        elif isinstance(value, BodyPoint) and value.body in beams:
-            setattr(moved, name, beams[value.body].at(value.x))
-    return moved
 
 
 def _initial(scene: Scene, beams: Mapping[Beam, Beam]) -> Any:
