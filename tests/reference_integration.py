@@ -4,9 +4,9 @@ It shares M, C, K, rows, load vectors and laws with the package and nothing
 else: no modes, no closed forms of responses, no bounds. Gaps are sampled at a
 small fraction of the shortest period, and at ever shorter times after the start,
 an event and a corner of a load, where gaps may be near zero with a slope near
-zero. Local maxima between samples are looked up, crossings are bisected. It gives up, and says until when it holds, where
-contacts graze within rounding, where events pile up, and where a budget of
-samples is spent.
+zero. Local maxima between samples are looked up, crossings are bisected. It
+gives up, and says until when it holds, where contacts graze within rounding,
+where events pile up, and where a budget of samples is spent.
 """
 
 from __future__ import annotations
