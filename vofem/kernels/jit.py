@@ -142,9 +142,9 @@ def _borrowed() -> Any:
     return borrowed
 
 
-#: ``borrowed(argument)`` in a kernel is the same array, or tuple of arrays, without an owner. The caller keeps the arrays
-#: for the time of the call, so numba need not count references wherever the kernel passes one on or takes a row of it.
-#: Only arguments may be borrowed, and they must not be returned.
+#: ``borrowed(argument)`` in a kernel is the same array, or tuple of arrays, without an owner. The caller keeps the
+#: arrays for the time of the call, so numba need not count references wherever the kernel passes one on or takes a row
+#: of it. Only arguments may be borrowed, and they must not be returned.
 borrowed: Any = Intrinsic(_borrowed, lambda bundle: bundle)
 
 
