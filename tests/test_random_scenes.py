@@ -67,8 +67,13 @@ def faults(scene, t_end, budget=40_000):
     if np.any(kept):
         times = np.array(reference.times)[kept]
         # Many of these times are events, where velocities may change by all of their size within 1e-6 s. So a value
-        # counts as right if the run takes it within a small uncertainty of the time.
-        around = [result.solution.sample(np.clip(times + s, 0.0, t_end)) for s in (-1e-10 * t_end, 0.0, 1e-10 * t_end)]
+        # counts as right if the run takes it within a small uncertainty of the time: where a contact closes slowly,
+        # that is the time in which it moves by rounding.
+        doubt = np.full(times.size, 1e-10 * t_end)
+        for event in reference.events:
+            moved = 1e-10 * (np.sum(np.abs(laws.rows[event.contact]) @ largest) + abs(laws.gap[event.contact]))
+            doubt[times == event.time] += moved / event.rate
+        around = [result.solution.sample(np.clip(times + s * doubt, 0.0, t_end)) for s in (-1.0, 0.0, 1.0)]
         swing = largest.max() + 1e-30
         for name, got, exact, size in (
             ("displacement", [s.q for s in around], reference.q, swing),
@@ -92,7 +97,11 @@ def faults(scene, t_end, budget=40_000):
         slack = [1e-8 * t_end + 1e-9 * size / max(event.rate, 1e-300) for event in theirs]
         # From rest at the gap a contact closes without speed; the reference sees it later, at some speed.
         met = [np.any(np.abs(time - np.array([e.time for e in theirs])) <= np.array(slack)) for time in ours]
-        ours = ours[(speeds > 1e-11 * fastest) | np.array(met, dtype=bool)]
+        matters = speeds > 1e-11 * fastest
+        # Neither are a closing and an opening between which the contact moves by rounding.
+        brief = np.flatnonzero(np.diff(ours) * np.maximum(speeds[1:], speeds[:-1]) <= 1e-15 * size)
+        matters[brief] = matters[brief + 1] = False
+        ours = ours[matters | np.array(met, dtype=bool)]
         clear = [event.time for event, s in zip(theirs, slack, strict=True) if event.time + s < limit]
         count = int(np.sum(ours < limit))
         if len(clear) > count or int(np.sum(ours < limit - max(slack, default=0.0) - 1e-8 * t_end)) > len(theirs):
@@ -120,12 +129,15 @@ def test_random_scenes_against_an_independent_integration(seed):
 # openings of a contact between two points of a beam that drifts on dashpots, all missed: 4e-13 m deep they were taken
 # for rounding of the drift (300139). A mode whose decay rate is rounding, beside what a damper takes from it (34).
 # A load that begins to grow on bodies at rest that touch, whose search did not end (9300146).
-# Of the reference: a soft mode that it took for a rigid motion (7000545), and a closing from rest (7000465).
+# Of the reference: a soft mode that it took for a rigid motion (7000545), and a closing from rest (7000465); a contact
+# that closed again soon after it had opened (20000033), and one that closed from rest and opened (20000564).
+# Of the comparison: velocities at an impact whose time is uncertain (20000103), and a contact that closed and opened
+# within 3e-17 m (20001422).
 @pytest.mark.parametrize(
     "seed",
     [
         5772, 6317, 1500, 100536, 101044, 100559, 101131, 100065, 100898, 101378, 100283, 101344, 100844, 100601,
-        300139, 34, 9300146, 7000545, 7000465,
+        300139, 34, 9300146, 7000545, 7000465, 20000033, 20000564, 20000103, 20001422,
     ],
 )  # fmt: skip
 def test_scenes_that_once_went_wrong(seed):
