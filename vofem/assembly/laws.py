@@ -17,17 +17,18 @@ from vofem.laws import ContactLaws, LawGroup
 
 @dataclass(frozen=True)
 class ContactEntry:
-    """One contact as `SystemBuilder.add_contact` takes it; the fields are those of `ContactLaws`."""
+    """A contact or a rigid stop as `SystemBuilder.add_contact` takes it; the fields are those of `ContactLaws`."""
 
     group: ClassVar[type[LawGroup]] = ContactLaws
 
     name: str
     row: Row
     gap: float
-    stiffness: float
-    damping: float
-    jump: bool
-    resolution: float
+    stiffness: float = 0.0
+    damping: float = 0.0
+    jump: bool = False
+    resolution: float = np.inf
+    restitution: float = np.nan
 
 
 def law_groups(

@@ -206,6 +206,10 @@ def _check(what: str, result: Any) -> None:
             f"{what}: the run used {result.method}, whose steps have no exact derivatives; simulate with "
             f"{advice(exact=True)}"
         )
+    laws = result.model.system.contacts
+    reason = None if laws is None else laws.rigid_refusal(what)
+    if reason is not None:
+        raise MethodError(reason)
     if result.interrupted:
         raise ArgumentError(f"{what}: the run was interrupted; run it to its end")
 
