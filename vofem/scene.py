@@ -9,6 +9,7 @@ from typing import Any
 
 from vofem._validate import nearest, public
 from vofem.assembly import Effect, Model, SystemBuilder
+from vofem.assembly.bases import offsets
 from vofem.bodies.base import Body
 from vofem.cards import Shown
 from vofem.effects.base_motion import BaseMotion
@@ -107,6 +108,9 @@ class Scene(Shown):
         if not motions:
             return
         for effect in self.effects:
+            if isinstance(effect, Contact):
+                offsets(f"Contact {effect.name!r}", effect.bases, [motion.base for motion in motions])
+                continue
             on = [[m.acceleration for m in motions if m.body is point.body] for point in effect.points()]
             if len(on) == 2 and on[0] != on[1]:
                 raise ArgumentError(

@@ -200,28 +200,6 @@ def reading(path: str | os.PathLike[str], expected: str = "a file that Result.sa
         raise StorageError(f"{place} {_complaint(place, error, expected)}") from error
 
 
-def end_of_data(path: Path) -> int:
-    """Return where a file that `writing` has written ends, its trailer included; other data may follow.
-
-    Raises
-    ------
-    StorageError
-        If it is no such file, or damaged before that place.
-    """
-    with path.open("rb") as file:
-        head = file.read(_SUPERBLOCK.size)
-        if len(head) == _SUPERBLOCK.size:
-            signature, version, width, _, _, base, _, end = _SUPERBLOCK.unpack(head)
-            if signature == _SIGNATURE and version in (2, 3) and width == 8:
-                file.seek(base + end)
-                trailer = file.read(_TRAILER.size)
-                if len(trailer) == _TRAILER.size:
-                    magic, checksum = _TRAILER.unpack(trailer)
-                    if magic == _MAGIC and _checksum(file, base + end) == checksum:
-                        return int(base + end + _TRAILER.size)
-    raise StorageError(f"{path} is damaged, or was not written by vofem; take an undamaged copy, or begin anew")
-
-
 def _checksum(file: Any, size: int) -> int:
     """Return the CRC-32 of the first `size` bytes of a file; afterwards its place is behind them."""
     file.seek(0)

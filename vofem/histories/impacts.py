@@ -275,12 +275,11 @@ class ImpactRecord:
     def _rate_at(self, times: Array) -> tuple[Array, Array]:
         """Return gap function and its rate at some times; NaN where the run does not know them."""
         laws, index = self._laws, self._index
-        row = laws.rows[[index]]
         try:
             samples = self._run.solution.sample(times)
         except ArgumentError:
             return np.full(times.size, np.nan), np.full(times.size, np.nan)
-        return samples.along(row, "q")[0] - laws.gap[index], samples.along(row, "v")[0]
+        return laws.gap_function(samples, index, times), laws.gap_rate(samples, index, times)
 
     def _stored(self, times: Array) -> Array:
         """Return the energy in J that the contact stores at some times, of the same shape."""

@@ -250,7 +250,7 @@ class _Sampler:
     """Force of a contact and, where wanted, its rate at any times, in blocks that a bounded memory holds."""
 
     def __init__(self, run: Run, laws: ContactLaws, index: int, *, rates: bool) -> None:
-        self._solution, self._row, self._index, self._rates = run.solution, laws.rows[[index]], index, rates
+        self._solution, self._laws, self._index, self._rates = run.solution, laws, index, rates
         self._block = max(64, _NUMBERS // max(1, run.model.system.size + len(laws)))
 
     def on_panels(self, low: Array, high: Array, x: Array) -> tuple[Array, Array]:
@@ -275,7 +275,7 @@ class _Sampler:
             # One thread at a time, so that the forces that both need are computed once.
             force[part] = self._solution.contacts(times[part]).force[self._index]
             if self._rates:
-                rate[part] = self._solution.sample(times[part]).along(self._row, "v")[0]
+                rate[part] = self._laws.gap_rate(self._solution.sample(times[part]), self._index, times[part])
         return force, rate
 
 

@@ -178,7 +178,7 @@ def _follow(
         t, status = 0.0, solution.begin(start, displacement, velocity, pin_fraction)
     else:
         t, status, displacement, velocity = solution.go_on(resume)
-    breaks = np.concatenate([[0.0], *(load.function.breakpoints(t_end) for load in system.loads)])
+    breaks = np.concatenate([[0.0], *(function.breakpoints(t_end) for function in solution.load_functions)])
     edges = np.append(np.unique(breaks), t_end)
     follower = follower_of(solution, edges, t, status, displacement, velocity, pin_fraction, max_events)
 

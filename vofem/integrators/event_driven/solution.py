@@ -24,7 +24,7 @@ from vofem.integrators.event_driven.modal_samples import ModalSamples
 from vofem.integrators.event_driven.modal_space import ModalSpace
 from vofem.integrators.event_driven.pinned import may_pin, should_pin
 from vofem.integrators.event_driven.record import Record
-from vofem.integrators.event_driven.regime import Motion, Regime, flat, regime_of, start_motion
+from vofem.integrators.event_driven.regime import Motion, Regime, drift_of, flat, regime_of, start_motion
 from vofem.integrators.event_driven.segment import Segments
 from vofem.integrators.event_driven.sensitivity import Perturbation
 from vofem.integrators.event_driven.spectrum import Spectra, Spectrum
@@ -122,6 +122,12 @@ class EventSolution:
         self._initial = np.empty(0, dtype=np.int64)
         self._bounces: tuple[tuple[int, int], Bounces] | None = None
         self.load_functions, self.load_vectors = gathered(system.loads, space.loads)
+        self.moving = None if system.contacts is None else system.contacts.moving
+        if self.moving is not None:
+            # Offsets of contacts are functions of time that push nothing by themselves.
+            self.load_functions = [*self.load_functions, *self.moving.functions]
+            none = np.zeros((len(self.moving.functions), space.size))
+            self.load_vectors = np.concatenate([self.load_vectors, none])
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the solution without its last samples, which can be computed again."""
@@ -208,7 +214,7 @@ class EventSolution:
             self._check_rigid(laws, start.q)
             self.counters.gap_evaluations += len(laws)
             size = np.abs(laws.gap) + size
-            touching = np.abs(laws.rows @ start.q - laws.gap) <= 1e-12 * size
+            touching = np.abs(laws.coordinates(start.q[:, None], np.array([t]))[:, 0] - laws.gap) <= 1e-12 * size
             for j in np.flatnonzero(touching & laws.jump):
                 if should_pin(
                     self.space, laws, self._initial, int(j), (displacement, velocity), self.load(t), fraction
@@ -248,15 +254,27 @@ class EventSolution:
             gaps[touching] = 0.0
             self.gaps_now = gaps
 
-    def at_gaps(self, switched: NDArray[np.int64], displacement: Array) -> Array:
-        """Return the displacement nearest to a given one at which some contacts are at their gaps.
+    def _offsets(self, times: Array) -> Array:
+        """Return what is added to the contacts' coordinates at times, m, shape (n_contacts, n_times)."""
+        return np.zeros((len(self.space.contacts), 1)) if self.moving is None else self.moving.at(times)
+
+    def drift(self) -> Array:
+        """Return the factors with which loads enter the contacts' coordinates, see `loop.Loads`."""
+        kinds, c = len(self.exosystem.omega), len(self.space.contacts)
+        if self.moving is None:
+            return np.zeros((kinds, c, 0))
+        parts = [drift_of(self.system.contacts, part, len(self.load_functions)) for part in self.exosystem.function]
+        return np.array(parts)
+
+    def at_gaps(self, switched: NDArray[np.int64], displacement: Array, t: float) -> Array:
+        """Return the displacement nearest to a given one at which some contacts are at their gaps at a time in s.
 
         If a contact's coordinate is a small difference of large modal displacements, it is not corrected, because the
         correction would change these displacements by its rounding.
         """
         assert self.system.contacts is not None
         rows, gap = self.space.contacts[switched], self.system.contacts.gap[switched]
-        off = rows @ displacement - gap
+        off = rows @ displacement + self._offsets(np.array([t]))[switched, 0] - gap
         if np.any(np.abs(rows) @ np.abs(displacement) > _CANCELLING * (np.abs(gap) + np.abs(off))):
             return displacement
         if switched.size == 1:
@@ -264,15 +282,15 @@ class EventSolution:
         # Two contacts at one point have one row.
         return np.asarray(displacement - np.linalg.lstsq(rows, off, rcond=None)[0])
 
-    def gaps_at(self, status: Status, displacement: Array) -> Array:
-        """Return the gap functions at the begin of the segment that comes next, shape (n_contacts,)."""
+    def gaps_at(self, status: Status, displacement: Array, t: float) -> Array:
+        """Return the gap functions at the begin, in s, of the segment that comes next, shape (n_contacts,)."""
         if self.system.contacts is None:
             return np.zeros(0)
         changed = status != self.record.last_status if self.record.segments else None
-        return self._gaps(status, displacement, self.gaps_now, changed)
+        return self._gaps(status, displacement, self.gaps_now, changed, t)
 
     def _gaps(
-        self, status: Status, displacement: Array, before: Array | None, changed: NDArray[np.bool_] | None
+        self, status: Status, displacement: Array, before: Array | None, changed: NDArray[np.bool_] | None, t: float
     ) -> Array:
         """Return the gap functions at the begin of a segment.
 
@@ -282,11 +300,13 @@ class EventSolution:
             Those at the end of the segment before; without them they are computed from the displacement.
         changed : ndarray of bool, shape (n_contacts,), optional
             Contacts that have just switched.
+        t : float
+            Time in s.
         """
         laws, rows = self.system.contacts, self.space.contacts
         assert laws is not None
         if before is None:
-            gaps = np.asarray(rows @ displacement - laws.gap)
+            gaps = np.asarray(rows @ displacement + self._offsets(np.array([t]))[:, 0] - laws.gap)
             gaps[np.abs(gaps) <= _TOUCHING * (np.abs(rows) @ np.abs(displacement) + np.abs(laws.gap))] = 0.0
         else:
             gaps = before.copy()
@@ -332,7 +352,8 @@ class EventSolution:
         if laws is not None and np.any(open_throughout(laws, events)):
             # At times that the run chooses, so that notes do not depend on the times at which results are stored.
             z, _ = self.modal(np.linspace(0.0, self.t_end, _LOOKS))
-            self.notes += never_closed(laws, events, np.max(self.space.contacts @ z, axis=1))
+            offsets = self._offsets(np.linspace(0.0, self.t_end, _LOOKS))
+            self.notes += never_closed(laws, events, np.max(self.space.contacts @ z + offsets, axis=1))
         for j in np.unique(events.contact[events.status == PINNED]):
             assert laws is not None
             mine = events.contact == j
@@ -426,9 +447,9 @@ class EventSolution:
     def regime(self, status: Status, kind: int) -> Regime:
         """Return the linear piece of a contact status under loads of a kind; it is kept with the eigensystem."""
         spectrum, system = self._spectra[status], self.system
-        load = self.exosystem.function[kind], self.exosystem.omega[kind]
+        load = self.exosystem.function[kind], self.exosystem.omega[kind], self.exosystem.bend
         # Systems with other loads share eigensystems.
-        key = self.t_end, self._loads_key, load[0].tobytes(), load[1].tobytes()
+        key = self.t_end, self._loads_key, *(part.tobytes() for part in load)
         known = spectrum.regimes
         if key not in known:
             if len(known) >= (_MOST_REGIMES if self.space.size <= _FEW_MODES else 1):
@@ -441,7 +462,7 @@ class EventSolution:
 
     @cached_property
     def _loads_key(self) -> bytes:
-        return self.load_vectors.tobytes()
+        return self.load_vectors.tobytes() + (b"" if self.moving is None else self.moving.weights.tobytes())
 
     def regimes(self, segments: NDArray[np.int64]) -> Iterator[tuple[Regime, NDArray[np.int64]]]:
         """Yield the linear pieces of some segments, each with the places in `segments` of those that have it."""
@@ -510,6 +531,8 @@ class EventSolution:
                     first, rate = regime.to_modes(begins, shifted=True)
                 if gaps:
                     s[mine] = record.buffers.gaps[segments[mine]] + displacement @ rows.T
+                    if regime.stops is not None:
+                        s[mine] += moved[:, 0, : regime.loads] @ regime.stops.drift.T
                 z[mine], v[mine] = first[own] + displacement, rate[own] + velocity
         return z.T, v.T, s.T
 
@@ -537,7 +560,10 @@ class EventSolution:
     def _contact_force(self, times: Array, v: Array, s: Array) -> Array:
         laws = self.system.contacts
         assert laws is not None
-        force = laws.force(s, self.space.contacts @ v, status_at(self.events, times))
+        rate = self.space.contacts @ v
+        if self.moving is not None:
+            rate = rate + self.moving.rate(times)
+        force = laws.force(s, rate, status_at(self.events, times))
         if not any(np.any(status == PINNED) for status in self.record.statuses):
             return force
         starts = self.record.starts

@@ -52,9 +52,8 @@ class Walker:
         if solution.record.segments:
             assert solution.bounces is not None
             np.maximum.at(self._largest, solution.bounces.contact, solution.bounces.approach)
-            self._gaps = solution.gaps_at(self.status, displacement)
-        else:
-            self._gaps = solution.gaps_at(self.status, displacement)
+        self._gaps = solution.gaps_at(self.status, displacement, time)
+        if not solution.record.segments:
             self._strike(self._laws.rigid & (self._gaps == 0.0))
 
     def advance(self) -> None:
@@ -140,7 +139,7 @@ class Walker:
         self._gaps[changed] = 0.0
         free = changed[after[changed] != PINNED]
         if free.size:
-            self.displacement = solution.at_gaps(free, self.displacement)
+            self.displacement = solution.at_gaps(free, self.displacement, self.time)
         self.status = after
         if touching.any():
             self._strike(touching)

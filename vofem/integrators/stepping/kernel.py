@@ -274,7 +274,8 @@ def _plain_largest(x: Array) -> float:
 @jit
 def advance(
     equations: Equations, numbers: Numbers, factored: Array, compliance: Array | None, band: Array | None,
-    dampers: bool, pots: Springpots | None, force: Array, shift: Array, earlier: Array, chunk: Chunk, work: Work,
+    dampers: bool, pots: Springpots | None, drift: Array | None, force: Array, shift: Array, earlier: Array,
+    chunk: Chunk, work: Work,
 ) -> tuple[int, int]:  # fmt: skip
     """Take the steps that a chunk has rows for.
 
@@ -288,6 +289,8 @@ def advance(
     dampers : bool
         Whether a law has a damper.
     pots : Springpots or None
+    drift : ndarray or None, shape (2, steps + 1, m)
+        What is added to the laws' coordinates ``b.q`` at the ends of steps, m, and its rates.
     force : ndarray, shape (steps, n)
         Loads in the balance of every step; no rows where there are none.
     shift : ndarray, shape (steps, n)
@@ -328,6 +331,9 @@ def advance(
                 work.base[j] = dot(rows, j, q1)
                 # Only dampers ask for it, and springpots, which count as such.
                 work.rate[j] = dot(rows, j, v1) if dampers else 0.0
+                if drift is not None:
+                    work.base[j] += drift[0, k + 1, j]
+                    work.rate[j] += drift[1, k + 1, j]
         if pots is not None:
             begin_springpots(pots, k, laws, way, chunk.pots, u0, work.base, work.rate)
         for j in range(m):
@@ -350,6 +356,8 @@ def advance(
                 subtract_product(mass, some, right)
                 for j in range(m):
                     work.base[j] = u0[j] + dt * dot(rows, j, p)
+                    if drift is not None:
+                        work.base[j] += drift[0, k + 1, j] - drift[0, k, j]
             else:
                 if b < 1.0:
                     _between(some, q0, b, q1)
@@ -414,9 +422,14 @@ def advance(
             _correct(q1, v1, a0, a1, x, dt * dt * numbers.cqw, dt * numbers.cvw, 1.0 / (1.0 - numbers.alpha_m))
         for j in range(m):
             chunk.u[k + 1, j] = work.base[j] if explicit else dot(rows, j, q1)
+            if drift is not None and not explicit:
+                chunk.u[k + 1, j] += drift[0, k + 1, j]
             chunk.reaction[k + 1, j] = found[j]
             if dampers:
-                damper = damper_over(laws, j, way, u0[j], chunk.u[k + 1, j], dot(rows, j, v1))
+                rate = dot(rows, j, v1)
+                if drift is not None:
+                    rate += drift[1, k + 1, j]
+                damper = damper_over(laws, j, way, u0[j], chunk.u[k + 1, j], rate)
                 chunk.damper[k + 1, j] = damper
                 # A damper that acts by its mean has no force at the end.
                 if not (mean or explicit):

@@ -281,6 +281,8 @@ def shooting_refusal(scene: Scene) -> str | None:
     if reason is not None:
         why = reason.split(". Use ")[0].rstrip(".")
         return f"{why}; shooting needs what event_driven needs. Use method='harmonic_balance'"
+    if system.contacts is not None and system.contacts.moving is not None:
+        return system.contacts.moving_refusal("shooting")
     if system.size > MOST_UNKNOWNS and not condensable(system):
         return (
             f"the scene has {system.size} degrees of freedom, shooting takes at most {MOST_UNKNOWNS} where many "
