@@ -26,6 +26,7 @@ from .effects import Pulse as Pulse
 from .effects import Ramp as Ramp
 from .effects import RayleighDamping as RayleighDamping
 from .effects import Resolved as Resolved
+from .effects import RigidStop as RigidStop
 from .effects import RotationalSpring as RotationalSpring
 from .effects import Sine as Sine
 from .effects import Spring as Spring
