@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem._validate import nearest
-from vofem.bodies.base import Body, BodyPoint, touching
+from vofem.bodies.base import Body, Point, touching
 from vofem.bodies.beam import Beam
 from vofem.errors import ArgumentError
 from vofem.parameters import changed
@@ -74,7 +74,7 @@ def _unknown(thing: Any, field: str) -> ArgumentError:
         if (value := _function(thing, name)) is not None:
             known += [f"{name}.{part}" for kind, parts in _OFFUNCTIONS.items() if isinstance(value, kind)
                       for part in parts]  # fmt: skip
-    if any(isinstance(value, BodyPoint) for value in vars(thing).values()):
+    if any(_is_along(value) for value in vars(thing).values()):
         known.append("x")
     return ArgumentError(
         f"{thing.describe()}: there is no number {field!r} by which to differentiate{nearest(field, tuple(known))}; "
@@ -144,9 +144,14 @@ def with_function(function: Any, path: tuple[str, ...], change: Any) -> Any:
 # -- places and initial states ------------------------------------------------------------------------
 
 
+def _is_along(value: Any) -> bool:
+    """Return whether a value is a point along a body, which a mass as its own point is not."""
+    return isinstance(value, Point) and not isinstance(value, Body)
+
+
 def point_of(thing: Any, field: str) -> str:
     """Return the attribute that holds the point on a beam that a field such as "x" means."""
-    points = [name for name, value in vars(thing).items() if isinstance(value, BodyPoint)]
+    points = [name for name, value in vars(thing).items() if _is_along(value)]
     first = field.partition(".")[0]
     if first != "x" and first in points:
         return first
