@@ -14,7 +14,7 @@ from vofem.lookup import rows_over
 from vofem.scene import Scene
 from vofem.sensitivities.forcing import derivative_waves
 from vofem.sensitivities.parameter import Parameter, parameters_of
-from vofem.sensitivities.system_change import system_change
+from vofem.sensitivities.system_change import SystemChange, system_change
 from vofem.statics import Equilibrium
 from vofem.vibration import Modes, contact_indices
 
@@ -86,7 +86,9 @@ class EquilibriumSensitivities(OfParameters):
                 "linear springs have derivatives"
             )
         self._q = q
-        self._changes = [system_change(scene, one) for one in self.parameters] if like is None else like._changes
+        self._changes: list[SystemChange] = (
+            [system_change(scene, one) for one in self.parameters] if like is None else like._changes
+        )
         laws = system.contacts
         names = () if laws is None else laws.names
         closed = [j for j, name in enumerate(names) if outcome.contacts[name].closed]
