@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -236,7 +237,7 @@ class _Problem:
         found = np.zeros((residuals.size, p + len(self.with_offset)))
         row = 0
         for k, one in enumerate(self.data):
-            part = one.jacobian(trial)
+            part = trial.once((one, "jacobian"), partial(one.jacobian, trial))
             found[row : row + part.shape[0], :p] = part
             if k in self.with_offset:
                 found[row : row + part.shape[0], p + self.with_offset.index(k)] = 1.0
