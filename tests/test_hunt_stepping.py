@@ -87,7 +87,8 @@ def fault(case, budget=3_000):
     return f"{said}, omega dt {omega * dt:.1e}, notes {told}"
 
 
-@pytest.mark.parametrize("seed", range(14))
+# In 3041 the damper of a stop begins to act within a step.
+@pytest.mark.parametrize("seed", [*range(14), 3041])
 def test_right_or_told(seed):
     case = random_case(random.Random(seed))
     assert fault(case, budget=600) is None, " | ".join(case.words)

@@ -124,6 +124,8 @@ def test_a_branch_as_a_table(branch, tmp_path):
     assert len(rows) == len(found) + len(found.special)
     plain = [row for row in rows if not row["special"]]
     np.testing.assert_array_equal([float(row["omega"]) for row in plain], found.values)
+    for unit, factor in (("angular frequency [rad/s]", 1.0), ("frequency [Hz]", 2.0 * np.pi)):
+        np.testing.assert_allclose([factor * float(row[unit]) for row in plain], found.omega, rtol=1e-14)
     np.testing.assert_allclose([float(row["b amplitude [m]"]) for row in plain], found.amplitude(masses[1]), rtol=1e-14)
     assert [row["stable"] for row in plain] == [{True: "1", False: "0", None: ""}[s] for s in found.stable]
     assert [row["special"] for row in rows if row["special"]] == [special.kind for special in found.special]

@@ -48,15 +48,16 @@ central_difference: Eq. 21 of the paper in velocity form
 --------------------------------------------------------
 Order 2 in dt for smooth systems and for contacts that act on the penetration;
 order 1, or worse, where a force jumps within a step: that of a contact that
-acts on the displacement, of a contact damper at closing, of a pulse. Stable for ``dt < 2/omega_max``,
+acts on the displacement, of a pulse. Stable for ``dt < 2/omega_max``,
 damped or not; no numerical dissipation. With ``v`` at half steps,
 
     (M + dt C/2) a_n = f_n - K q_n - C v_{n-1/2} - sum_j b_j R_j,
     v_{n+1/2} = v_{n-1/2} + dt a_n,    q_{n+1} = q_n + dt v_{n+1/2},
 
 which is Eq. 21 with C = 0 but loses far fewer digits than its two-step form.
-Contact dampers are implicit, through the compliance of the contact rows, and so
-are springpots, by the mean of their forces over the steps on both sides: both
+Contact dampers are implicit, through the compliance of the contact rows, and act
+in the part of the time from n - 1/2 to n + 1/2 in which the contact is closed,
+known from ``v_{n-1/2}``. Implicit are also springpots, by the mean of their forces over the steps on both sides: both
 only take energy, and leave the critical step as it is. The
 kinetic energy reported is ``v_{n-1/2}' M v_{n+1/2} / 2``: with it the scheme
 conserves energy to rounding between switches.
