@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.assembly.bases import Base, offsets
 from vofem.assembly.laws import ContactEntry, law_groups
 from vofem.assembly.model import Model
 from vofem.assembly.strains import attached_strains, rigid_motions, strain_rows
@@ -42,6 +44,7 @@ class SystemBuilder:
         self._modal: float | Array | None = None
         self._loads: list[Load] = []
         self._joints: list[tuple[str, list[Row]]] = []
+        self._bases: list[Base] = []
         supported: list[IntArray] = []
         scales: list[Array] = []
         rotations: list[NDArray[np.bool_]] = []
@@ -137,6 +140,10 @@ class SystemBuilder:
         """Add the load ``value M r function(t)``, r being a unit translation of one body, or of all."""
         self._accelerations.append((value, function, name, body))
 
+    def add_base(self, base: Base) -> None:
+        """Add the motion of the base of a body, whose displacement moves what stays in space beside the body."""
+        self._bases.append(base)
+
     def add_law(self, row: Row, law: Any) -> None:
         """Add a scalar law on a row; its attribute `group` names the class of `vofem.laws` that gathers its kind."""
         self._laws.append((row, law))
@@ -168,7 +175,7 @@ class SystemBuilder:
         for value, function, name, only in self._accelerations:
             translation = np.concatenate([body.translation() * (only is None or body is only) for body in self.offsets])
             self._loads.append(Load(value * (mass @ translation), function, name))
-        rows, laws = law_groups(self._laws, self.size, unknown)
+        rows, laws = law_groups(self._moved(), self.size, unknown)
         self._check_driven(laws, stiffness)
         system = System(
             mass=unknown.square(mass),
@@ -197,6 +204,17 @@ class SystemBuilder:
             joints=tuple((name, len(rows)) for name, rows in self._joints),
             joint_rows=joint_rows,
         )
+
+    def _moved(self) -> list[tuple[Row, Any]]:
+        """Return all laws with their rows; contacts that see the motion of bases with the displacements of these."""
+        if not self._bases:
+            return self._laws
+        return [
+            (row, replace(law, moving=offsets(f"Contact {law.name!r}", law.bases, self._bases)))
+            if isinstance(law, ContactEntry) and law.bases
+            else (row, law)
+            for row, law in self._laws
+        ]
 
     def _constraints(self) -> list[Constraint]:
         """Return the conditions of all joints, whose names must differ."""

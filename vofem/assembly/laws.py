@@ -10,24 +10,35 @@ import numpy as np
 
 from vofem.assembly.triplets import stacked
 from vofem.assembly.unknowns import Unknowns
-from vofem.bodies.base import Row
+from vofem.bodies.base import Body, Row
 from vofem.errors import ArgumentError
 from vofem.laws import ContactLaws, LawGroup
 
 
 @dataclass(frozen=True)
 class ContactEntry:
-    """One contact as `SystemBuilder.add_contact` takes it; the fields are those of `ContactLaws`."""
+    """A contact or rigid stop as `SystemBuilder.add_contact` takes it; the fields are of `ContactLaws`, and two more.
+
+    Attributes
+    ----------
+    bases : tuple of (Body, float)
+        Bodies whose absolute displacements the contact sees, with their signs.
+    moving : tuple of (TimeFunction, float)
+        What the motion of bases adds to the coordinate, functions of time and their factors; found from `bases`.
+    """
 
     group: ClassVar[type[LawGroup]] = ContactLaws
 
     name: str
     row: Row
     gap: float
-    stiffness: float
-    damping: float
-    jump: bool
-    resolution: float
+    stiffness: float = 0.0
+    damping: float = 0.0
+    jump: bool = False
+    resolution: float = np.inf
+    restitution: float = np.nan
+    bases: tuple[tuple[Body, float], ...] = ()
+    moving: tuple[tuple[Any, float], ...] = ()
 
 
 def law_groups(

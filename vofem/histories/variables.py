@@ -135,8 +135,9 @@ def _contacts(run: Tabulated) -> dict[str, Variable]:
 
     def gap_function(part: slice) -> NDArray:
         if part == ALL:
-            return run.samples.along(laws.rows, "q").T - laws.gap
-        return np.asarray(laws.rows @ run.samples.q[:, part]).T - laws.gap
+            u = run.samples.along(laws.rows, "q")
+            return (u if laws.moving is None else u + laws.moving.at(run.times)).T - laws.gap
+        return laws.coordinates(run.samples.q[:, part], run.times[part]).T - laws.gap
 
     over = ("time", "contact")
     return {

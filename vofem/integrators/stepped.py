@@ -109,7 +109,7 @@ class SteppedSolution:
         laws = self.system.contacts
         assert laws is not None
         samples = self.sample(times)
-        u, rate = laws.rows @ samples.q, laws.rows @ samples.v
+        u, rate = laws.coordinates(samples.q, times), laws.rates(samples.v, times)
         s = u - laws.gap[:, None]
         closed = s > 0.0
         start = times == 0.0

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from vofem.kernels.jit import jit
 from vofem.laws.group import LawGroup
 from vofem.laws.law import CLOSED, DAMPING, FORCE, JUMP, KINK, MEAN, OPEN, PINNED, STORED, TANGENT, Law
+from vofem.laws.moving import Moving, gathered
 from vofem.laws.resolved import resolved_contact, steepest, switch
 
 if TYPE_CHECKING:
@@ -50,6 +51,10 @@ class ContactLaws(LawGroup):
         Whether the force acts on the whole displacement.
     resolution : ndarray, shape (n_contacts,)
         s0 in 1/m of the resolved switch; inf for the ideal one.
+    restitution : ndarray, shape (n_contacts,)
+        Coefficient of restitution of rigid stops, whose stiffness is 0 here; NaN for elastic contacts.
+    moving : Moving, optional
+        What is added to the coordinates ``b.q`` because stops and bases move; None where they do not.
     """
 
     kind: ClassVar[str] = "contacts"
@@ -62,20 +67,58 @@ class ContactLaws(LawGroup):
     damping: Array
     jump: NDArray[np.bool_]
     resolution: Array
+    restitution: Array
+    moving: Moving | None = None
 
     @classmethod
     def gather(cls, rows: csr_matrix, laws: tuple[Any, ...]) -> ContactLaws:
         """Return the group of some contacts, whose attributes are named as those of the group."""
         numbers = {
             name: np.array([getattr(law, name) for law in laws])
-            for name in ("gap", "stiffness", "damping", "jump", "resolution")
+            for name in ("gap", "stiffness", "damping", "jump", "resolution", "restitution")
         }
-        return cls(tuple(law.name for law in laws), rows, **numbers)
+        return cls(tuple(law.name for law in laws), rows, **numbers, moving=gathered([law.moving for law in laws]))
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Names with "Contact" before them."""
-        return tuple(f"Contact {name!r}" for name in self.names)
+        """Names with the class of their effect before them."""
+        kinds = np.where(self.rigid, "RigidStop", "Contact")
+        return tuple(f"{kind} {name!r}" for kind, name in zip(kinds, self.names, strict=True))
+
+    @cached_property
+    def rigid(self) -> NDArray[np.bool_]:
+        """Which are rigid stops, shape (n_contacts,)."""
+        return ~np.isnan(self.restitution)
+
+    # -- coordinates ----------------------------------------------------------------------------------
+
+    def coordinates(self, q: Array, times: Array) -> Array:
+        """Return the coordinates u at times, shape (n_contacts, n_times), for displacements q of shape (n, n_times)."""
+        u = np.asarray(self.rows @ q)
+        return u if self.moving is None else u + self.moving.at(times)
+
+    def rates(self, v: Array, times: Array) -> Array:
+        """Return the rates of the coordinates at times, shape (n_contacts, n_times), for velocities (n, n_times)."""
+        rate = np.asarray(self.rows @ v)
+        return rate if self.moving is None else rate + self.moving.rate(times)
+
+    def gap_function(self, samples: Any, index: int, times: Array) -> Array:
+        """Return the gap function of one contact in m at the times of samples, which offer ``along(rows, "q")``."""
+        u = samples.along(self.rows[[index]], "q")[0]
+        return np.asarray((u if self.moving is None else u + self.moving.at(times)[index]) - self.gap[index])
+
+    def gap_rate(self, samples: Any, index: int, times: Array) -> Array:
+        """Return the rate of the gap function of one contact in m/s at the times of samples."""
+        rate = samples.along(self.rows[[index]], "v")[0]
+        return np.asarray(rate if self.moving is None else rate + self.moving.rate(times)[index])
+
+    def shifted(self, start: float) -> ContactLaws:
+        """Return the contacts for a run that begins at a time in s."""
+        return self if self.moving is None else replace(self, moving=self.moving.shifted(start))
+
+    def _in_space(self) -> str:
+        assert self.moving is not None
+        return self.labels[int(np.argmax(np.any(self.moving.weights, axis=1)))]
 
     @property
     def offset(self) -> Array:
@@ -92,8 +135,25 @@ class ContactLaws(LawGroup):
     def _resolved(self) -> str:
         return self.labels[int(np.argmax(np.isfinite(self.resolution)))]
 
+    def rigid_refusal(self, what: str) -> str | None:
+        """Return why something that needs finite forces cannot treat the contacts: only where stops are rigid."""
+        if not self.rigid.any():
+            return None
+        return (
+            f"{what} needs stops that yield, and {self.labels[int(np.argmax(self.rigid))]} is rigid: velocities jump. "
+            "Only simulate(method='event_driven') takes it; use a Contact with a large stiffness here, with a damper "
+            "for the restitution"
+        )
+
     def nonlinearity(self, method: str) -> str | None:
-        """Return why the force is not piecewise linear: only under a resolved switch."""
+        """Return why the force is not piecewise linear: under a resolved switch, or of jumps beside moving stops."""
+        if self.moving is not None and np.any(self.jump | self.rigid):
+            j = int(np.argmax(self.jump | self.rigid))
+            why = "is rigid" if self.rigid[j] else "acts on the displacement"
+            return (
+                f"{self._in_space()} sees the displacement of a base, and {self.labels[j]} {why}, so that it may rest "
+                f"at its gap; {method} does not treat both in one scene and needs acts_on='penetration'"
+            )
         if self.ideal:
             return None
         return (
@@ -101,10 +161,28 @@ class ContactLaws(LawGroup):
             "switch='ideal'"
         )
 
-    def statics_refusal(self, path: bool) -> str | None:
-        """Return why statics cannot treat the contacts: only under a resolved switch."""
-        if self.ideal:
+    def harmonic_refusal(self) -> str | None:
+        """Return why harmonic balance cannot treat the contacts: where bases move them, or stops are rigid."""
+        return self.moving_refusal("harmonic balance") or self.rigid_refusal("harmonic balance")
+
+    def moving_refusal(self, what: str) -> str | None:
+        """Return why something takes no contacts that bases move, and what to do instead; None where none is moved."""
+        if self.moving is None:
             return None
+        return (
+            f"{self._in_space()} sees the displacement of a base, which {what} cannot take into account; simulate the "
+            "scene, until it has settled where a steady state is wanted, or let stops stand on the base"
+        )
+
+    def statics_refusal(self, path: bool) -> str | None:
+        """Return why statics cannot treat the contacts: a resolved switch, a rigid stop, or a base that moves."""
+        if self.moving is not None:
+            return (
+                f"{'quasi_static' if path else 'equilibrium'} knows no time, and {self._in_space()} sees the "
+                "displacement of a base that moves; leave the BaseMotion out, or let the stop stand on the base"
+            )
+        if self.ideal:
+            return self.rigid_refusal("quasi_static" if path else "equilibrium")
         return (
             f"{'quasi_static' if path else 'equilibrium'} needs ideal switches; {self._resolved()} has a resolved one"
         )
@@ -165,6 +243,11 @@ class ContactLaws(LawGroup):
         tangent = np.where(beyond, self.stiffness, np.where(within, steep, 0.0))
         return reaction, tangent, np.where(beyond, CLOSED, np.where(within, PINNED, OPEN)).astype(np.int64)
 
+    def numbers(self) -> Array:
+        """Return all numbers that define the laws."""
+        elastic = super().numbers()
+        return np.append(elastic, np.nan_to_num(self.restitution, nan=-1.0)) if self.rigid.any() else elastic
+
     @cached_property
     def forms(self) -> tuple[Law, ...]:
         """The contacts one by one, as all methods but event_driven see them."""
@@ -193,7 +276,7 @@ def initial_status(laws: ContactLaws, q: Array, v: Array, size: Array | None = N
     size : ndarray, shape (n_contacts,), optional
         Sums of the magnitudes of the terms of ``rows @ q``, where they are known.
     """
-    u, rate = np.asarray(laws.rows @ q), np.asarray(laws.rows @ v)
+    u, rate = laws.coordinates(q[:, None], np.zeros(1))[:, 0], laws.rates(v[:, None], np.zeros(1))[:, 0]
     # An s below the rounding of the terms that u sums is zero.
     if size is None:
         size = np.asarray(abs(laws.rows) @ np.abs(q))

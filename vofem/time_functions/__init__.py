@@ -1,7 +1,8 @@
 """Functions of time for loads: closed forms with exact derivatives.
 
 Between its breakpoints a named function is a sum of harmonics and a polynomial of
-degree one. `TimeFunction.piece` returns this sum, and the event-driven method
+degree one. Displacements of bases and loads that travel have polynomials up to
+degree three. `TimeFunction.piece` returns this sum, and the event-driven method
 integrates it in closed form. A plain callable has no such form. Only methods that
 step in time accept it.
 """
@@ -19,6 +20,7 @@ from vofem.time_functions.base import (
     TimeFunction,
     as_time_function,
 )
+from vofem.time_functions.displacement import Displacement
 from vofem.time_functions.moments import carried
 from vofem.time_functions.named import Pulse, Ramp, Sine
 from vofem.time_functions.piece import Piece
@@ -29,6 +31,7 @@ __all__ = [
     "Approximated",
     "Arbitrary",
     "Constant",
+    "Displacement",
     "Load",
     "OfTime",
     "Piece",

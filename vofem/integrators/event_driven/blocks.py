@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from vofem.integrators.event_driven.clusters import Group, group_change
 from vofem.kernels.jit import jit, plain_form
 from vofem.kernels.mode import kernels
-from vofem.linalg.exponential import exponential_response, oscillator, ramp_response
+from vofem.linalg.exponential import exponential_response, oscillator, power_response, ramp_response
 from vofem.linalg.oscillators import (
     DELTA,
     SQUARE,
@@ -45,8 +45,9 @@ class Blocks(NamedTuple):
     ----------
     of : ndarray, shape (8, m)
         See `linalg.oscillators`.
-    pair : ndarray of int, shape (r, 2)
-        Coupled blocks and the loads that drive them, as numbers of blocks.
+    pair : ndarray of int, shape (r, 3)
+        Coupled blocks, the loads that drive them, and the second derivatives of these loads, -1 for none, as numbers of
+        blocks. A line that is bent is driven by its second derivative.
     gain : ndarray, shape (r, 4)
         a1, b1, a2, b2 of each pair.
     group : Group or None
@@ -108,11 +109,34 @@ def from_rest(
 
 
 @jit
+def _from_bend(
+    delta: float, p: float, second: float, third: float, gain: Array, tau: float
+) -> tuple[float, float]:  # fmt: skip
+    """Return the response (z, v) from rest of a slow block to the bent part of a load, by its derivatives."""
+    z, v, before = 0.0, 0.0, power_response(delta, p, 0, tau)
+    for k in range(1, 4):
+        # The share of tau^k/k! in the load and in its rate.
+        f = second if k == 2 else (third if k == 3 else 0.0)
+        rate = second if k == 1 else (third if k == 2 else 0.0)
+        now = power_response(delta, p, k, tau)
+        g1, g2 = gain[0] * f + gain[1] * rate, gain[2] * f + gain[3] * rate
+        z += g1 * (before + 2.0 * delta * now) + g2 * now
+        v += g2 * before - p * g1 * now
+        before = now
+    return z, v
+
+
+@jit
 def _add_from_rest(blocks: Blocks, start: Array, tau: float, out: Array) -> None:
     of, pair = blocks.of, blocks.pair
     for e in range(pair.shape[0]):
         k, j = pair[e, 0], pair[e, 1]
         z, v = from_rest(of[DELTA, k], of[SQUARE, k], of[SQUARE, j], start[0, j], start[1, j], blocks.gain[e], tau)
+        if pair[e, 2] >= 0:
+            second, third = start[0, pair[e, 2]], start[1, pair[e, 2]]
+            more = _from_bend(of[DELTA, k], of[SQUARE, k], second, third, blocks.gain[e], tau)
+            z += more[0]
+            v += more[1]
         out[0, k] += z
         out[1, k] += v
 

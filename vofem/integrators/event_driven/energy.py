@@ -12,7 +12,8 @@ the run. Powers are quadratic forms of (y, w). With P from ``A' P + P A = -Q`` t
 of blocks without a steady answer, with such a load or among each other, are integrated by Gauss's rule on panels.
 Everything follows from the dampers and the roots, so that the energy balance is an independent check.
 
-Clusters of modes have no such form, so the power of a status with clusters is integrated on panels. The kinetic energy
+Clusters of modes have no such form, and neither have loads that are polynomials of a higher degree and stops that move,
+so the power of a status with them is integrated on panels. The kinetic energy
 that is removed when a contact is pinned counts as dissipated.
 """
 
@@ -202,13 +203,13 @@ def work_and_dissipation(
         places = order[mine]
         used, own = np.unique(of[places], return_inverse=True)
         starts = begins(regime, used)
-        if regime.blocks.group is None:
+        if regime.blocks.group is None and regime.stops is None and not regime.bent:
             if "forms" not in regime.kept:
                 regime.kept["forms"] = StatusForms(regime)
             found[:, places] = regime.kept["forms"].taken(starts, own, tau[places])
             continue
         for s, run in _runs(own):
-            found[:, places[run]] = _of_group(regime, starts[s], tau[places[run]])
+            found[:, places[run]] = _on_panels(regime, starts[s], tau[places[run]])
     whole = found[:, times.size :].copy()
     if pinning is not None:
         whole[1, :-1] += pinning[1:count]
@@ -219,22 +220,24 @@ def work_and_dissipation(
     return work, dissipated
 
 
-def _of_group(regime: Regime, begin: Array, tau: Array) -> Array:
-    """Return work and loss in a segment with a group, shape (2, n_times), by panels."""
-    e = regime.loads
+def _on_panels(regime: Regime, begin: Array, tau: Array) -> Array:
+    """Return work and loss in a segment that has no forms, shape (2, n_times)."""
+    e, stops = regime.loads, regime.stops
 
-    def states(at: Array) -> tuple[Array, Array]:
+    def states(at: Array) -> tuple[Array, Array, Array]:
         found = begin + regime.changes(begin[None], np.zeros(at.size, dtype=np.int64), at)
-        w = flat(found[:, :, :e])
-        return flat(found[:, :, e:]) + w @ regime.answers.steady.T, w
+        w, more = flat(found[:, :, :e]), np.zeros((2, at.size))
+        if stops is not None:
+            more += stops.work_and_loss(*regime.to_modes(found, shifted=True), found[:, :, :e])
+        return flat(found[:, :, e:]) + w @ regime.answers.steady.T, w, more
 
     def work(at: Array) -> Array:
-        y, w = states(at)
-        return _products(y @ regime.load_rows.T, w)
+        y, w, more = states(at)
+        return more[0] + _products(y @ regime.load_rows.T, w)
 
     def loss(at: Array) -> Array:
-        y, _ = states(at)
-        return _products(y @ regime.power, y)
+        y, _, more = states(at)
+        return more[1] + _products(_times(regime.power, y.T).T, y)
 
     of = regime.blocks.of
     rate = 2.0 * float(of[FREQUENCY, e:].max() + of[DELTA, e:].max()) + 2.0 * of[FREQUENCY, :e].max(initial=0.0)

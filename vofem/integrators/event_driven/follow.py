@@ -79,7 +79,7 @@ class Follower:
         self.time, self.status, self.displacement, self.velocity = time, status, displacement, velocity
         self.calls = 0
         loads = solution.exosystem = solution.loads_between(np.asarray(edges, dtype=float))
-        self._loads = Loads(loads.edges, loads.states, loads.kind, loads.omega)
+        self._loads = Loads(loads.edges, loads.states, loads.kind, loads.omega, loads.bend, solution.drift())
         self._pin_fraction, self._most_events = pin_fraction, most_events
         self._segments = FIRST_CALL
         self._statuses = Statuses(len(loads.omega))
@@ -159,11 +159,11 @@ class Follower:
         if record.segments:
             switched = np.flatnonzero((self.status != record.last_status) & (self.status != PINNED))
             if switched.size > 1:
-                displacement = solution.at_gaps(switched, displacement)
+                displacement = solution.at_gaps(switched, displacement, self.time)
         reached.time[0] = self.time
         reached.displacement[:], reached.velocity[:] = displacement, self.velocity
         reached.place[SWITCHED] = switched[0] if switched.size == 1 else -1
-        reached.gaps[:] = solution.gaps_at(self.status, displacement)
+        reached.gaps[:] = solution.gaps_at(self.status, displacement, self.time)
 
     def _take_over(self, table: Table, *, decide: bool) -> None:
         """Take over the time and the state at which the loop has stopped, and take the decision about an event."""

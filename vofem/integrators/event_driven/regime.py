@@ -52,7 +52,10 @@ class Answers(NamedTuple):
     apart: NDArray[np.bool_]
 
 
-def answers(spectrum: Spectrum, sources: Array, omega: Array, horizon: float) -> Answers:
+def answers(
+    spectrum: Spectrum, sources: Array, omega: Array, horizon: float, bend: Integers | None = None,
+    rates: Array | None = None,
+) -> Answers:  # fmt: skip
     """Return what the blocks of a status do under loads of some frequencies.
 
     Parameters
@@ -61,6 +64,10 @@ def answers(spectrum: Spectrum, sources: Array, omega: Array, horizon: float) ->
         Modal forces of the loads.
     omega : ndarray, shape (e,)
         Frequencies in rad/s, 0 for lines.
+    bend : ndarray of int, shape (e,), optional
+        See `Exosystem`.
+    rates : ndarray, shape (n, e), optional
+        Modal forces of the loads' rates.
     horizon : float
         Longest time in s for which a motion is computed. A block that is slower than that is treated as rigid.
     """
@@ -70,25 +77,51 @@ def answers(spectrum: Spectrum, sources: Array, omega: Array, horizon: float) ->
     steady, drive = np.zeros((2 * m, 2 * e)), np.zeros((2 * m, 2 * e))
     force = spectrum.real.down(sources)
     rest, more = _static(spectrum, force, line, horizon, steady)
+    if rates is not None:
+        more = more + spectrum.real.down(rates)
     drive[:, :e], drive[:, e:] = spectrum.real_inputs(rest), spectrum.real_inputs(more)
     impedance = p - omega**2 + 2j * delta * omega
     apart = (slow & (omega * horizon < 1.0)) | (np.abs(impedance) < RESONANT * np.maximum(p, omega**2))
     plain = np.ones((m, 1), dtype=bool) if spectrum.plain is None else spectrum.plain[:, None] > 0.0
     answered = plain & ~apart
-    safe = np.where(answered, impedance, 1.0)
+    _answer(drive, steady, spectrum, omega, answered, rates is not None)
+    bent = np.flatnonzero(bend >= 0) if bend is not None else np.zeros(0, dtype=np.int64)
+    if bent.size:
+        # The answer to the rate of a line that is bent changes with the line's second derivative.
+        assert bend is not None
+        more, others = np.zeros((2 * m, 2 * bent.size)), np.zeros((2 * m, 2 * bent.size))
+        more[:, : bent.size] = -steady[:, e + bent]
+        known = answered[:, bend[bent]]
+        _answer(more, others, spectrum, omega[bend[bent]], known, False)
+        columns = np.concatenate([bend[bent], e + bend[bent]])
+        steady[:, columns], drive[:, columns] = others, more
+    drive[np.tile(answered, (2, 2))] = 0.0
+    return Answers(steady, drive, apart)
+
+
+def _answer(
+    drive: Array, steady: Array, spectrum: Spectrum, omega: Array, answered: NDArray[np.bool_], braked: bool
+) -> None:  # fmt: skip
+    """Add the steady answers of blocks that have one to inputs by values and rates of loads, (2m, 2e), to `steady`.
+
+    `answered` is of shape (m, e); `braked` says whether rates of harmonics are inputs too.
+    """
+    m, e = spectrum.p.size, omega.size
+    delta, p, line = spectrum.delta[:, None], spectrum.p[:, None], omega == 0.0
+    safe = np.where(answered, p - omega**2 + 2j * delta * omega, 1.0)
     g1, g2 = drive[:m, :e] * answered, drive[m:, :e] * answered
-    z = ((2.0 * delta + 1j * omega) * g1 + g2) / safe
-    v = 1j * omega * z - g1
+    h1, h2 = drive[:m, e:] * answered, drive[m:, e:] * answered
+    w1, w2 = (g1 + 1j * omega * h1, g2 + 1j * omega * h2) if braked else (g1, g2)
+    z = ((2.0 * delta + 1j * omega) * w1 + w2) / safe
+    v = 1j * omega * z - w1
     steady[:m, :e] += z.real
     steady[m:, :e] += v.real
     # The rate of a harmonic is its imaginary part; a line that rises has the answer to its value, and one more.
-    frequency, h1, h2 = np.where(line, 1.0, omega), drive[:m, e:] * answered, drive[m:, e:] * answered
+    frequency = np.where(line, 1.0, omega)
     later = z.real - h1
     last = (h2 - 2.0 * delta * later - v.real) / np.where(line & answered, p, 1.0)
     steady[:m, e:] += np.where(line, last * answered, z.imag / frequency)
     steady[m:, e:] += np.where(line, later * answered, v.imag / frequency)
-    drive[np.tile(answered, (2, 2))] = 0.0
-    return Answers(steady, drive, apart)
 
 
 def _static(
@@ -111,6 +144,72 @@ def _static(
     late = np.where(fast, braked / safe, 0.0)
     steady += spectrum.blocks.into @ np.block([[rate, late], [nothing, rate]])
     return np.where(fast & line, 0.0, force), np.where(fast, 0.0, braked)
+
+
+class MovingStops(NamedTuple):
+    """Contacts whose coordinates have an offset that depends on time, in one status.
+
+    Attributes
+    ----------
+    rows : ndarray, shape (n_contacts, n)
+        Modal rows.
+    drift : ndarray, shape (n_contacts, e)
+        Factors with which the loads enter the coordinates.
+    stiffness, damping, offset : ndarray, shape (n_contacts,)
+        Stiffness and damping are zero unless the contact is closed.
+    """
+
+    rows: Array
+    drift: Array
+    stiffness: Array
+    damping: Array
+    offset: Array
+
+    def work_and_loss(self, x: Array, v: Array, w: Array) -> tuple[Array, Array]:
+        """Return the power in W that moves the stops, and what contact dampers take beyond that of the structure alone.
+
+        Parameters
+        ----------
+        x, v : ndarray, shape (k, n)
+            Modal states.
+        w : ndarray, shape (k, 2, e)
+            Values and rates of the loads.
+        """
+        offset, drift = (w @ self.drift.T).transpose(1, 0, 2)
+        own = v @ self.rows.T
+        force = self.stiffness * (x @ self.rows.T + offset - self.offset) + self.damping * (own + drift)
+        return np.sum(force * drift, axis=1), np.sum(self.damping * drift * (2.0 * own + drift), axis=1)
+
+
+def drift_of(laws: ContactLaws | None, function: Integers, functions: int) -> Array | None:
+    """Return the factors with which loads enter the coordinates of contacts, (n_contacts, e); None where none does.
+
+    Parameters
+    ----------
+    function : ndarray of int, shape (e,)
+        See `Exosystem`; the offsets of contacts are the last functions.
+    functions : int
+        Number of all functions.
+    """
+    if laws is None or laws.moving is None:
+        return None
+    weights = laws.moving.weights
+    number = function - (functions - weights.shape[1])
+    return np.where(number >= 0, weights[:, np.maximum(number, 0)], 0.0)
+
+
+def moving_stops(
+    space: ModalSpace, laws: ContactLaws | None, status: Integers, function: Integers, functions: int
+) -> MovingStops | None:
+    """Return the contacts that bases move in a status; see `drift_of`."""
+    drift = drift_of(laws, function, functions)
+    if drift is None:
+        return None
+    assert laws is not None
+    closed = status == CLOSED
+    return MovingStops(
+        space.contacts, drift, np.where(closed, laws.stiffness, 0.0), np.where(closed, laws.damping, 0.0), laws.offset
+    )
 
 
 @dataclass(frozen=True)
@@ -144,6 +243,10 @@ class Regime:
         The function that each load is a part of.
     horizon : float
         Longest time in s for which a motion is computed.
+    stops : MovingStops, optional
+        Contacts that the motion of bases moves; None where there are none.
+    bent : bool
+        Whether loads are polynomials of a degree above 1.
     """
 
     spectrum: Spectrum
@@ -162,6 +265,8 @@ class Regime:
     vectors: Array
     function: Integers
     horizon: float
+    stops: MovingStops | None = None
+    bent: bool = False
 
     @property
     def loads(self) -> int:
@@ -303,7 +408,7 @@ def start_motion(regime: Regime, displacement: Array, velocity: Array, w: Array)
 
 def regime_of(
     spectrum: Spectrum, space: ModalSpace, laws: ContactLaws | None, status: Integers, row_sizes: Array,
-    vectors: Array, load: tuple[Integers, Array], horizon: float,
+    vectors: Array, load: tuple[Integers, Array, Integers], horizon: float,
 ) -> Regime:  # fmt: skip
     """Return a contact status under loads.
 
@@ -313,32 +418,44 @@ def regime_of(
         Bounds on the terms that the modal rows of the contacts are summed of.
     vectors : ndarray, shape (n_functions, n)
         Modal load vectors.
-    load : (ndarray of int, ndarray)
-        Functions and frequencies of the loads, see `Exosystem`.
+    load : (ndarray of int, ndarray, ndarray of int)
+        Functions and frequencies of the loads, and what bends them, see `Exosystem`.
     horizon : float
         Longest time in s for which a motion is computed.
     """
-    function, omega = load
+    function, omega, bend = load
     m, e, n = spectrum.p.size, omega.size, space.size
-    sources = np.zeros((n, e))
+    sources, stops = np.zeros((n, e)), moving_stops(space, laws, status, function, vectors.shape[0])
     sources[:, function >= 0] = vectors[function[function >= 0]].T
     if laws is not None and CONSTANT in function[:1]:
         push = (laws.stiffness * laws.offset * (status == CLOSED)) @ space.contacts
         sources[:, 0] = push if spectrum.real.shift_force is None else push + spectrum.real.shift_force
-    found = answers(spectrum, sources, omega, horizon)
+    rates = None
+    if stops is not None:
+        sources -= stops.rows.T @ (stops.stiffness[:, None] * stops.drift)
+        rates = -stops.rows.T @ (stops.damping[:, None] * stops.drift)
+    found = answers(spectrum, sources, omega, horizon, bend, rates)
     driven = found.drive.reshape(2, m, 2, e)
     members = np.zeros(m, dtype=bool) if spectrum.plain is None else spectrum.plain == 0.0
     pair = np.argwhere(np.any(driven, axis=(0, 2)) & ~members[:, None])
     gain = np.ascontiguousarray(driven[:, pair[:, 0], :, pair[:, 1]].reshape(len(pair), 4))
+    bent = np.flatnonzero(bend >= 0)
+    pairs = np.concatenate([
+        np.column_stack([bent, bend[bent], np.full(bent.size, -1)]),
+        np.column_stack([e + pair[:, 0], pair[:, 1], bend[pair[:, 1]]]),
+    ])  # fmt: skip
+    gain = np.concatenate([np.tile([0.0, 0.0, 1.0, 0.0], (bent.size, 1)), gain])
     clusters = () if spectrum.blocks is None else spectrum.blocks.clusters
     blocks = blocks_of(
         np.concatenate([np.zeros(e), spectrum.delta]), np.concatenate([omega**2, spectrum.p]),
-        np.column_stack([e + pair[:, 0], pair[:, 1]]), gain, group_of(clusters, found.drive, omega, horizon),
+        pairs, gain, group_of(clusters, found.drive, omega, bend, horizon),
     )  # fmt: skip
     none = np.zeros(0, dtype=np.int64)
     parts = spectrum.rows(space.contacts, row_sizes)
     w, u, w_size, u_size = (part if part.shape[1] else np.zeros((len(space.contacts), m)) for part in parts)
     coordinates = _over_all(w, u, found.steady)
+    if stops is not None:
+        coordinates[:, 0, :e] += stops.drift
     sizes = np.abs(coordinates)
     sizes[:, 0, e:], sizes[:, 1, e:] = w_size, u_size
     plain = np.flatnonzero(status != PINNED) if laws is not None else none
@@ -346,7 +463,7 @@ def regime_of(
     rows = [sign[:, None, None] * coordinates[plain]]
     level = none.astype(float) if laws is None else laws.gap[plain]
     held = np.flatnonzero(status == PINNED) if laws is not None else none
-    force, all_sizes = None, [sizes[plain]]
+    force, all_sizes, yields = None, [sizes[plain]], none
     if laws is not None and held.size:
         if spectrum.real.shift is not None:
             level = level - space.contacts[plain] @ spectrum.real.shift
@@ -356,20 +473,22 @@ def regime_of(
         own[:, 0, :e] += force.loads
         own_sizes = np.abs(own)
         own_sizes[:, 0, e:], own_sizes[:, 1, e:] = spectrum.sizes(np.abs(force.displacement), np.abs(force.velocity))
-        jump = laws.stiffness[held] * laws.gap[held]
-        above = own.copy()
+        # The reaction of a rigid stop has no upper limit.
+        limited = ~laws.rigid[held]
+        yields, jump = held[limited], (laws.stiffness[held] * laws.gap[held])[limited]
+        above = own[limited]
         above[:, 0, 0] -= jump
         rows += [-own, above]
-        all_sizes += [own_sizes, own_sizes]
+        all_sizes += [own_sizes, own_sizes[limited]]
         level = np.concatenate([level, np.zeros(held.size), jump])
         force = force._replace(row=flat(own))
     whole = np.concatenate(rows)
     return Regime(
         spectrum, found, blocks, e + spectrum.levels, bool(np.any(whole[:, 1, e:])), whole,
-        np.concatenate(all_sizes), np.concatenate([sign, np.zeros(2 * held.size)]), np.abs(level),
-        np.concatenate([plain, held, held]),
-        np.concatenate([np.where(sign < 0.0, OPEN, CLOSED), np.full(held.size, OPEN), np.full(held.size, CLOSED)]),
-        flat(coordinates), force, vectors, function, horizon,
+        np.concatenate(all_sizes), np.concatenate([sign, np.zeros(held.size + yields.size)]), np.abs(level),
+        np.concatenate([plain, held, yields]),
+        np.concatenate([np.where(sign < 0.0, OPEN, CLOSED), np.full(held.size, OPEN), np.full(yields.size, CLOSED)]),
+        flat(coordinates), force, vectors, function, horizon, stops, bool(bent.size),
     )  # fmt: skip
 
 

@@ -20,16 +20,16 @@ def strain_energy(system: System, q: Array) -> Array:
     return _linear_energy(system, q) + _law_energy(system, q)
 
 
-def contact_energy(laws: ContactLaws | None, q: Array) -> Array:
-    """Return the energy in J stored in closed contacts for q of shape (n, n_times)."""
-    return np.zeros(q.shape[1]) if laws is None else laws.potential(np.asarray(laws.rows @ q))
+def contact_energy(laws: ContactLaws | None, q: Array, times: Array) -> Array:
+    """Return the energy in J stored in closed contacts at times for q of shape (n, n_times)."""
+    return np.zeros(q.shape[1]) if laws is None else laws.potential(laws.coordinates(q, times))
 
 
-def stored_energy(system: System, q: Array, v: Array) -> float:
-    """Return the kinetic, strain and contact energy of one state q, v in J, unknowns in the system's order."""
+def stored_energy(system: System, q: Array, v: Array, t: float = 0.0) -> float:
+    """Return the kinetic, strain and contact energy of one state q, v at a time in s, J, in the system's order."""
     # Products with vectors take a third of the time of products with matrices of one column.
     column = q[:, None]
-    laws = _law_energy(system, column) + contact_energy(system.contacts, column)
+    laws = _law_energy(system, column) + contact_energy(system.contacts, column, np.array([t]))
     return float(kinetic_energy(system, v) + _linear_energy(system, q) + laws[0])
 
 

@@ -163,6 +163,9 @@ class Run:
         self.rows = None if every_row is None else every_row[:, order].tocsr()
         q, v = start.q[order], start.v[order]
         u = np.zeros(0) if self.rows is None else np.asarray(self.rows @ q)
+        self.moving = None if system.contacts is None else system.contacts.moving
+        if self.moving is not None:
+            u[: self.moving.weights.shape[0]] += self.moving.at(0.0)
         self.laws = LawSet(system.laws, self.callbacks)
         self.laws.load(u, start.internal)
         laws = self.laws.records
@@ -251,6 +254,8 @@ class Run:
             return
         u = chunk.u[0]
         rate = np.zeros(0) if self.rows is None else np.asarray(self.rows @ chunk.v[0])
+        if self.moving is not None:
+            rate[: self.moving.weights.shape[0]] += self.moving.rate(0.0)
         reaction = np.array([float(self.laws.force(j, u[[j]])[0]) for j in range(u.size)])
         if scheme.explicit:
             force = self.over.nodal(0, 1, dt)
@@ -328,12 +333,22 @@ class Run:
                 shift = forcing.first @ known.shift
         chunk, size = path.steps(t.size), known.size
         self.taken, solves = advance(
-            self.equations, size.numbers, size.factored, size.compliance, size.band, self.dampers, pots, force, shift,
-            path.chunk.a[max(path.filled - 1, 0)], chunk, self._work(size),
+            self.equations, size.numbers, size.factored, size.compliance, size.band, self.dampers, pots,
+            self._drift(np.append(t[0] - dt, t)), force, shift, path.chunk.a[max(path.filled - 1, 0)], chunk,
+            self._work(size),
         )  # fmt: skip
         if self.callbacks is not None:
             self.callbacks.complain(dt)
         return -1 if self.taken < t.size else solves
+
+    def _drift(self, times: Array) -> Array | None:
+        """Return offsets of the laws' coordinates at times, m, and their rates, (2, n_times, n_laws); None if zero."""
+        if self.moving is None:
+            return None
+        drift = np.zeros((2, times.size, len(self.laws)))
+        contacts = slice(self.moving.weights.shape[0])
+        drift[0, :, contacts], drift[1, :, contacts] = self.moving.at(times).T, self.moving.rate(times).T
+        return drift
 
     def _work(self, size: Size) -> Any:
         """Return work space."""
@@ -361,6 +376,15 @@ class Run:
             acting = self._acting(forcing.means)
             along = q @ known.loads[:acting].T
             path.work[rows] = np.einsum("ke,ke->k", along[1:] - along[:-1], forcing.means[:, :acting])
+        if self.moving is not None:
+            # What moves a stop does work against its force.
+            contacts = slice(self.moving.weights.shape[0])
+            force = reaction[:, contacts]
+            mean = force[1:] if scheme.mean else 0.5 * (force[1:] + force[:-1])
+            if not scheme.mean and not scheme.explicit:
+                mean = mean + damper[1:, contacts]
+            moved = np.diff(self.moving.at(np.append(t[0] - dt, t)).T, axis=0)
+            path.work[rows] += np.einsum("kj,kj->k", mean, moved)
         if self._lossy is not None:
             if scheme.mean:
                 rate = 0.5 * (v[1:] + v[:-1])
@@ -492,7 +516,7 @@ class Run:
             further, table = check_times(t_end, self.dt, system.size), contact_checks(system.contacts)
         return Record(
             times, further, system.size, self.equations.laws, system.histories, self.path.pull.shape[1], table, probes,
-            self.rows, self.order,
+            self.rows, self.order, self.moving,
         )  # fmt: skip
 
     def saved(self) -> dict[str, Any]:
@@ -703,7 +727,7 @@ def _outcome(run: Run, out: Record, rows: IntArray) -> tuple[Array, Samples, Ene
         springs = SpringSamples(force, energy, loss, out.past)
         strain = strain + springs.stored.sum(axis=0)
         dissipated = dissipated + springs.dissipated.sum(axis=0)
-    contact = contact_energy(system.contacts, samples.q)
+    contact = contact_energy(system.contacts, samples.q, out.times[rows])
     return (
         out.times[rows],
         samples,
@@ -715,7 +739,7 @@ def _outcome(run: Run, out: Record, rows: IntArray) -> tuple[Array, Samples, Ene
 def _check(run: Run, out: Record, first: float, dt: float, blow_up: float) -> float:
     """Return the error in J of the balance of energy at the time reached; raise if it shows that the run blew up."""
     (in_springs, loss), chunk = run.in_springs(out), run.path.chunk
-    now = stored_energy(run.system, chunk.q[0][run.back], chunk.v[0][run.back]) + in_springs
+    now = stored_energy(run.system, chunk.q[0][run.back], chunk.v[0][run.back], run.reached()) + in_springs
     work, dissipated = float(out.total[0]), float(out.total[1]) + loss
     scale = abs(first) + out.most + abs(loss) + run.uncounted()
     excess = now - first - work + dissipated
