@@ -256,8 +256,8 @@ def test_sliders_that_hold_each_other_share_the_load() -> None:
     assert balance(result) < 1e-11
 
 
-def test_friction_beside_contacts_and_rigid_stops() -> None:
-    """A block that slides against an elastic stop on one side and a rigid one on the other."""
+def test_friction_beside_contacts_and_rigid_stops(tmp_path: Path) -> None:
+    """A block that slides against an elastic stop on one side and a rigid one on the other; loaded, the same."""
     block = vf.Mass(1.0, stiffness=5.0, name="block")
     effects = [
         vf.Friction(block, coefficient=0.2, normal=2.0, name="plane"),
@@ -273,6 +273,10 @@ def test_friction_beside_contacts_and_rigid_stops() -> None:
     assert balance(result) < 1e-12
     lost = result.frictions["plane"].dissipated[-1] + result.contacts["hard"].impacts.absorbed.sum()
     assert result.energy.dissipated[-1] > lost
+    loaded = vf.load(result.save(tmp_path / "block.vtkhdf"))
+    for name in ("force", "slip_speed", "status", "dissipated", "stops", "breaks"):
+        one, other = (getattr(run.frictions["plane"], name) for run in (result, loaded))
+        np.testing.assert_array_equal(one, other)
 
 
 def test_sliders_in_scene_files_and_refusals(tmp_path: Path) -> None:

@@ -60,6 +60,7 @@ class SlidingSolution(EventSolution):
     def __init__(self, system: System, space: ModalSpace, t_end: float, times: Array, counters: Counters) -> None:
         whole = whole_system(system)
         super().__init__(whole, space, t_end, times, counters)
+        self.given = system
         group = system.sliders
         assert group is not None
         self.contact_count = 0 if system.contacts is None else len(system.contacts)

@@ -107,7 +107,8 @@ class EventSolution:
         self.times = times
         self.counters = counters
         self.notes: list[str] = []
-        self.system = system
+        #: The system that the run was given, and as the run sees it: with further rows where there are sliders.
+        self.given = self.system = system
         self.space = space
         self.was_cut = False
         # The samples that were computed last, and whether they are kept here too.
