@@ -12,7 +12,7 @@ from decimal import Decimal
 import numpy as np
 import pytest
 from orbit_scenes import bilinear, impact_oscillator, nlvib_03, state_at_cosine
-from scenes import DATA
+from scenes import DATA, between_stops
 from scipy.integrate import solve_ivp
 
 import vofem as vf
@@ -111,11 +111,7 @@ def test_a_branch_of_doubled_orbits_ends_at_its_flip():
 
 def between_two_stops(omega):
     mass = vf.Mass(1.0, stiffness=1.0, damping=0.1, name="mass")
-    stops = [
-        vf.Contact(mass, gap=0.5, stiffness=20.0, side=side, acts_on="penetration", name=side)
-        for side in ("above", "below")
-    ]
-    return vf.Scene([mass], [*stops, vf.PointLoad(mass, vf.Sine(0.8, omega))])
+    return between_stops(mass, load=vf.Sine(0.8, omega), gap=0.5, stiffness=20.0)[1]
 
 
 def test_symmetry_breaks_at_a_branch_point():
@@ -144,12 +140,7 @@ def test_symmetry_breaks_at_a_branch_point():
 
 
 def with_damping(damping):
-    def build(omega):
-        mass = vf.Mass(1.0, stiffness=1.0, damping=damping, name="mass")
-        stop = vf.Contact(mass, gap=0.0, stiffness=8.0, side="above", acts_on="penetration", name="stop")
-        return vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(1.0, omega))])
-
-    return build
+    return lambda omega: bilinear(omega, damping=damping)
 
 
 @pytest.mark.parametrize(("damping", "apart"), [(1.2276, 1.3e-2), (1.2276185, 5.4e-4), (1.227618531355, 5.5e-6)])

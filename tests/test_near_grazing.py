@@ -9,28 +9,18 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from orbit_scenes import nlvib_03
 from populations import away
 from scipy.interpolate import CubicHermiteSpline
 
 import vofem as vf
 
 
-def on_a_stop(omega, stiffness):
-    """NLvib's example 03 on a stop of any stiffness; without a stop for 0."""
-    a, b = vf.Mass(1.0, name="a"), vf.Mass(1.0, stiffness=1.0, damping=0.03, name="b")
-    effects = [
-        vf.Spring(a, b, stiffness=1.0),
-        vf.Dashpot(a, b, damping=0.03),
-        vf.PointLoad(b, vf.Sine(0.1, omega, phase=np.pi / 2)),
-    ]
-    if stiffness > 0.0:
-        effects.append(vf.Contact(a, gap=1.0, stiffness=stiffness, side="above", acts_on="penetration", name="stop"))
-    return vf.Scene([a, b], effects)
-
-
 def followed(stiffness, start, stop):
+    scene = nlvib_03(start)
+    free = vf.Scene(scene.bodies, [effect for effect in scene.effects if effect not in scene.contacts])
     branch = vf.continuation(
-        lambda omega: on_a_stop(omega, stiffness), start, stop, guess=vf.periodic(on_a_stop(start, 0.0)), max_points=28
+        lambda omega: nlvib_03(omega, stiffness=stiffness), start, stop, guess=vf.periodic(free), max_points=28
     )
     first = branch.special[0]
     assert first.kind == "grazing"

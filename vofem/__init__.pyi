@@ -53,6 +53,7 @@ from .errors import StorageError as StorageError
 from .errors import VofemError as VofemError
 from .fitting import Fit as Fit
 from .fitting import Measured as Measured
+from .fitting import MeasuredCurve as MeasuredCurve
 from .fitting import MeasuredEvents as MeasuredEvents
 from .fitting import MeasuredFrequencies as MeasuredFrequencies
 from .fitting import MeasuredStatics as MeasuredStatics

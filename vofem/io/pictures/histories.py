@@ -15,7 +15,6 @@ from vofem.errors import ArgumentError
 from vofem.histories.impacts import window_of
 from vofem.io.pictures.axes import COLORS, Canvas, Where, figure, goal_of, ink, legend, plain, stroke, text_size
 from vofem.io.pictures.envelope import envelope_of
-from vofem.io.pictures.layout import place_of
 from vofem.io.pictures.places import all_contacts
 from vofem.io.pictures.units import length, prefixed
 from vofem.result import Result
@@ -187,10 +186,9 @@ def _contacts(result: Result, points: list[Point], wanted: Any) -> list[Contact 
 
 
 def _points(wanted: Any) -> list[Point]:
-    several = isinstance(wanted, Iterable) and not isinstance(wanted, str)
-    points = list(wanted) if several else [wanted]
+    points = list(wanted) if isinstance(wanted, Iterable) and not isinstance(wanted, str) else [wanted]
     for point in points:
-        if not (hasattr(point, "row") and hasattr(point, "body")):
+        if not isinstance(point, Point):
             raise ArgumentError(f"expected a point, beam.at(x) or a Mass, found {point!r}")
     if not points:
         raise ArgumentError("expected a point, beam.at(x) or a Mass, found none")
@@ -198,14 +196,13 @@ def _points(wanted: Any) -> list[Point]:
 
 
 def _distance(one: Point, other: Point) -> float:
-    return abs(place_of(one) - place_of(other)) if one.body.name == other.body.name else np.inf
+    return abs(one.x - other.x) if one.body.name == other.body.name else np.inf
 
 
 def _at(contact: Contact | RigidStop, point: Point) -> bool:
     """Return whether a contact touches its body at a point."""
     return any(
-        p.body.name == point.body.name and np.isclose(place_of(p), place_of(point), rtol=1e-9, atol=0.0)
-        for p in contact.points()
+        p.body.name == point.body.name and np.isclose(p.x, point.x, rtol=1e-9, atol=0.0) for p in contact.points()
     )
 
 

@@ -8,7 +8,7 @@ from vofem.bodies import Beam
 from vofem.bodies.base import Body
 from vofem.effects import Contact, Foundation, RigidStop
 from vofem.errors import ArgumentError
-from vofem.io.pictures.layout import is_line, place_of
+from vofem.io.pictures.layout import is_line
 from vofem.scene import Scene
 
 AnyBody = TypeVar("AnyBody", bound=Body)
@@ -45,7 +45,7 @@ def along_beam(scene: Scene, beam: Body) -> list[Place]:
                 if effect.side == "below"
                 else effect.gap
             )
-            places += [Place(effect.name, place_of(p), surface) for p in effect.points() if p.body is beam]
+            places += [Place(effect.name, p.x, surface) for p in effect.points() if p.body is beam]
         elif isinstance(effect, Foundation) and effect.beam is beam:
             nodes = [(f"{effect.name}[{node}]", float(x)) for node, x in enumerate(effect.beam.nodes)]
             places += [Place(name, x, -effect.gap) for name, x in nodes if name in held]
