@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import vofem as vf
+from vofem.integrators import event_driven
 
 pytestmark = pytest.mark.kernels("plain")
 
@@ -277,6 +279,31 @@ def test_friction_beside_contacts_and_rigid_stops(tmp_path: Path) -> None:
     for name in ("force", "slip_speed", "status", "dissipated", "stops", "breaks"):
         one, other = (getattr(run.frictions["plane"], name) for run in (result, loaded))
         np.testing.assert_array_equal(one, other)
+
+
+def test_an_interrupted_run_continues_with_the_same_bits() -> None:
+    """A run that goes on from a snapshot in the middle, sliders, impacts and all."""
+    block = vf.Mass(1.0, stiffness=5.0, name="block")
+    effects = [
+        vf.Friction(block, coefficient=0.2, normal=2.0, name="plane"),
+        vf.Friction(block, coefficient=0.1, static=0.15, normal=2.0, stiffness=300.0, name="spring"),
+        vf.RigidStop(block, gap=0.15, restitution=0.7, side="below", name="hard"),
+        vf.PointLoad(block, vf.Sine(4.0, 3.0)),
+    ]
+    scene, times = vf.Scene([block], effects), np.linspace(0.0, 10.0, 101)
+    system, start = scene.model.system, scene.initial_state()
+    kept: list[Any] = []
+
+    def watch(time: float, snapshot: Any, cut: bool) -> None:
+        if 4.0 < time < 6.0:
+            kept.append(copy.deepcopy(snapshot()))
+
+    whole = event_driven.run(system, start, 10.0, times, observer=watch)
+    assert len(kept) > 3
+    for snapshot in kept[:4]:
+        again = event_driven.run(system, start, 10.0, times, resume=snapshot)
+        np.testing.assert_array_equal(again.segments.starts, whole.segments.starts)
+        np.testing.assert_array_equal(again.segments.displacement, whole.segments.displacement)
 
 
 def test_sliders_in_scene_files_and_refusals(tmp_path: Path) -> None:

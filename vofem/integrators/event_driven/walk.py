@@ -51,16 +51,23 @@ class Walker:
         self._laws, self._rows, self._pin_fraction = laws, solution.space.contacts, pin_fraction
         # The largest speed of approach of each rigid stop.
         self._largest = np.zeros(len(laws))
-        if solution.record.segments:
-            assert solution.bounces is not None
-            np.maximum.at(self._largest, solution.bounces.contact, solution.bounces.approach)
-        self._gaps = solution.gaps_at(self.status, displacement, time)
         self._sliders = len(laws) if not isinstance(solution, SlidingSolution) else solution.contact_count
-        # Sliders whose event functions were zero at the last event, and edges of loads.
+        # Sliders that have changed their status at the last event.
         self._triggered: set[int] = set()
-        if not solution.record.segments:
+        if solution.record.segments:
+            assert solution.gaps_now is not None
+            self._gaps = solution.gaps_now.copy()
+            self._triggered = self._changed(solution.record.last_status)
+            if solution.bounces is not None:
+                np.maximum.at(self._largest, solution.bounces.contact, solution.bounces.approach)
+        else:
+            self._gaps = solution.gaps_at(self.status, displacement, time)
             self._gaps[self._sliders :] = 0.0
             self._strike(self._laws.rigid & (self._gaps == 0.0))
+
+    def _changed(self, before: Status) -> set[int]:
+        """Return the numbers of the sliders whose status is another one than before."""
+        return {int(j) for j in np.flatnonzero(before != self.status) if j >= self._sliders}
 
     def advance(self) -> None:
         """Compute one segment, and what the event at its end does."""
@@ -86,10 +93,11 @@ class Walker:
         self._hold_sliders()
         solution.gaps_now = self._gaps
         solution.counters.steps += 1
+        self._triggered = set()
         if not hits.size and isinstance(solution, SlidingSolution) and tau >= duration:
             # Loads may jump here.
             self._decide({})
-            self._triggered = set()
+            self._triggered = self._changed(record.last_status)
         if hits.size:
             self._pass_event(dict(zip(regime.owner[hits].tolist(), regime.leads[hits].tolist(), strict=True)))
             solution.gaps_now = self._gaps
@@ -181,9 +189,10 @@ class Walker:
         entered = {j: new for j, new in entered.items() if j < self._sliders}
         if entered:
             self._pass_contacts(entered)
-        self._triggered = set(triggered)
         if isinstance(self.solution, SlidingSolution):
+            before = self.solution.record.last_status
             self._decide(triggered)
+            self._triggered = self._changed(before)
 
     def _pass_contacts(self, entered: dict[int, int]) -> None:
         solution, rigid = self.solution, self._laws.rigid
