@@ -25,14 +25,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cache
 from typing import Any, NamedTuple, Protocol
-from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.kernels.jit import CompiledFunction, Intrinsic, jit
+from vofem.kernels.addresses import address_of, call
+from vofem.kernels.jit import CompiledFunction, jit
 from vofem.kernels.mode import compiled
 
 Array = NDArray[np.float64]
@@ -145,80 +144,13 @@ class Way(NamedTuple):
     dt: float
 
 
-# -- calls through addresses ------------------------------------------------------------------------------
-
-#: Functions by the negative numbers that stand for their addresses in plain Python.
-_KNOWN: WeakValueDictionary[int, Any] = WeakValueDictionary()
-
-#: Machine code that must live as long as its address is in use.
-_KEPT: list[Any] = []
-
-
-def plain_address(function: Any) -> int:
-    """Return a number by which plain Python knows a function, as long as the function lives."""
-    number = -1 - id(function)
-    _KNOWN[number] = function
-    return number
-
-
-@cache
-def _compiled_address(function: CompiledFunction) -> int:
-    from numba import cfunc, types
-
-    numbers = types.CPointer(types.float64)
-    kind = types.float64(types.int64, numbers, numbers, types.float64, types.float64)
-
-    try:
-        _KEPT.append(cfunc(kind, cache=True, error_model="numpy")(function.prepared))
-    except RuntimeError:  # numba: "cannot cache function: no locator available"
-        _KEPT.append(cfunc(kind, error_model="numpy")(function.prepared))
-    return int(_KEPT[-1].address)
-
-
-def _call_address() -> Any:
-    from llvmlite import ir
-    from numba import types
-    from numba.extending import intrinsic
-
-    @intrinsic
-    def call_address(
-        typing_context: Any, address: Any, what: Any, parameters: Any, first: Any, state: Any, start: Any, u0: Any,
-        u1: Any,
-    ) -> Any:  # fmt: skip
-        def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-            double, integer = ir.DoubleType(), ir.IntType(64)
-            numbers, kinds = double.as_pointer(), signature.args
-
-            def part(array: int, begin: int) -> Any:
-                data = context.make_array(kinds[array])(context, builder, given[array]).data
-                return builder.gep(data, [given[begin]])
-
-            kind = ir.FunctionType(double, [integer, numbers, numbers, double, double])
-            function = builder.inttoptr(given[0], kind.as_pointer())
-            return builder.call(function, [given[1], part(2, 3), part(4, 5), *given[6:]])
-
-        integer, double = types.int64, types.float64
-        return double(integer, integer, parameters, integer, state, integer, double, double), generate
-
-    return call_address
-
-
-def _call_plain(
-    address: int, what: int, parameters: Array, first: int, state: Array, start: int, u0: float, u1: float
-) -> float:
-    return _KNOWN[address](what, parameters[first:], state[start:], u0, u1)
-
-
-_call: Any = Intrinsic(_call_address, _call_plain)
-
-
 # -- laws in loops ------------------------------------------------------------------------------------------
 
 
 @jit
 def ask(laws: Laws, j: int, what: int, u0: float, u1: float) -> float:
     """Return what law j answers to a question."""
-    return _call(
+    return call(
         laws.table[j, ADDRESS], what, laws.parameters, laws.table[j, FIRST], laws.state, laws.table[j, START] + 1, u0,
         u1,
     )  # fmt: skip
@@ -376,10 +308,7 @@ class LawSet:
         written = iter(() if self._callbacks is None else self._callbacks.addresses(way))
         first, start, history = 0, 0, 0
         for row, law, recorded in zip(table, self.laws, self._recorded, strict=True):
-            if isinstance(law.function, CompiledFunction):
-                address = _compiled_address(law.function) if way else plain_address(law.function.plain)
-            else:
-                address = next(written, 0)
+            address = address_of(law.function) if isinstance(law.function, CompiledFunction) else next(written, 0)
             end = start + law.virgin().size
             row[:] = address, first, start, law.damped, history if recorded else -1, end
             first, start, history = first + law.parameters.size, end, history + recorded

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from vofem.errors import InstabilityError
+from vofem.kernels.addresses import plain_address
 from vofem.kernels.jit import CompiledFunction
 from vofem.laws.group import LawGroup
-from vofem.laws.law import KINK, Law, plain_address
+from vofem.laws.law import KINK, Law
 
 _PROTOTYPE = ctypes.CFUNCTYPE(
     ctypes.c_double, ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_double, ctypes.c_double

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.errors import ConvergenceError
+from vofem.integrators.event_driven.blocks import response
 from vofem.integrators.event_driven.clusters import Group
 from vofem.integrators.event_driven.exosystem import exosystem, gathered
 from vofem.integrators.event_driven.flow import modes_of
@@ -208,8 +209,9 @@ class Course:
         nodes = np.empty((0, size)) if nodes is None else np.ascontiguousarray(nodes)
         grouped = any(group is not None for group in table.groups)
         with kernels(compiled=False) if grouped else nullcontext():
+            moved = table.pieces._replace(response=response(bool(table.pieces.pairs.any())))
             starts, ends, means, shifts, end_rows, mean_rows, last, sizes = pass_segments(
-                self._structure, table.maps, table.pieces, table.groups if grouped else None, time,
+                self._structure, table.maps, moved, table.groups if grouped else None, time,
                 np.ascontiguousarray(state), numbers, durations, np.array(columns, order="C"),
                 np.ascontiguousarray(lengthen), nodes, kept, self.horizon,
             )  # fmt: skip

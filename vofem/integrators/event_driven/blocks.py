@@ -16,13 +16,14 @@ small penetration of a stiff contact is therefore far more accurate than the dis
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.integrators.event_driven.clusters import Group, group_change
-from vofem.kernels.jit import jit, plain_form
+from vofem.kernels.addresses import address_of, call
+from vofem.kernels.jit import borrowed, jit, plain_form
 from vofem.kernels.mode import kernels
 from vofem.linalg.exponential import exponential_response, oscillator, power_response, ramp_response
 from vofem.linalg.oscillators import (
@@ -36,6 +37,30 @@ from vofem.linalg.oscillators import (
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
+
+#: Numbers that `respond` takes: delta, p, the load's squared frequency, value and rate, four gains, two derivatives.
+_TAKES = 11
+
+
+class Response(NamedTuple):
+    """What computes the responses of coupled blocks from rest.
+
+    Attributes
+    ----------
+    address : int
+        Of `respond`; 0 where no block is coupled, and the function is not compiled.
+    numbers : ndarray, shape (_TAKES + 2,)
+        Work space.
+    """
+
+    address: int
+    numbers: Array
+
+
+def response(coupled: bool) -> Response:
+    """Return what computes responses from rest, for the way in which kernels run at present."""
+    return Response(address_of(respond) if coupled else 0, np.empty(_TAKES + 2))
 
 
 class Blocks(NamedTuple):
@@ -54,6 +79,7 @@ class Blocks(NamedTuple):
         Blocks that are not independent. Without them what is computed for them is left out of the machine code.
     work, bits : ndarray, shapes (6, m) and (m,)
         Work space.
+    response : Response
     """
 
     of: Array
@@ -62,12 +88,18 @@ class Blocks(NamedTuple):
     group: Group | None
     work: Array
     bits: Integers
+    response: Response
+
+
+def ready(blocks: Blocks) -> Blocks:
+    """Return blocks that kernels may move, in the way in which these run at present."""
+    return blocks._replace(response=response(blocks.pair.size > 0))
 
 
 def blocks_of(delta: Array, p: Array, pair: Integers, gain: Array, group: Group | None) -> Blocks:
-    """Return blocks with work space."""
+    """Return blocks with work space. They may be kept for long, so addresses are set by `ready` where they move."""
     work, bits = np.empty((6, p.size)), np.zeros(p.size, dtype=np.int64)
-    return Blocks(oscillators(delta, p), pair, gain, group, work, bits)
+    return Blocks(oscillators(delta, p), pair, gain, group, work, bits, response(False))
 
 
 @jit
@@ -79,71 +111,74 @@ def _special_response(delta: float, p: float, b: complex, g1: complex, g2: compl
 
 
 @jit
-def from_rest(
-    delta: float, p: float, square: float, f: float, rate: float, gain: Array, tau: float
-) -> tuple[float, float]:  # fmt: skip
-    """Return the response (z, v) from rest of a block to a load.
+def respond(bent: int, p: Any, z: Any, tau: float, unused: float) -> float:
+    """Write the response (z, v) from rest of a block to a load at tau.
 
     Parameters
     ----------
-    square : float
-        Squared frequency of the load in 1/s^2; 0 for a line.
-    f, rate : float
-        The load's value and rate at tau = 0.
-    gain : ndarray, shape (4,)
+    bent : int
+        Whether the load has second and third derivatives.
+    p : array of `_TAKES` numbers
+        Of the block delta in 1/s and p in 1/s^2; the load's squared frequency in 1/s^2, 0 for a line; its value and
+        rate at tau = 0; the four gains; and the load's derivatives.
+    z : array of two numbers
+        Filled.
     """
+    delta, square, f, rate = p[0], p[2], p[3], p[4]
     if square > 0.0:
         w = np.sqrt(square)
         wave = complex(f, -rate / w)
-        g1, g2 = complex(gain[0], w * gain[1]) * wave, complex(gain[2], w * gain[3]) * wave
-        return _special_response(delta, p, complex(0.0, w), g1, g2, tau)
-    g1, g2 = complex(gain[0] * f + gain[1] * rate, 0.0), complex(gain[2] * f + gain[3] * rate, 0.0)
-    z, v = _special_response(delta, p, 0.0j, g1, g2, tau)
+        g1, g2 = complex(p[5], w * p[6]) * wave, complex(p[7], w * p[8]) * wave
+        z[0], z[1] = _special_response(delta, p[1], complex(0.0, w), g1, g2, tau)
+        return 0.0
+    g1, g2 = complex(p[5] * f + p[6] * rate, 0.0), complex(p[7] * f + p[8] * rate, 0.0)
+    z[0], z[1] = _special_response(delta, p[1], 0.0j, g1, g2, tau)
     if rate != 0.0:
-        d0 = ramp_response(delta, p, tau)
-        d1 = exponential_response(delta, p, 0.0j, tau).real
-        r1, r2 = gain[0] * rate, gain[2] * rate
-        z += r1 * (d1 + 2.0 * delta * d0) + r2 * d0
-        v += r2 * d1 - p * r1 * d0
-    return z, v
+        d0 = ramp_response(delta, p[1], tau)
+        d1 = exponential_response(delta, p[1], 0.0j, tau).real
+        r1, r2 = p[5] * rate, p[7] * rate
+        z[0] += r1 * (d1 + 2.0 * delta * d0) + r2 * d0
+        z[1] += r2 * d1 - p[1] * r1 * d0
+    if bent:
+        _add_bent(p, z, tau)
+    return 0.0
 
 
 @jit
-def _from_bend(
-    delta: float, p: float, second: float, third: float, gain: Array, tau: float
-) -> tuple[float, float]:  # fmt: skip
-    """Return the response (z, v) from rest of a slow block to the bent part of a load, by its derivatives."""
-    z, v, before = 0.0, 0.0, power_response(delta, p, 0, tau)
+def _add_bent(p: Any, z: Any, tau: float) -> None:
+    """Add the response from rest of a slow block to the bent part of a load, by its derivatives."""
+    delta, second, third, before = p[0], p[9], p[10], power_response(p[0], p[1], 0, tau)
     for k in range(1, 4):
         # The share of tau^k/k! in the load and in its rate.
         f = second if k == 2 else (third if k == 3 else 0.0)
         rate = second if k == 1 else (third if k == 2 else 0.0)
-        now = power_response(delta, p, k, tau)
-        g1, g2 = gain[0] * f + gain[1] * rate, gain[2] * f + gain[3] * rate
-        z += g1 * (before + 2.0 * delta * now) + g2 * now
-        v += g2 * before - p * g1 * now
+        now = power_response(p[0], p[1], k, tau)
+        g1, g2 = p[5] * f + p[6] * rate, p[7] * f + p[8] * rate
+        z[0] += g1 * (before + 2.0 * delta * now) + g2 * now
+        z[1] += g2 * before - p[1] * g1 * now
         before = now
-    return z, v
 
 
 @jit
 def _add_from_rest(blocks: Blocks, start: Array, tau: float, out: Array) -> None:
-    of, pair = blocks.of, blocks.pair
+    of, pair, numbers = blocks.of, blocks.pair, blocks.response.numbers
     for e in range(pair.shape[0]):
-        k, j = pair[e, 0], pair[e, 1]
-        z, v = from_rest(of[DELTA, k], of[SQUARE, k], of[SQUARE, j], start[0, j], start[1, j], blocks.gain[e], tau)
-        if pair[e, 2] >= 0:
-            second, third = start[0, pair[e, 2]], start[1, pair[e, 2]]
-            more = _from_bend(of[DELTA, k], of[SQUARE, k], second, third, blocks.gain[e], tau)
-            z += more[0]
-            v += more[1]
-        out[0, k] += z
-        out[1, k] += v
+        k, j, bend = pair[e, 0], pair[e, 1], pair[e, 2]
+        numbers[0], numbers[1], numbers[2] = of[DELTA, k], of[SQUARE, k], of[SQUARE, j]
+        numbers[3], numbers[4] = start[0, j], start[1, j]
+        for i in range(4):
+            numbers[5 + i] = blocks.gain[e, i]
+        if bend >= 0:
+            numbers[9], numbers[10] = start[0, bend], start[1, bend]
+        call(blocks.response.address, 1 if bend >= 0 else 0, numbers, 0, numbers, _TAKES, tau, 0.0)
+        out[0, k] += numbers[_TAKES]
+        out[1, k] += numbers[_TAKES + 1]
 
 
 @jit
 def change(blocks: Blocks, start: Array, tau: float, out: Array) -> None:
     """Write by how much the states of all blocks, shape (2, m), have changed at tau."""
+    blocks, start, out = borrowed((blocks, start, out))
     of, both = blocks.of, blocks.work[4:]
     oscillators_at(of, tau, both, blocks.work, blocks.bits)
     for k in range(of.shape[1]):
@@ -181,7 +216,7 @@ def changes(blocks: Blocks, starts: Array, own: Integers, tau: Array) -> Array:
         The row of `starts` for each time, and times from these beginnings, s.
     """
     found = np.empty((tau.size, *starts.shape[1:]))
-    _changes(blocks._replace(group=None), np.ascontiguousarray(starts), own, tau, found)
+    _changes(ready(blocks)._replace(group=None), np.ascontiguousarray(starts), own, tau, found)
     if blocks.group is not None:
         with kernels(compiled=False):
             for i, t in enumerate(tau.tolist()):

@@ -12,6 +12,7 @@ from contextlib import nullcontext
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vofem.integrators.event_driven.blocks import response
 from vofem.integrators.event_driven.loop import (
     DECISION,
     EVALUATIONS,
@@ -130,10 +131,11 @@ class Follower:
         if self._space is None or shapes != self._shapes:
             self._space, self._shapes = loop_space(table), shapes
         group, first, first_event, begun = regime.blocks.group, record.segments, record.events, time.perf_counter()
+        space = self._space._replace(response=response(table.pair.size > 0))
         record.make_room(1, 1)
         while True:
             reason = run_segments(
-                table, group, self._laws, self._loads, reached, record.buffers, self._space,
+                table, group, self._laws, self._loads, reached, record.buffers, space,
                 1 if group is not None else self._segments, self._most_events,
             )  # fmt: skip
             self.calls += 1

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.integrators.event_driven.blocks import Blocks, change
+from vofem.integrators.event_driven.blocks import Blocks, Response, change, response
 from vofem.integrators.event_driven.clusters import Group
 from vofem.integrators.event_driven.record import Buffers
 from vofem.integrators.event_driven.search import (
@@ -129,6 +129,7 @@ class LoopSpace(NamedTuple):
         States of the blocks of the structure, and of real modes.
     terms : ndarray, shape (2, k)
         Values of event functions at the beginning, and sizes of their constants.
+    response : Response
     """
 
     search: SearchSpace
@@ -138,6 +139,7 @@ class LoopSpace(NamedTuple):
     modal: Array
     both: Array
     terms: Array
+    response: Response
 
 
 def loop_space(table: Table) -> LoopSpace:
@@ -146,6 +148,7 @@ def loop_space(table: Table) -> LoopSpace:
     return LoopSpace(
         search_space(m, functions), np.empty((6, m)), np.zeros(m, dtype=np.int64), np.empty((2, 2, m)),
         np.empty((4, n)), np.empty((3, 2 * table.steady.shape[3])), np.empty((2, functions)),
+        response(False),
     )  # fmt: skip
 
 
@@ -239,6 +242,7 @@ def _add_answers(table: Table, s: int, states: Array, sign: float, both: Array) 
 @jit
 def _begin(table: Table, s: int, laws: Laws, loads: Loads, reached: Reached, space: LoopSpace) -> None:
     """Fill in the states of the structure's blocks and the event functions at the beginning of a segment."""
+    table, laws, loads, reached, space = borrowed((table, laws, loads, reached, space))
     begin, modal, both, place = space.states[0], space.modal, space.both, reached.place
     n, m, first = modal.shape[1], both.shape[1] // 2, table.steady.shape[1] // 2
     held, displacement, velocity = table.flags[s, _HELD], modal[0], modal[1]
@@ -331,7 +335,9 @@ def run_segments(
         _load_state(loads, interval, t, begin)
         _begin(table, s, laws, loads, reached, space)
         pairs, count = table.counts[s, _PAIRS], table.counts[s, _FUNCTIONS]
-        blocks = Blocks(table.of[s], table.pair[s, :pairs], table.gain[s, :pairs], group, space.work, space.bits)
+        blocks = Blocks(
+            table.of[s], table.pair[s, :pairs], table.gain[s, :pairs], group, space.work, space.bits, space.response
+        )
         duration = loads.edges[interval + 1] - t
         tau, hit, evaluations = duration, -1, 0
         if count:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.integrators.event_driven.blocks import Blocks, change
+from vofem.integrators.event_driven.blocks import Blocks, Response, change, response
 from vofem.integrators.event_driven.clusters import Group
 from vofem.integrators.event_driven.exosystem import Exosystem
 from vofem.integrators.event_driven.modal_space import ModalSpace
@@ -118,6 +118,7 @@ class Pieces(NamedTuple):
         Steady answers of the blocks.
     work, bits : ndarray, shapes (6, M) and (M,)
         Work space.
+    response : Response
     """
 
     first: Array
@@ -129,6 +130,7 @@ class Pieces(NamedTuple):
     steady: Array
     work: Array
     bits: IntArray
+    response: Response
 
 
 def structure(space: ModalSpace, laws: ContactLaws | None, vectors: Array, loads: Exosystem) -> Structure:
@@ -201,7 +203,16 @@ def pieces(regimes: Sequence[Regime], loads: Exosystem, n: int) -> Pieces:
         steady[k, :, :m] = regime.answers.steady.reshape(2, m, 2 * e)
     work, bits = np.empty((6, e + n)), np.zeros(e + n, dtype=np.int64)
     return Pieces(
-        loads.at(np.zeros(1))[0], loads.omega[0], of, pairs, pair, gain, steady.reshape(s, 2 * n, 2 * e), work, bits
+        loads.at(np.zeros(1))[0],
+        loads.omega[0],
+        of,
+        pairs,
+        pair,
+        gain,
+        steady.reshape(s, 2 * n, 2 * e),
+        work,
+        bits,
+        response(False),
     )
 
 
@@ -268,9 +279,9 @@ def _block_changes(
     r = loads.pairs[s]
     of, pair, gain = loads.of[s], loads.pair[s, :r], loads.gain[s, :r]
     if groups is None:
-        change(Blocks(of, pair, gain, None, loads.work, loads.bits), begin, tau, moved)
+        change(Blocks(of, pair, gain, None, loads.work, loads.bits, loads.response), begin, tau, moved)
     else:
-        change(Blocks(of, pair, gain, groups[s], loads.work, loads.bits), begin, tau, moved)
+        change(Blocks(of, pair, gain, groups[s], loads.work, loads.bits, loads.response), begin, tau, moved)
     steady = _answered(loads.steady[s], moved[:, :e])
     return (moved[0, e:] + steady[:n]).reshape(n, 1), (moved[1, e:] + steady[n:]).reshape(n, 1)
 

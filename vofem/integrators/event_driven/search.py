@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from vofem.integrators.event_driven.blocks import Blocks, change, change_at_once
 from vofem.integrators.event_driven.clusters import Group, group_rate
-from vofem.kernels.jit import jit, plain_form
+from vofem.kernels.jit import borrowed, jit, plain_form
 from vofem.linalg.oscillators import DELTA, FREQUENCY, SQUARE
 
 Array = NDArray[np.float64]
@@ -83,53 +83,50 @@ class EventFunctions(NamedTuple):
 
 
 class SearchSpace(NamedTuple):
-    """Work space of a search, in few arrays: kernels that are given arrays compile faster than those which make them.
+    """Work space of a search.
 
     Attributes
     ----------
     hits : ndarray of bool, shape (k,)
         The functions that reach zero at the event; filled by `march`.
-    states : ndarray, shape (6, 2, m)
-        Changes, states and rates of all blocks; the others have no fixed use.
-    bounds : ndarray, shape (11, m)
-        Bounds over a step on velocities and displacements and on their second derivatives; those on inputs to coupled
-        blocks and on their rates; free energy as sqrt(2 E) and the amplitude that it allows; 1 for coupled blocks.
-    functions : ndarray, shape (4, k)
-        Values, rates, levels of rounding, and the last times at or below zero.
+    x : ndarray, shape (23, m)
+        Of all blocks: changes, states and rates, three pairs of rows without fixed use; bounds over a step on
+        velocities and displacements and on their second derivatives; those on inputs to coupled blocks and on their
+        rates; free energy as sqrt(2 E) and the amplitude that it allows; 1 for coupled blocks.
+    f : ndarray, shape (4, k)
+        Of all functions: values, rates, levels of rounding, and the last times at or below zero.
     series : ndarray, shape (2, 10)
     """
 
     hits: NDArray[np.bool_]
-    states: Array
-    bounds: Array
-    functions: Array
+    x: Array
+    f: Array
     series: Array
 
 
 def search_space(blocks: int, functions: int) -> SearchSpace:
     """Return work space for the search of events of so many functions of so many blocks."""
     return SearchSpace(
-        np.zeros(functions, dtype=np.bool_), np.empty((6, 2, blocks)), np.empty((11, blocks)), np.empty((4, functions)),
+        np.zeros(functions, dtype=np.bool_), np.empty((_ROWS, blocks)), np.empty((4, functions)),
         np.empty((2, _ORDER + 1)),
     )  # fmt: skip
 
 
-#: Names of the arrays of a work space.
-_CHANGE, _STATE, _RATE = range(3)
-_SPEED, _AMPLITUDE, _PUSH, _JERK, _IN_Z, _IN_V, _IN_Z_RATE, _IN_V_RATE, _ENERGY, _CAP, _COUPLED = range(11)
+#: Rows of the arrays of a work space. Kernels take these arrays and not the bundle: numba needs less time for arrays.
+_DZ, _DV, _Z, _V, _Z_RATE, _V_RATE, _NEXT_Z, _NEXT_V, _MOST_Z, _MOST_V, _MORE_Z, _MORE_V = range(12)
+_SPEED, _AMPLITUDE, _PUSH, _JERK, _IN_Z, _IN_V, _IN_Z_RATE, _IN_V_RATE, _ENERGY, _CAP, _COUPLED, _ROWS = range(12, 24)
 _VALUE, _SLOPE, _NOISE, _BELOW = range(4)
 
 
 @jit
-def _rates(blocks: Blocks, state: Array, out: Array) -> None:
+def _rates(of: Array, pair: Integers, gain: Array, group: Group | None, state: Array, out: Array) -> None:
     """Write the rates of the states of all blocks."""
-    of, pair, gain = blocks.of, blocks.pair, blocks.gain
     for k in range(of.shape[1]):
         out[0, k] = state[1, k]
         out[1, k] = -2.0 * of[DELTA, k] * state[1, k] - of[SQUARE, k] * state[0, k]
     if pair.shape[0] > 0:
         _add_inputs(pair, gain, state, out)
-    group_rate(blocks.group, state, out)
+    group_rate(group, state, out)
 
 
 @jit
@@ -142,104 +139,104 @@ def _add_inputs(pair: Integers, gain: Array, state: Array, out: Array) -> None:
 
 
 @plain_form(_rates)
-def _rates_at_once(blocks: Blocks, state: Array, out: Array) -> None:
-    of, pair, gain = blocks.of, blocks.pair, blocks.gain
+def _rates_at_once(of: Array, pair: Integers, gain: Array, group: Group | None, state: Array, out: Array) -> None:
     out[0] = state[1]
     out[1] = -2.0 * of[DELTA] * state[1] - of[SQUARE] * state[0]
     if pair.size:
         _add_inputs(pair, gain, state, out)
-    if blocks.group is not None:
-        group_rate(blocks.group, state, out)
+    if group is not None:
+        group_rate(group, state, out)
 
 
 @jit
-def _evaluate(tau: float, terms: EventFunctions, blocks: Blocks, begin: Array, space: SearchSpace) -> None:
+def _evaluate(
+    tau: float, start: Array, rows: Array, tail: int, blocks: Blocks, begin: Array, x: Array, f: Array
+) -> None:  # fmt: skip
     """Fill in states and rates of all blocks, and values and rates of the event functions, at tau."""
-    changed, state, rate = space.states[_CHANGE], space.states[_STATE], space.states[_RATE]
-    change(blocks, begin, tau, changed)
+    change(blocks, begin, tau, x[:_Z])
     of = blocks.of
-    for k in range(state.shape[1]):
-        z, v = begin[0, k] + changed[0, k], begin[1, k] + changed[1, k]
-        state[0, k], state[1, k] = z, v
-        rate[0, k], rate[1, k] = v, -2.0 * of[DELTA, k] * v - of[SQUARE, k] * z
+    for k in range(x.shape[1]):
+        z, v = begin[0, k] + x[_DZ, k], begin[1, k] + x[_DV, k]
+        x[_Z, k], x[_V, k] = z, v
+        x[_Z_RATE, k], x[_V_RATE, k] = v, -2.0 * of[DELTA, k] * v - of[SQUARE, k] * z
     if blocks.pair.shape[0] > 0:
-        _add_inputs(blocks.pair, blocks.gain, state, rate)
-    group_rate(blocks.group, state, rate)
-    rows, tail = terms.rows, terms.tail
-    for j in range(terms.start.size):
-        value, slope = terms.start[j], 0.0
-        for k in range(state.shape[1]):
-            value += rows[j, 0, k] * changed[0, k]
-            slope += rows[j, 0, k] * rate[0, k]
+        _add_inputs(blocks.pair, blocks.gain, x[_Z:], x[_Z_RATE:])
+    group_rate(blocks.group, x[_Z:], x[_Z_RATE:])
+    for j in range(start.size):
+        value, slope = start[j], 0.0
+        for k in range(x.shape[1]):
+            value += rows[j, 0, k] * x[_DZ, k]
+            slope += rows[j, 0, k] * x[_Z_RATE, k]
         for k in range(tail):
-            value += rows[j, 1, k] * changed[1, k]
-            slope += rows[j, 1, k] * rate[1, k]
-        space.functions[_VALUE, j], space.functions[_SLOPE, j] = value, slope
+            value += rows[j, 1, k] * x[_DV, k]
+            slope += rows[j, 1, k] * x[_V_RATE, k]
+        f[_VALUE, j], f[_SLOPE, j] = value, slope
 
 
 @plain_form(_evaluate)
-def _evaluate_at_once(tau: float, terms: EventFunctions, blocks: Blocks, begin: Array, space: SearchSpace) -> None:
-    changed, state, rate = space.states[:3]
+def _evaluate_at_once(
+    tau: float, start: Array, rows: Array, tail: int, blocks: Blocks, begin: Array, x: Array, f: Array
+) -> None:  # fmt: skip
+    changed, state, rate = x[:_Z], x[_Z:_Z_RATE], x[_Z_RATE:_NEXT_Z]
     change_at_once(blocks, begin, tau, changed)
     np.add(begin, changed, out=state)
-    _rates_at_once(blocks, state, rate)
-    rows = terms.rows[: terms.start.size].reshape(terms.start.size, changed.size)
-    space.functions[_VALUE, : terms.start.size] = terms.start + rows @ changed.ravel()
-    space.functions[_SLOPE, : terms.start.size] = rows @ rate.ravel()
+    _rates_at_once(blocks.of, blocks.pair, blocks.gain, blocks.group, state, rate)
+    flat = rows[: start.size].reshape(start.size, changed.size)
+    f[_VALUE, : start.size] = start + flat @ changed.ravel()
+    f[_SLOPE, : start.size] = flat @ rate.ravel()
 
 
 @jit
-def _fill_noise(tau: float, terms: EventFunctions, blocks: Blocks, begin: Array, space: SearchSpace) -> None:
+def _fill_noise(
+    tau: float, level: Array, sizes: Array, loads: int, tail: int, of: Array, begin: Array, x: Array, f: Array
+) -> None:  # fmt: skip
     """Fill in the level below which each function is rounding of its terms up to tau.
 
     Complex modes are summed of the velocities of blocks too. For a slow block the velocity divided by the frequency is
     large compared with all displacements, so only the change of a block within tau is counted. What loads add to a
     coupled block is at most its change and that of its free motion.
     """
-    of, changed, bounds, sizes = blocks.of, space.states[_CHANGE], space.bounds, terms.sizes
-    loads, mixed = terms.loads, terms.tail > terms.loads
-    amplitude, speed = space.states[3, 0], space.states[3, 1]
     for k in range(of.shape[1]):
-        energy = bounds[_ENERGY, k]
-        amplitude[k] = min(abs(begin[0, k]) + abs(begin[1, k]) * tau, bounds[_CAP, k])
-        speed[k] = energy
-        if mixed and k >= loads:
+        energy = x[_ENERGY, k]
+        amplitude, speed = min(abs(begin[0, k]) + abs(begin[1, k]) * tau, x[_CAP, k]), energy
+        if tail > loads and k >= loads:
             # Free energy does not grow, so it bounds the rates.
-            amplitude[k] = min(amplitude[k], energy * tau)
-            speed[k] = min(energy, (2.0 * of[DELTA, k] + of[FREQUENCY, k]) * energy * tau)
-        amplitude[k] += bounds[_COUPLED, k] * abs(changed[0, k])
-        speed[k] += bounds[_COUPLED, k] * abs(changed[1, k])
-    for j in range(terms.start.size):
-        size = terms.level[j]
+            amplitude = min(amplitude, energy * tau)
+            speed = min(energy, (2.0 * of[DELTA, k] + of[FREQUENCY, k]) * energy * tau)
+        x[_NEXT_Z, k] = amplitude + x[_COUPLED, k] * abs(x[_DZ, k])
+        x[_NEXT_V, k] = speed + x[_COUPLED, k] * abs(x[_DV, k])
+    for j in range(level.size):
+        size = level[j]
         for k in range(of.shape[1]):
-            size += sizes[j, 0, k] * amplitude[k]
-        for k in range(terms.tail):
-            size += sizes[j, 1, k] * speed[k]
-        space.functions[_NOISE, j] = _ROUNDING * size + _LEAST
+            size += sizes[j, 0, k] * x[_NEXT_Z, k]
+        for k in range(tail):
+            size += sizes[j, 1, k] * x[_NEXT_V, k]
+        f[_NOISE, j] = _ROUNDING * size + _LEAST
 
 
 @plain_form(_fill_noise)
-def _noise_at_once(tau: float, terms: EventFunctions, blocks: Blocks, begin: Array, space: SearchSpace) -> None:
-    of, changed, bounds, loads = blocks.of, space.states[_CHANGE], space.bounds, terms.loads
-    energy = bounds[_ENERGY]
-    amplitude, speed = np.minimum(np.abs(begin[0]) + np.abs(begin[1]) * tau, bounds[_CAP]), energy.copy()
-    if terms.tail > loads:
+def _noise_at_once(
+    tau: float, level: Array, sizes: Array, loads: int, tail: int, of: Array, begin: Array, x: Array, f: Array
+) -> None:  # fmt: skip
+    energy = x[_ENERGY]
+    amplitude, speed = np.minimum(np.abs(begin[0]) + np.abs(begin[1]) * tau, x[_CAP]), energy.copy()
+    if tail > loads:
         amplitude[loads:] = np.minimum(amplitude, energy * tau)[loads:]
         speed[loads:] = np.minimum(energy, (2.0 * of[DELTA] + of[FREQUENCY]) * energy * tau)[loads:]
-    amplitude += bounds[_COUPLED] * np.abs(changed[0])
-    speed += bounds[_COUPLED] * np.abs(changed[1])
-    count = terms.start.size
-    size = terms.level + terms.sizes[:count, 0] @ amplitude + terms.sizes[:count, 1] @ speed
-    space.functions[_NOISE, :count] = _ROUNDING * size + _LEAST
+    amplitude += x[_COUPLED] * np.abs(x[_DZ])
+    speed += x[_COUPLED] * np.abs(x[_DV])
+    count = level.size
+    size = level + sizes[:count, 0] @ amplitude + sizes[:count, 1] @ speed
+    f[_NOISE, :count] = _ROUNDING * size + _LEAST
 
 
 @jit
-def _rate_is_rounding(j: int, rows: Array, terms: EventFunctions, space: SearchSpace, share: float) -> bool:
+def _rate_is_rounding(j: int, rows: Array, x: Array, f: Array, share: float) -> bool:
     """Return whether the rate of a function is below a share of its terms, by rows or their bounds, (k, 2, m)."""
-    size, rate = 0.0, space.states[_RATE]
-    for k in range(rate.shape[1]):
-        size += abs(rows[j, 0, k] * rate[0, k]) + abs(rows[j, 1, k] * rate[1, k])
-    return abs(space.functions[_SLOPE, j]) <= share * size
+    size = 0.0
+    for k in range(x.shape[1]):
+        size += abs(rows[j, 0, k] * x[_Z_RATE, k]) + abs(rows[j, 1, k] * x[_V_RATE, k])
+    return bool(abs(f[_SLOPE, j]) <= share * size)
 
 
 def safe_time(distance: float, rate: float, curvature: float) -> float:
@@ -266,35 +263,35 @@ def _longest_step(group: Group | None) -> float:
 
 
 @jit
-def _prepare(blocks: Blocks, begin: Array, duration: float, space: SearchSpace) -> float:
+def _prepare(blocks: Blocks, begin: Array, duration: float, x: Array) -> float:
     """Fill in the bounds that hold for a whole segment; return the longest step that they allow."""
-    of, pair, gain, bounds = blocks.of, blocks.pair, blocks.gain, space.bounds
+    of, pair, gain = blocks.of, blocks.pair, blocks.gain
     for k in range(of.shape[1]):
         for i in range(_IN_Z, _COUPLED + 1):
-            bounds[i, k] = 0.0
+            x[i, k] = 0.0
         frequency = of[FREQUENCY, k]
         energy = np.sqrt(begin[1, k] ** 2 + of[SQUARE, k] * begin[0, k] ** 2)
         if energy < _TINY:
             energy = np.hypot(begin[1, k], frequency * begin[0, k])
-        bounds[_ENERGY, k] = energy
-        bounds[_CAP, k] = energy / frequency if frequency > 0.0 else np.inf
+        x[_ENERGY, k] = energy
+        x[_CAP, k] = energy / frequency if frequency > 0.0 else np.inf
     longest = min(duration, _longest_step(blocks.group))
     for e in range(pair.shape[0]):
         k, j = pair[e, 0], pair[e, 1]
-        size, rate, rise = bounds[_CAP, j], bounds[_ENERGY, j], of[FREQUENCY, j] * bounds[_ENERGY, j]
+        size, rate, rise = x[_CAP, j], x[_ENERGY, j], of[FREQUENCY, j] * x[_ENERGY, j]
         if of[FREQUENCY, j] == 0.0:
             # What bends lines comes first among the pairs.
-            rise = bounds[_IN_V, j]
+            rise = x[_IN_V, j]
             rate += rise * duration
             size = abs(begin[0, j]) + (abs(begin[1, j]) + 0.5 * rise * duration) * duration
-        bounds[_IN_Z, k] += abs(gain[e, 0]) * size + abs(gain[e, 1]) * rate
-        bounds[_IN_V, k] += abs(gain[e, 2]) * size + abs(gain[e, 3]) * rate
-        bounds[_IN_Z_RATE, k] += abs(gain[e, 0]) * rate + abs(gain[e, 1]) * rise
-        bounds[_IN_V_RATE, k] += abs(gain[e, 2]) * rate + abs(gain[e, 3]) * rise
-        bounds[_COUPLED, k] = 1.0
+        x[_IN_Z, k] += abs(gain[e, 0]) * size + abs(gain[e, 1]) * rate
+        x[_IN_V, k] += abs(gain[e, 2]) * size + abs(gain[e, 3]) * rate
+        x[_IN_Z_RATE, k] += abs(gain[e, 0]) * rate + abs(gain[e, 1]) * rise
+        x[_IN_V_RATE, k] += abs(gain[e, 2]) * rate + abs(gain[e, 3]) * rise
+        x[_COUPLED, k] = 1.0
         if of[FREQUENCY, k] > 0.0:
             longest = min(longest, 4.0 / of[FREQUENCY, k])
-    _mark_group(blocks.group, bounds[_COUPLED])
+    _mark_group(blocks.group, x[_COUPLED])
     return longest
 
 
@@ -307,50 +304,49 @@ def _mark_group(group: Group | None, coupled: Array) -> None:
 
 
 @jit
-def _fill_bounds(step: float, blocks: Blocks, begin: Array, space: SearchSpace) -> None:
+def _fill_bounds(step: float, of: Array, group: Group | None, begin: Array, x: Array) -> None:
     """Fill in bounds on states of all blocks and on their second derivatives over a step.
 
     Free energy never grows; inputs make sqrt(2 E) grow at most in proportion to time.
     """
-    of, state, bounds = blocks.of, space.states[_STATE], space.bounds
-    speed, amplitude, push, jerk = bounds[_SPEED], bounds[_AMPLITUDE], bounds[_PUSH], bounds[_JERK]
     for k in range(of.shape[1]):
-        z, v, delta, p, frequency = state[0, k], state[1, k], of[DELTA, k], of[SQUARE, k], of[FREQUENCY, k]
-        g1, g2 = bounds[_IN_Z, k], bounds[_IN_V, k]
+        z, v, delta, p, frequency = x[_Z, k], x[_V, k], of[DELTA, k], of[SQUARE, k], of[FREQUENCY, k]
+        g1, g2 = x[_IN_Z, k], x[_IN_V, k]
         energy = np.sqrt(v * v + p * z * z)
         if energy < _TINY:
             energy = np.hypot(v, frequency * z)
-        speed[k] = energy + (g2 + frequency * g1) * step
-        amplitude[k] = abs(z) + (speed[k] + g1) * step
+        speed = energy + (g2 + frequency * g1) * step
+        amplitude = abs(z) + (speed + g1) * step
         if frequency > 0.0:
-            amplitude[k] = min(amplitude[k], speed[k] / frequency)
-        push[k] = (2.0 * delta + frequency) * speed[k] + g2
-        jerk[k] = 2.0 * delta * push[k] + p * (speed[k] + g1) + bounds[_IN_V_RATE, k]
+            amplitude = min(amplitude, speed / frequency)
+        push = (2.0 * delta + frequency) * speed + g2
+        x[_SPEED, k], x[_AMPLITUDE, k], x[_PUSH, k] = speed, amplitude, push
+        x[_JERK, k] = 2.0 * delta * push + p * (speed + g1) + x[_IN_V_RATE, k]
         if delta > _OVERDAMPED * frequency:
-            _bound_overdamped(k, step, of, begin, space)
-        push[k] += bounds[_IN_Z_RATE, k]
-    _bound_group(blocks.group, step, space)
+            _bound_overdamped(k, step, of, begin, x)
+        x[_PUSH, k] += x[_IN_Z_RATE, k]
+    _bound_group(group, step, x)
 
 
 @plain_form(_fill_bounds)
-def _bounds_at_once(step: float, blocks: Blocks, begin: Array, space: SearchSpace) -> None:
-    of, (z, v), bounds = blocks.of, space.states[_STATE], space.bounds
-    delta, p, frequency, g1, g2 = of[DELTA], of[SQUARE], of[FREQUENCY], bounds[_IN_Z], bounds[_IN_V]
-    speed = bounds[_SPEED] = np.hypot(v, frequency * z) + (g2 + frequency * g1) * step
+def _bounds_at_once(step: float, of: Array, group: Group | None, begin: Array, x: Array) -> None:
+    z, v = x[_Z], x[_V]
+    delta, p, frequency, g1, g2 = of[DELTA], of[SQUARE], of[FREQUENCY], x[_IN_Z], x[_IN_V]
+    speed = x[_SPEED] = np.hypot(v, frequency * z) + (g2 + frequency * g1) * step
     safe = np.where(frequency > 0.0, frequency, 1.0)
     cap = np.where(frequency > 0.0, speed / safe, np.inf)
-    bounds[_AMPLITUDE] = np.minimum(np.abs(z) + (speed + g1) * step, cap)
-    push = bounds[_PUSH] = (2.0 * delta + frequency) * speed + g2
-    bounds[_JERK] = 2.0 * delta * push + p * (speed + g1) + bounds[_IN_V_RATE]
+    x[_AMPLITUDE] = np.minimum(np.abs(z) + (speed + g1) * step, cap)
+    push = x[_PUSH] = (2.0 * delta + frequency) * speed + g2
+    x[_JERK] = 2.0 * delta * push + p * (speed + g1) + x[_IN_V_RATE]
     for k in np.flatnonzero(delta > _OVERDAMPED * frequency).tolist():
-        _bound_overdamped(k, step, of, begin, space)
-    bounds[_PUSH] += bounds[_IN_Z_RATE]
-    if blocks.group is not None:
-        _bound_group(blocks.group, step, space)
+        _bound_overdamped(k, step, of, begin, x)
+    x[_PUSH] += x[_IN_Z_RATE]
+    if group is not None:
+        _bound_group(group, step, x)
 
 
 @jit
-def _bound_overdamped(k: int, step: float, of: Array, begin: Array, space: SearchSpace) -> None:
+def _bound_overdamped(k: int, step: float, of: Array, begin: Array, x: Array) -> None:
     """Lower the bounds of an overdamped block.
 
     With the decay rates ``r1 < r2`` of a block, ``z = A + B`` and ``v = -r1 A - r2 B``, where
@@ -360,9 +356,8 @@ def _bound_overdamped(k: int, step: float, of: Array, begin: Array, space: Searc
     B has soon decayed, and A changes slowly. Free energy does not distinguish them: its bounds on the derivatives of A
     are too large by a factor of at least ``r2 / r1``. Close to critical damping nothing would be gained.
     """
-    bounds, delta, p = space.bounds, of[DELTA, k], of[SQUARE, k]
-    z, v = space.states[_STATE, 0, k], space.states[_STATE, 1, k]
-    g1, g2 = bounds[_IN_Z, k], bounds[_IN_V, k]
+    delta, p, z, v = of[DELTA, k], of[SQUARE, k], x[_Z, k], x[_V, k]
+    g1, g2 = x[_IN_Z, k], x[_IN_V, k]
     apart = 2.0 * np.sqrt(delta * delta - p)
     r2 = delta + 0.5 * apart
     r1 = p / r2
@@ -371,90 +366,87 @@ def _bound_overdamped(k: int, step: float, of: Array, begin: Array, space: Searc
     a = abs(v + r2 * z) + v_error + r2 * z_error + (g2 + r2 * g1) * step
     b = abs(v + r1 * z) + v_error + r1 * z_error + (g2 + r1 * g1) * min(step, 1.0 / r2)
     a, b = a / apart, b / apart
-    bounds[_AMPLITUDE, k] = min(bounds[_AMPLITUDE, k], a + b)
-    bounds[_SPEED, k] = min(bounds[_SPEED, k], r1 * a + r2 * b)
-    bounds[_PUSH, k] = min(bounds[_PUSH, k], r1**2 * a + r2**2 * b + g2)
-    bounds[_JERK, k] = min(
-        bounds[_JERK, k], r1**3 * a + r2**3 * b + 2.0 * delta * g2 + p * g1 + bounds[_IN_V_RATE, k]
+    x[_AMPLITUDE, k] = min(x[_AMPLITUDE, k], a + b)
+    x[_SPEED, k] = min(x[_SPEED, k], r1 * a + r2 * b)
+    x[_PUSH, k] = min(x[_PUSH, k], r1**2 * a + r2**2 * b + g2)
+    x[_JERK, k] = min(
+        x[_JERK, k], r1**3 * a + r2**3 * b + 2.0 * delta * g2 + p * g1 + x[_IN_V_RATE, k]
     )  # fmt: skip
 
 
 @jit
-def _bound_group(group: Group | None, step: float, space: SearchSpace) -> None:
+def _bound_group(group: Group | None, step: float, x: Array) -> None:
     """Fill in the bounds of the blocks of a group, by the norm of its state."""
     if group is None:
         return
-    bounds, state, e = space.bounds, space.states[_STATE], group.scale.size // 2
+    e = group.scale.size // 2
     rate, growth, norm, drive, rise = group.bounds[0], group.bounds[1], 0.0, 0.0, 0.0
     for j in range(e):
         first, second = group.bounds[2 + j], group.bounds[2 + e + j]
-        drive += first * bounds[_AMPLITUDE, j] + second * bounds[_SPEED, j]
-        rise += first * bounds[_SPEED, j] + second * bounds[_PUSH, j]
+        drive += first * x[_AMPLITUDE, j] + second * x[_SPEED, j]
+        rise += first * x[_SPEED, j] + second * x[_PUSH, j]
     for k in group.member:
-        norm += state[0, k] ** 2 + state[1, k] ** 2
+        norm += x[_Z, k] ** 2 + x[_V, k] ** 2
     norm = (np.sqrt(norm) + drive * step) * np.exp(growth * step)
     change = rate * (rate * norm + drive) + rise
     for k in group.member:
-        bounds[_SPEED, k] = bounds[_AMPLITUDE, k] = norm
-        bounds[_PUSH, k] = bounds[_JERK, k] = change
+        x[_SPEED, k] = x[_AMPLITUDE, k] = norm
+        x[_PUSH, k] = x[_JERK, k] = change
 
 
 @jit
-def _safe_step(j: int, terms: EventFunctions, levels: Integers, space: SearchSpace) -> float:
+def _safe_step(j: int, rows: Array, loads: int, tail: int, levels: Integers, x: Array, f: Array) -> float:
     """Return a time within which function j provably stays below its level of rounding.
 
     Blocks below a level enter by value, rate and bound of the curvature, those above by amplitude.
     """
-    rows, bounds, state, rates = terms.rows[j], space.bounds, space.states[_STATE], space.states[_RATE]
-    loads, tail, m = terms.loads, terms.tail, rows.shape[1]
-    speed, amplitude, push, jerk = bounds[_SPEED], bounds[_AMPLITUDE], bounds[_PUSH], bounds[_JERK]
-    value, rate, noise = space.functions[_VALUE, j], space.functions[_SLOPE, j], space.functions[_NOISE, j]
+    m, value, rate, noise = x.shape[1], f[_VALUE, j], f[_SLOPE, j], f[_NOISE, j]
     distance = max(-value, 0.0) + 2.0 * noise
     whole = rate
     fast, curvature, safe = 0.0, 0.0, 0.0
     for k in range(loads, m):
-        fast += abs(rows[0, k]) * amplitude[k]
-        value -= rows[0, k] * state[0, k]
-        rate -= rows[0, k] * rates[0, k]
+        fast += abs(rows[j, 0, k]) * x[_AMPLITUDE, k]
+        value -= rows[j, 0, k] * x[_Z, k]
+        rate -= rows[j, 0, k] * x[_Z_RATE, k]
     for k in range(loads, tail):
-        fast += abs(rows[1, k]) * speed[k]
-        value -= rows[1, k] * state[1, k]
-        rate -= rows[1, k] * rates[1, k]
+        fast += abs(rows[j, 1, k]) * x[_SPEED, k]
+        value -= rows[j, 1, k] * x[_V, k]
+        rate -= rows[j, 1, k] * x[_V_RATE, k]
     for k in range(loads):
-        curvature += abs(rows[0, k]) * push[k] + abs(rows[1, k]) * jerk[k]
+        curvature += abs(rows[j, 0, k]) * x[_PUSH, k] + abs(rows[j, 1, k]) * x[_JERK, k]
     k = loads
     for level in range(levels.size - 1):
         while k < levels[level]:
-            fast -= abs(rows[0, k]) * amplitude[k]
-            value += rows[0, k] * state[0, k]
-            rate += rows[0, k] * rates[0, k]
-            curvature += abs(rows[0, k]) * push[k]
+            fast -= abs(rows[j, 0, k]) * x[_AMPLITUDE, k]
+            value += rows[j, 0, k] * x[_Z, k]
+            rate += rows[j, 0, k] * x[_Z_RATE, k]
+            curvature += abs(rows[j, 0, k]) * x[_PUSH, k]
             if tail > loads:
-                fast -= abs(rows[1, k]) * speed[k]
-                value += rows[1, k] * state[1, k]
-                rate += rows[1, k] * rates[1, k]
-                curvature += abs(rows[1, k]) * jerk[k]
+                fast -= abs(rows[j, 1, k]) * x[_SPEED, k]
+                value += rows[j, 1, k] * x[_V, k]
+                rate += rows[j, 1, k] * x[_V_RATE, k]
+                curvature += abs(rows[j, 1, k]) * x[_JERK, k]
             k += 1
         if -value > fast:
             safe = max(safe, _safe_time(2.0 * noise - value - fast, rate, curvature))
     while k < m:
-        curvature += abs(rows[0, k]) * push[k]
+        curvature += abs(rows[j, 0, k]) * x[_PUSH, k]
         if tail > loads:
-            curvature += abs(rows[1, k]) * jerk[k]
+            curvature += abs(rows[j, 1, k]) * x[_JERK, k]
         k += 1
     return max(safe, _safe_time(distance, whole, curvature))
 
 
 @plain_form(_safe_step)
-def _safe_step_at_once(j: int, terms: EventFunctions, levels: Integers, space: SearchSpace) -> float:
-    rows, bounds, (z, v), (zdot, vdot) = terms.rows[j], space.bounds, space.states[_STATE], space.states[_RATE]
-    value, rate, noise = space.functions[_VALUE, j], space.functions[_SLOPE, j], space.functions[_NOISE, j]
-    (w, u), (w_size, u_size) = rows, np.abs(rows)
-    curved = (w_size * bounds[_PUSH] + u_size * bounds[_JERK]).cumsum()
+def _safe_step_at_once(j: int, rows: Array, loads: int, tail: int, levels: Integers, x: Array, f: Array) -> float:
+    z, v, zdot, vdot = x[_Z:_NEXT_Z]
+    value, rate, noise = f[_VALUE, j], f[_SLOPE, j], f[_NOISE, j]
+    (w, u), (w_size, u_size) = rows[j], np.abs(rows[j])
+    curved = (w_size * x[_PUSH] + u_size * x[_JERK]).cumsum()
     safe = safe_time(max(-value, 0.0) + 2.0 * noise, rate, curved[-1])
     if levels.size > 1:
         last = levels[:-1] - 1
-        fast = (w_size * bounds[_AMPLITUDE] + u_size * bounds[_SPEED])[::-1].cumsum()[::-1][levels[:-1]]
+        fast = (w_size * x[_AMPLITUDE] + u_size * x[_SPEED])[::-1].cumsum()[::-1][levels[:-1]]
         above = (w * z + u * v)[::-1].cumsum()[::-1][levels[:-1]]
         faster = (w * zdot + u * vdot)[::-1].cumsum()[::-1][levels[:-1]]
         for i in np.flatnonzero(above - value > fast).tolist():
@@ -464,20 +456,20 @@ def _safe_step_at_once(j: int, terms: EventFunctions, levels: Integers, space: S
 
 @jit
 def _safe_time_far(
-    j: int, distance: float, step: float, terms: EventFunctions, blocks: Blocks, space: SearchSpace
+    j: int, distance: float, step: float, rows: Array, sizes: Array, blocks: Blocks, x: Array, series: Array
 ) -> float:  # fmt: skip
     """Return a time within which function j provably rises by less than `distance`, from high derivatives.
 
     The bounds on all states hold until `step`, the upper bound of the returned time.
     """
-    of, pair, gain, rows, sizes = blocks.of, blocks.pair, blocks.gain, terms.rows[j], terms.sizes[j]
-    value, size, m = space.series[0], space.series[1], blocks.of.shape[1]
-    state, following, largest, more = space.states[_STATE], space.states[3], space.states[4], space.states[5]
+    of, pair, gain, group = blocks.of, blocks.pair, blocks.gain, blocks.group
+    value, size, m = series[0], series[1], of.shape[1]
+    following, largest, more = x[_NEXT_Z:], x[_MOST_Z:], x[_MORE_Z:]
     for k in range(m):
-        largest[0, k], largest[1, k] = space.bounds[_AMPLITUDE, k], space.bounds[_SPEED, k]
-        more[0, k], more[1, k] = state[0, k], state[1, k]
+        largest[0, k], largest[1, k] = x[_AMPLITUDE, k], x[_SPEED, k]
+        more[0, k], more[1, k] = x[_Z, k], x[_V, k]
     for i in range(1, _ORDER + 1):
-        _rates(blocks, more, following)
+        _rates(of, pair, gain, group, more, following)
         value[i] = size[i] = 0.0
         for k in range(m):
             more[0, k], more[1, k] = following[0, k], following[1, k]
@@ -488,11 +480,11 @@ def _safe_time_far(
             k, f, rate = pair[e, 0], largest[0, pair[e, 1]], largest[1, pair[e, 1]]
             following[0, k] += abs(gain[e, 0]) * f + abs(gain[e, 1]) * rate
             following[1, k] += abs(gain[e, 2]) * f + abs(gain[e, 3]) * rate
-        _grow_group(blocks.group, largest, following)
+        _grow_group(group, largest, following)
         for k in range(m):
             largest[0, k], largest[1, k] = following[0, k], following[1, k]
-            value[i] += rows[0, k] * more[0, k] + rows[1, k] * more[1, k]
-            size[i] += sizes[0, k] * largest[0, k] + sizes[1, k] * largest[1, k]
+            value[i] += rows[j, 0, k] * more[0, k] + rows[j, 1, k] * more[1, k]
+            size[i] += sizes[j, 0, k] * largest[0, k] + sizes[j, 1, k] * largest[1, k]
     safe_time = step
     for _ in range(200):
         rise, term = 0.0, 1.0
@@ -555,58 +547,59 @@ def march(
     evaluations : int
         Number of evaluations of the functions.
     """
-    of, hits, functions = blocks.of, space.hits, space.functions
-    m, count = of.shape[1], terms.start.size
-    mixed = terms.tail > terms.loads
-    longest = _prepare(blocks, begin, duration, space)
+    terms, blocks, levels, begin, space = borrowed((terms, blocks, levels, begin, space))
+    of, hits, x, f, series = blocks.of, space.hits, space.x, space.f, space.series
+    rows, sizes, start, level, loads, tail = terms
+    m, count = of.shape[1], start.size
+    longest = _prepare(blocks, begin, duration, x)
     evaluations, most = 0, SEARCH_WORK // (m + EVALUATION_WORK)
     # The last time at which each function was at or below zero. If a function is above zero within rounding, its root
     # lies before `before`.
     for j in range(count):
         hits[j] = False
-        functions[_BELOW, j] = 0.0
+        f[_BELOW, j] = 0.0
     quickest = 0.0
     for k in range(m):
         quickest = max(quickest, of[FREQUENCY, k], 2.0 * of[DELTA, k])
     short = 0.1 * _SHORT / quickest if quickest > 0.0 else np.inf
     tau, before = 0.0, 0.0
     while True:
-        _evaluate(tau, terms, blocks, begin, space)
-        _fill_noise(tau, terms, blocks, begin, space)
+        _evaluate(tau, start, rows, tail, blocks, begin, x, f)
+        _fill_noise(tau, level, sizes, loads, tail, of, begin, x, f)
         evaluations += 1
         found, all_below = False, True
         for j in range(count):
-            hits[j] = tau > 0.0 and functions[_VALUE, j] > functions[_NOISE, j]
+            hits[j] = tau > 0.0 and f[_VALUE, j] > f[_NOISE, j]
             found = found or hits[j]
-            if functions[_VALUE, j] > 0.0:
+            if f[_VALUE, j] > 0.0:
                 all_below = False
         if found:
             break
         if tau >= duration:
             return duration, evaluations
         for j in range(count):
-            if functions[_VALUE, j] <= 0.0:
-                functions[_BELOW, j] = tau
+            if f[_VALUE, j] <= 0.0:
+                f[_BELOW, j] = tau
         if evaluations >= most and (evaluations >= 2 * most or all_below):
             return tau, evaluations
         allowed, again = min(duration - tau, longest), False
         while True:
-            _fill_bounds(allowed, blocks, begin, space)
+            _fill_bounds(allowed, of, blocks.group, begin, x)
             step = allowed
             for j in range(count):
-                span = _safe_step(j, terms, levels, space)
+                span = _safe_step(j, rows, loads, tail, levels, x, f)
                 if span < short and span < step:
-                    distance = max(-functions[_VALUE, j], 0.0) + 2.0 * functions[_NOISE, j]
-                    span = max(span, _safe_time_far(j, distance, allowed, terms, blocks, space))
+                    distance = max(-f[_VALUE, j], 0.0) + 2.0 * f[_NOISE, j]
+                    span = max(span, _safe_time_far(j, distance, allowed, rows, sizes, blocks, x, series))
                 step = min(step, span)
             if step >= _LITTLE * tau or allowed <= tau:
                 break
             # A function leaves zero slowly, as where a load begins to grow on bodies at rest that touch. Bounds over
             # a time as long as that since the start allow steps that grow with it.
             allowed, again = tau, True
-            _prepare(blocks, begin, tau + allowed, space)
+            _prepare(blocks, begin, tau + allowed, x)
         if again:
-            _prepare(blocks, begin, duration, space)
+            _prepare(blocks, begin, duration, x)
         before = tau
         tau = duration if step >= duration - tau else tau + step
         if tau == before:
@@ -618,33 +611,33 @@ def march(
     for j in range(count):
         if not hits[j]:
             continue
-        low, high, x = functions[_BELOW, j], tau, tau
+        low, high, now = f[_BELOW, j], tau, tau
         for _ in range(100):
-            _evaluate(x, terms, blocks, begin, space)
+            _evaluate(now, start, rows, tail, blocks, begin, x, f)
             evaluations += 1
-            value, rate = functions[_VALUE, j], functions[_SLOPE, j]
+            value, rate = f[_VALUE, j], f[_SLOPE, j]
             if value > 0.0:
-                high = x
+                high = now
             else:
-                low = x
-            new = x - value / rate if rate != 0.0 else low
+                low = now
+            new = now - value / rate if rate != 0.0 else low
             if not low < new < high:
                 new = 0.5 * (low + high)
-            close = abs(new - x) <= 2.3e-16 * x or high - low <= 2.3e-16 * high
-            x = new
+            close = abs(new - now) <= 2.3e-16 * now or high - low <= 2.3e-16 * high
+            now = new
             if close:
                 break
-        if x <= first:
-            first, winner = x, j
-    _evaluate(first, terms, blocks, begin, space)
-    _fill_noise(first, terms, blocks, begin, space)
+        if now <= first:
+            first, winner = now, j
+    _evaluate(first, start, rows, tail, blocks, begin, x, f)
+    _fill_noise(first, level, sizes, loads, tail, of, begin, x, f)
     evaluations += 1
     for j in range(count):
         # A function that only rounding moves away from zero, as for bodies at rest that touch, is left out of the
         # event of another. In complex modes the bounds on rounding are too wide to distinguish this from slow motion,
         # so the terms themselves are compared.
-        compared, share = (terms.rows, _COMPLEX_ROUNDING) if mixed else (terms.sizes, _ROUNDING)
-        at_rest = _rate_is_rounding(j, compared, terms, space, share)
-        hits[j] = abs(functions[_VALUE, j]) <= functions[_NOISE, j] and functions[_SLOPE, j] > 0.0 and not at_rest
+        compared, share = (rows, _COMPLEX_ROUNDING) if tail > loads else (sizes, _ROUNDING)
+        at_rest = _rate_is_rounding(j, compared, x, f, share)
+        hits[j] = abs(f[_VALUE, j]) <= f[_NOISE, j] and f[_SLOPE, j] > 0.0 and not at_rest
     hits[winner] = True
     return first, evaluations

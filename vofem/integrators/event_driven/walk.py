@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem.errors import EventStormError
+from vofem.integrators.event_driven.blocks import ready
 from vofem.integrators.event_driven.bounces import REST, struck
 from vofem.integrators.event_driven.follow import Follower
 from vofem.integrators.event_driven.regime import Regime
@@ -133,7 +134,7 @@ class Walker:
         m, first = begin.shape[1], regime.loads
         terms = EventFunctions(regime.rows, regime.sizes, start, level, first, m if regime.mixed else first)
         space = search_space(m, start.size)
-        tau, evaluations = march(terms, regime.blocks, regime.levels, begin, duration, space)
+        tau, evaluations = march(terms, ready(regime.blocks), regime.levels, begin, duration, space)
         self.solution.counters.gap_evaluations += evaluations * len(self._laws)
         hits = np.flatnonzero(space.hits)
         return (exact_cut(self.time, tau) if not hits.size and tau < duration else tau), hits
