@@ -457,6 +457,7 @@ def _react(
     not in ``work.held``. Coordinates of the laws, or their rates in explicit steps, are affine in ``b_j.x``; from here
     on `free` and `y` hold these.
     """
+    compliance, laws, u0, before, work = borrowed((compliance, laws, u0, before, work))
     y, free, found, force, slope, change, move = (
         work.y, work.free, work.found, work.force, work.slope, work.change, work.move,
     )  # fmt: skip
@@ -556,6 +557,7 @@ def _react_in_band(
     Reactions are extrapolated along the laws' tangents. They balance the structure to the last digit, also where a law
     is so steep that the rounding of u changes its force.
     """
+    matrix, laws, rows, u0, before, work = borrowed((matrix, laws, rows, u0, before, work))
     x, y, free, found, held, force, slope, turn = (
         work.x, work.y, work.free, work.found, work.held, work.force, work.slope, work.move,
     )  # fmt: skip
