@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.kernels.jit import jit, plain_form
+from vofem.kernels.jit import borrowed, jit, plain_form
 from vofem.linalg.exponential import half_turns
 
 Array = NDArray[np.float64]
@@ -90,6 +90,7 @@ def oscillators_at(of: Array, t: float, out: Array, work: Array, bits: Integers)
     work, bits : ndarray, shapes (4, n) and (n,)
         Work space.
     """
+    of, out, work, bits = borrowed((of, out, work, bits))
     c, s, divisor, critical = out[0], out[1], of[DIVISOR], of[CRITICAL]
     turn, sine, slower, faster = work[0], work[1], work[2], work[3]
     half_turns(of[ROOT], t, turn, sine)

@@ -153,6 +153,7 @@ def _evaluate(
     tau: float, start: Array, rows: Array, tail: int, blocks: Blocks, begin: Array, x: Array, f: Array
 ) -> None:  # fmt: skip
     """Fill in states and rates of all blocks, and values and rates of the event functions, at tau."""
+    start, rows, blocks, begin, x, f = borrowed((start, rows, blocks, begin, x, f))
     change(blocks, begin, tau, x[:_Z])
     of = blocks.of
     for k in range(x.shape[1]):
@@ -196,6 +197,7 @@ def _fill_noise(
     large compared with all displacements, so only the change of a block within tau is counted. What loads add to a
     coupled block is at most its change and that of its free motion.
     """
+    level, sizes, of, begin, x, f = borrowed((level, sizes, of, begin, x, f))
     for k in range(of.shape[1]):
         energy = x[_ENERGY, k]
         amplitude, speed = min(abs(begin[0, k]) + abs(begin[1, k]) * tau, x[_CAP, k]), energy
@@ -309,6 +311,7 @@ def _fill_bounds(step: float, of: Array, group: Group | None, begin: Array, x: A
 
     Free energy never grows; inputs make sqrt(2 E) grow at most in proportion to time.
     """
+    of, begin, x = borrowed((of, begin, x))
     for k in range(of.shape[1]):
         z, v, delta, p, frequency = x[_Z, k], x[_V, k], of[DELTA, k], of[SQUARE, k], of[FREQUENCY, k]
         g1, g2 = x[_IN_Z, k], x[_IN_V, k]
@@ -400,6 +403,7 @@ def _safe_step(j: int, rows: Array, loads: int, tail: int, levels: Integers, x: 
 
     Blocks below a level enter by value, rate and bound of the curvature, those above by amplitude.
     """
+    rows, levels, x, f = borrowed((rows, levels, x, f))
     m, value, rate, noise = x.shape[1], f[_VALUE, j], f[_SLOPE, j], f[_NOISE, j]
     distance = max(-value, 0.0) + 2.0 * noise
     whole = rate
