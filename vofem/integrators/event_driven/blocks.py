@@ -16,14 +16,14 @@ small penetration of a stiff contact is therefore far more accurate than the dis
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem.integrators.event_driven.clusters import Group, group_change
 from vofem.kernels.addresses import address_of, call
-from vofem.kernels.jit import borrowed, jit, plain_form
+from vofem.kernels.jit import CompiledFunction, borrowed, jit, plain_form
 from vofem.kernels.mode import kernels
 from vofem.linalg.exponential import exponential_response, oscillator, power_response, ramp_response
 from vofem.linalg.oscillators import (
@@ -60,7 +60,7 @@ class Response(NamedTuple):
 
 def response(coupled: bool) -> Response:
     """Return what computes responses from rest, for the way in which kernels run at present."""
-    return Response(address_of(respond) if coupled else 0, np.empty(_TAKES + 2))
+    return Response(address_of(cast(CompiledFunction, respond)) if coupled else 0, np.empty(_TAKES + 2))
 
 
 class Blocks(NamedTuple):
@@ -233,11 +233,17 @@ def row_changes(blocks: Blocks, rows: Array, tau: Array) -> Array:
     w, u = rows[:, 0], rows[:, 1]
     delta, p = blocks.of[DELTA], blocks.of[SQUARE]
     found = np.stack([w * (c + delta * s) - u * (p * s), w * s + u * (c - delta * s)], axis=2)
-    for e, (k, j) in enumerate(blocks.pair.tolist()):
-        for i, t in enumerate(tau.tolist()):
-            for part, (f, rate) in enumerate(((1.0, 0.0), (0.0, 1.0))):
-                z, v = from_rest(delta[k], p[k], p[j], f, rate, blocks.gain[e], t)
-                found[i, :, part, j] += w[:, k] * z + u[:, k] * v
+    moving = ready(blocks)
+    for e, (k, *driving) in enumerate(blocks.pair.tolist()):
+        pair = moving._replace(pair=blocks.pair[e : e + 1], gain=blocks.gain[e : e + 1])
+        for j in (number for number in driving if number >= 0):
+            for part in range(2):
+                start = np.zeros((2, delta.size))
+                start[part, j] = 1.0
+                for i, t in enumerate(tau.tolist()):
+                    from_rest = np.zeros_like(start)
+                    _add_from_rest(pair, start, t, from_rest)
+                    found[i, :, part, j] += w[:, k] * from_rest[0, k] + u[:, k] * from_rest[1, k]
     return np.asarray(found)
 
 
