@@ -122,7 +122,7 @@ class Saved(Shown):
         # Late, because studies know no file format.
         from vofem.io.storage.branch_file import save
 
-        return save(self, path, overwrite=overwrite)
+        return save(self, path, overwrite=overwrite)  # type: ignore[arg-type]
 
 
 class Branch(Saved):
