@@ -12,7 +12,7 @@ from vofem.bodies.base import Point
 from vofem.effects import Contact, RigidStop
 from vofem.errors import ArgumentError
 from vofem.histories.impacts import window_of
-from vofem.io.pictures.axes import COLORS, Canvas, Where, figure, goal_of, ink, legend, plain, stroke, text_size
+from vofem.io.pictures.axes import COLORS, Canvas, Where, figure, ink, legend, plain, stroke, text_size
 from vofem.io.pictures.envelope import envelope_of
 from vofem.io.pictures.places import all_contacts
 from vofem.io.pictures.units import length, prefixed
@@ -83,7 +83,7 @@ def time_history(
     scale = length(max(float(np.max(np.abs(view.motion))) for view in views))
     size = (10.0 if count == 1 else 2.0 + 4.4 * count, 6.4 if below else 4.2)
     heights = (2.2, 1.0) if below else (1.0,)
-    canvas = Canvas("time_history", goal_of(path), ax, size, len(heights), count, sharex="col", height_ratios=heights)
+    canvas = Canvas("time_history", path, ax, size, len(heights), count, sharex="col", height_ratios=heights)
     grid = canvas.grid
     if ax is None:
         _share(grid[0])
