@@ -101,7 +101,10 @@ class Layout:
 
 @dataclass(frozen=True)
 class _Needs:
-    """Space that a body needs below or above its axis: ``fixed + share * motion`` pixels."""
+    """Height that a body needs above or below its axis, in pixels.
+
+    It is half the depth of the body, room for a spring and the ground, and the largest displacement times the scale.
+    """
 
     body: Body
     half: float
