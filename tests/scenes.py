@@ -12,19 +12,25 @@ import vofem as vf
 from vofem.verification.cases.published import entry as quantity
 from vofem.verification.cases.published import published
 
-__all__ = ["LAWS", "SHORT", "broken_off", "paper_beam", "published", "quantity", "reference", "two_masses"]
+__all__ = ["FREE", "LAWS", "SHORT", "broken_off", "paper_beam", "published", "quantity", "reference", "two_masses"]
 
 DATA = Path(__file__).parent / "data"
 LAWS = ("displacement", "penetration")
 
-#: A scene file of a short run: a mass that hits a stop.
-SHORT = """
+#: Scene files of a short run: a mass that swings, and one that hits a stop.
+FREE = """
 [run]
 t_end = 6.0
 [[mass]]
 name = "ball"
 mass = 1.0
 stiffness = 1.0
+[initial]
+ball = { velocity = 1.0 }
+"""
+SHORT = (
+    FREE
+    + """
 [[contact]]
 name = "stop"
 a = "ball"
@@ -32,9 +38,8 @@ gap = 0.5
 stiffness = 10.0
 side = "above"
 acts_on = "penetration"
-[initial]
-ball = { velocity = 1.0 }
 """
+)
 
 
 def reference(name: str) -> dict[str, np.ndarray]:
