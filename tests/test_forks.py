@@ -8,6 +8,7 @@ import threading
 import time
 
 import pytest
+from scenes import on_stop
 
 import vofem as vf
 from vofem.locks import Lock
@@ -16,9 +17,7 @@ pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has
 
 
 def histories():
-    mass = vf.Mass(1.0, stiffness=1.0)
-    stop = vf.Contact(mass, gap=0.5, stiffness=30.0, side="above", acts_on="penetration", name="stop")
-    scene = vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(1.0, 0.8))])
+    mass, scene = on_stop(vf.Mass(1.0, stiffness=1.0), gap=0.5, stiffness=30.0, load=vf.Sine(1.0, 0.8))
     result = vf.simulate(scene, 5.0, compiled=False)
     return result.displacement(mass)[-1], result.contacts["stop"].force[-1]
 

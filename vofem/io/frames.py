@@ -19,7 +19,7 @@ from scipy.sparse import csr_matrix
 
 from vofem._validate import number
 from vofem.bodies import Beam
-from vofem.bodies.base import Body, Row, place_of
+from vofem.bodies.base import Body, Row
 from vofem.bodies.cubics import hermite
 from vofem.effects import Joint
 from vofem.errors import ArgumentError
@@ -113,7 +113,7 @@ class Frames:
         for k, contact in shown:
             ends = []
             for point in contact.points():
-                at = origins[point.body] + np.array([place_of(point), 0.0, 0.0])
+                at = origins[point.body] + np.array([point.x, 0.0, 0.0])
                 ends.append(add(at[None, :]))
                 feet.setdefault(point.body, []).append((ends[-1], point.row()))
             if contact.b is None:
@@ -252,7 +252,7 @@ def _placed(scene: Scene, magnification: float) -> tuple[float, dict[Body, Array
                 gap = magnification * _gap(effect)
                 for here, there, up in ((a, b, gap), (b, a, -gap)):
                     if here.body is body and there.body not in placed:
-                        along = origins[body][0] + place_of(here) - place_of(there)
+                        along = origins[body][0] + here.x - there.x
                         origins[there.body][:2] = along, origins[body][1] + up
                         if isinstance(effect, Joint):
                             origins[there.body][2] = origins[body][2]
