@@ -73,11 +73,11 @@ class OrbitSensitivities(OfParameters):
         modal = modal_system(result.solution)
         self._modal = modal
         n = modal.size
-        columns = [modal_change(modal, full, change) for change in self._changes]
+        columns, same = [modal_change(modal, full, change) for change in self._changes], unchanged(scene)
         for k in range(2 * n):
             unit = np.zeros((2, n))
             unit[k // n, k % n] = 1.0 / modal.scale[k] if k < n else 1.0
-            columns.append(ModalChange(None, None, None, None, None, unit[0], unit[1], unchanged(full)))
+            columns.append(ModalChange(None, None, None, None, None, unit[0], unit[1], same))
         self.work = Work(assemblies=sum(change.assemblies for change in self._changes))
         self._forward = Forward(result.solution, modal, columns, self.work)
         p = len(self.parameters)
