@@ -289,8 +289,16 @@ class Walker:
             held = self._rows[settled | (self.status == PINNED)]
             velocity = self.velocity - np.linalg.pinv(held) @ (held @ self.velocity)
             force = acceleration(space, None, self.status, self.displacement, velocity, load)
-            pushed = self._pushed(int(j), velocity)
-            if pushed > _ZERO * (np.abs(row) @ np.abs(force)):
+            pushed, size = self._pushed(int(j), velocity), np.abs(row) @ np.abs(force)
+            if abs(pushed) <= _ZERO * size:
+                # Nothing pushes yet. The rate of the forces decides, as at the begin of a load.
+                rates = (
+                    vector * float(function.derivative(self.time))
+                    for vector, function in zip(solution.load_vectors, solution.load_functions, strict=True)
+                )
+                rate = sum(rates, -space.stiffness * velocity - space.damping_force(force))
+                pushed, size = float(row @ rate), 0.0
+            if pushed > _ZERO * size:
                 self._change(j, PINNED)
             elif row @ self.velocity > 0.0:
                 self._bounce(j)
