@@ -60,21 +60,33 @@ def test_steps_that_do_not_resolve_impacts_depart_from_each_other():
 
 
 def test_the_second_run_is_made_where_it_is_wanted(monkeypatch):
+    """One looks for chaos with the same steps, where there are eight events, and one for errors with larger steps."""
     made = []
-    monkeypatch.setattr(nearby, "_second", lambda kernel, times: made.append(kernel))
+    monkeypatch.setattr(nearby, "_second", lambda run, times: made.append(run.dt))
     scene = chaotic(2.0)
     quiet = vf.Scene([vf.Mass(1.0, 1.0)], [])
     chaos(scene, 20.0, "energy_conserving", nearby=False)
-    chaos(scene, 0.5, "energy_conserving")
     vf.simulate(quiet, 1.0, method="energy_conserving", dt=0.02)
     assert made == []
+    chaos(scene, 4.0, "energy_conserving")
+    assert made == [0.04]
     chaos(scene, 20.0, "energy_conserving")
     chaos(scene, 0.5, "energy_conserving", nearby=True)
-    assert len(made) == 2
+    assert made == [0.04] + 2 * [0.02, 0.04]
+    # Steps may be 1.9 times as large up to the critical one; where it leaves no room they are smaller.
+    beam = vf.Beam(1.0, 1.0, 1.0, 4, {"left": "clamped"})
+    stop = vf.Contact(beam.at(1.0), gap=0.01, stiffness=5.0, side="above", acts_on="penetration")
+    slow = vf.Scene([beam], [stop, vf.PointLoad(beam.at(1.0), vf.Sine(0.1, 1.0))])
+    (note,) = vf.simulate(slow, 2.0, method="central_difference").notes
+    critical = float(note.split("critical step is ")[1].split()[0])
+    for part, other in ((0.5, 0.95), (0.9, 0.45)):
+        vf.simulate(slow, 2.0, method="central_difference", dt=part * critical)
+        assert made.pop() == pytest.approx(other * critical, rel=1e-4)
     monkeypatch.setattr(nearby, "_WORK", 0.0)
     monkeypatch.setattr(nearby, "_WORK_PLAIN", 0.0)
+    made.clear()
     chaos(scene, 20.0, "energy_conserving")
-    assert len(made) == 2
+    assert made == []
 
 
 def test_the_run_itself_is_the_same():

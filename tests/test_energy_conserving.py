@@ -222,10 +222,10 @@ def test_energy_of_random_chains(data):
     initial = {m: (data.draw(st.floats(-2, 2)), data.draw(st.floats(-2, 2))) for m in masses}
     dt = data.draw(magnitudes(1e-4, 1e2))
     result = vf.simulate(vf.Scene(masses, contacts, initial), 200 * dt, dt=dt, **METHOD)
-    # The energy K0 gap^2/2 that a jump sets free is rounded when it is added up.
+    # The energy K0 gap^2/2 that a jump sets free is rounded when it is added up, by half an eps in each of 200 steps.
     jumps = sum(c.stiffness * c.gap * (c.gap + 4.0) for c in contacts if c.acts_on == "displacement")
     energy = result.energy
-    assert np.max(np.abs(energy.balance)) <= 1e-10 * np.max(energy.total) + 1e-14 * jumps
+    assert np.max(np.abs(energy.balance)) <= 1e-10 * np.max(energy.total) + 100.0 * np.finfo(float).eps * jumps
     forces = [result.contacts[c.name].force for c in contacts]
     assert all(np.all(force >= 0.0) for force in forces)
 

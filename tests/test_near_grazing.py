@@ -83,3 +83,20 @@ def test_orbits_that_do_not_repeat_are_not_on_a_branch():
     assert len(branch) > 10
     assert max(away(orbit) for orbit in branch.orbits) < 1e-8
     assert max(away(special.orbit) for special in branch.special) < 1e-8
+
+
+@pytest.mark.parametrize("share", [0.99, 0.9999, 1.0 - 1e-7])
+@pytest.mark.parametrize("ends", [(0.5, 1.7), (1.7, 0.5)])
+def test_a_touch_that_begins_and_ends_within_one_step(share, ends):
+    """The linear response of a mass reaches the gap near its peak alone, between two values in closed form."""
+    damping = 0.1
+    # Frequencies at which 1 / |1 - w^2 + 2 i damping w| is the gap.
+    peak = 0.5 / (damping * np.sqrt(1.0 - damping**2))
+    middle, half = 1.0 - 2.0 * damping**2, np.sqrt((1.0 - 2.0 * damping**2) ** 2 - 1.0 + 1.0 / (share * peak) ** 2)
+    expected = np.sqrt([middle - half, middle + half])
+    mass = vf.Mass(1.0, stiffness=1.0, damping=2.0 * damping, name="mass")
+    stop = vf.Contact(mass, gap=share * peak, stiffness=10.0, side="above", acts_on="penetration", name="stop")
+    branch = vf.continuation(lambda w: vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(1.0, w))]), *ends)
+    found = [special.value for special in branch.special if special.kind == "grazing"]
+    assert sorted(found) == pytest.approx(expected, abs=1e-9)
+    assert branch.values[-1] == ends[1]

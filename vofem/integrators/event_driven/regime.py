@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.integrators.event_driven.blocks import Blocks, blocks_of, changes
+from vofem.integrators.event_driven.blocks import Blocks, blocks_of, changes, row_changes
 from vofem.integrators.event_driven.clusters import group_of
 from vofem.integrators.event_driven.exosystem import CONSTANT
 from vofem.integrators.event_driven.pinned import Reactions, reactions
@@ -331,6 +331,17 @@ class Regime:
             return (x + carried @ states[:, 0, :e].T).T, (rate + carried @ states[:, 1, :e].T).T
         return x.T, rate.T
 
+    def over_blocks(self, rows: Array) -> Array:
+        """Return modal rows (k, n) of displacements and then those of velocities as rows over all blocks, (2k, 2M)."""
+        key = f"rows {rows.tobytes().hex()}"
+        if key not in self.kept:
+            own = rows if self.spectrum.real.modes is None else rows @ self.spectrum.real.modes
+            nothing = np.zeros_like(own)
+            w, u = self.spectrum.functions(np.concatenate([own, nothing]), np.concatenate([nothing, own]))
+            self.kept[key] = flat(_over_all(w, u, self.answers.steady))
+        found: Array = self.kept[key]
+        return found
+
     def changes(self, starts: Array, own: Integers, tau: Array) -> Array:
         """Return by how much states have changed, shape (n_times, 2, M); see `blocks.changes`."""
         return changes(self.blocks, starts, own, tau)
@@ -367,6 +378,23 @@ class Motion:
         """Return by how much modal displacements and velocities have changed, each of shape (n, n_times)."""
         displacement, velocity = self.regime.to_modes(self.changes(tau))
         return displacement.T, velocity.T
+
+    def sampled(self, rows: Array, low: float, high: float, count: int) -> tuple[Array, Array, Array]:
+        """Return times, at least so many equal steps, and modal rows (k, n) of displacements and velocities there."""
+        blocks, over = self.regime.blocks, self.regime.over_blocks(rows)
+        fine = max(int(np.sqrt(count)), 1) if blocks.group is None else 1
+        tau = np.linspace(low, high, -(-count // fine) * fine + 1)
+        changes = flat(self.changes(tau[::fine]))
+        values = over @ changes.T
+        if fine > 1:
+            # Each of these times begins a few steps over which the rows change.
+            later = row_changes(blocks, over.reshape(len(over), *self.start.shape), tau[:fine] - low)
+            more = (changes + self.start.ravel()) @ later.reshape(-1, changes.shape[1]).T
+            values = values[:, :, None] + more.reshape(len(changes), fine, len(over)).transpose(2, 0, 1)
+            values = values.reshape(len(over), -1)[:, : tau.size]
+        begin = np.concatenate([rows @ self.displacement, rows @ self.velocity])
+        displacement, velocity = np.split(values + begin[:, None], 2)
+        return tau, displacement, velocity
 
     def reactions(self, tau: Array) -> Array:
         """Return the reactions of the pinned contacts at some times, shape (k, n_times)."""

@@ -372,7 +372,7 @@ def _touch(problem: Shooting, inner: Any, y: Array, special: SpecialPoint) -> tu
     for p, k in inner.touches:
         if k == p + 1 and inner.switches[k].contact == contact and lengths[k] <= _SHORT:
             return inner, y, k
-    low = [e for e in inner.extremes(problem, inner.evaluate(problem, y)) if e.contact == contact]
+    low = [e for e in inner.evaluate(problem, y).extremes if e.contact == contact]
     if not low or min(abs(e.height) for e in low) > _LOW:
         raise ArgumentError(
             f"locus: the orbit of special does not graze contact {special.contact!r}. Expected the grazing of a branch"
