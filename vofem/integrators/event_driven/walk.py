@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from vofem.errors import EventStormError
 from vofem.integrators.event_driven.bounces import REST, struck
-from vofem.integrators.event_driven.follow import Follower
 from vofem.integrators.event_driven.regime import Regime
 from vofem.integrators.event_driven.search import EventFunctions, exact_cut, march, search_space
 from vofem.integrators.event_driven.sliders import UP
@@ -37,7 +36,7 @@ _NEAR = 1e-6
 
 
 class Walker:
-    """A motion that is followed from segment to segment; see `Follower`, whose interface it has."""
+    """A motion that is followed from segment to segment; see `follow.Follower`, whose interface it has."""
 
     def __init__(
         self, solution: EventSolution, edges: ArrayLike, time: float, status: Status, displacement: Array,
@@ -302,13 +301,3 @@ class Walker:
                 self._change(j, PINNED)
             elif row @ self.velocity > 0.0:
                 self._bounce(j)
-
-
-def follower_of(
-    solution: EventSolution, edges: ArrayLike, time: float, status: Status, displacement: Array, velocity: Array,
-    pin_fraction: float, most_events: int,
-) -> Follower | Walker:  # fmt: skip
-    """Return what follows a motion: the compiled loop, or Python where there are rigid stops."""
-    plain = solution.bounces is None and not isinstance(solution, SlidingSolution)
-    kind = Follower if plain else Walker
-    return kind(solution, edges, time, status, displacement, velocity, pin_fraction, most_events)
