@@ -3,6 +3,7 @@
 from vofem.bodies.base import BaseBody, Body, BodyMatrices, BodyPoint, DegreesOfFreedom, Point, Row, Shape, as_point
 from vofem.bodies.beam import Beam
 from vofem.bodies.mass import Mass
+from vofem.bodies.path import Path, TravellingPoint
 
 __all__ = [
     "BaseBody",
@@ -12,8 +13,10 @@ __all__ = [
     "BodyPoint",
     "DegreesOfFreedom",
     "Mass",
+    "Path",
     "Point",
     "Row",
     "Shape",
+    "TravellingPoint",
     "as_point",
 ]

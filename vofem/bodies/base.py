@@ -324,6 +324,9 @@ def touching(effect: Any, bodies: Mapping[Any, Any], moved: Callable[[BodyPoint,
             if value.body in bodies:
                 changes[name] = moved(value, bodies[value.body])
             continue
+        if hasattr(value, "path") and getattr(value, "body", None) in bodies:
+            changes[name] = bodies[value.body].along(value.path)
+            continue
         for old, new in bodies.items():
             if old is value:
                 changes[name] = new

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import os
+import pathlib
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from vofem.bodies.coefficient import Coefficient, basis_for, positive_coefficien
 from vofem.bodies.initial_field import project
 from vofem.bodies.kinds import Elements, Section, Supports
 from vofem.bodies.mesh import LineMesh
+from vofem.bodies.path import Path, TravellingPoint
 from vofem.bodies.supports import SUPPORTS, supported_nodes
 from vofem.errors import ArgumentError
 from vofem.parameters import CHOSEN, Name, Real, content_of, declared, rule
@@ -179,9 +180,9 @@ class Beam:
         return self._axis.mesh
 
     @property
-    def mesh_file(self) -> Path | None:
+    def mesh_file(self) -> pathlib.Path | None:
         """The mesh file, absolute, of a beam that was made from one."""
-        return Path(self.mesh.file) if self.mesh is not None and self.mesh.file else None
+        return pathlib.Path(self.mesh.file) if self.mesh is not None and self.mesh.file else None
 
     @property
     def origin(self) -> float:
@@ -244,6 +245,23 @@ class Beam:
             If the point is not on the beam, or a name is unknown or names several nodes.
         """
         return BodyPoint(self, self._axis.position(f"a point of {self.label}", where))
+
+    def along(self, path: Path) -> TravellingPoint:
+        """Return a point that travels along the beam; loads, contacts and attachments take it in place of a point.
+
+        Parameters
+        ----------
+        path : Path
+            Where it is at which time.
+
+        Raises
+        ------
+        ArgumentError
+            If `path` is no `Path`.
+        """
+        if not isinstance(path, Path):
+            raise ArgumentError(f"a path along {self.label} is {path!r}, expected vofem.Path(speed, start=, ...)")
+        return TravellingPoint(self, path)
 
     def node_at(self, where: Any) -> int:
         """Return the number of the node at "left", "right", a named point or x, counted from the left.

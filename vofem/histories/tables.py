@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem.bodies.base import as_point, place_of
+from vofem.bodies.path import TravellingPoint
 from vofem.effects.two_points import units_of
 from vofem.histories.impacts import window_of
 from vofem.histories.table import Table
@@ -34,6 +35,8 @@ def points_of_interest(scene: Scene) -> tuple[Any, ...]:
     contacts = scene.contacts
     for effect in (*contacts, *(() if contacts else scene.effects)):
         for point in effect.points():
+            if isinstance(point, TravellingPoint):
+                continue
             points.setdefault((point.body.name, place_of(point)), point)
     touched = {name for name, _ in points}
     for body in scene.bodies:

@@ -12,8 +12,8 @@ the run. Powers are quadratic forms of (y, w). With P from ``A' P + P A = -Q`` t
 of blocks without a steady answer, with such a load or among each other, are integrated by Gauss's rule on panels.
 Everything follows from the dampers and the roots, so that the energy balance is an independent check.
 
-Clusters of modes have no such form, and neither have loads that are polynomials of a higher degree and stops that move,
-so the power of a status with them is integrated on panels. The kinetic energy
+Clusters of modes have no such form, and neither have stops that move, so the power of a status with them is integrated
+on panels. The kinetic energy
 that is removed when a contact is pinned counts as dissipated.
 """
 
@@ -119,6 +119,14 @@ class StatusForms:
             mixed = mixed + _times(blocks, drive)
         panels = np.where(np.tile(apart, (2, 2)), mixed, 0.0)
         found = lyapunov(spectrum.delta, spectrum.p, np.zeros_like(squares), squares, mixed - panels)
+        e, bent = self.regime.loads, np.flatnonzero(self.regime.bend >= 0)
+        if bent.size:
+            # The rate of a line that is bent changes with the line's second derivative.
+            second = self.regime.bend[bent]
+            columns, none = np.concatenate([second, e + second]), np.zeros(bent.size)
+            rest = (mixed - panels)[:, columns]
+            rest[:, : bent.size] += found[:, e + bent]
+            found[:, columns] = lyapunov(spectrum.delta, spectrum.p, none, none, rest)
         rest = found.T @ drive
         return _Form(blocks, found, loads + rest + rest.T, (np.zeros((0, 0)) if lone is None else lone, panels))
 
@@ -153,7 +161,7 @@ class StatusForms:
                     fall += _products(_times(form.blocks, d.T).T, d)
                 total[at] = -fall
         for total, form in zip(found, forms, strict=True):
-            total += _of_loads(form.loads, omega, w.T, own, tau)
+            total += _of_loads(form.loads, omega, regime.bend, w.T, own, tau)
             if np.any(form.panels[0]) or np.any(form.panels[1]):
                 for s, mine in _runs(own):
                     total[mine] += self._on_panels(form.panels, begins[s], tau[mine])
@@ -203,7 +211,7 @@ def work_and_dissipation(
         places = order[mine]
         used, own = np.unique(of[places], return_inverse=True)
         starts = begins(regime, used)
-        if regime.blocks.group is None and regime.stops is None and not regime.bent:
+        if regime.blocks.group is None and regime.stops is None:
             if "forms" not in regime.kept:
                 regime.kept["forms"] = StatusForms(regime)
             found[:, places] = regime.kept["forms"].taken(starts, own, tau[places])
@@ -266,7 +274,7 @@ def lyapunov(delta: Array, p: Array, e: Array, q: Array, power: Array) -> Array:
     return np.block([[np.where(known, p * g + 2.0 * e * b - zv, 0.0), b], [c, g]])
 
 
-def _of_loads(own: Array, omega: Array, w: Array, segment: Integers, tau: Array) -> Array:
+def _of_loads(own: Array, omega: Array, bend: Integers, w: Array, segment: Integers, tau: Array) -> Array:
     """Return the integrals of ``w' own w`` from 0 to all tau, for load states w (2e, k) at the starts of segments."""
     parts: list[tuple[int, float, int, Complex]] = []
     for j, nu in enumerate(omega):
@@ -277,6 +285,10 @@ def _of_loads(own: Array, omega: Array, w: Array, segment: Integers, tau: Array)
         else:
             line = rate.astype(complex)
             parts += [(j, 0.0, 0, state), (j, 0.0, 1, line), (omega.size + j, 0.0, 0, line)]
+            if bend[j] >= 0:
+                second, third = w[bend[j]].astype(complex), w[omega.size + bend[j]].astype(complex)
+                parts += [(j, 0.0, 2, 0.5 * second), (j, 0.0, 3, third / 6.0)]
+                parts += [(omega.size + j, 0.0, 1, second), (omega.size + j, 0.0, 2, 0.5 * third)]
     moments: dict[tuple[int, float], Complex] = {}
 
     def moment(power: int, nu: float) -> Complex:
@@ -300,12 +312,20 @@ def _moment(power: int, nu: float, tau: Array) -> Complex:
     x = 1j * nu * tau
     if not power:
         return np.asarray(np.expm1(x) / (1j * nu))
-    small = np.abs(x) < 0.5
+    small = np.abs(x) < (0.5 if power == 1 else 2.0 + power)
     result = np.empty_like(x)
     near, far = x[small], x[~small]
-    result[small] = np.polynomial.polynomial.polyval(near, _RAMP_SERIES)
-    result[~small] = (far * np.exp(far) - np.expm1(far)) / far**2
-    return np.asarray(result * tau**2)
+    if power == 1:
+        result[small] = np.polynomial.polynomial.polyval(near, _RAMP_SERIES)
+        result[~small] = (far * np.exp(far) - np.expm1(far)) / far**2
+        return np.asarray(result * tau**2)
+    series = np.array([1.0 / (math.factorial(k) * (k + power + 1)) for k in range(40)])
+    result[small] = np.polynomial.polynomial.polyval(near, series)
+    found = np.expm1(far) / far
+    for k in range(1, power + 1):
+        found = (np.exp(far) - k * found) / far
+    result[~small] = found
+    return np.asarray(result * tau ** (power + 1))
 
 
 def quadrature(function: Callable[[Array], Array], tau: Array, rate: float) -> Array:

@@ -245,8 +245,8 @@ class Regime:
         Longest time in s for which a motion is computed.
     stops : MovingStops, optional
         Contacts that the motion of bases moves; None where there are none.
-    bent : bool
-        Whether loads are polynomials of a degree above 1.
+    bend : ndarray of int, shape (e,)
+        See `Exosystem`.
     """
 
     spectrum: Spectrum
@@ -265,8 +265,8 @@ class Regime:
     vectors: Array
     function: Integers
     horizon: float
-    stops: MovingStops | None = None
-    bent: bool = False
+    stops: MovingStops | None
+    bend: Integers
 
     @property
     def loads(self) -> int:
@@ -413,7 +413,7 @@ def regime_of(
     gain = np.ascontiguousarray(driven[:, pair[:, 0], :, pair[:, 1]].reshape(len(pair), 4))
     bent = np.flatnonzero(bend >= 0)
     pairs = np.concatenate([
-        np.column_stack([bent, bend[bent], np.full(bent.size, -1)]),
+        np.column_stack([bent, bend[bent], np.full(bent.size, -2)]),
         np.column_stack([e + pair[:, 0], pair[:, 1], bend[pair[:, 1]]]),
     ])  # fmt: skip
     gain = np.concatenate([np.tile([0.0, 0.0, 1.0, 0.0], (bent.size, 1)), gain])
@@ -458,7 +458,7 @@ def regime_of(
         np.concatenate(all_sizes), np.concatenate([sign, np.zeros(2 * held.size)]), np.abs(level),
         np.concatenate([plain, held, held]),
         np.concatenate([np.where(sign < 0.0, OPEN, CLOSED), np.full(held.size, OPEN), np.full(held.size, CLOSED)]),
-        flat(coordinates), force, vectors, function, horizon, stops, bool(bent.size),
+        flat(coordinates), force, vectors, function, horizon, stops, bend,
     )  # fmt: skip
 
 
