@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import vofem as vf
-from vofem.verification.published_data import entry as quantity
-from vofem.verification.published_data import published
+from vofem.verification.cases.published import entry as quantity
+from vofem.verification.cases.published import published
 
 __all__ = ["LAWS", "SHORT", "broken_off", "paper_beam", "published", "quantity", "reference", "two_masses"]
 

@@ -171,7 +171,7 @@ def test_explain_says_which_method_the_file_wants(scene, capsys):
 
 
 def test_pictures_where_the_file_says(scene, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("vofem.io.interactive.graphics_fault", lambda: "no driver")
+    monkeypatch.setattr("vofem.io.space.graphics_fault", lambda: "no driver")
     output = "\n[output]\npictures = [0.5, 1.5, 5.5]\n"
     scene.write_text(SHORT + output)
     assert cli.main(["run", str(scene), "--t-end", "2", "--snapshot"]) == 0

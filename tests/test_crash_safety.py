@@ -369,7 +369,6 @@ def test_names_that_no_file_can_have(name, results, tmp_path):
         lambda path: vf.dump_scene(result.scene, path + ".toml"),
         lambda path: write_csv(result, [ball], path + ".csv"),
         lambda path: write_series(result, path + ".pvd"),
-        lambda path: write_series(result, path),
     ):
         with pytest.raises(vf.OutputError, match="which holds"):
             write(f"{folder}/{name}")

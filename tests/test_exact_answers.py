@@ -7,7 +7,7 @@ import pytest
 from scenes import published, quantity
 
 import vofem as vf
-from vofem.verification.cases.oscillators import bilinear, bilinear_period, release_on_a_stop
+from vofem.verification.cases.masses import bilinear, bilinear_period, release_on_a_stop
 
 
 def test_second_contact_of_a_release_on_a_stop():

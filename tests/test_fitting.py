@@ -65,6 +65,7 @@ def test_numbers_on_which_the_data_do_not_depend_are_named() -> None:
     parameters = [vf.Parameter("stop", "gap"), vf.Parameter("stop", "stiffness"), vf.Parameter("m", "mass")]
     fit = vf.fit(scene, parameters, vf.Measured(scene.bodies[0], arrays["times"], arrays["data"], data["sigma"]))
     assert fit.not_identifiable == ["stop.gap", "stop.stiffness"]
+    assert fit.runs <= 8
     assert fit.values[:2].tolist() == [0.5, 900.0]
     assert fit.deviation[2] == pytest.approx(data["std_m"], rel=1e-3)
     assert np.all(np.isnan(fit.deviation[:2]))
@@ -144,6 +145,65 @@ def test_a_picture_of_a_fit(tmp_path: Path) -> None:
     measured = vf.Measured(scene.bodies[0], arrays["times"], arrays["data"], data["sigma"])
     fit = vf.fit(scene, vf.Parameter("m", "mass"), measured)
     assert plot.fit(fit, tmp_path / "fit.png").stat().st_size > 10_000
+
+
+def driven(gap: float, stiffness: float) -> vf.Scene:
+    mass = vf.Mass(1.0, stiffness=1.0, damping=0.1, name="m")
+    stop = vf.Contact(mass, gap=gap, stiffness=stiffness, side="above", acts_on="penetration", name="stop")
+    return vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(0.15, 0.8), name="load")])
+
+
+def test_amplitudes_over_frequency_are_fitted_on_all_sheets_of_a_branch() -> None:
+    true, noise, rng = (1.0, 8.0), 1e-5, np.random.default_rng(11)
+    branch = vf.continuation(
+        lambda f: vf.Parameter("load", "f.omega").at(driven(*true), 2.0 * np.pi * f), 0.158, 0.183, method="shooting"
+    )
+    sheets = {f: branch.at(f) for f in (0.16, 1.09 / (2.0 * np.pi))}
+    assert [len(several) for several in sheets.values()] == [1, 3]
+    orbits = [(f, one) for f, several in sheets.items() for one in several]
+    where = np.array([f for f, _ in orbits])
+    amplitudes = np.array([one.amplitude(one.scene.bodies[0]) for _, one in orbits])
+    amplitudes += noise * rng.standard_normal(where.size)
+    start = driven(1.005, 8.1)
+    parameters = [vf.Parameter("stop", "gap"), vf.Parameter("stop", "stiffness"), vf.Parameter("load", "f.omega")]
+    fit = vf.fit(start, parameters, vf.MeasuredCurve(start.bodies[0], where, amplitudes, noise, span=(0.158, 0.183)))
+    # The frequency is that of the data, so that the one of the scene plays no part.
+    assert fit.not_identifiable == ["load.f.omega"]
+    assert np.all(np.abs(fit.values[:2] - true) < 3.0 * fit.deviation[:2])
+    assert fit.runs <= 8
+
+    def amplitude(near: vf.PeriodicOrbit, f: float, numbers: np.ndarray) -> float:
+        scene = vf.Parameter("load", "f.omega").at(driven(*numbers), 2.0 * np.pi * f)
+        orbit = vf.periodic(scene, guess=near, method="shooting")
+        return orbit.amplitude(orbit.scene.bodies[0])
+
+    slopes = np.empty((where.size, 2))
+    for k, step in enumerate(np.diag([1e-5, 1e-4])):
+        for row, (f, near) in enumerate(orbits):
+            ends = [amplitude(near, f, fit.values[:2] + sign * step) for sign in (1.0, -1.0)]
+            slopes[row, k] = (ends[0] - ends[1]) / (2.0 * step[k])
+    assert np.allclose(fit.covariance[:2, :2], np.linalg.inv(slopes.T @ slopes) * noise**2, rtol=1e-5)
+
+
+def test_sheets_that_are_meant_and_curves_that_are_refused() -> None:
+    start, frequency = driven(1.0, 8.0), 1.09 / (2.0 * np.pi)
+    mass, gap = start.bodies[0], vf.Parameter("stop", "gap")
+    found = {}
+    for sheet in ("upper", "lower"):
+        # The first frequency lies before the folds; only the second one has several orbits.
+        data = vf.MeasuredCurve(mass, [0.16, frequency], [0.0, 0.0], 1.0, sheet=sheet, span=(0.16, 0.183))
+        found[sheet] = vf.fit(start, vf.Parameter("load", "f.omega"), data).residuals
+    assert found["upper"][1] > 1.5 * found["lower"][1] > 0.0
+    assert found["upper"][0] == pytest.approx(found["lower"][0], rel=1e-9)
+    still = vf.Scene([mass], [start.effects[0], vf.PointLoad(mass, 1.0)])
+    with pytest.raises(vf.ArgumentError, match="no load of the scene is a Sine"):
+        vf.fit(still, gap, vf.MeasuredCurve(mass, [0.1, 0.2], [0.0, 0.0]))
+    with pytest.raises(vf.ArgumentError, match="at least two of them different"):
+        vf.MeasuredCurve(mass, [0.1], [1.0])
+    with pytest.raises(vf.ArgumentError, match="with the data"):
+        vf.MeasuredCurve(mass, [0.1, 0.2], [1.0, 1.0], span=(0.15, 0.3))
+    with pytest.raises(vf.ArgumentError, match="sheet"):
+        vf.MeasuredCurve(mass, [0.1, 0.2], [1.0, 1.0], sheet="top")
 
 
 def test_wrong_data_are_refused() -> None:

@@ -132,3 +132,16 @@ def test_a_pinned_equilibrium_starts_pinned():
     assert stop.force == pytest.approx(np.full(1001, rest.contacts["stop"].force), rel=1e-6)
     assert result.counters.events == 0
     assert not result.notes
+
+
+def test_the_only_motion_that_there_is_may_be_pinned_beside_a_damper():
+    """Nothing moves then, and the damper of the pad takes nothing."""
+    mass = vf.Mass(1.0, stiffness=1.0, name="mass")
+    stop = vf.Contact(mass, gap=0.1, stiffness=100.0, side="above", acts_on="displacement", name="stop")
+    pad = {"gap": 0.05, "stiffness": 1.0, "damping": 20.0, "side": "above", "acts_on": "penetration", "name": "pad"}
+    scene = vf.Scene([mass], [stop, vf.Contact(mass, **pad), vf.PointLoad(mass, 5.0)])
+    result = vf.simulate(scene, 4.0, times=[3.0, 4.0])
+    np.testing.assert_allclose(result.displacement(mass), 0.1, rtol=1e-12)
+    # 5 N less 0.1 N of the spring and 0.05 N of the pad.
+    np.testing.assert_allclose(result.contacts["stop"].force, 4.85, rtol=1e-9)
+    assert result.contacts["stop"].pinned[-1, 1] == 4.0

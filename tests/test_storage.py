@@ -541,7 +541,7 @@ def test_files_name_no_module_and_no_class(tmp_path):
     )
     # Descriptions of loads show sums and multiples.
     private = {place.partition(":")[2] for place in NAMES.values()} - {*vf.__all__, "Sum", "Scaled"}
-    private |= {"BodyPoint", "LastStep", "Segments", "ContactSamples", "SpringpotState"}
+    private |= {"Point", "LastStep", "Segments", "ContactSamples", "SpringpotState"}
     for path in tmp_path.iterdir():
         text = words_of(path)
         assert not re.findall(r"vofem\.\w+", text), path.name

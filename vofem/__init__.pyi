@@ -27,6 +27,7 @@ from .effects import Pulse as Pulse
 from .effects import Ramp as Ramp
 from .effects import RayleighDamping as RayleighDamping
 from .effects import Resolved as Resolved
+from .effects import RigidStop as RigidStop
 from .effects import RotationalSpring as RotationalSpring
 from .effects import Sine as Sine
 from .effects import Spring as Spring
@@ -52,6 +53,7 @@ from .errors import StorageError as StorageError
 from .errors import VofemError as VofemError
 from .fitting import Fit as Fit
 from .fitting import Measured as Measured
+from .fitting import MeasuredCurve as MeasuredCurve
 from .fitting import MeasuredEvents as MeasuredEvents
 from .fitting import MeasuredFrequencies as MeasuredFrequencies
 from .fitting import MeasuredStatics as MeasuredStatics

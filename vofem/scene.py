@@ -14,6 +14,7 @@ from vofem.bodies.base import Body
 from vofem.cards import Shown
 from vofem.effects.base_motion import BaseMotion
 from vofem.effects.contact import Contact
+from vofem.effects.rigid_stop import RigidStop
 from vofem.errors import ArgumentError, VofemError
 from vofem.initial import Initial, StateSource
 from vofem.locks import Lock
@@ -124,9 +125,9 @@ class Scene(Shown):
             raise ArgumentError(f"Scene: {what} named {twice[0]!r} occur more than once; give each its own name")
 
     @property
-    def contacts(self) -> tuple[Contact, ...]:
-        """The contacts among the effects, in order."""
-        return tuple(effect for effect in self.effects if isinstance(effect, Contact))
+    def contacts(self) -> tuple[Contact | RigidStop, ...]:
+        """The contacts and rigid stops among the effects, in order."""
+        return tuple(effect for effect in self.effects if isinstance(effect, (Contact, RigidStop)))
 
     @property
     def model(self) -> Model:

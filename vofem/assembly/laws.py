@@ -19,7 +19,7 @@ from vofem.laws.moving import Rider
 
 @dataclass(frozen=True)
 class ContactEntry:
-    """One contact as `SystemBuilder.add_contact` takes it; the fields are those of `ContactLaws`, and four more.
+    """A contact or rigid stop as `SystemBuilder.add_contact` takes it; the fields are of `ContactLaws`, and four more.
 
     Attributes
     ----------
@@ -38,10 +38,11 @@ class ContactEntry:
     name: str
     row: Row
     gap: float
-    stiffness: float
-    damping: float
-    jump: bool
-    resolution: float
+    stiffness: float = 0.0
+    damping: float = 0.0
+    jump: bool = False
+    resolution: float = np.inf
+    restitution: float = np.nan
     bases: tuple[tuple[Body, float], ...] = ()
     moving: tuple[tuple[Any, float], ...] = ()
     track: tuple[TravellingPoint, float] | None = None

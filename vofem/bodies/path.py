@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vofem.bodies.base import Array, BodyPoint, IntArray
+from vofem.bodies.base import Array, IntArray, Point
 from vofem.bodies.cubics import hermite
 from vofem.bodies.kinds import Along
 from vofem.errors import ArgumentError
@@ -81,17 +81,20 @@ class Path:
         return f"at {self.speed:g} m/s{grows} from x = {self.start:g} m{begin}"
 
 
-class TravellingPoint:
+class TravellingPoint(Point):
     """A point that travels along a beam; made by `Beam.along`.
 
     Attributes
     ----------
     body : Beam
+    x : float
+        Where it begins, or the end of the beam that is nearest to that place.
     path : Path
     """
 
     def __init__(self, body: Any, path: Path) -> None:
-        self.body, self.path = body, path
+        super().__init__(body, float(np.clip(path.start, body.nodes[0], body.nodes[-1])))
+        self.path = path
 
     @property
     def name(self) -> str:
@@ -122,7 +125,7 @@ class TravellingPoint:
         slack = _AT * self.body.element_lengths.min()
         return (t >= self.path.begin) & (x >= nodes[0] - slack) & (x <= nodes[-1] + slack)
 
-    def at(self, t: float) -> BodyPoint | None:
+    def place(self, t: float) -> Point | None:
         """Return the point of the beam at a time in s; None where the point is not on it."""
         nodes = self.body.nodes
         if not bool(self.inside(np.array([t]))[0]):
@@ -180,6 +183,6 @@ class TravellingPoint:
         return 2 * element[:, None] + np.arange(4), weights
 
 
-def at(point: Any, t: float) -> Any:
+def place_at(point: Any, t: float) -> Any:
     """Return a point as it lies at a time in s: the point itself if it rests, None where it is not on its beam."""
-    return point.at(t) if isinstance(point, TravellingPoint) else point
+    return point.place(t) if isinstance(point, TravellingPoint) else point

@@ -71,7 +71,7 @@ def draw(result: Result, output: OutputSettings, folder: Path, snapshot: bool) -
     for k, t in enumerate(times, start=1):
         yield render(result, t, folder / _numbered("scene", k, len(times)))
     if snapshot:
-        from vofem.io.off_screen import snapshot as drawn
+        from vofem.io.space import snapshot as drawn
 
         try:
             yield drawn(result, times[0] if times else result.times[-1], folder / "snapshot.png")

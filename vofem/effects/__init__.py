@@ -21,6 +21,7 @@ from vofem.effects.loads import Gravity as Gravity
 from vofem.effects.loads import PointLoad as PointLoad
 from vofem.effects.loads import PointMoment as PointMoment
 from vofem.effects.nonlinear_spring import NonlinearSpring as NonlinearSpring
+from vofem.effects.rigid_stop import RigidStop as RigidStop
 from vofem.effects.softening import LinearSoftening as LinearSoftening
 from vofem.effects.springpot import Springpot as Springpot
 from vofem.time_functions import Constant as Constant

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 from vofem._validate import nearest
-from vofem.bodies.base import Body, BodyPoint, Point, as_point
+from vofem.bodies.base import Body, Point, as_point
 from vofem.bodies.beam import Beam
 from vofem.bodies.path import Path, TravellingPoint
 from vofem.errors import ArgumentError
@@ -32,7 +32,7 @@ def _body(name: str, place: Place, expected: str, only: tuple[str, ...] = ()) ->
 
 def _has_axis(body: Any) -> bool:
     """Return whether a body has points along an axis; of what could not be read this is not known."""
-    return isinstance(body, Invalid) or hasattr(body, "at")
+    return isinstance(body, Invalid) or body.shape.kind == "line"
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ class AtPoint(Kind):
         book = place.book
         if value in book.bodies or value in book.broken or "@" not in value:
             body = _body(value, place, self.expected)
-            if hasattr(body, "at"):
+            if not isinstance(body, Invalid) and _has_axis(body):
                 return place.report(f"expected a point of a beam, found {value!r}; did you mean '{value}@right'?")
             return body
         name, _, where = value.rpartition("@")
@@ -141,7 +141,7 @@ class AtPoint(Kind):
     def _of(body: Any, where: str | float, place: Place, by_name: bool = False) -> Any:
         if isinstance(body, Invalid):
             return body
-        if not hasattr(body, "at"):
+        if not _has_axis(body):
             return place.report(f"Mass {body.name!r} has no axis; write {body.name!r} alone")
         if isinstance(where, str) and not by_name and not (body.mesh is not None and where in body.mesh.points):
             with contextlib.suppress(ValueError):
@@ -156,7 +156,7 @@ class AtPoint(Kind):
         name = _NAME.write(value.body.name, book)
         if isinstance(value, TravellingPoint):
             return {"body": name, "path": write_inside(value.path, book)}
-        if not isinstance(value, BodyPoint):
+        if isinstance(value, Body):
             return name
         x = repr(float(value.x))
         mesh = getattr(value.body, "mesh", None)
@@ -179,7 +179,7 @@ class Acting:
                 found.append(getattr(self, name))
             elif isinstance(one.kind, OnBody):
                 body = getattr(self, name)
-                found.append(body.at("left") if hasattr(body, "at") else body)
+                found.append(body if isinstance(body, Point) else body.at("left"))
         return tuple(point for point in found if point is not None)
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vofem._validate import number, whole
 from vofem.cards import Shown
 from vofem.errors import ArgumentError, ConvergenceError, VofemError
-from vofem.fitting.measured import Data, Measured, MeasuredEvents, MeasuredFrequencies, MeasuredStatics, Trial
+from vofem.fitting.measured import Data, Trial
 from vofem.scene import Scene, as_scene
 from vofem.sensitivities import Parameter
 from vofem.sensitivities.parameter import parameters_of
@@ -173,8 +173,7 @@ class _Problem:
                 "fit: some data have a noise and others have none; give it for all of them, or for none"
             )
         self.noise_is_known = all(known)
-        times = [one.times for one in data if one.in_time]  # type: ignore[union-attr]
-        self.end = float(max((t[-1] for t in times), default=0.0))
+        self.end = float(max((one.times[-1] for one in data if one.times is not None), default=0.0))
         self.bounds = self._bounds()
         self.runs = 0
         self._known: dict[tuple[bytes, float], tuple[Trial, Array]] = {}
@@ -209,7 +208,7 @@ class _Problem:
             scene = self.scene_of(x)
             parameters = tuple(parameter.carried(self.scene, scene) for parameter in self.parameters)
             end = min(until, self.end)
-            used = [one.times[one.times <= end] for one in self.data if one.in_time]  # type: ignore[union-attr]
+            used = [one.times[one.times <= end] for one in self.data if one.times is not None]
             times = np.unique(np.concatenate([*used, [end]])) if used and end > 0.0 else np.zeros(1)
             trial = Trial(self.scene, scene, parameters, until, times, self._method)
             self.runs += 1
@@ -251,24 +250,45 @@ class _Problem:
         weights = self.weights(until)
         if weights.size == 0:
             return _Solved(x, np.empty(0), np.empty((0, x.size)), 0.0, 0, [], until)
-        offsets = np.full(len(self.with_offset), np.inf)
-        # A parameter on which the window does not depend keeps its value; its step is zero.
-        scale = np.linalg.norm(self.jacobian(x, until), axis=0)
-        size = np.where(scale > 0.0, 1.0 / np.where(scale > 0.0, scale, 1.0), np.maximum(np.abs(x), 1.0))
-        before = self.runs
-        found = least_squares(
-            lambda y: weights * self.trial(y, until)[1],
-            np.clip(x, np.append(self.bounds[0], -offsets), np.append(self.bounds[1], offsets)),
-            jac=lambda y: self.jacobian(y, until), bounds=(np.append(self.bounds[0], -offsets),
-            np.append(self.bounds[1], offsets)), x_scale=size, ftol=tolerance, xtol=tolerance, gtol=tolerance,
-            max_nfev=100,
-        )  # fmt: skip
-        residuals = self.trial(found.x, until)[1]
-        notes = [] if found.success else ["the fit did not converge in 100 steps; give a better start, or more starts"]
-        return _Solved(
-            found.x, residuals, self.jacobian(found.x, until), float(np.sum((weights * residuals) ** 2)),
-            self.runs - before, notes, until,
-        )  # fmt: skip
+        free = np.full(len(self.with_offset), np.inf)
+        low, high = np.append(self.bounds[0], -free), np.append(self.bounds[1], free)
+        whole, before, notes = np.clip(x, low, high), self.runs, []
+
+        def at(y: Array) -> Array:
+            z = whole.copy()
+            z[moving] = y
+            return z
+
+        def misfit(y: Array) -> Array:
+            # The optimiser answers infinite residuals by a shorter step.
+            try:
+                return np.asarray(weights * self.trial(at(y), until)[1])
+            except ConvergenceError:
+                return np.full(weights.size, np.inf)
+
+        def slopes(y: Array) -> Array:
+            return self.jacobian(at(y), until)[:, moving]
+
+        # A parameter on which the window does not depend keeps its value: with it, steps would have no length.
+        moving = np.zeros(x.size, dtype=bool)
+        while True:
+            jacobian = self.jacobian(whole, until)
+            scale = np.linalg.norm(jacobian, axis=0)
+            if np.array_equal(moving, moving | (scale > 0.0)):
+                break
+            moving |= scale > 0.0
+            found = least_squares(
+                misfit, whole[moving], jac=slopes,
+                bounds=(low[moving], high[moving]), x_scale=1.0 / np.where(scale > 0.0, scale, 1.0)[moving],
+                ftol=tolerance, xtol=tolerance, gtol=tolerance, max_nfev=100,
+            )  # fmt: skip
+            whole = at(found.x)
+            notes = (
+                [] if found.success else ["the fit did not converge in 100 steps; give a better start, or more starts"]
+            )
+        residuals = self.trial(whole, until)[1]
+        chi2 = float(np.sum((weights * residuals) ** 2))
+        return _Solved(whole, residuals, jacobian, chi2, self.runs - before, notes, until)
 
 
 def _covariance(solved: _Solved, p: int, known: bool, count: int) -> tuple[Array, list[int]]:
@@ -312,7 +332,7 @@ def fit(
         The fit starts from the numbers of the scene.
     parameters : list of Parameter
         What is unknown. Linked numbers are one parameter; what is not listed stays fixed.
-    data : Measured, MeasuredEvents, MeasuredFrequencies, MeasuredStatics, or a list of them
+    data : Measured, MeasuredCurve, MeasuredEvents, MeasuredFrequencies, MeasuredStatics, or a list of them
     horizon : float or "grow", optional
         The end of the data that are used, s. With "grow" the fit begins with an eighth of the duration, which it
         doubles three times: motions with impacts drift apart, so that over a long time the sum of squares has many
@@ -342,8 +362,7 @@ def fit(
     as_scene("fit", scene)
     chosen = parameters_of("fit", parameters, scene)
     several = tuple(data) if isinstance(data, (list, tuple)) else (data,)
-    kinds = (Measured, MeasuredEvents, MeasuredFrequencies, MeasuredStatics)
-    if not several or any(not isinstance(one, kinds) for one in several):
+    if not several or any(not isinstance(one, Data) for one in several):
         raise ArgumentError(f"fit: data is {data!r}, expected vofem.Measured or a list of measurements")
     starts = whole("fit: starts", starts)
     problem = _Problem(scene, chosen, several, "event_driven")

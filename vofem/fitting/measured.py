@@ -2,29 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem._validate import array, choice, name_of, number, public
 from vofem.bodies.base import Point, as_point
-from vofem.errors import ArgumentError
+from vofem.errors import ArgumentError, ConvergenceError
 from vofem.result import Result
 from vofem.scene import Scene
 from vofem.sensitivities import Parameter, RunSensitivities, sensitivities
+from vofem.sensitivities.change import FUNCTIONS, INITIAL
 from vofem.sensitivities.system_change import carried
 from vofem.statics import equilibrium
+from vofem.studies.steady import PeriodicOrbit, continuation
+from vofem.time_functions import Sine
 from vofem.vibration import modes
 
 Array = NDArray[np.float64]
 
 _UNITS = {"displacement": "m", "velocity": "m/s", "acceleration": "m/s^2"}
 
+#: What is least for the orbit that is meant, of the differences of amplitude and value.
+_SHEETS: dict[str, Callable[[float], float]] = {"nearest": abs, "upper": lambda d: -d, "lower": lambda d: d}
+
 
 class Trial:
-    """A scene with trial values of its parameters; its run is computed once, and only if it is needed.
+    """A scene with trial values of its parameters; what data need of it is computed once, and only if they do.
 
     Attributes
     ----------
@@ -41,35 +47,87 @@ class Trial:
     ) -> None:
         self.base, self.scene, self.parameters, self.until = base, scene, parameters, until
         self._times, self._method = times, method
-        self._run: Result | None = None
-        self._derivatives: RunSensitivities | None = None
+        self._known: dict[Any, Any] = {}
+
+    def once(self, key: Any, compute: Callable[[], Any]) -> Any:
+        """Return what a function returned when it was first called for a key."""
+        if key not in self._known:
+            self._known[key] = compute()
+        return self._known[key]
 
     @property
     def run(self) -> Result:
         """The run."""
-        if self._run is None:
-            # Late, because most measurements of statics and modes need no run.
-            from vofem.simulate.simulation import simulate
+        # Late, because measurements of statics and modes need no run.
+        from vofem.simulate.simulation import simulate
 
+        def compute() -> Result:
             end = float(self._times[-1])
-            self._run = simulate(self.scene, end, times=self._times, method=self._method, progress=False)
-        return self._run
+            return simulate(self.scene, end, times=self._times, method=self._method, progress=False)
+
+        found: Result = self.once("run", compute)
+        return found
 
     @property
     def derivatives(self) -> RunSensitivities:
         """The derivatives of the run."""
-        if self._derivatives is None:
-            found = sensitivities(self.run, self.parameters)
-            assert isinstance(found, RunSensitivities)
-            self._derivatives = found
-        return self._derivatives
+        found: RunSensitivities = self.once("derivatives", lambda: sensitivities(self.run, self.parameters))
+        return found
 
     def point(self, point: Any) -> Any:
         """Return a point of the base scene in the scene with trial values."""
         return carried(self.base, self.scene, point)
 
 
-class Measured:
+class Data:
+    """What a scene can be fitted to.
+
+    Attributes
+    ----------
+    values : ndarray, shape (n,)
+    noise : ndarray, shape (n,), optional
+        Standard deviation of each value.
+    offset : bool
+        Whether an unknown constant is added to the values.
+    times : ndarray, optional
+        Times in s of data that belong to a run.
+    unit, along : str
+        Unit of the values, and what they are drawn over.
+    """
+
+    unit: ClassVar[str] = "m"
+    along: str = "number [-]"
+    values: Array
+    noise: Array | None
+    offset = False
+    times: Array | None = None
+
+    def __len__(self) -> int:
+        return int(self.values.size)
+
+    @property
+    def places(self) -> Array:
+        """Where the values are drawn, shape (n,)."""
+        return np.arange(1.0, len(self) + 1.0)
+
+    def describe(self) -> str:
+        """Return what was measured."""
+        raise NotImplementedError
+
+    def used(self, until: float) -> NDArray[np.bool_]:
+        """Return which values lie within a window that ends at a time in s, shape (n,)."""
+        return np.ones(len(self), dtype=bool)
+
+    def model(self, trial: Trial) -> Array:
+        """Return what a trial gives in place of the used values."""
+        raise NotImplementedError
+
+    def jacobian(self, trial: Trial) -> Array:
+        """Return the derivatives of `model`, shape (n, p)."""
+        raise NotImplementedError
+
+
+class Measured(Data):
     """The measured motion of a point.
 
     Parameters
@@ -92,7 +150,8 @@ class Measured:
         If times and values do not fit together, or the noise is not positive.
     """
 
-    in_time = True
+    along = "time [s]"
+    times: Array
 
     def __init__(
         self,
@@ -113,13 +172,15 @@ class Measured:
         self.quantity = choice("Measured: quantity", quantity, tuple(_UNITS))
         self.offset = bool(offset)
 
-    def __len__(self) -> int:
-        return int(self.times.size)
-
     @property
-    def unit(self) -> str:
+    def unit(self) -> str:  # type: ignore[override]
         """Unit of the values."""
         return _UNITS[self.quantity]
+
+    @property
+    def places(self) -> Array:
+        """The times, s."""
+        return self.times
 
     def describe(self) -> str:
         """Return quantity, point and number of values."""
@@ -140,7 +201,7 @@ class Measured:
         return np.asarray(getattr(trial.derivatives, self.quantity)(trial.point(self.point), times))
 
 
-class MeasuredEvents:
+class MeasuredEvents(Data):
     """Measured times at which a contact closes or opens.
 
     Parameters
@@ -152,8 +213,6 @@ class MeasuredEvents:
         Standard deviation of the times in s.
     """
 
-    in_time = True
-    offset = False
     unit = "s"
 
     def __init__(
@@ -171,9 +230,6 @@ class MeasuredEvents:
             raise ArgumentError("MeasuredEvents: give increasing times of closings, openings or both")
         self.times = np.sort(self.values)
         self.noise = noise_of("MeasuredEvents", noise, self.values.size)
-
-    def __len__(self) -> int:
-        return int(self.values.size)
 
     def describe(self) -> str:
         """Return contact and numbers of events."""
@@ -199,7 +255,7 @@ class MeasuredEvents:
         return np.where(np.isfinite(rows), rows, 0.0)
 
 
-class MeasuredFrequencies:
+class MeasuredFrequencies(Data):
     """Measured natural frequencies, from the lowest on that is not zero.
 
     Parameters
@@ -212,8 +268,6 @@ class MeasuredFrequencies:
         Contacts that were closed during the test.
     """
 
-    in_time = False
-    offset = False
     unit = "Hz"
 
     def __init__(
@@ -225,20 +279,13 @@ class MeasuredFrequencies:
         self.noise = noise_of("MeasuredFrequencies", noise, self.values.size)
         self.closed = tuple(name_of(one) for one in ((closed,) if isinstance(closed, str) else closed))
 
-    def __len__(self) -> int:
-        return int(self.values.size)
-
     def describe(self) -> str:
         """Return the number of frequencies."""
         return f"MeasuredFrequencies: {len(self)} of {self.values[0]:g} to {self.values[-1]:g} Hz"
 
-    def used(self, until: float) -> NDArray[np.bool_]:
-        """Return all values: they do not belong to times."""
-        return np.ones(len(self), dtype=bool)
-
     def _modes(self, trial: Trial) -> tuple[Any, slice]:
         rigid = trial.scene.model.system.rigid.shape[1]
-        found = modes(trial.scene, len(self) + rigid, closed=self.closed)
+        found = trial.once(self, lambda: modes(trial.scene, len(self) + rigid, closed=self.closed))
         first = int(np.sum(found.omega == 0.0))
         if found.omega.size < first + len(self):
             raise ArgumentError(f"{self.describe()}: the scene has only {found.omega.size - first} of them")
@@ -255,7 +302,7 @@ class MeasuredFrequencies:
         return np.asarray(sensitivities(found, trial.parameters).frequencies[part])
 
 
-class MeasuredStatics:
+class MeasuredStatics(Data):
     """Measured static displacements of a point under loads that change slowly.
 
     Parameters
@@ -271,46 +318,176 @@ class MeasuredStatics:
         Whether an unknown constant is added to the measurement.
     """
 
-    in_time = False
-    unit = "m"
+    along = "time [s]"
 
     def __init__(
         self, point: Point, times: ArrayLike, values: ArrayLike, noise: float | ArrayLike | None = None, *,
         offset: bool = False,
     ) -> None:  # fmt: skip
         self.point = as_point("MeasuredStatics: point", point)
-        self.times = np.atleast_1d(array("MeasuredStatics: times", times))
-        self.values = array("MeasuredStatics: values", values, shape=self.times.shape)
+        self.at = np.atleast_1d(array("MeasuredStatics: times", times))
+        self.values = array("MeasuredStatics: values", values, shape=self.at.shape)
         self.noise = noise_of("MeasuredStatics", noise, self.values.size)
         self.offset = bool(offset)
-
-    def __len__(self) -> int:
-        return int(self.values.size)
 
     def describe(self) -> str:
         """Return point and number of values."""
         return f"MeasuredStatics of {self.point.describe()}: {len(self)} equilibria"
 
-    def used(self, until: float) -> NDArray[np.bool_]:
-        """Return all values: they do not belong to a run."""
-        return np.ones(len(self), dtype=bool)
+    @property
+    def places(self) -> Array:
+        """The times, s."""
+        return self.at
+
+    def _equilibria(self, trial: Trial) -> Any:
+        return trial.once(self, lambda: [equilibrium(trial.scene, float(t)) for t in self.at])
 
     def model(self, trial: Trial) -> Array:
         """Return the displacements of a trial."""
         point = trial.point(self.point)
-        return np.array([equilibrium(trial.scene, float(t)).displacement(point) for t in self.times])
+        return np.array([one.displacement(point) for one in self._equilibria(trial)])
 
     def jacobian(self, trial: Trial) -> Array:
         """Return the derivatives of `model`, shape (n, p)."""
         point = trial.point(self.point)
-        found = [sensitivities(equilibrium(trial.scene, float(t)), trial.parameters) for t in self.times]
-        return np.stack([one.displacement(point) for one in found])
+        return np.stack([sensitivities(one, trial.parameters).displacement(point) for one in self._equilibria(trial)])
 
 
-public(Measured, MeasuredEvents, MeasuredFrequencies, MeasuredStatics)
+class MeasuredCurve(Data):
+    """Measured amplitudes of steady states over the frequency of the loads.
 
-#: What a scene can be fitted to.
-Data = Measured | MeasuredEvents | MeasuredFrequencies | MeasuredStatics
+    Each trial follows the branch of steady states from the first frequency on, through its folds, and takes the exact
+    orbits at the measured frequencies.
+
+    Parameters
+    ----------
+    point : point
+        ``beam.at(x)`` or a `Mass`.
+    frequencies : array_like, shape (n,)
+        Frequencies of the loads in Hz. The loads of the scene are sines; if they have several frequencies, these keep
+        their ratios, and the lowest one is meant.
+    amplitudes : array_like, shape (n,)
+        Half the difference of the largest and the least displacement, m.
+    noise : float or array_like, optional
+        Standard deviation of the amplitudes in m.
+    sheet : {"nearest", "upper", "lower"}
+        Which orbit is meant where the branch has several ones at a frequency: that of the nearest, of the largest or of
+        the least amplitude. A sweep upward of a structure that a stop makes stiffer measures the upper sheet.
+    guess : PeriodicOrbit, Result or anything that ``simulate(initial=)`` takes, optional
+        The motion from which the search for the first orbit starts, as in `vofem.continuation`.
+    span : (float, float), optional
+        Frequencies in Hz between which the branch is followed. By default those of the data; a fold beyond them, which
+        leads to another sheet, needs more.
+
+    Raises
+    ------
+    ArgumentError
+        If frequencies and amplitudes do not fit together, or the span does not hold the frequencies.
+    """
+
+    along = "frequency [Hz]"
+
+    def __init__(
+        self,
+        point: Point,
+        frequencies: ArrayLike,
+        amplitudes: ArrayLike,
+        noise: float | ArrayLike | None = None,
+        *,
+        sheet: str = "nearest",
+        guess: Any = None,
+        span: tuple[float, float] | None = None,
+    ) -> None:
+        self.point = as_point("MeasuredCurve: point", point)
+        self.frequencies = np.atleast_1d(array("MeasuredCurve: frequencies", frequencies))
+        if np.any(self.frequencies <= 0.0) or np.ptp(self.frequencies) == 0.0:
+            raise ArgumentError("MeasuredCurve: frequencies must be positive, and at least two of them different")
+        self.values = array("MeasuredCurve: amplitudes", amplitudes, shape=self.frequencies.shape)
+        self.noise = noise_of("MeasuredCurve", noise, self.values.size)
+        self.sheet = choice("MeasuredCurve: sheet", sheet, tuple(_SHEETS))
+        self.guess = guess
+        low, high = float(self.frequencies.min()), float(self.frequencies.max())
+        if span is not None:
+            given = array("MeasuredCurve: span", span, shape=(2,))
+            if not 0.0 < given[0] <= low or not given[1] >= high:
+                raise ArgumentError(
+                    f"MeasuredCurve: span is {span!r}, expected two frequencies in Hz with the data, {low:g} to "
+                    f"{high:g} Hz, between them"
+                )
+            low, high = float(given[0]), float(given[1])
+        # The branch begins where the measurement did.
+        upward = self.frequencies[0] - low <= high - self.frequencies[0]
+        self.span = (low, high) if upward else (high, low)
+
+    @property
+    def places(self) -> Array:
+        """The frequencies, Hz."""
+        return self.frequencies
+
+    def describe(self) -> str:
+        """Return point, number of values and frequencies."""
+        low, high = sorted(self.span)
+        return f"MeasuredCurve of {self.point.describe()}: {len(self)} amplitudes, {low:g} to {high:g} Hz"
+
+    def _orbits(self, trial: Trial) -> list[PeriodicOrbit]:
+        """Return the orbit that is meant at each frequency."""
+        branch = continuation(
+            lambda frequency: driven_at(trial.scene, frequency), *self.span, guess=self.guess, method="shooting",
+            progress=False,
+        )  # fmt: skip
+        found = []
+        for frequency, value in zip(self.frequencies.tolist(), self.values.tolist(), strict=True):
+            several = branch.at(frequency)
+            if not several:
+                raise ConvergenceError(
+                    f"{self.describe()}: the branch of steady states has no orbit at {frequency:g} Hz. "
+                    f"{''.join(f'The branch: {note}. ' for note in branch.notes)}Start the fit from better numbers, or "
+                    "give guess= or span="
+                )
+            point = trial.point(self.point)
+            found.append(min(several, key=lambda orbit: _SHEETS[self.sheet](orbit.amplitude(point) - value)))
+        return found
+
+    def model(self, trial: Trial) -> Array:
+        """Return the amplitudes of a trial."""
+        point = trial.point(self.point)
+        return np.array([orbit.amplitude(point) for orbit in trial.once(self, lambda: self._orbits(trial))])
+
+    def jacobian(self, trial: Trial) -> Array:
+        """Return the derivatives of `model` at fixed frequencies, shape (n, p)."""
+        # Neither frequencies, which the data give, nor initial states change an orbit.
+        own = [k for k, one in enumerate(trial.parameters) if not one.field.endswith(("omega", *INITIAL))]
+        out = np.zeros((len(self), len(trial.parameters)))
+        for k, orbit in enumerate(trial.once(self, lambda: self._orbits(trial)) if own else ()):
+            chosen = [trial.parameters[j].carried(trial.scene, orbit.scene) for j in own]
+            point = carried(trial.scene, orbit.scene, trial.point(self.point))
+            out[k, own] = sensitivities(orbit, chosen).amplitude(point)
+        return out
+
+
+def driven_at(scene: Scene, frequency: float) -> Scene:
+    """Return a scene whose slowest load has a frequency in Hz; the ratios of several frequencies stay.
+
+    Raises
+    ------
+    ArgumentError
+        If the scene has no load that is a sine.
+    """
+    sines = [(effect, name) for effect in scene.effects for name in FUNCTIONS
+             if isinstance(getattr(effect, name, None), Sine)]  # fmt: skip
+    own = [getattr(effect, name).omega for effect, name in sines]
+    if not any(own):
+        raise ArgumentError(
+            "fit: MeasuredCurve sets the frequency of the loads, but no load of the scene is a Sine; expected a "
+            "PointLoad, DistributedLoad, PointMoment or BaseMotion with one"
+        )
+    factor = 2.0 * np.pi * frequency / min(omega for omega in own if omega)
+    for (effect, name), omega in zip(sines, own, strict=True):
+        scene = Parameter(effect, f"{name}.omega").at(scene, factor * omega)
+    return scene
+
+
+public(Measured, MeasuredCurve, MeasuredEvents, MeasuredFrequencies, MeasuredStatics)
 
 
 def noise_of(what: str, noise: Any, count: int) -> Array | None:

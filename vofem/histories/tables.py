@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vofem.bodies.base import as_point, place_of
+from vofem.bodies.base import Point, as_point
 from vofem.bodies.path import TravellingPoint
 from vofem.effects.two_points import units_of
 from vofem.histories.impacts import window_of
@@ -37,11 +37,11 @@ def points_of_interest(scene: Scene) -> tuple[Any, ...]:
         for point in effect.points():
             if isinstance(point, TravellingPoint):
                 continue
-            points.setdefault((point.body.name, place_of(point)), point)
+            points.setdefault((point.body.name, point.x), point)
     touched = {name for name, _ in points}
     for body in scene.bodies:
         if body.name not in touched:
-            points[body.name, 0.0] = body.at("right") if hasattr(body, "at") else body
+            points[body.name, 0.0] = body if isinstance(body, Point) else body.at("right")
     return tuple(points.values())
 
 
@@ -51,7 +51,7 @@ def named_points(what: str, scene: Scene, points: Mapping[str, Any] | Iterable[A
         points = points_of_interest(scene)[:MOST]
     if isinstance(points, Mapping):
         return {name: as_point(f"{what}: {name}", point) for name, point in points.items()}
-    listed = [points] if hasattr(points, "row") else points
+    listed = [points] if isinstance(points, Point) else points
     return {found.name: found for found in (as_point(f"{what}: a point", point) for point in listed)}
 
 

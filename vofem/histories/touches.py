@@ -230,7 +230,9 @@ def resolve(
         if not run.solution.continuous:
             return Touches(span, low, high, *_fit(motion, low, high, _STEP))
         found = _adapted(motion, span, low, high, tolerance)
-        return _with_rates(found, run, float(laws.stiffness[index]), index) if elastic else found
+        # What rests at a rigid stop does not move.
+        with_rates = elastic and not laws.rigid[index]
+        return _with_rates(found, run, float(laws.stiffness[index]), index) if with_rates else found
     except ArgumentError:
         # A stepping run with few stored times knows the forces of its contacts at those times only.
         return None

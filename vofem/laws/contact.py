@@ -54,6 +54,8 @@ class ContactLaws(LawGroup):
         Whether the force acts on the whole displacement.
     resolution : ndarray, shape (n_contacts,)
         s0 in 1/m of the resolved switch; inf for the ideal one.
+    restitution : ndarray, shape (n_contacts,)
+        Coefficient of restitution of rigid stops, whose stiffness is 0 here; NaN for elastic contacts.
     moving : Moving, optional
         What is added to the coordinates ``b.q`` because stops and bases move; None where they do not.
     """
@@ -68,6 +70,7 @@ class ContactLaws(LawGroup):
     damping: Array
     jump: NDArray[np.bool_]
     resolution: Array
+    restitution: Array
     moving: Moving | None = None
 
     @classmethod
@@ -75,14 +78,20 @@ class ContactLaws(LawGroup):
         """Return the group of some contacts, whose attributes are named as those of the group."""
         numbers = {
             name: np.array([getattr(law, name) for law in laws])
-            for name in ("gap", "stiffness", "damping", "jump", "resolution")
+            for name in ("gap", "stiffness", "damping", "jump", "resolution", "restitution")
         }
         return cls(tuple(law.name for law in laws), rows, **numbers, moving=gathered(laws))
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Names with "Contact" before them."""
-        return tuple(f"Contact {name!r}" for name in self.names)
+        """Names with the class of their effect before them."""
+        kinds = np.where(self.rigid, "RigidStop", "Contact")
+        return tuple(f"{kind} {name!r}" for kind, name in zip(kinds, self.names, strict=True))
+
+    @cached_property
+    def rigid(self) -> NDArray[np.bool_]:
+        """Which are rigid stops, shape (n_contacts,)."""
+        return ~np.isnan(self.restitution)
 
     # -- coordinates ----------------------------------------------------------------------------------
 
@@ -134,18 +143,29 @@ class ContactLaws(LawGroup):
     def _resolved(self) -> str:
         return self.labels[int(np.argmax(np.isfinite(self.resolution)))]
 
+    def rigid_refusal(self, what: str) -> str | None:
+        """Return why something that needs finite forces cannot treat the contacts: only where stops are rigid."""
+        if not self.rigid.any():
+            return None
+        return (
+            f"{what} needs stops that yield, and {self.labels[int(np.argmax(self.rigid))]} is rigid: velocities jump. "
+            "Only simulate(method='event_driven') takes it; use a Contact with a large stiffness here, with a damper "
+            "for the restitution"
+        )
+
     def nonlinearity(self, method: str) -> str | None:
-        """Return why the force is not piecewise linear: under a resolved switch, of jumps beside moving stops."""
+        """Return why the force is not piecewise linear: under a resolved switch, or of jumps beside moving stops."""
         if self.travelling is not None:
             return (
                 f"{self.travelling} travels along a beam, so that the equations of motion depend on time while it is "
                 f"closed; {method} does not treat it"
             )
-        if self.moving is not None and np.any(self.jump):
+        if self.moving is not None and np.any(self.jump | self.rigid):
+            j = int(np.argmax(self.jump | self.rigid))
+            why = "is rigid" if self.rigid[j] else "acts on the displacement"
             return (
-                f"{self._in_space()} sees the displacement of a base, and {self.labels[int(np.argmax(self.jump))]} "
-                f"acts on the displacement, so that it may rest at its gap; {method} does not treat both in one scene "
-                "and needs acts_on='penetration'"
+                f"{self._in_space()} sees the displacement of a base, and {self.labels[j]} {why}, so that it may rest "
+                f"at its gap; {method} does not treat both in one scene and needs acts_on='penetration'"
             )
         if self.ideal:
             return None
@@ -155,8 +175,8 @@ class ContactLaws(LawGroup):
         )
 
     def harmonic_refusal(self) -> str | None:
-        """Return why harmonic balance cannot treat the contacts: where bases move them."""
-        return self.moving_refusal("harmonic balance")
+        """Return why harmonic balance cannot treat the contacts: where bases move them, or stops are rigid."""
+        return self.moving_refusal("harmonic balance") or self.rigid_refusal("harmonic balance")
 
     def moving_refusal(self, what: str) -> str | None:
         """Return why something takes no contacts that bases move, and what to do instead; None where none is moved."""
@@ -173,7 +193,7 @@ class ContactLaws(LawGroup):
         )
 
     def statics_refusal(self, path: bool) -> str | None:
-        """Return why statics cannot treat the contacts: under a resolved switch, or where bases move them."""
+        """Return why statics cannot treat the contacts: a resolved switch, a rigid stop, or a base that moves."""
         if self.travelling is not None:
             return self.moving_refusal("quasi_static" if path else "equilibrium")
         if self.moving is not None:
@@ -182,7 +202,7 @@ class ContactLaws(LawGroup):
                 "displacement of a base that moves; leave the BaseMotion out, or let the stop stand on the base"
             )
         if self.ideal:
-            return None
+            return self.rigid_refusal("quasi_static" if path else "equilibrium")
         return (
             f"{'quasi_static' if path else 'equilibrium'} needs ideal switches; {self._resolved()} has a resolved one"
         )
@@ -242,6 +262,11 @@ class ContactLaws(LawGroup):
         reaction = np.where(beyond, self.elastic(u), np.where(within, steep * s, 0.0))
         tangent = np.where(beyond, self.stiffness, np.where(within, steep, 0.0))
         return reaction, tangent, np.where(beyond, CLOSED, np.where(within, PINNED, OPEN)).astype(np.int64)
+
+    def numbers(self) -> Array:
+        """Return all numbers that define the laws."""
+        elastic = super().numbers()
+        return np.append(elastic, np.nan_to_num(self.restitution, nan=-1.0)) if self.rigid.any() else elastic
 
     @cached_property
     def forms(self) -> tuple[Law, ...]:

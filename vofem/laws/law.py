@@ -32,7 +32,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.kernels.jit import CompiledFunction, Intrinsic, compiled_anyhow, jit
+from vofem.kernels.jit import CompiledFunction, Intrinsic, jit
 from vofem.kernels.mode import compiled
 
 Array = NDArray[np.float64]
@@ -168,13 +168,10 @@ def _compiled_address(function: CompiledFunction) -> int:
     numbers = types.CPointer(types.float64)
     kind = types.float64(types.int64, numbers, numbers, types.float64, types.float64)
 
-    def made() -> Any:
-        try:
-            return cfunc(kind, cache=True)(function.prepared)
-        except RuntimeError:  # numba: "cannot cache function: no locator available"
-            return cfunc(kind)(function.prepared)
-
-    _KEPT.append(compiled_anyhow(made))
+    try:
+        _KEPT.append(cfunc(kind, cache=True, error_model="numpy")(function.prepared))
+    except RuntimeError:  # numba: "cannot cache function: no locator available"
+        _KEPT.append(cfunc(kind, error_model="numpy")(function.prepared))
     return int(_KEPT[-1].address)
 
 

@@ -211,6 +211,9 @@ def _check(what: str, result: Any) -> None:
     contacts = result.model.system.contacts
     if contacts is not None and contacts.moving is not None:
         raise MethodError(f"{what}: {contacts.moving_refusal('an exact derivative')}")
+    reason = None if contacts is None else contacts.rigid_refusal(what)
+    if reason is not None:
+        raise MethodError(reason)
     if result.interrupted:
         raise ArgumentError(f"{what}: the run was interrupted; run it to its end")
 

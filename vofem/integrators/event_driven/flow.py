@@ -21,6 +21,7 @@ from vofem.integrators.event_driven.modal_space import ModalSpace, modal_space
 from vofem.integrators.event_driven.pinned import PIN_FRACTION
 from vofem.integrators.event_driven.solution import EventSolution
 from vofem.integrators.event_driven.tangent import Event, Tangent, acceleration
+from vofem.integrators.event_driven.walk import Walker, follower_of
 from vofem.system import Counters, State, System
 
 Array = NDArray[np.float64]
@@ -198,7 +199,7 @@ def flow(
         solution.begin_at(status, displacement, start.touching)
     tangent = None if derivative is None else Tangent(space, system.contacts, derivative[:n], derivative[n:])
     edges = [t, *_stops(system, t, stop)]
-    follower = Follower(
+    follower = follower_of(
         solution, edges, t, status, displacement, velocity, PIN_FRACTION, most_events
     )  # fmt: skip
     while follower.time < stop:
@@ -219,7 +220,7 @@ def _stops(system: System, start: float, stop: float) -> list[float]:
     return [*(float(t) for t in np.unique([b for b in breaks if start < b < stop])), stop]
 
 
-def _pass_along(solution: EventSolution, follower: Follower, tangent: Tangent | None) -> list[FlowEvent]:
+def _pass_along(solution: EventSolution, follower: Follower | Walker, tangent: Tangent | None) -> list[FlowEvent]:
     """Compute perturbations, if there are any, along all segments of a flow; return its events."""
     record, space = solution.record, solution.space
     events: list[FlowEvent] = []

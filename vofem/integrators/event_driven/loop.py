@@ -24,7 +24,7 @@ from vofem.integrators.event_driven.search import (
     search_space,
 )
 from vofem.integrators.event_driven.table import Table
-from vofem.kernels.jit import jit
+from vofem.kernels.jit import borrowed, jit
 from vofem.linalg.vectors import copy, inner, multiply, multiply_transposed
 
 Array = NDArray[np.float64]
@@ -308,6 +308,8 @@ def run_segments(
     events : int
         Largest number of events in the whole run.
     """
+    table, laws, loads, reached = borrowed(table), borrowed(laws), borrowed(loads), borrowed(reached)
+    out, space = borrowed(out), borrowed(space)
     n, contacts, m = reached.displacement.size, laws.gap.size, space.states.shape[2]
     place, begin, moved, modal = reached.place, space.states[0], space.states[1], space.modal
     first, intervals = loads.omega.shape[1], loads.kind.size

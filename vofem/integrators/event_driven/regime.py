@@ -435,7 +435,7 @@ def regime_of(
     rows = [sign[:, None, None] * coordinates[plain]]
     level = none.astype(float) if laws is None else laws.gap[plain]
     held = np.flatnonzero(status == PINNED) if laws is not None else none
-    force, all_sizes = None, [sizes[plain]]
+    force, all_sizes, yields = None, [sizes[plain]], none
     if laws is not None and held.size:
         if spectrum.real.shift is not None:
             level = level - space.contacts[plain] @ spectrum.real.shift
@@ -445,19 +445,21 @@ def regime_of(
         own[:, 0, :e] += force.loads
         own_sizes = np.abs(own)
         own_sizes[:, 0, e:], own_sizes[:, 1, e:] = spectrum.sizes(np.abs(force.displacement), np.abs(force.velocity))
-        jump = laws.stiffness[held] * laws.gap[held]
-        above = own.copy()
+        # The reaction of a rigid stop has no upper limit.
+        limited = ~laws.rigid[held]
+        yields, jump = held[limited], (laws.stiffness[held] * laws.gap[held])[limited]
+        above = own[limited]
         above[:, 0, 0] -= jump
         rows += [-own, above]
-        all_sizes += [own_sizes, own_sizes]
+        all_sizes += [own_sizes, own_sizes[limited]]
         level = np.concatenate([level, np.zeros(held.size), jump])
         force = force._replace(row=flat(own))
     whole = np.concatenate(rows)
     return Regime(
         spectrum, found, blocks, e + spectrum.levels, bool(np.any(whole[:, 1, e:])), whole,
-        np.concatenate(all_sizes), np.concatenate([sign, np.zeros(2 * held.size)]), np.abs(level),
-        np.concatenate([plain, held, held]),
-        np.concatenate([np.where(sign < 0.0, OPEN, CLOSED), np.full(held.size, OPEN), np.full(held.size, CLOSED)]),
+        np.concatenate(all_sizes), np.concatenate([sign, np.zeros(held.size + yields.size)]), np.abs(level),
+        np.concatenate([plain, held, yields]),
+        np.concatenate([np.where(sign < 0.0, OPEN, CLOSED), np.full(held.size, OPEN), np.full(yields.size, CLOSED)]),
         flat(coordinates), force, vectors, function, horizon, stops, bend,
     )  # fmt: skip
 

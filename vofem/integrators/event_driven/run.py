@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from vofem._validate import number, whole
 from vofem.errors import EventStormError, MethodError
-from vofem.integrators.event_driven.follow import Follower
 from vofem.integrators.event_driven.lifted import TruncatedSolution
 from vofem.integrators.event_driven.modal_space import modal_space
 from vofem.integrators.event_driven.pinned import PIN_FRACTION
@@ -23,6 +22,7 @@ from vofem.integrators.event_driven.truncated import (
     run_truncated,
     too_many_inputs,
 )
+from vofem.integrators.event_driven.walk import follower_of
 from vofem.integrators.methods import EVENT_DRIVEN
 from vofem.integrators.observer import Observer, Snapshot, deferred_interrupts
 from vofem.integrators.reduction import loss_in_all_modes
@@ -133,6 +133,13 @@ def run(
     if reason is not None:
         raise MethodError(reason)
     asked = truncation is not None
+    rigid = system.contacts is not None and bool(system.contacts.rigid.any())
+    if rigid and truncation:
+        raise MethodError(
+            "simulate: truncation: a rigid stop needs all modes, whose inertia an impact meets; leave it out"
+        )
+    if rigid:
+        truncation = 0.0
     if truncation is None:
         truncation = TOLERANCE if system.size > FULL_UNKNOWNS and too_many_inputs(system) is None else 0.0
     if truncation > 0.0 and resume is None:
@@ -179,7 +186,7 @@ def _follow(
         t, status, displacement, velocity = solution.go_on(resume)
     breaks = np.concatenate([[0.0], *(function.breakpoints(t_end) for function in solution.load_functions)])
     edges = np.append(np.unique(breaks), t_end)
-    follower = Follower(solution, edges, t, status, displacement, velocity, pin_fraction, max_events)
+    follower = follower_of(solution, edges, t, status, displacement, velocity, pin_fraction, max_events)
 
     def snapshot() -> Snapshot:
         return solution.snapshot(follower.time, follower.status, follower.displacement, follower.velocity)

@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.kernels.jit import jit, plain_form
+from vofem.kernels.jit import borrowed, jit, plain_form
 from vofem.laws.law import Laws, Way, commit_laws, damper_over, force_over, slope_over
 from vofem.laws.rows import Rows, dot, subtract_row
 from vofem.laws.springpot_steps import Springpots, begin_springpots, end_springpots
@@ -305,7 +305,9 @@ def advance(
     taken, solves : int
         Number of steps, fewer than asked for where the next one has no solution; and of those in which a law acted.
     """
-    mass, stiffness, damping, rows, laws = equations
+    mass, stiffness, damping, rows, laws = borrowed(equations)
+    chunk, work, factored = borrowed(chunk), borrowed(work), borrowed(factored)
+    force, shift, earlier = borrowed(force), borrowed(shift), borrowed(earlier)
     dt, b, mean, ahead, half = numbers.dt, numbers.b, numbers.mean, numbers.ahead, numbers.b * numbers.dt * numbers.cvw
     right, x, p, some, found = work.right, work.x, work.p, work.some, work.found
     m, solves = work.y.size, 0
@@ -500,7 +502,8 @@ def _react(
             for f in range(size):
                 coupling = slope[i] * (reach * compliance[i, work.active[f]])
                 work.matrix[e, f] = coupling + (1.0 if e == f else 0.0)
-        _eliminate(work.matrix, work.solution, size)
+        # numba would compile for the constant 0 too.
+        _eliminate(work.matrix, work.solution, int(size))
         # Rounding in a steep law can keep the last digits from converging, so the tolerance grows with each step.
         still, rounded = True, True
         for j in range(m):

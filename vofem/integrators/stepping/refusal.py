@@ -9,7 +9,12 @@ from vofem.system import System
 
 def refusal(system: System) -> str | None:
     """Return why methods that step in time cannot treat the system and what can, or None."""
-    return follows_the_force(system) or too_full(system)
+    return follows_the_force(system) or too_full(system) or _rigid(system)
+
+
+def _rigid(system: System) -> str | None:
+    """Return why methods that step in time cannot treat rigid stops; None without any."""
+    return None if system.contacts is None else system.contacts.rigid_refusal("a method that steps in time")
 
 
 def follows_the_force(system: System) -> str | None:

@@ -14,6 +14,7 @@ from vofem.io.pictures.layout import arrange
 from vofem.io.pictures.sketch import sketch
 from vofem.io.pictures.snapshot import Snapshot, snapshots
 from vofem.io.pictures.units import length
+from vofem.io.space import Stage
 from vofem.result import Result
 
 Array = NDArray[np.float64]
@@ -71,6 +72,25 @@ def side_view(
 ) -> SideView:
     """Return side views of a run at some times in s."""
     return SideView(snapshots(result, times), size, magnification, title)
+
+
+class SpaceView:
+    """The structure in three dimensions, drawn by VTK without a window."""
+
+    def __init__(self, result: Result, times: Array, size: tuple[int, int], magnification: float | None) -> None:
+        self._times = times
+        self._stage = Stage("animate", result, times, 0, magnification, None, off_screen=True, window_size=size)
+        self._stage.look(size, times)
+
+    def frames(self) -> Iterator[Frame]:
+        """Yield the pictures in order."""
+        try:
+            for t in self._times.tolist():
+                self._stage.move(t)
+                self._stage.tell(t)
+                yield self._stage.pixels()
+        finally:
+            self._stage.plotter.close()
 
 
 class _AxesView:

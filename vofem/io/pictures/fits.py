@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
-from vofem.fitting import Fit, MeasuredEvents, MeasuredFrequencies
+from vofem.fitting import Fit
 from vofem.io.pictures.axes import COLORS, Canvas, Where, figure, goal_of, ink, plain, stroke, text_size
 
 
@@ -29,21 +27,19 @@ def fit(result: Fit, path: Where = None, *, ax: Any = None) -> Any:
         size = int(used.sum())
         residuals = result.residuals[row : row + size]
         row += size
-        numbered = isinstance(one, MeasuredEvents | MeasuredFrequencies)
-        x = np.arange(1, size + 1) if isinstance(one, MeasuredEvents | MeasuredFrequencies) else one.times[used]
+        x = one.places[used]
         constant = 0.0
         if one.offset:
             constant, shift = float(result.offsets[shift]), shift + 1
         values = one.values[used] - constant
         upper, lower = canvas.grid[0, k], canvas.grid[1, k]
-        marker = "o" if numbered or size < 60 else "."
+        marker = "o" if size < 60 else "."
         upper.plot(x, values, marker, color=COLORS[0], markersize=4.0, label="measured")
         upper.plot(x, values + residuals, color=ink(), linewidth=stroke(1.0), label="fitted")
         upper.set_title(plain(one.describe()), fontsize=text_size(10))
         upper.legend()
         lower.axhline(0.0, color=ink(), linewidth=stroke(0.6))
         lower.plot(x, residuals, marker, color=COLORS[1], markersize=4.0)
-        along = "number [-]" if numbered else "time [s]"
-        lower.set(xlabel=along, ylabel=f"residual [{one.unit}]")
-        upper.set(xlabel=along, ylabel=f"value [{one.unit}]")
+        lower.set(xlabel=one.along, ylabel=f"residual [{one.unit}]")
+        upper.set(xlabel=one.along, ylabel=f"value [{one.unit}]")
     return canvas

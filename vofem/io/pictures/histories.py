@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vofem.bodies.base import Point
-from vofem.effects import Contact
+from vofem.effects import Contact, RigidStop
 from vofem.errors import ArgumentError
 from vofem.histories.impacts import window_of
 from vofem.io.pictures.axes import COLORS, Canvas, Where, figure, goal_of, ink, legend, plain, stroke, text_size
 from vofem.io.pictures.envelope import envelope_of
-from vofem.io.pictures.layout import place_of
 from vofem.io.pictures.places import all_contacts
 from vofem.io.pictures.units import length, prefixed
 from vofem.result import Result
@@ -141,7 +140,7 @@ def _view(
     title: str,
     run: Result,
     points: list[Point],
-    contacts: list[Contact],
+    contacts: list[Contact | RigidStop],
     window: Any,
     envelope: bool | None,
     below: bool,
@@ -173,9 +172,9 @@ def _view(
     return _RunView(title, labels, tuple(shown), (begin, end), times, motion, parts)
 
 
-def _contacts(result: Result, points: list[Point], wanted: Any) -> list[Contact]:
+def _contacts(result: Result, points: list[Point], wanted: Any) -> list[Contact | RigidStop]:
     if wanted is not None:
-        names = [wanted] if isinstance(wanted, (str, Contact)) else list(wanted)
+        names = [wanted] if isinstance(wanted, (str, Contact, RigidStop)) else list(wanted)
         held = {result.contacts[name].name for name in names}
         return [contact for contact in all_contacts(result.scene) if contact.name in held]
     bodies = {point.body.name for point in points}
@@ -187,10 +186,9 @@ def _contacts(result: Result, points: list[Point], wanted: Any) -> list[Contact]
 
 
 def _points(wanted: Any) -> list[Point]:
-    several = isinstance(wanted, Iterable) and not isinstance(wanted, str)
-    points = list(wanted) if several else [wanted]
+    points = list(wanted) if isinstance(wanted, Iterable) and not isinstance(wanted, str) else [wanted]
     for point in points:
-        if not (hasattr(point, "row") and hasattr(point, "body")):
+        if not isinstance(point, Point):
             raise ArgumentError(f"expected a point, beam.at(x) or a Mass, found {point!r}")
     if not points:
         raise ArgumentError("expected a point, beam.at(x) or a Mass, found none")
@@ -198,14 +196,13 @@ def _points(wanted: Any) -> list[Point]:
 
 
 def _distance(one: Point, other: Point) -> float:
-    return abs(place_of(one) - place_of(other)) if one.body.name == other.body.name else np.inf
+    return abs(one.x - other.x) if one.body.name == other.body.name else np.inf
 
 
-def _at(contact: Contact, point: Point) -> bool:
+def _at(contact: Contact | RigidStop, point: Point) -> bool:
     """Return whether a contact touches its body at a point."""
     return any(
-        p.body.name == point.body.name and np.isclose(place_of(p), place_of(point), rtol=1e-9, atol=0.0)
-        for p in contact.points()
+        p.body.name == point.body.name and np.isclose(p.x, point.x, rtol=1e-9, atol=0.0) for p in contact.points()
     )
 
 
@@ -214,7 +211,7 @@ def _end(result: Result) -> float:
     return min(float(result.times[-1]), result.solution.t_end)
 
 
-def _times(result: Result, contacts: list[Contact], begin: float, end: float) -> Array:
+def _times(result: Result, contacts: list[Contact | RigidStop], begin: float, end: float) -> Array:
     if not result.solution.continuous:
         stored = result.times[(result.times >= begin) & (result.times <= end)]
         if stored.size < 2:
@@ -230,7 +227,9 @@ def _times(result: Result, contacts: list[Contact], begin: float, end: float) ->
     return times[(times >= begin) & (times <= end)]
 
 
-def _surface(result: Result, contact: Contact, points: list[Point], times: Array, enveloped: bool) -> Array | None:
+def _surface(
+    result: Result, contact: Contact | RigidStop, points: list[Point], times: Array, enveloped: bool
+) -> Array | None:
     """Return the displacement of the point, where it lies on the contact, at which the contact closes."""
     point = next((point for point in points if _at(contact, point)), None)
     if point is None or contact.of != "displacement" or (contact.b is not None and enveloped):

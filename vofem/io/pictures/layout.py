@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.bodies.base import Body, place_of
+from vofem.bodies.base import Body
 from vofem.io.pictures.snapshot import BodyState, Link, Snapshot
 from vofem.io.pictures.units import nice_below
 
@@ -216,7 +216,7 @@ def _shifts(view: Snapshot) -> dict[Body, float]:
             for a, b in pairs:
                 for x, y in ((a, b), (b, a)):
                     if x.body is body and y.body not in shifts:
-                        shifts[y.body] = shifts[body] + place_of(x) - place_of(y)
+                        shifts[y.body] = shifts[body] + x.x - y.x
                         found.append(y.body)
     return shifts
 

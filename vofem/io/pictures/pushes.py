@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vofem.bodies import Beam
 from vofem.bodies.base import Point
-from vofem.bodies.path import at
+from vofem.bodies.path import place_at
 from vofem.effects import DistributedLoad, Gravity, PointLoad, PointMoment
 from vofem.errors import VofemError
 from vofem.scene import Scene
@@ -77,7 +77,7 @@ def _of(effect: Any, times: Array, run: Array) -> list[Push | None]:
         points = tuple(beam.at(float(place)) for place in x)
         return [Push("line", points, p * value, most * float(np.max(np.abs(p), initial=0.0))) for value in now]
     kind = "moment" if isinstance(effect, PointMoment) else "force"
-    places = [at(effect.point, t) for t in times.tolist()]
+    places = [place_at(effect.point, t) for t in times.tolist()]
     return [
         None if place is None else Push(kind, (place,), np.array([value]), most)
         for place, value in zip(places, now, strict=True)

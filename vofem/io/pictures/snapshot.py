@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vofem._validate import number
 from vofem.bodies import Beam
 from vofem.bodies.base import Body, Point
-from vofem.bodies.path import at
+from vofem.bodies.path import place_at
 from vofem.effects import (
     CrushingStop,
     Foundation,
@@ -209,7 +209,7 @@ def at_rest(scene: Scene) -> Snapshot:
 
 
 def _weights(scene: Scene, t: float = 0.0) -> tuple[Point, ...]:
-    points = (at(effect.point, t) for effect in scene.effects if isinstance(effect, PointMass))
+    points = (place_at(effect.point, t) for effect in scene.effects if isinstance(effect, PointMass))
     return tuple(point for point in points if point is not None)
 
 
@@ -283,7 +283,7 @@ def _links(scene: Scene, states: dict[str, tuple[str, float]], t: float = 0.0) -
             places = np.linspace(nodes[0], nodes[-1], min(nodes.size, _BED))
             points = [bed.beam.at(float(x)) for x in places if not np.any(np.isclose(x, held))]
             springs += [Link("", point, None, "below", 0.0, "spring", 0.0) for point in points]
-    links = [replace(link, a=at(link.a, t), b=at(link.b, t)) for link in (*contacts, *beds, *springs)]
+    links = [replace(link, a=place_at(link.a, t), b=place_at(link.b, t)) for link in (*contacts, *beds, *springs)]
     wanted = zip(links, (*contacts, *beds, *springs), strict=True)
     return tuple(link for link, old in wanted if link.a is not None and (link.b is not None) is (old.b is not None))
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.bodies import Beam, BodyPoint, Mass, Path, TravellingPoint
+from vofem.bodies import Beam, Mass, Path, Point, TravellingPoint
 from vofem.bodies.supports import ByNode
 from vofem.effects import LinearSoftening, NonlinearSpring, Resolved
 from vofem.errors import ArgumentError, MissingCallableError
@@ -57,7 +57,7 @@ def scene_record(scene: Scene, q: Array, times: Array) -> dict[str, Any]:
     points = [point for effect in scene.effects for point in effect.points()]
     foreign = [body.label for body in scene.bodies if type(body) not in (Beam, Mass)]
     foreign += [effect.describe() for effect in scene.effects if type(effect) not in _NAMES_OF]
-    foreign += [point.describe() for point in points if type(point) not in (BodyPoint, Mass, TravellingPoint)]
+    foreign += [point.describe() for point in points if type(point) not in (Point, Mass, TravellingPoint)]
     record = {"foreign": list(dict.fromkeys(foreign)), "equations": equations(scene.model.system), "whole": None}
     if foreign:
         return record
@@ -157,7 +157,7 @@ class Encoder:
         name = _NAMES_OF.get(type(value))
         if name is not None:
             return name, _values(value)
-        if type(value) is BodyPoint:
+        if type(value) is Point:
             return "point", (value.body, float(value.x))
         if type(value) is TravellingPoint:
             return "travelling", (value.body, value.path)
@@ -201,7 +201,7 @@ def decode(tag: str, record: Any) -> Any:
     if tag == "recorded_load":
         return RecordedLoad(record)
     if tag == "point":
-        return BodyPoint(*record)
+        return Point(*record)
     if tag == "travelling":
         return TravellingPoint(*record)
     if tag not in _CLASSES:

@@ -274,6 +274,10 @@ def shooting_refusal(scene: Scene) -> str | None:
     """Return why shooting cannot treat a scene, and what can, or None."""
     system = scene.model.system
     reason = refusal(system)
+    if reason is None and system.contacts is not None:
+        reason = system.contacts.rigid_refusal("a search of periodic orbits")
+        if reason is not None:
+            return reason
     if reason is not None:
         why = reason.split(". Use ")[0].rstrip(".")
         return f"{why}; shooting needs what event_driven needs. Use method='harmonic_balance'"

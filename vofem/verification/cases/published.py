@@ -1,8 +1,11 @@
-"""Motions and equilibria from the validation manuals of other codes."""
+"""Cases from the validation manuals of other codes: frequencies, motions and equilibria."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import cache
+from importlib.resources import files
 from typing import Any
 
 import numpy as np
@@ -15,9 +18,11 @@ from vofem.effects import (
     Gravity,
     NonlinearSpring,
     PointLoad,
+    PointMass,
     PointMoment,
     Pulse,
     RayleighDamping,
+    RotationalSpring,
     Sine,
     Spring,
 )
@@ -34,31 +39,51 @@ from vofem.verification.case import (
     How,
     Quantity,
     Run,
+    exact,
+    stepping,
 )
-from vofem.verification.cases.oscillators import bilinear, release_on_a_stop
-from vofem.verification.published_data import entry, published, source
-
-Measure = Callable[[Run], Mapping[str, float]]
-
-#: (name, place) of the published quantities of a case.
-Names = tuple[tuple[str, str], ...]
+from vofem.verification.cases import masses
 
 
 def cases() -> Iterator[Case]:
     """Yield the cases."""
-    yield _case("release on a stop, two impacts", "ca_sdnd101_release_stop", _RELEASE, _release, 1e-4)
-    yield _case("frequency of a bilinear oscillator", "ca_sdnd122_bilinear_nnm", _BILINEAR, _bilinear, 1e-3)
-    yield _case("bouncing ball", "ansys_vm65_ball", _BALL, _ball, 1e-5)
-    yield _case("rectangular pulse on two masses", "ansys_vm182_pulse_2dof", _PULSE, _pulse, 1e-3)
+    yield _frequencies("simply supported beam", "vpcs_sdll05_ss_beam", _simply_supported, ("f1", "f2"))
+    yield _frequencies("beam with a sprung mass, bare", "vpcs_sdll04_sprung_mass", _bare, ("f1", "f2"), "bare")
+    for index in (1, 2):
+        m = published("vpcs_sdll04_sprung_mass")["parameters"]["m"][index]
+
+        def sprung(p: Mapping[str, Any], index: int = index) -> Scene:
+            return _sprung(p, index)
+
+        name = f"beam with a sprung mass of {m:g} kg"
+        yield _frequencies(name, "vpcs_sdll04_sprung_mass", sprung, ("f1", "f2", "f3"), f"m={m:g}")
+    yield _frequencies(
+        "cantilever tube with a tip mass", "vpcs_sdll15_tip_mass", _tip_mass, ("f1", "f2", "f3", "f4"), "bending"
+    )
+    for at, width in (("case 1", 0.04), ("case 2", 0.05)):
+
+        def tapered(p: Mapping[str, Any], width: float = width) -> Scene:
+            return _tapered(p, width)
+
+        yield _frequencies(
+            f"tapered cantilever, {at}", "vpcs_sdll09_tapered", tapered, [f"f{k}" for k in range(1, 6)], at
+        )
+    yield _frequencies(
+        "beam folded on itself", "vpcs_sdll02_folded", _folded, ("f1,f2", "f3,f4", "f5,f6", "f7,f8"), each=2, own=1e-4
+    )
+    yield _motions("release on a stop, two impacts", "ca_sdnd101_release_stop", _RELEASE, _release, 1e-4)
+    yield _motions("frequency of a bilinear oscillator", "ca_sdnd122_bilinear_nnm", _BILINEAR, _bilinear, 1e-3)
+    yield _motions("bouncing ball", "ansys_vm65_ball", _BALL, _ball, 1e-5)
+    yield _motions("rectangular pulse on two masses", "ansys_vm182_pulse_2dof", _PULSE, _pulse, 1e-3)
     for zeta in ("0", "0.7"):
-        yield _case(
+        yield _motions(
             f"impulse on an oscillator, zeta = {zeta}",
             "ansys_vm74_impulse",
             (("y", f"t=0.1 zeta={zeta}"),),
             _impulse(zeta),
             1e-4,
         )
-    yield _case(
+    yield _motions(
         "cantilever that hits a stop",
         "ca_sdnl104_cantilever_stop",
         (("kinetic_energy", "t=0.16 converged model"),),
@@ -71,17 +96,127 @@ def cases() -> Iterator[Case]:
     yield _winkler()
 
 
-def _case(name: str, file: str, names: Names, measure: Measure, dt: float) -> Case:
+@cache
+def published(name: str) -> dict[str, Any]:
+    """Return a published test case: statement, parameters, sources, and quantities with what is known of them."""
+    text = (files("vofem.verification") / "published" / f"{name}.json").read_text(encoding="utf-8")
+    case: dict[str, Any] = json.loads(text)
+    return case
+
+
+def entry(case: dict[str, Any], name: str, at: str | None = None) -> dict[str, Any]:
+    """Return one quantity of a published case: value, tolerance and independent recomputation."""
+    found = [q for q in case["quantities"] if q["name"] == name and (at is None or q["at"] == at)]
+    if len(found) != 1:
+        raise KeyError(f"{case['id']} has {len(found)} quantities {name!r} at {at!r}")
+    quantity: dict[str, Any] = found[0]
+    return quantity
+
+
+def source(case: dict[str, Any]) -> str:
+    """Return the test case's name and where it is published."""
+    return f"{case['id']}, {case['source'][0].split(' ')[0]}"
+
+
+# -- Frequencies from the validation manuals of other codes
+
+PINNED = {"left": "pinned", "right": "pinned"}
+
+
+def _frequencies(
+    name: str, file: str, build: Callable[[Mapping[str, Any]], Scene], names: Sequence[str], at: str = "",
+    each: int = 1, own: float = 1e-5,
+) -> Case:  # fmt: skip
+    """Return a case that compares with the printed values, and with independent recomputations to more digits."""
+    data = published(file)
+    entries = [entry(data, key, at) for key in names]
+    printed = [f"{key} as printed [Hz]" for key in names]
+    again = [f"{key} recomputed [Hz]" for key in names]
+
+    def measure(run: Run) -> Mapping[str, float]:
+        found = run.modes(build(data["parameters"]), each * len(names)).frequencies.reshape(len(names), each)
+        values = {}
+        for k, q in enumerate(entries):
+            values[printed[k]] = float(found[k][np.argmax(np.abs(found[k] - q["value"]))])
+            values[again[k]] = float(found[k][np.argmax(np.abs(found[k] - q["our_value"]))])
+        return values
+
+    quantities = _quantities(printed, entries)
+    quantities += tuple(Quantity(key, q["our_value"]) for key, q in zip(again, entries, strict=True))
+    return Case(None, name, source(data), quantities, measure, {"modes": How(own)})
+
+
+def _simply_supported(p: Mapping[str, Any]) -> Scene:
+    return Scene([Beam(p["L"], p["E"] * p["I"], p["rho"] * p["A"], 40, PINNED)])
+
+
+def _bare(p: Mapping[str, Any]) -> Scene:
+    return _simply_supported(p)
+
+
+def _sprung(p: Mapping[str, Any], index: int) -> Scene:
+    """Return a beam and a mass, two bodies joined by a spring at a quarter of the span."""
+    beam = Beam(p["L"], p["E"] * p["I"], p["rho"] * p["A"], 40, PINNED)
+    mass = Mass(p["m"][index])
+    return Scene([beam, mass], [Spring(beam.at(p["L"] / 4.0), mass, stiffness=p["k"][index])])
+
+
+def _tip_mass(p: Mapping[str, Any]) -> Scene:
+    inertia = np.pi / 64.0 * (p["De"] ** 4 - p["Di"] ** 4)
+    area = np.pi / 4.0 * (p["De"] ** 2 - p["Di"] ** 2)
+    beam = Beam(p["L"], p["E"] * inertia, p["rho"] * area, 40, {"left": "clamped"})
+    return Scene([beam], [PointMass(beam.at("right"), mass=p["tip_mass"])])
+
+
+def _tapered(p: Mapping[str, Any], root_width: float) -> Scene:
+    def height(x: Any) -> Any:
+        return 0.04 - 0.03 * x / p["L"]
+
+    def width(x: Any) -> Any:
+        return root_width - (root_width - 0.01) * x / p["L"]
+
+    def bending(x: Any) -> Any:
+        return p["E"] * width(x) * height(x) ** 3 / 12.0
+
+    def mass(x: Any) -> Any:
+        return p["rho"] * width(x) * height(x)
+
+    return Scene([Beam(p["L"], bending, mass, 60, {"left": "clamped"})])
+
+
+def _folded(p: Mapping[str, Any]) -> Scene:
+    """Return two arms side by side, one clamped and one free at the far end, stiffly joined there."""
+    width, height, arm = 0.050, 0.005, p["arm"]
+    EI, rhoA = p["E"] * width * height**3 / 12.0, p["rho"] * width * height
+    outer = Beam(arm, EI, rhoA, 40, {"left": "clamped"})
+    inner = Beam(arm, EI, rhoA, 40)
+    fold = [
+        Spring(outer.at("right"), inner.at("right"), stiffness=1e8 * EI / arm**3),
+        RotationalSpring(outer.at("right"), inner.at("right"), stiffness=1e8 * EI / arm),
+    ]
+    return Scene([outer, inner], fold)
+
+
+# -- Motions and equilibria from the validation manuals of other codes
+
+Measure = Callable[[Run], Mapping[str, float]]
+
+#: (name, place) of the published quantities of a case.
+Names = tuple[tuple[str, str], ...]
+
+
+def _motions(name: str, file: str, names: Names, measure: Measure, dt: float) -> Case:
     data = published(file)
     entries = [entry(data, *key) for key in names]
-    quantities = tuple(Quantity(_label(key), q["value"], relative=False) for key, q in zip(names, entries, strict=True))
-    tolerance = {_label(key): q["tolerance"] for key, q in zip(names, entries, strict=True)}
-    how = {EVENT_DRIVEN: How(tolerance)}
-    for method in (CONSERVING, ALPHA, CENTRAL):
-        # Numerical dissipation would change the published digits.
-        more = {"rho_infinity": 1.0} if method == ALPHA else {}
-        how[method] = How(tolerance, {"dt": dt, **more})
-    return Case(None, name, source(data), quantities, measure, how)
+    how = exact() | stepping(dt)
+    # Numerical dissipation would change the published digits.
+    how[ALPHA] = How(options={"dt": dt, "rho_infinity": 1.0})
+    return Case(None, name, source(data), _quantities([_label(key) for key in names], entries), measure, how)
+
+
+def _quantities(names: Iterable[str], entries: Iterable[Mapping[str, Any]]) -> tuple[Quantity, ...]:
+    """Return published quantities, each with the tolerance that its digits allow."""
+    return tuple(Quantity(name, q["value"], False, q["tolerance"]) for name, q in zip(names, entries, strict=True))
 
 
 def _label(key: tuple[str, str]) -> str:
@@ -100,7 +235,7 @@ _PULSE: Names = (("Y1", "t=1.3"), ("Y2", "t=1.3"), ("Y1", "t=2.4"))
 
 
 def _release(run: Run) -> Mapping[str, float]:
-    mass, scene = release_on_a_stop()
+    mass, scene = masses.release_on_a_stop()
     result = run.simulate(scene, 0.5)
     contact = result.contacts["stop"]
     middle = 0.5 * (contact.closings[:2] + contact.openings[:2])
@@ -113,7 +248,7 @@ def _release(run: Run) -> Mapping[str, float]:
 
 
 def _bilinear(run: Run) -> Mapping[str, float]:
-    closings = run.simulate(bilinear(0.00650108331626, 0.01), 20.0).contacts["stop"].closings
+    closings = run.simulate(masses.bilinear(0.00650108331626, 0.01), 20.0).contacts["stop"].closings
     return {_label(_BILINEAR[0]): 1.0 / float(np.diff(closings)[0])}
 
 
@@ -171,17 +306,12 @@ def _loose_tube() -> Case:
         rms = float(np.sqrt(np.trapezoid(force**2, times) / 0.08))
         return dict.fromkeys(names, rms)
 
-    quantities = tuple(Quantity(name, q["value"], relative=False) for name, q in zip(names, entries, strict=True))
-    tolerance = {name: q["tolerance"] for name, q in zip(names, entries, strict=True)}
-    how = {
-        EVENT_DRIVEN: How(tolerance, slow=True),
-        CONSERVING: How(tolerance, {"dt": 1e-5}, slow=True),
-        ALPHA: How(tolerance, {"dt": 1e-5}, slow=True),
-        # The highest modes are overdamped: 7e6 1/s.
-        CENTRAL: How(0.0, {"dt": 1e-5}, REFUSED, "critical step"),
-    }
+    how = exact(slow=True) | stepping(1e-5, slow=True)
+    # The highest modes are overdamped: 7e6 1/s.
+    how[CENTRAL] = How(0.0, {"dt": 1e-5}, REFUSED, "critical step")
     assert p["elements"] % 4 == 0
-    return Case(None, "tube that rattles in loose supports", source(data), quantities, measure, how)
+    name = "tube that rattles in loose supports"
+    return Case(None, name, source(data), _quantities(names, entries), measure, how)
 
 
 def loosely_supported_tube() -> Scene:
@@ -294,6 +424,6 @@ def _winkler() -> Case:
         )
         return {_label(key): float(value) for key, value in zip(names, values, strict=True)}
 
-    quantities = tuple(Quantity(_label(key), q["value"]) for key, q in zip(names, entries, strict=True))
-    how = {"equilibrium": How(dict(zip((_label(key) for key in names), (5e-4, 2e-4, 2e-4, 5e-4), strict=True)))}
-    return Case(None, "beam on a Winkler foundation", source(data), quantities, measure, how)
+    found = zip(names, entries, (5e-4, 2e-4, 2e-4, 5e-4), strict=True)
+    quantities = tuple(Quantity(_label(key), q["value"], tolerance=within) for key, q, within in found)
+    return Case(None, "beam on a Winkler foundation", source(data), quantities, measure, {"equilibrium": How()})
