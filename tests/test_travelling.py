@@ -196,3 +196,152 @@ def test_times_at_which_a_path_passes_places():
     np.testing.assert_allclose(path.times_at([1.0, 2.5, 3.5, -1.0]), 0.5 + np.array([0.0, 1.0, 3.0, 4.0, 2 + 8**0.5]))
     np.testing.assert_allclose(vf.Path(-2.0, start=1.0).times_at([0.0, 2.0]), [0.5])
     assert vf.Path(0.0, start=1.0).times_at([0.0, 2.0]).size == 0
+
+
+# -- contacts and attachments -----------------------------------------------------------------------------
+
+
+def test_a_stop_that_travels_converges_and_its_ledger_is_exact():
+    d, values, histories = known("travelling_stop")
+    beam, t, errors = bridge(d, d["elements"]), histories["t"], []
+    stop = vf.Contact(
+        beam.along(vf.Path(d["v"], start=d["x0"])), gap=d["gap"], stiffness=d["K0"], side="above",
+        acts_on="penetration", name="stop",
+    )  # fmt: skip
+    load = vf.PointLoad(beam.at(d["L"] / 2), vf.Sine(d["F"], d["Omega"]))
+    scene = vf.Scene([beam], [stop, load, vf.RayleighDamping(0.0, d["beta"])])
+    for steps in (800, 1600):
+        result = vf.simulate(scene, d["t_end"], times=t, dt=d["t_end"] / steps)
+        assert result.method == "energy_conserving"
+        errors.append(off(result.displacement(beam.at(d["L"] / 2)), histories["w_mid"]))
+    assert errors[1] < 5e-3
+    assert 3.0 < errors[0] / errors[1] < 5.0
+    assert balance(result) < 1e-12
+    events = [time for time, _ in values["events"]]
+    np.testing.assert_allclose(result.solution.events.time, events, rtol=0, atol=2e-3)
+
+
+def oscillator(d, roughness=None, ends="free", start=0.0):
+    beam = bridge(d, d["elements"])
+    wheel, body = vf.Mass(d["mw"], name="wheel"), vf.Mass(d["ms"], name="body")
+    path = vf.Path(d["v"], start=start, profile=roughness, ends=ends)
+    weight = (d["mw"] + d["ms"]) * d["g"]
+    low = -weight / d["kc"]
+    effects = [
+        vf.Contact(beam.along(path), wheel, gap=0.0, stiffness=d["kc"], acts_on="penetration", name="rail"),
+        vf.Spring(body, wheel, stiffness=d["ks"]), vf.Dashpot(body, wheel, damping=d["cs"]),
+        vf.PointLoad(wheel, -d["mw"] * d["g"]), vf.PointLoad(body, -d["ms"] * d["g"]),
+    ]  # fmt: skip
+    start_at = {wheel: (low, 0.0), body: (low - d["ms"] * d["g"] / d["ks"], 0.0)}
+    return vf.Scene([beam, wheel, body], effects, initial=start_at), beam, wheel, body
+
+
+@pytest.mark.parametrize(
+    ("name", "steps", "wanted"),
+    [("moving_oscillator_touching", 1000, 5e-4), ("moving_oscillator_separates", 2000, 1e-2)],
+)
+def test_a_sprung_wheel_on_a_beam(name, steps, wanted):
+    d, values, histories = known(name)
+    rough, errors = d["roughness"], []
+    profile = rough and (lambda x: rough["amplitude"] * np.sin(2.0 * np.pi * x / rough["wavelength"]))
+    scene, beam, wheel, body = oscillator(d, profile)
+    t = histories["t"]
+    for count in (steps, 2 * steps):
+        result = vf.simulate(scene, t[-1], times=t, dt=t[-1] / count)
+        found = (result.displacement(beam.at(d["x_out"])), result.displacement(body))
+        errors.append(max(off(u, histories[key]) for u, key in zip(found, ("w_mid", "u_s"), strict=True)))
+    assert errors[1] < wanted
+    assert off(result.displacement(wheel), histories["u_w"]) < wanted
+    assert 2.5 < errors[0] / errors[1] < 6.0
+    assert balance(result) < 1e-11
+    # The wheel leaves and lands when it should.
+    times = [time for time, _ in values["events"]]
+    inside = result.solution.events.time[result.solution.events.time < t[-1] * (1 - 1e-9)]
+    np.testing.assert_allclose(inside, times[: inside.size], rtol=0, atol=3e-4)
+    assert abs(inside.size - len(times)) <= 1
+
+
+def test_a_wheel_drives_on_and_off_a_rigid_road():
+    d, _, _ = known("moving_oscillator_touching")
+    scene, beam, _, body = oscillator(d, ends="rigid", start=-0.1 * d["L"])
+    duration = 1.2 * d["L"] / d["v"]
+    result = vf.simulate(scene, duration, dt=duration / 1500)
+    before = result.times < 0.09 * d["L"] / d["v"]
+    assert np.max(np.abs(result.displacement(beam.at(12.5))[before])) < 1e-15
+    assert np.ptp(result.displacement(body)[before]) < 1e-12
+    # Behind the bridge the body rests on the road again, and swings a little.
+    weight = (d["mw"] + d["ms"]) * d["g"]
+    assert result.contacts["rail"].force[-1] == pytest.approx(weight, rel=0.05)
+    assert np.all(result.contacts["rail"].closed)
+    assert balance(result) < 1e-9
+    away = vf.simulate(oscillator(d)[0], duration, dt=duration / 600)
+    assert np.isnan(away.contacts["rail"].gap_function[-1])
+    assert away.contacts["rail"].force[-1] == 0.0
+    assert balance(away) < 1e-11
+
+
+def test_a_mass_that_is_tied_to_the_beam_below_it():
+    d, _, histories = known("moving_mass")
+    beam, t, errors = bridge(d, d["elements"]), histories["t"], []
+    point = beam.along(vf.Path(d["v"]))
+    weighed = vf.Scene([beam], [vf.PointMass(point, mass=d["Mm"]), vf.PointLoad(point, -d["Mm"] * d["g"])])
+    for steps in (2000, 4000):
+        result = vf.simulate(weighed, t[-1], times=t, dt=t[-1] / steps)
+        errors.append(off(result.displacement(beam.at(d["x_out"])), histories["w"]))
+    # The force jumps where the mass passes a node, and excites modes that these steps do not resolve.
+    assert errors[1] < 5e-5
+    assert 2.0 < errors[0] / errors[1] < 5.0
+    assert balance(result) < 1e-12
+    # A mass that rests is the mass at that point.
+    still = beam.along(vf.Path(0.0, start=3.0))
+    scenes = [
+        vf.Scene([beam], [vf.PointMass(p, mass=50.0), vf.PointLoad(beam.at(5.0), 1e3)]) for p in (still, beam.at(3.0))
+    ]
+    one, two = (vf.simulate(s, 0.2, method="energy_conserving", dt=1e-3).displacement(beam.at(5.0)) for s in scenes)
+    np.testing.assert_allclose(one, two, rtol=0, atol=1e-12 * np.max(np.abs(two)))
+
+
+def test_springs_and_dashpots_that_rest_on_a_path_are_ordinary_ones():
+    beam = vf.Beam(2.0, EI=50.0, rhoA=1.0, elements=4, supports=ENDS, name="beam")
+    load = vf.PointLoad(beam.at(1.0), vf.Sine(3.0, 11.0))
+    runs = []
+    for point in (beam.along(vf.Path(0.0, start=0.7)), beam.at(0.7)):
+        effects = [load, vf.Spring(point, stiffness=400.0), vf.Dashpot(point, damping=3.0)]
+        runs.append(vf.simulate(vf.Scene([beam], effects), 1.0, method="energy_conserving", dt=2e-3))
+    np.testing.assert_allclose(
+        runs[0].displacement(beam.at(1.0)), runs[1].displacement(beam.at(1.0)), rtol=0, atol=1e-12
+    )  # fmt: skip
+    np.testing.assert_allclose(runs[0].energy.dissipated, runs[1].energy.dissipated, rtol=0, atol=1e-12)
+    moving = [
+        load,
+        vf.Spring(beam.along(vf.Path(1.3)), stiffness=400.0),
+        vf.Dashpot(beam.along(vf.Path(0.8)), damping=3.0),
+    ]
+    assert balance(vf.simulate(vf.Scene([beam], moving), 1.2, dt=4e-3)) < 1e-11
+
+
+def test_contacts_that_travel_are_refused_where_they_must_be_and_are_kept_in_files(tmp_path):
+    beam, wheel = vf.Beam(2.0, EI=50.0, rhoA=1.0, elements=4, supports=ENDS, name="beam"), vf.Mass(0.1, name="wheel")
+    path = vf.Path(1.0, profile=vf.Polynomial([0.0, 0.01]))
+    rail = vf.Contact(beam.along(path), wheel, gap=0.0, stiffness=1e3, acts_on="penetration", name="rail")
+    scene = vf.Scene([beam, wheel], [rail, vf.PointLoad(wheel, -1.0)])
+    for method in ("event_driven", "generalized_alpha", "central_difference"):
+        with pytest.raises(vf.MethodError, match=r"Contact 'rail' travels.*energy_conserving"):
+            vf.simulate(scene, 1.0, method=method)
+    for refused in (
+        lambda: vf.equilibrium(scene),
+        lambda: vf.periodic(scene, period=1.0),
+        lambda: vf.modes(vf.Scene([beam], [vf.Spring(beam.along(path), stiffness=1.0)]), 2),
+    ):
+        with pytest.raises(vf.VofemError, match="travels along a beam"):
+            refused()
+    result = vf.simulate(scene, 0.5, dt=5e-3)
+    vf.dump_scene(scene, tmp_path / "scene.toml")
+    same = vf.simulate(vf.load_scene(tmp_path / "scene.toml").scene, 0.5, dt=5e-3)
+    result.save(tmp_path / "run.vtkhdf")
+    for other in (same, vf.load(tmp_path / "run.vtkhdf")):
+        np.testing.assert_array_equal(other.contacts["rail"].force, result.contacts["rail"].force)
+    from vofem.io.pictures.snapshot import snapshots
+
+    links = snapshots(result, np.array([0.25]))[0].links
+    assert links[0].a.x == pytest.approx(0.25)
