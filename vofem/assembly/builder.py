@@ -196,8 +196,10 @@ class SystemBuilder:
             riding = [float(only is None or body is only) for body in self._tied]
             translation = np.append(translation, riding) if riding else translation
             self._loads.append(Load(value * (mass @ translation), function, name))
-        # Masses that travel, which may have been added later, are unknowns too.
-        loads = [replace(load, vector=np.pad(load.vector, (0, self.size - load.vector.size))) for load in self._loads]
+        loads = self._loads
+        if self._tied:
+            # Masses that travel, which may have been added after a load, are unknowns too.
+            loads = [replace(load, vector=np.pad(load.vector, (0, self.size - load.vector.size))) for load in loads]
         rows, laws = law_groups(self._moved(unknown), self.size, unknown)
         self._check_driven(laws, stiffness)
         system = System(
