@@ -115,7 +115,7 @@ def test_forms_agree_with_quadrature_of_the_power(kind):
     closed = np.repeat(solution.segments.status == CLOSED, panels * nodes.size, axis=0).T
     taken = np.sum(v * solution.space.damping_force(v), axis=0)
     taken += np.sum(closed * laws.damping[:, None] * (solution.space.contacts @ v) ** 2, axis=0)
-    lost = solution._lost_in_pinning()
+    lost = solution._lost_in_impacts()
     found = solution.energies(np.array([6.0]))
     assert found.work[0] == pytest.approx(work, rel=1e-11)
     assert found.dissipated[0] == pytest.approx(share @ taken + (0.0 if lost is None else lost.sum()), rel=1e-10)

@@ -12,8 +12,7 @@ the run. Powers are quadratic forms of (y, w). With P from ``A' P + P A = -Q`` t
 of blocks without a steady answer, with such a load or among each other, are integrated by Gauss's rule on panels.
 Everything follows from the dampers and the roots, so that the energy balance is an independent check.
 
-Clusters of modes have no such form, and neither have stops that move, so the power of a status with them is integrated
-on panels. The kinetic energy
+Clusters of modes have no such form, so the power of a status with clusters is integrated on panels. The kinetic energy
 that is removed when a contact is pinned counts as dissipated.
 """
 
@@ -26,6 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vofem.integrators.event_driven.exosystem import CONSTANT
 from vofem.integrators.event_driven.record import Record
 from vofem.integrators.event_driven.regime import Regime, flat
 from vofem.linalg.oscillators import DELTA, FREQUENCY, SQUARE
@@ -108,8 +108,13 @@ class StatusForms:
         steady = regime.answers.steady
         loads = regime.load_rows @ steady
         mixed = _times(power, steady)
-        self.work = self._with_loads(None, None, 0.5 * regime.load_rows.T, 0.5 * (loads + loads.T))
-        self.loss = self._with_loads(lost, self.lone, mixed, steady.T @ mixed)
+        work = [0.5 * regime.load_rows.T, 0.5 * (loads + loads.T)]
+        loss = [mixed, steady.T @ mixed]
+        if regime.stops is not None:
+            for parts, more in zip((work, loss), _of_stops(regime), strict=True):
+                parts[0], parts[1] = parts[0] + more[0], parts[1] + more[1]
+        self.work = self._with_loads(None, None, *work)
+        self.loss = self._with_loads(lost, self.lone, *loss)
 
     def _with_loads(self, blocks: Array | None, lone: Array | None, mixed: Array, loads: Array) -> _Form:
         """Return a form, given P of the blocks and the integrands of products with loads."""
@@ -184,6 +189,24 @@ class StatusForms:
         return quadrature(power, tau, float(2.0 * quickest + regime.blocks.of[FREQUENCY, :e].max(initial=0.0)))
 
 
+def _of_stops(regime: Regime) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Return what moving stops add to work and loss: products of blocks and loads, (2m, 2e), and of loads, (2e, 2e)."""
+    stops, e, m = regime.stops, regime.loads, regime.spectrum.p.size
+    assert stops is not None
+    k, c = stops.stiffness[:, None], stops.damping[:, None]
+    rate = np.concatenate([np.zeros_like(stops.drift), stops.drift], axis=1)
+    place = regime.coordinates.reshape(len(k), 2, e + m)
+    at_blocks, at_loads = (flat(part) for part in (place[:, :, e:], place[:, :, :e].copy()))
+    at_loads[:, :1] -= np.where(regime.function[:1] == CONSTANT, stops.offset[:, None], 0.0)
+    speed = regime.velocities(stops.rows)
+    carried = speed @ regime.answers.steady
+    force = k * at_loads + c * (carried + rate)
+    of_loads = force.T @ rate
+    lost = (c * rate).T @ (carried + 0.5 * rate)
+    work = 0.5 * (k * at_blocks + c * speed).T @ rate, 0.5 * (of_loads + of_loads.T)
+    return work, ((c * speed).T @ rate, lost + lost.T)
+
+
 def work_and_dissipation(
     record: Record,
     regimes: Callable[[Integers], Iterator[tuple[Regime, Integers]]],
@@ -211,7 +234,7 @@ def work_and_dissipation(
         places = order[mine]
         used, own = np.unique(of[places], return_inverse=True)
         starts = begins(regime, used)
-        if regime.blocks.group is None and regime.stops is None:
+        if regime.blocks.group is None:
             if "forms" not in regime.kept:
                 regime.kept["forms"] = StatusForms(regime)
             found[:, places] = regime.kept["forms"].taken(starts, own, tau[places])

@@ -281,16 +281,19 @@ class Regime:
     @cached_property
     def load_rows(self) -> Array:
         """The power of the loads as rows over the structure's blocks, by their values and rates, shape (2e, 2m)."""
-        spectrum, loads = self.spectrum, self.loads
-        function, m = self.function, spectrum.p.size
-        rows = np.zeros((2 * loads, 2 * m))
+        loads, function = self.loads, self.function
+        rows = np.zeros((2 * loads, 2 * self.spectrum.p.size))
         mine = np.flatnonzero(function >= 0)
-        local = np.asarray(spectrum.real.down(self.vectors[function[mine]].T)).T
-        if spectrum.blocks is None:
-            rows[mine, m:] = local
-        else:
-            rows[mine] = local @ spectrum.blocks.out[m:]
+        rows[mine] = self.velocities(self.vectors[function[mine]])
         return rows
+
+    def velocities(self, rows: Array) -> Array:
+        """Return modal rows (k, n) that take velocities as rows over the structure's blocks, shape (k, 2m)."""
+        spectrum, m = self.spectrum, self.spectrum.p.size
+        local = np.asarray(spectrum.real.down(rows.T)).T
+        if spectrum.blocks is None:
+            return np.concatenate([np.zeros((len(local), m)), local], axis=1)
+        return np.asarray(local @ spectrum.blocks.out[m:])
 
     @cached_property
     def power(self) -> Array:
