@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 import pytest
-from scenes import paper_beam
+from scenes import on_stop, paper_beam
 
 import vofem as vf
 
@@ -234,9 +234,7 @@ def test_step_beyond_the_critical_one():
 
 
 def test_the_critical_step_counts_closed_contacts():
-    m = vf.Mass(1.0, stiffness=1.0)
-    stop = vf.Contact(m, gap=1.0, stiffness=1e4, side="above", acts_on="penetration")
-    s = vf.Scene([m], [stop])
+    _, s = on_stop(vf.Mass(1.0, stiffness=1.0), gap=1.0, stiffness=1e4)
     with pytest.raises(vf.StepSizeError, match=r"0\.02 s"):
         vf.simulate(s, 1.0, method="central_difference", dt=0.0201)
     vf.simulate(s, 1.0, method="central_difference", dt=0.0199)
@@ -278,9 +276,7 @@ def test_names_in_results():
 
 
 def test_many_events_end_with_a_typed_error():
-    m = vf.Mass(1.0, stiffness=1.0)
-    stop = vf.Contact(m, gap=0.0, stiffness=1e4, side="above", acts_on="penetration", name="stop")
-    s = vf.Scene([m], [stop], initial={m: (-1.0, 0.0)})
+    _, s = on_stop(vf.Mass(1.0, stiffness=1.0), gap=0.0, stiffness=1e4, start=(-1.0, 0.0))
     with pytest.raises(vf.EventStormError, match=r"more than 5 contact events .* 'stop'"):
         vf.simulate(s, 100.0, max_events=5)
 

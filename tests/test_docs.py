@@ -16,8 +16,7 @@ ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
 PAGES = [
     *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "examples/README.md")),
-    *sorted(DOCS.glob("*.md")),
-    *sorted((DOCS / "api").glob("*.md")),
+    *sorted(DOCS.rglob("*.md")),
 ]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scenes import between_stops
 
 import vofem as vf
 from vofem.integrators.event_driven import energy
@@ -22,13 +23,8 @@ def rattling_beam(*, dampers=(), law="penetration", damping=0.0, load=None):
 
 def falling_mass(*, damping=0.0, stiffness=0.0, force=2.0):
     mass = vf.Mass(1.0, stiffness=stiffness, damping=damping)
-    stops = [
-        vf.Contact(mass, gap=0.05, stiffness=30.0, side=side, acts_on="penetration", name=side)
-        for side in ("above", "below")
-    ]
-    return vf.Scene(
-        [mass], [*stops, vf.PointLoad(mass, vf.Sine(1.0, force)), vf.Gravity(0.1)], initial={mass: (0.0, 0.3)}
-    )
+    start, load = (0.0, 0.3), vf.Sine(1.0, force)
+    return between_stops(mass, vf.Gravity(0.1), load=load, start=start, gap=0.05, stiffness=30.0)[1]
 
 
 def pair(damping, stiffness=4.0):

@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
+from scenes import on_stop
 
 import vofem as vf
 from vofem.integrators.event_driven import follow, regime, table, tangent
@@ -27,9 +28,7 @@ def rattle(load=None):
 
 
 def dropped():
-    mass = vf.Mass(1.0)
-    stop = vf.Contact(mass, gap=0.5, stiffness=100.0, side="below", acts_on="penetration")
-    return vf.Scene([mass], [stop, vf.Gravity(9.81)])
+    return on_stop(vf.Mass(1.0), vf.Gravity(9.81), gap=0.5, stiffness=100.0, side="below")[1]
 
 
 def chain():

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scenes import LAWS, reference
-from scipy.optimize import brentq
+from scipy.optimize import brentq, curve_fit
 
 import vofem as vf
 
@@ -188,7 +188,24 @@ def check_stop_placement(example, found, printed):
     assert f"{len(trials)} runs" in printed
 
 
+def check_afm_contact(example, fit, printed):
+    """Two straight lines that meet at the contact point, as an ordinary fit of them finds them."""
+    travel, deflection, stiffness, noise = example.curve(None)
+
+    def lines(x, meets, slope, zero):
+        return zero + slope * np.maximum(x - meets, 0.0)
+
+    (meets, slope, _), _ = curve_fit(lines, 1e6 * travel, 1e6 * deflection, [4.8, 0.5, -0.01])
+    assert fit.values == pytest.approx([1e-6 * meets, stiffness * slope / (1.0 - slope)], rel=1e-6)
+    assert fit.runs <= 15
+    # What the model leaves out is larger than the noise, and no larger than a few nanometres.
+    assert 2.0 * noise < np.std(fit.residuals) < 2e-9
+    assert np.max(np.abs(fit.residuals)) == -fit.residuals.min() < 1e-8
+    assert f"{fit.values[1]:.5f} N/m" in printed
+
+
 CHECKS = {
+    "afm_contact": check_afm_contact,
     "beam_shapes": check_beam_shapes,
     "cantilever_map": check_cantilever_map,
     "cantilever_on_stop": check_cantilever,

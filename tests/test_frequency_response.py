@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scenes import alone
 from scipy.sparse import diags
 
 import vofem as vf
@@ -146,8 +147,7 @@ def test_what_has_no_response_is_refused():
 
 
 def test_stroboscopic_samples_are_those_of_the_motion():
-    mass = vf.Mass(1.0, stiffness=1.0, damping=0.4)
-    scene = vf.Scene([mass], [vf.PointLoad(mass, vf.Sine(1.0, omega=2.0))])
+    mass, scene = alone(vf.Mass(1.0, stiffness=1.0, damping=0.4), load=vf.Sine(1.0, omega=2.0))
     run = vf.simulate(scene, 200.0, times=[0.0, 200.0])
     section = vf.poincare(run, np.pi, phase=1.0, skip=50)
     response = vf.frequency_response(scene, [1.0 / np.pi]).displacement(mass)[0]
@@ -158,8 +158,7 @@ def test_stroboscopic_samples_are_those_of_the_motion():
 
 
 def test_samples_count_the_time_of_the_loads():
-    mass = vf.Mass(1.0, stiffness=1.0)
-    scene = vf.Scene([mass], [vf.PointLoad(mass, vf.Sine(1.0, omega=2.0))])
+    _, scene = alone(vf.Mass(1.0, stiffness=1.0), load=vf.Sine(1.0, omega=2.0))
     run = vf.simulate(scene, 10.0, t_start=1.0)
     np.testing.assert_allclose(vf.poincare(run, 4.0).times + 1.0, [4.0, 8.0])
     np.testing.assert_allclose(vf.poincare(run, 4.0, phase=-np.pi).times + 1.0, [2.0, 6.0, 10.0])

@@ -61,10 +61,10 @@ def test_the_pass_backward_gives_the_forward_derivatives(case: Any) -> None:
     }
     for name, (objective, right) in pairs.items():
         found = vf.gradient(run, objective, parameters)
-        # The largest entries are those of short elements and of lengths; each parameter counts by its own size.
+        # Relative to the largest entry, and with each parameter counted by its own size.
         size = np.abs([parameter.value(scene) for parameter in parameters])
-        size = np.where(size > 0.0, size, 1.0)
-        assert np.max(np.abs(found - right) * size) < 1e-11 * np.max(np.abs(right) * size), name
+        for unit in (np.ones_like(size), np.where(size > 0.0, size, 1.0)):
+            assert np.max(np.abs(found - right) * unit) < 1e-12 * np.max(np.abs(right) * unit), name
 
 
 def test_wrong_objectives_are_refused() -> None:

@@ -5,7 +5,6 @@ import signal
 import subprocess
 import sys
 import time
-import types
 from pathlib import Path
 
 import numpy as np
@@ -123,7 +122,7 @@ def test_an_interrupt_that_became_another_error_is_still_an_interrupt(foreground
         except KeyboardInterrupt:
             raise ValueError("Invalid affine transformation matrix") from None
 
-    monkeypatch.setitem(sys.modules, "vofem.cli.program", types.SimpleNamespace(run_command=drawing))
+    monkeypatch.setattr(cli, "run_command", drawing)
     assert cli.main([]) == 130
     assert capsys.readouterr().err == "vofem: interrupted\n"
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

@@ -6,6 +6,7 @@ import copy
 
 import numpy as np
 import pytest
+from scenes import alone
 
 import vofem as vf
 from vofem.kernels.mode import kernels
@@ -85,8 +86,7 @@ def test_many_times_are_sampled_as_each_alone(name):
 
 
 def test_the_samples_of_many_times_outlive_energies_at_one():
-    mass = vf.Mass(1.0, stiffness=1.0)
-    scene = vf.Scene([mass], initial={mass: (0.5, 0.0)})
+    _, scene = alone(vf.Mass(1.0, stiffness=1.0), start=(0.5, 0.0))
     solution = vf.simulate(scene, 1.0, method="event_driven", times=np.linspace(0.0, 1.0, 50)).solution
     many = solution._trajectory(solution.times)
     assert solution.start_energy == pytest.approx(0.125, rel=1e-14)

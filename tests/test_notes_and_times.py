@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scenes import alone
 
 import vofem as vf
 from vofem.integrators.stepping.checks import check_times
@@ -92,8 +93,7 @@ def test_notes_are_the_same_whatever_times_are_wanted(case):
 
 def test_one_step_is_far_from_right():
     """0.044 m instead of 0.178: a mass of 1 kg on a spring of 20 N/m, pushed with 2 N for a second."""
-    mass = vf.Mass(1.0, stiffness=4.0)
-    scene = vf.Scene([mass], [vf.PointLoad(mass, 1.0)])
+    mass, scene = alone(vf.Mass(1.0, stiffness=4.0), load=1.0)
     result = vf.simulate(scene, 3.0, method="energy_conserving", dt=3.0)
     exact = 0.25 * (1.0 - np.cos(6.0))
     assert abs(result.displacement(mass)[-1] - exact) > 0.5 * exact

@@ -6,11 +6,10 @@
 from __future__ import annotations
 
 import random
-import sys
-import traceback
 
 import numpy as np
 import pytest
+from campaigns import campaign
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from random_scenes import scene as random_scene
@@ -149,17 +148,5 @@ def test_scenes_that_once_went_wrong(seed):
     assert not faults(scene, t_end, budget=8_000), vf.explain(scene)
 
 
-def campaign(first, last):
-    for seed in range(first, last):
-        try:
-            found = faults(*random_scene(random.Random(seed)))
-        except vf.SingularSystemError as error:
-            found = [f"refused: {error}"]
-        except Exception:
-            found = [traceback.format_exc(limit=-3)]
-        if found:
-            print(seed, *found, sep="\n    ", flush=True)
-
-
 if __name__ == "__main__":
-    campaign(int(sys.argv[1]), int(sys.argv[2]))
+    campaign(lambda seed: faults(*random_scene(random.Random(seed))))

@@ -9,6 +9,7 @@ from pathlib import Path
 import matplotlib.image
 import numpy as np
 import pytest
+from scenes import on_stop
 
 import vofem as vf
 from vofem import cli
@@ -85,9 +86,8 @@ def test_sections_and_backbones(branch, tmp_path, figures):
     plot.poincare_section(section, masses[0], tmp_path / "section.png")
     assert figures[0].axes[0].lines[0].get_xdata().size == len(section)
 
-    mass = vf.Mass(1.0, stiffness=10.0)
-    stop = vf.Contact(mass, gap=0.01, stiffness=50.0, side="above", acts_on="penetration")
-    mode = vf.backbone(vf.Scene([mass], [stop]), 1, np.geomspace(1e-3, 1e-1, 5))
+    _, scene = on_stop(vf.Mass(1.0, stiffness=10.0), gap=0.01, stiffness=50.0)
+    mode = vf.backbone(scene, 1, np.geomspace(1e-3, 1e-1, 5))
     plot.backbone_curve(mode, tmp_path / "backbone.png")
     np.testing.assert_allclose(figures[1].axes[0].lines[0].get_xdata(), mode.omega / (2.0 * np.pi))
     np.testing.assert_allclose(figures[1].axes[0].lines[0].get_ydata(), np.geomspace(1e-3, 1e-1, 5))
@@ -210,9 +210,7 @@ def test_pictures_show_the_curve_and_what_was_computed(branch, tmp_path, figures
 
 
 def test_a_spectrum_and_a_map_end_where_the_numbers_end(tmp_path, figures):
-    mass = vf.Mass(1.0, stiffness=1.0, damping=0.1)
-    stop = vf.Contact(mass, gap=0.5, stiffness=3.0, side="above", acts_on="penetration", name="stop")
-    scene = vf.Scene([mass], [stop, vf.PointLoad(mass, vf.Sine(0.5, 0.9))])
+    mass, scene = on_stop(vf.Mass(1.0, stiffness=1.0, damping=0.1), gap=0.5, stiffness=3.0, load=vf.Sine(0.5, 0.9))
     result = vf.simulate(scene, 100.0, method="energy_conserving", dt=0.1)
     plot.spectrum(result, mass, tmp_path / "spectrum.png", limit=50.0)
     axes = figures[0].axes[0]

@@ -110,6 +110,23 @@ def test_a_function_that_no_other_process_can_import_is_refused_before_anything_
         vf.sweep(lambda x: {"y": x}, {"x": [1]})
 
 
+@pytest.mark.parametrize(
+    ("begin", "refused"),
+    [("", True), ("if __name__ == '__main__':\n    ", False), ("def main():\n    ", False), ("import logging\n", True)],
+)
+def test_a_script_without_a_guard_is_refused_before_anything_starts(tmp_path, begin, refused):
+    """Each process would import the script and start processes itself; all points failed, with a traceback for each."""
+    script = tmp_path / "script.py"
+    end = "\nif __name__ == '__main__':\n    main()" if "main()" in begin else ""
+    call = "print(vf.sweep(math.sqrt_of, {'x': [1.0, 4.0]}, workers=1, compiled=False)['y'])"
+    (tmp_path / "own.py").write_text("def sqrt_of(x): return {'y': x**0.5}\n")
+    script.write_text(f"import vofem as vf\nimport own as math\n{begin}{call}{end}\n")
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, cwd=tmp_path)
+    assert (done.returncode != 0) == refused
+    assert done.stdout.strip() == ("" if refused else "[1. 2.]")
+    assert done.stderr.count("if __name__ == '__main__':") == refused
+
+
 # -- executors ----------------------------------------------------------------------------------------
 
 
@@ -464,13 +481,6 @@ def test_a_changed_function_starts_anew_and_says_so(tmp_path, monkeypatch):
     assert (tmp_path / "rows.before-1.h5").read_bytes() == before
 
 
-def test_the_identity_of_a_function_covers_what_is_bound_to_it():
-    bound = [identity(functools.partial(functions.slow_square, seconds=s))[0]["source"] for s in (1.0, 2.0, 1.0)]
-    assert bound[0] == bound[2] != bound[1]
-    inner = [identity(lambda x, scale=scale: {"y": scale * x})[0]["source"] for scale in (1.0, 2.0, 1.0)]
-    assert inner[0] == inner[2] != inner[1]
-
-
 def test_a_second_process_is_refused(tmp_path):
     store = tmp_path / "rows.h5"
     first = store_module.SweepFile(store, identity(functions.square)[0])
@@ -614,16 +624,6 @@ def test_a_saved_run_is_no_store(tmp_path):
     with pytest.raises(vf.StorageError, match="no store of a sweep"):
         vf.sweep(functions.square, {"x": [1]}, executor="serial", store=path)
     assert path.read_bytes() == before
-
-
-def test_damage_is_found(tmp_path):
-    store = tmp_path / "rows.h5"
-    vf.sweep(functions.square, {"x": [1]}, executor="serial", store=store)
-    data = bytearray(store.read_bytes())
-    data[len(data) // 2] ^= 16
-    store.write_bytes(bytes(data))
-    with pytest.raises(vf.StorageError, match="is damaged"):
-        vf.sweep(functions.square, {"x": [1]}, executor="serial", store=store)
 
 
 # -- tables -------------------------------------------------------------------------------------------

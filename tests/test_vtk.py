@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import errno
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -275,35 +273,6 @@ def test_failing_file_system_calls_leave_everything_as_it_was(run, tmp_path, mon
         write_series(run[1], goal, [0.0, 2.0])
     monkeypatch.undo()
     assert snapshot(tmp_path) == before
-
-
-@pytest.mark.parametrize("earlier", [False, True])
-def test_a_file_limit_of_the_system(tmp_path, earlier):
-    """The kernel refuses to write on, in the middle of a file: what was there before stays."""
-    script = f"""
-import resource, sys
-from pathlib import Path
-sys.path.insert(0, {str(Path(__file__).parent)!r})
-from test_vtk import snapshot
-import vofem as vf
-from vofem.io.vtk import write_series
-beam = vf.Beam(1.0, 1.0, 1.0, 25, {{"left": "clamped"}})
-result = vf.simulate(vf.Scene([beam], [vf.PointLoad(beam.at(1.0), 1.0)]), 1.0, times=[0.0, 1.0])
-goal = Path({str(tmp_path / "run.pvd")!r})
-if {earlier}:
-    write_series(result, goal, [0.0])
-before = snapshot(goal.parent)
-resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))
-try:
-    write_series(result, goal)
-except vf.OutputError as error:
-    print(error)
-assert before == snapshot(goal.parent)
-"""
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert "File too large" in done.stdout
-    assert done.stderr == ""
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["run-frames", "run.pvd"] * earlier
 
 
 def test_places_that_cannot_be_written(run, tmp_path):

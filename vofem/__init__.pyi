@@ -13,6 +13,7 @@ from .effects import CrushingStop as CrushingStop
 from .effects import Dashpot as Dashpot
 from .effects import DistributedLoad as DistributedLoad
 from .effects import Foundation as Foundation
+from .effects import Friction as Friction
 from .effects import Gravity as Gravity
 from .effects import HystereticSpring as HystereticSpring
 from .effects import IwanSpring as IwanSpring

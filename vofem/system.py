@@ -13,7 +13,7 @@ from vofem.errors import MethodError
 from vofem.laws import CLOSED as CLOSED
 from vofem.laws import OPEN as OPEN
 from vofem.laws import PINNED as PINNED
-from vofem.laws import ContactLaws, LawGroup
+from vofem.laws import ContactLaws, FrictionLaws, LawGroup
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix, csr_matrix
@@ -185,6 +185,11 @@ class System:
         Everything else asks each of `laws`.
         """
         return next((group for group in self.laws if isinstance(group, ContactLaws)), None)
+
+    @property
+    def sliders(self) -> FrictionLaws | None:
+        """The sliders; None where there are none. Only `event_driven` treats them."""
+        return next((group for group in self.laws if isinstance(group, FrictionLaws)), None)
 
     @property
     def driven(self) -> Any:

@@ -42,11 +42,10 @@ _CHUNK = 2**20
 
 
 class GuardedFile(io.RawIOBase):
-    """A file under HDF5's feet that never fails: the first error is kept in `error`, and later writes go nowhere.
+    """A file object that hides the errors of writing from h5py, and keeps the first one in `error` for the caller.
 
-    HDF5 that meets a full disk can neither finish nor close its file, and is
-    left in a state that ends the process. HDF5 is told that all went well
-    instead; whoever writes looks at `error`.
+    h5py crashes when a disk is full: HDF5 can then neither finish nor close its file. So h5py is told that all went
+    well, and whatever it writes after the error is dropped.
 
     Parameters
     ----------

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vofem._validate import number, whole
+from vofem.blas import one_thread
 from vofem.cards import Shown
 from vofem.errors import ArgumentError, ConvergenceError, VofemError
 from vofem.fitting.measured import Data, Trial
@@ -236,7 +238,7 @@ class _Problem:
         found = np.zeros((residuals.size, p + len(self.with_offset)))
         row = 0
         for k, one in enumerate(self.data):
-            part = one.jacobian(trial)
+            part = trial.once((one, "jacobian"), partial(one.jacobian, trial))
             found[row : row + part.shape[0], :p] = part
             if k in self.with_offset:
                 found[row : row + part.shape[0], p + self.with_offset.index(k)] = 1.0
@@ -314,6 +316,7 @@ def _covariance(solved: _Solved, p: int, known: bool, count: int) -> tuple[Array
     return covariance, sorted(k for k in poor if k < p)
 
 
+@one_thread
 def fit(
     scene: Scene,
     parameters: Sequence[Parameter] | Parameter,

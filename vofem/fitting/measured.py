@@ -13,7 +13,7 @@ from vofem.bodies.base import Point, as_point
 from vofem.errors import ArgumentError, ConvergenceError
 from vofem.result import Result
 from vofem.scene import Scene
-from vofem.sensitivities import Parameter, RunSensitivities, sensitivities
+from vofem.sensitivities import EquilibriumSensitivities, Parameter, RunSensitivities, sensitivities
 from vofem.sensitivities.change import FUNCTIONS, INITIAL
 from vofem.sensitivities.system_change import carried
 from vofem.statics import equilibrium
@@ -349,8 +349,12 @@ class MeasuredStatics(Data):
 
     def jacobian(self, trial: Trial) -> Array:
         """Return the derivatives of `model`, shape (n, p)."""
-        point = trial.point(self.point)
-        return np.stack([sensitivities(one, trial.parameters).displacement(point) for one in self._equilibria(trial)])
+        point, rows = trial.point(self.point), []
+        known: EquilibriumSensitivities | None = None
+        for one in self._equilibria(trial):
+            known = EquilibriumSensitivities(one, trial.parameters, known)
+            rows.append(known.displacement(point))
+        return np.stack(rows)
 
 
 class MeasuredCurve(Data):

@@ -31,7 +31,7 @@ EVENT_DRIVEN = Method(
     reason=_is_exact,
 )
 
-#: Option: whether a second run from a start nearby shows how quickly errors grow; see `stepping.nearby`.
+#: Option: whether second runs look for chaos and for errors of steps; see `stepping.nearby`.
 _NEARBY: dict[str, object] = {"nearby": None}
 
 ENERGY_CONSERVING = Method(

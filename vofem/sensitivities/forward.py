@@ -58,14 +58,10 @@ class StatusFlow:
         self.basis: Basis | None = basis_of(self.equation.matrix, [] if bare else self.matrices)
         work.eigensolves += 1
 
-    def force(self, waves: list[Any], vectors: list[Array]) -> Forcing:
-        """Return the forces of loads and contacts as they accelerate the modes."""
-        whole = forcing_of(waves, vectors, self.equation.push)
-        return self._projected(whole)
-
-    def _projected(self, force: Forcing) -> Forcing:
+    def projected(self, force: Forcing) -> Forcing:
+        """Return a force as it accelerates the modes."""
         project = self.equation.project
-        return force if project is None else Forcing(force.omega, force.level @ project, force.growth @ project)
+        return force if project is None else force.times(project)
 
     def force_change(self, k: int, waves: list[Any], vectors: list[Array], whole: Forcing) -> Forcing | None:
         """Return the derivative of `force` by a parameter, None where there is none.
@@ -81,15 +77,9 @@ class StatusFlow:
         """
         if not waves and not np.any(self.pushes[k]) and self.inverses[k] is None:
             return None
-        own = self._projected(forcing_of(waves, vectors, self.pushes[k]))
+        own = self.projected(forcing_of(waves, vectors, self.pushes[k]))
         inverse = self.inverses[k]
-        if inverse is None:
-            return own
-        return Forcing(
-            np.concatenate([own.omega, whole.omega]),
-            np.concatenate([own.level, whole.level @ inverse.T]),
-            np.concatenate([own.growth, whole.growth @ inverse.T]),
-        )
+        return own if inverse is None else own.plus(whole.times(inverse.T))
 
 
 @dataclass
@@ -162,6 +152,8 @@ class Forward:
         self._flows: dict[bytes, StatusFlow] = {}
         self.event_times = np.full((self.events.time.size, len(self.changes)), np.nan)
         self._starts: list[Array] = []
+        self._forces: dict[int, tuple[Forcing, Forcing]] = {}
+        self._pieces: dict[int, Closed | Block] = {}
         self.passages: dict[int, Passage] = {}
         self.final = np.empty(0)
         if self.bare:
@@ -182,30 +174,43 @@ class Forward:
         """Return scaled displacements and velocities at the begin of a segment, shape (2n,)."""
         return np.concatenate([self.modal.scale * self.segments.displacement[index], self.segments.velocity[index]])
 
-    def forces(self, index: int) -> tuple[Forcing, Forcing, list[Forcing | None]]:
-        """Return the force in a segment before and after projection, and its derivatives."""
-        modal, t = self.modal, float(self.segments.starts[index])
-        flow = self.flow(self.segments.status[index])
-        loads = modal.system.loads
-        waves = [waves_of(load.function.piece(t)) for load in loads]  # type: ignore[attr-defined]
-        vectors = list(modal.loads)
-        whole = forcing_of(waves, vectors, flow.equation.push)
-        changes: list[Forcing | None] = []
-        for k, change in enumerate([] if self.bare else self.changes):
-            parts: list[Any] = []
-            along: list[Array] = []
-            if change.loads is not None:
-                parts, along = list(waves), list(change.loads)
-            for load, path in change.change.functions.items():
-                parts.append(derivative_waves(loads[load].function, path, t))
-                along.append(vectors[load])
-            changes.append(flow.force_change(k, parts, along, whole))
-        return whole, flow._projected(whole), changes
+    def waves(self, index: int) -> list[Forcing]:
+        """Return the functions of time of the loads in a segment."""
+        t = float(self.segments.starts[index])
+        return [waves_of(load.function.piece(t)) for load in self.modal.system.loads]  # type: ignore[attr-defined]
+
+    def forces(self, index: int) -> tuple[Forcing, Forcing]:
+        """Return the force in a segment before and after projection."""
+        if index not in self._forces:
+            flow = self.flow(self.segments.status[index])
+            whole = forcing_of(self.waves(index), list(self.modal.loads), flow.equation.push)
+            self._forces[index] = whole, flow.projected(whole)
+        return self._forces[index]
+
+    def load_changes(self, index: int, k: int) -> tuple[list[Forcing], list[Array]]:
+        """Return functions of time and vectors (n,) whose sum is the derivative of the loads by a parameter."""
+        change, loads, t = self.changes[k], self.modal.system.loads, float(self.segments.starts[index])
+        parts = [] if change.loads is None else self.waves(index)
+        along = [] if change.loads is None else list(change.loads)
+        for load, path in change.change.functions.items():
+            parts.append(derivative_waves(loads[load].function, path, t))
+            along.append(self.modal.loads[load])
+        return parts, along
+
+    def force_changes(self, index: int) -> list[Forcing | None]:
+        """Return the derivatives of the force in a segment after projection."""
+        flow, whole = self.flow(self.segments.status[index]), self.forces(index)[0]
+        return [flow.force_change(k, *self.load_changes(index, k), whole) for k in range(len(self.changes))]
 
     def closed(self, index: int) -> Closed | Block:
         """Return a segment, ready to be sampled."""
+        if index not in self._pieces:
+            self._pieces[index] = self._piece(index)
+        return self._pieces[index]
+
+    def _piece(self, index: int) -> Closed | Block:
         flow = self.flow(self.segments.status[index])
-        _, force, forces = self.forces(index)
+        force, forces = self.forces(index)[1], [] if self.bare else self.force_changes(index)
         last = index + 1 == self.segments.starts.size
         start = self.state(index)
         duration = float(self.segments.durations[index])
@@ -372,16 +377,14 @@ class Forward:
         value_p = rows[0] @ np.concatenate([scale * z, v])
         for k in range(len(self.changes)):
             row_p, constant_p = self.reaction_changes(index, j, k)
-            value_p[k] += row_p @ state + float(np.sum(_wave(constant_p, tau)))
+            value_p[k] += row_p @ state + constant_p.at(tau)
             if after == CLOSED:
                 gap_p, k_p = self.changes[k].change.gap[j], self.changes[k].change.contact_stiffness[j]
                 value_p[k] -= laws.stiffness[j] * gap_p + k_p * laws.gap[j]
         flow = self.flow(self.segments.status[index])
-        _, force, _ = self.forces(index)
-        n = self.modal.size
         slope = flow.equation.matrix @ state
-        slope[n:] += sum(_wave_rows(force, tau))
-        rate = float(rows[0] @ slope + np.sum(_wave_rate(constants, tau)))
+        slope[self.modal.size :] += self.forces(index)[1].at(tau)
+        rate = float(rows[0] @ slope + constants.rate().at(tau))
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(-value_p / rate)
 
@@ -390,11 +393,9 @@ class Forward:
     def reaction_rows(self, index: int, j: int) -> tuple[Array, Forcing]:
         """Return the row (1, 2n) over the state, and the function of time, whose sum is a pinned contact's reaction."""
         flow = self.flow(self.segments.status[index])
-        whole, _, _ = self.forces(index)
         place = int(np.flatnonzero(flow.equation.pinned == j)[0])
         rows, share = flow.equation.reaction()
-        along = share[place]
-        return rows[[place]], Forcing(whole.omega, whole.level @ along, whole.growth @ along)
+        return rows[[place]], self.forces(index)[0].times(share[place])
 
     def reaction_changes(self, index: int, j: int, k: int) -> tuple[Array, Forcing]:
         """Return the derivatives of `reaction_rows` by a parameter: (2n,), and a function of time."""
@@ -404,23 +405,8 @@ class Forward:
         lower = self.lower(equation, change)
         rows_p, share_p = equation.reaction_changes(change, lower)
         _, share = equation.reaction()
-        whole, _, _ = self.forces(index)
-        t = float(self.segments.starts[index])
-        loads = self.modal.system.loads
-        waves: list[Any] = []
-        along: list[Array] = []
-        if change.loads is not None:
-            waves = [waves_of(load.function.piece(t)) for load in loads]  # type: ignore[attr-defined]
-            along = list(change.loads)
-        for load, path in change.change.functions.items():
-            waves.append(derivative_waves(loads[load].function, path, t))
-            along.append(self.modal.loads[load])
-        own = forcing_of(waves, along, flow.pushes[k])
-        return rows_p[place], Forcing(
-            np.concatenate([own.omega, whole.omega]),
-            np.concatenate([own.level @ share[place], whole.level @ share_p[place]]),
-            np.concatenate([own.growth @ share[place], whole.growth @ share_p[place]]),
-        )
+        own = forcing_of(*self.load_changes(index, k), flow.pushes[k]).times(share[place])
+        return rows_p[place], own.plus(self.forces(index)[0].times(share_p[place]))
 
     def lower(self, equation: StatusEquation, change: ModalChange) -> Array:
         """Return the derivative of forces over the state, before projection, shape (n, 2n)."""
@@ -452,8 +438,8 @@ class Forward:
         for index, mine, tau in self.visit(times):
             equation = self.flow(self.segments.status[index]).equation
             states = self.closed(index).states(tau)
-            _, force, _ = self.forces(index)
-            push = np.stack([_wave_rows(force, t).sum(axis=0) for t in tau.tolist()], axis=1)
+            force = self.forces(index)[1]
+            push = np.stack([force.at(t) for t in tau.tolist()], axis=1)
             out[0][:, mine], out[1][:, mine] = states[:n] / scale, states[n:]
             out[2][:, mine] = equation.matrix[n:] @ states + push
         return out[0], out[1], out[2]
@@ -465,13 +451,13 @@ class Forward:
         for index, mine, tau in self.visit(times):
             flow, piece = self.flow(self.segments.status[index]), self.closed(index)
             states = piece.states(tau)
-            _, _, forces = self.forces(index)
+            forces = self.force_changes(index)
             found = np.einsum("nm,mtp->ntp", flow.equation.matrix[n:], piece.sample(np.eye(2 * n), tau))
             for k, (change, own) in enumerate(zip(flow.matrices, forces, strict=True)):
                 if change is not None:
                     found[:, :, k] += change[n:] @ states
                 if own is not None:
-                    found[:, :, k] += np.stack([_wave_rows(own, t).sum(axis=0) for t in tau.tolist()], axis=1)
+                    found[:, :, k] += np.stack([own.at(t) for t in tau.tolist()], axis=1)
             out[:, mine] = found
         return out
 
@@ -482,20 +468,3 @@ class Forward:
         for index, mine, tau in self.visit(times):
             out[:, mine] = self.closed(index).sample(scaled, tau)
         return out
-
-
-def _wave(force: Forcing, tau: float) -> Array:
-    """Return the values of a scalar function of time, one for each wave."""
-    return np.asarray(((force.level + force.growth * tau) * np.exp(1j * force.omega * tau)).real)
-
-
-def _wave_rate(force: Forcing, tau: float) -> Array:
-    """Return the rates of a scalar function of time, one for each wave."""
-    turning = force.growth + 1j * force.omega * (force.level + force.growth * tau)
-    return np.asarray((turning * np.exp(1j * force.omega * tau)).real)
-
-
-def _wave_rows(force: Forcing, tau: float) -> Array:
-    """Return the values of vectors of functions of time, shape (k, n)."""
-    turn = np.exp(1j * force.omega * tau)[:, None]
-    return np.asarray(((force.level + force.growth * tau) * turn).real)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vofem.blas import one_thread
 from vofem.errors import ArgumentError, MethodError
 from vofem.lookup import rows_over
 from vofem.scene import Scene
@@ -16,7 +17,7 @@ from vofem.sensitivities.forward import Forward, Work
 from vofem.sensitivities.modal import ModalChange, modal_change, modal_system
 from vofem.sensitivities.of_statics import OfParameters
 from vofem.sensitivities.parameter import Parameter, parameters_of
-from vofem.sensitivities.system_change import SystemChange, system_change, unchanged
+from vofem.sensitivities.system_change import SystemChange, system_changes, unchanged
 from vofem.studies.steady import PeriodicOrbit, SpecialPoint
 from vofem.system import CLOSED, OPEN, PINNED
 from vofem.time_functions import Sine, as_time_function
@@ -61,7 +62,7 @@ class OrbitSensitivities(OfParameters):
                 "modes"
             )
         full = result.model.system
-        changes = [system_change(scene, parameter) for parameter in self.parameters]
+        changes = system_changes(scene, self.parameters)
         self._changes: list[SystemChange] = []
         for parameter, change in zip(self.parameters, changes, strict=True):
             if parameter.field.startswith("initial."):
@@ -130,6 +131,7 @@ class OrbitSensitivities(OfParameters):
                 out[:, k] += (np.asarray(moved @ self._modal.shapes) @ forward.motion(times)[kind])[0]
         return np.asarray(out)
 
+    @one_thread
     def extremes(self, point: Any) -> Array:
         """Return the derivatives of the least and of the largest displacement of a point, shape (2, p)."""
         result = self.orbit.result
@@ -154,6 +156,7 @@ class OrbitSensitivities(OfParameters):
     # -- stability --------------------------------------------------------------------------------
 
     @cached_property
+    @one_thread
     def multipliers(self) -> Complex:
         """Of the Floquet multipliers, in the order of `PeriodicOrbit.multipliers`, shape (m, p); NaN for equal ones."""
         changes = self._monodromy_changes()
@@ -209,11 +212,8 @@ class OrbitSensitivities(OfParameters):
         velocity = passage.state[n:]
         ends = self._total(passage.ends)
         equation = forward.flow(passage.before).equation
-        _, force, _ = forward.forces(index)
         tau = float(forward.segments.durations[index])
-        turn = np.exp(1j * force.omega * tau)[:, None]
-        acceleration = equation.matrix[n:] @ passage.state
-        acceleration = acceleration + ((force.level + force.growth * tau) * turn).real.sum(axis=0)
+        acceleration = equation.matrix[n:] @ passage.state + forward.forces(index)[1].at(tau)
         whole, parts = np.eye(2 * n), [np.zeros((2 * n, 2 * n)) for _ in range(p)]
         for number in passage.numbers:
             j = int(forward.events.contact[number])

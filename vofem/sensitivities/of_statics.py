@@ -14,7 +14,7 @@ from vofem.lookup import rows_over
 from vofem.scene import Scene
 from vofem.sensitivities.forcing import derivative_waves
 from vofem.sensitivities.parameter import Parameter, parameters_of
-from vofem.sensitivities.system_change import system_change
+from vofem.sensitivities.system_change import SystemChange, system_changes
 from vofem.statics import Equilibrium
 from vofem.vibration import Modes, contact_indices
 
@@ -67,11 +67,15 @@ class EquilibriumSensitivities(OfParameters):
     contacts : dict of str to StaticContactSensitivities
     """
 
-    def __init__(self, outcome: Equilibrium, parameters: Any) -> None:
+    def __init__(self, outcome: Equilibrium, parameters: Any, like: EquilibriumSensitivities | None = None) -> None:
+        """Compute the derivatives; `like` are those of another equilibrium of the same scene by the same parameters."""
         from scipy.sparse import bmat, csc_matrix
         from scipy.sparse.linalg import splu
 
-        scene = Scene(tuple(outcome.model.offsets), outcome.effects).compiled_as(outcome.model)
+        if like is None:
+            scene = Scene(tuple(outcome.model.offsets), outcome.effects).compiled_as(outcome.model)
+        else:
+            scene = like._scene
         q, t = outcome.free_displacement, outcome.t
         super().__init__(scene, parameters_of("sensitivities", parameters, scene))
         system = scene.model.system
@@ -82,7 +86,7 @@ class EquilibriumSensitivities(OfParameters):
                 "linear springs have derivatives"
             )
         self._q = q
-        self._changes = [system_change(scene, parameter) for parameter in self.parameters]
+        self._changes: list[SystemChange] = system_changes(scene, self.parameters) if like is None else like._changes
         laws = system.contacts
         names = () if laws is None else laws.names
         closed = [j for j, name in enumerate(names) if outcome.contacts[name].closed]
@@ -170,8 +174,7 @@ class ModesSensitivities(OfParameters):
         squares, shapes = outcome.omega**2, outcome.free_shapes
         self.omega = np.zeros((squares.size, len(self.parameters)))
         edges = np.flatnonzero(np.diff(squares) > _SAME * squares[1:]) + 1
-        for k, parameter in enumerate(self.parameters):
-            change = system_change(scene, parameter)
+        for k, change in enumerate(system_changes(scene, self.parameters)):
             for group in np.split(np.arange(squares.size), edges):
                 basis, square = shapes[:, group], float(squares[group[0]])
                 small = np.zeros((group.size, group.size))

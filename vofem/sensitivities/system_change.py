@@ -7,7 +7,7 @@ exists at the limits of a number too. Lengths and places enter as low powers, fo
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -20,6 +20,7 @@ from vofem.lookup import rows_over
 from vofem.scene import Scene
 from vofem.sensitivities.change import INITIAL, PLACES, function_at, moved_point, point_of
 from vofem.sensitivities.parameter import Parameter
+from vofem.sharing import sharing_between_scenes
 from vofem.system import System, same_matrix
 
 if TYPE_CHECKING:
@@ -87,8 +88,48 @@ class SystemChange:
         return any(part is not None for part in parts) or any(self.rayleigh) or self.modal_damping != 0.0
 
 
-def system_change(scene: Scene, parameter: Parameter) -> SystemChange:
-    """Return the derivative of the system of a scene by a parameter."""
+def system_changes(scene: Scene, parameters: Sequence[Parameter]) -> list[SystemChange]:
+    """Return the derivatives of the system of a scene by parameters."""
+    with sharing_between_scenes():
+        known = _of_elements(scene, parameters)
+        return [known[k] if k in known else _of_targets(scene, one) for k, one in enumerate(parameters)]
+
+
+def _of_elements(scene: Scene, parameters: Sequence[Parameter]) -> dict[int, SystemChange]:
+    """Return the derivatives by single elements of beams, by number of the parameter.
+
+    Elements that share no node are changed together, and what changes is divided among them: two assemblies do for a
+    beam. Joints may eliminate degrees of freedom; then nothing is divided.
+    """
+    groups: dict[tuple[Any, str, int], dict[int, int]] = {}
+    for k, one in enumerate(parameters):
+        if one.elements is not None and len(one.elements) == 1 and len(one.targets) == 1:
+            (beam,), (element,) = one.found(scene), one.elements
+            groups.setdefault((beam, one.field, element % 2), {})[k] = element
+    model, found = scene.model, {}
+    for (beam, field, _), numbers in groups.items():
+        elements = sorted(set(numbers.values()))
+        if len(elements) == 1 or model.transform is not None:
+            continue
+        whole = _of_targets(scene, Parameter(beam, field, element=elements))
+        if whole.damping is not None or whole.rows is not None:
+            continue
+        parts = {}
+        for place, element in enumerate(elements):
+            first = model.offsets[beam] + 2 * element
+            inside = ((model.free >= first) & (model.free < first + 4)).astype(float)
+            matrices = [None if m is None else m.multiply(inside).multiply(inside[:, None]).tocsc()
+                        for m in (whole.mass, whole.stiffness)]  # fmt: skip
+            parts[element] = replace(
+                whole, mass=matrices[0], stiffness=matrices[1], vectors=tuple(v * inside for v in whole.vectors),
+                assemblies=whole.assemblies if place == 0 else 0,
+            )  # fmt: skip
+        found.update({k: parts[element] for k, element in numbers.items()})
+    return found
+
+
+def _of_targets(scene: Scene, parameter: Parameter) -> SystemChange:
+    """Return the derivative by a parameter, the sum over its targets."""
     total: SystemChange | None = None
     for target in parameter.found(scene):
         single = Parameter(target, parameter.field, element=parameter.elements)

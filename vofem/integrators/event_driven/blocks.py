@@ -193,6 +193,23 @@ def changes(blocks: Blocks, starts: Array, own: Integers, tau: Array) -> Array:
     return found
 
 
+def row_changes(blocks: Blocks, rows: Array, tau: Array) -> Array:
+    """Return rows whose products with states are the changes of other rows, (k, 2, m), after times, (n_times, k, 2, m).
+
+    For blocks without groups. From these and a few states a motion follows at the sums of two sets of times.
+    """
+    c, s = (part[:, None] for part in oscillator_times(blocks.of, tau))
+    w, u = rows[:, 0], rows[:, 1]
+    delta, p = blocks.of[DELTA], blocks.of[SQUARE]
+    found = np.stack([w * (c + delta * s) - u * (p * s), w * s + u * (c - delta * s)], axis=2)
+    for e, (k, j) in enumerate(blocks.pair.tolist()):
+        for i, t in enumerate(tau.tolist()):
+            for part, (f, rate) in enumerate(((1.0, 0.0), (0.0, 1.0))):
+                z, v = from_rest(delta[k], p[k], p[j], f, rate, blocks.gain[e], t)
+                found[i, :, part, j] += w[:, k] * z + u[:, k] * v
+    return np.asarray(found)
+
+
 @jit
 def _changes(blocks: Blocks, starts: Array, own: Integers, tau: Array, out: Array) -> None:
     for i in range(tau.size):

@@ -234,7 +234,8 @@ def work_and_dissipation(
         places = order[mine]
         used, own = np.unique(of[places], return_inverse=True)
         starts = begins(regime, used)
-        if regime.blocks.group is None:
+        moved = regime.sliding is not None and (regime.sliding.moves or regime.stops is not None)
+        if regime.blocks.group is None and not moved:
             if "forms" not in regime.kept:
                 regime.kept["forms"] = StatusForms(regime)
             found[:, places] = regime.kept["forms"].taken(starts, own, tau[places])
@@ -262,16 +263,25 @@ def _on_panels(regime: Regime, begin: Array, tau: Array) -> Array:
             more += stops.work_and_loss(*regime.to_modes(found, shifted=True), found[:, :, :e])
         return flat(found[:, :, e:]) + w @ regime.answers.steady.T, w, more
 
+    def whole(at: Array) -> Array:
+        return np.asarray(begin + regime.changes(begin[None], np.zeros(at.size, dtype=np.int64), at))
+
     def work(at: Array) -> Array:
+        if regime.sliding is not None:
+            return regime.sliding.work_and_loss(regime, whole(at))[0]
         y, w, more = states(at)
         return more[0] + _products(y @ regime.load_rows.T, w)
 
     def loss(at: Array) -> Array:
+        if regime.sliding is not None:
+            return regime.sliding.work_and_loss(regime, whole(at))[1]
         y, _, more = states(at)
         return more[1] + _products(_times(regime.power, y.T).T, y)
 
     of = regime.blocks.of
-    rate = 2.0 * float(of[FREQUENCY, e:].max() + of[DELTA, e:].max()) + 2.0 * of[FREQUENCY, :e].max(initial=0.0)
+    rate = 2.0 * float(of[FREQUENCY, e:].max(initial=0.0) + of[DELTA, e:].max(initial=0.0)) + 2.0 * of[
+        FREQUENCY, :e
+    ].max(initial=0.0)
     return np.stack([quadrature(work, tau, rate) if e else np.zeros(tau.size), quadrature(loss, tau, rate)])
 
 

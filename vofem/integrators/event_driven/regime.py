@@ -10,17 +10,18 @@ The columns of B belong to the values of the loads and, after them, to their rat
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vofem.integrators.event_driven.blocks import Blocks, blocks_of, changes
+from vofem.integrators.event_driven.blocks import Blocks, blocks_of, changes, row_changes
 from vofem.integrators.event_driven.clusters import group_of
 from vofem.integrators.event_driven.exosystem import CONSTANT
 from vofem.integrators.event_driven.pinned import Reactions, reactions
+from vofem.integrators.event_driven.sliders import Pushes, Sliders, SlidingPiece
 from vofem.integrators.event_driven.spectrum import Spectrum
 from vofem.system import CLOSED, OPEN, PINNED, ContactLaws
 
@@ -247,6 +248,8 @@ class Regime:
         Contacts that the motion of bases moves; None where there are none.
     bend : ndarray of int, shape (e,)
         See `Exosystem`.
+    sliding : SlidingPiece, optional
+        Sliders; None where there are none.
     """
 
     spectrum: Spectrum
@@ -267,6 +270,7 @@ class Regime:
     horizon: float
     stops: MovingStops | None
     bend: Integers
+    sliding: SlidingPiece | None = None
 
     @property
     def loads(self) -> int:
@@ -313,6 +317,9 @@ class Regime:
 
     def begin(self, displacement: Array, velocity: Array, w: Array) -> Array:
         """Return the states of all blocks, shape (k, 2, M), of modal states (k, n) under loads (k, 2, e)."""
+        if self.sliding is not None:
+            carried = self.sliding.pushes.carried.T
+            displacement, velocity = displacement - w[:, 0] @ carried, velocity - w[:, 1] @ carried
         y = np.concatenate(self.spectrum.to_blocks(displacement.T, velocity.T)).T
         y = y - flat(w) @ self.answers.steady.T
         return np.concatenate([w, y.reshape(len(y), 2, self.spectrum.p.size)], axis=2)
@@ -322,7 +329,21 @@ class Regime:
         e, m = self.loads, self.spectrum.p.size
         y = flat(states[:, :, e:]) + flat(states[:, :, :e]) @ self.answers.steady.T
         x, rate = self.spectrum.to_modes(y[:, :m].T, y[:, m:].T, shifted=shifted)
+        if self.sliding is not None:
+            carried = self.sliding.pushes.carried
+            return (x + carried @ states[:, 0, :e].T).T, (rate + carried @ states[:, 1, :e].T).T
         return x.T, rate.T
+
+    def over_blocks(self, rows: Array) -> Array:
+        """Return modal rows (k, n) of displacements and then those of velocities as rows over all blocks, (2k, 2M)."""
+        key = f"rows {rows.tobytes().hex()}"
+        if key not in self.kept:
+            own = rows if self.spectrum.real.modes is None else rows @ self.spectrum.real.modes
+            nothing = np.zeros_like(own)
+            w, u = self.spectrum.functions(np.concatenate([own, nothing]), np.concatenate([nothing, own]))
+            self.kept[key] = flat(_over_all(w, u, self.answers.steady))
+        found: Array = self.kept[key]
+        return found
 
     def changes(self, starts: Array, own: Integers, tau: Array) -> Array:
         """Return by how much states have changed, shape (n_times, 2, M); see `blocks.changes`."""
@@ -361,6 +382,23 @@ class Motion:
         displacement, velocity = self.regime.to_modes(self.changes(tau))
         return displacement.T, velocity.T
 
+    def sampled(self, rows: Array, low: float, high: float, count: int) -> tuple[Array, Array, Array]:
+        """Return times, at least so many equal steps, and modal rows (k, n) of displacements and velocities there."""
+        blocks, over = self.regime.blocks, self.regime.over_blocks(rows)
+        fine = max(int(np.sqrt(count)), 1) if blocks.group is None else 1
+        tau = np.linspace(low, high, -(-count // fine) * fine + 1)
+        changes = flat(self.changes(tau[::fine]))
+        values = over @ changes.T
+        if fine > 1:
+            # Each of these times begins a few steps over which the rows change.
+            later = row_changes(blocks, over.reshape(len(over), *self.start.shape), tau[:fine] - low)
+            more = (changes + self.start.ravel()) @ later.reshape(-1, changes.shape[1]).T
+            values = values[:, :, None] + more.reshape(len(changes), fine, len(over)).transpose(2, 0, 1)
+            values = values.reshape(len(over), -1)[:, : tau.size]
+        begin = np.concatenate([rows @ self.displacement, rows @ self.velocity])
+        displacement, velocity = np.split(values + begin[:, None], 2)
+        return tau, displacement, velocity
+
     def reactions(self, tau: Array) -> Array:
         """Return the reactions of the pinned contacts at some times, shape (k, n_times)."""
         assert self.regime.reactions is not None
@@ -383,7 +421,7 @@ def start_motion(regime: Regime, displacement: Array, velocity: Array, w: Array)
 
 def regime_of(
     spectrum: Spectrum, space: ModalSpace, laws: ContactLaws | None, status: Integers, row_sizes: Array,
-    vectors: Array, load: tuple[Integers, Array, Integers], horizon: float,
+    vectors: Array, load: tuple[Integers, Array, Integers], horizon: float, sliders: Sliders | None = None,
 ) -> Regime:  # fmt: skip
     """Return a contact status under loads.
 
@@ -397,6 +435,8 @@ def regime_of(
         Functions and frequencies of the loads, and what bends them, see `Exosystem`.
     horizon : float
         Longest time in s for which a motion is computed.
+    sliders : Sliders, optional
+        Those that are the last rows of `space.contacts`.
     """
     function, omega, bend = load
     m, e, n = spectrum.p.size, omega.size, space.size
@@ -409,6 +449,11 @@ def regime_of(
     if stops is not None:
         sources -= stops.rows.T @ (stops.stiffness[:, None] * stops.drift)
         rates = -stops.rows.T @ (stops.damping[:, None] * stops.drift)
+    pushes = None
+    if sliders is not None:
+        assert laws is not None
+        pushes = sliders.pushes(space, laws, status, spectrum, function, omega, bend)
+        sources, rates = sources + pushes.sources, pushes.rates
     found = answers(spectrum, sources, omega, horizon, bend, rates)
     driven = found.drive.reshape(2, m, 2, e)
     members = np.zeros(m, dtype=bool) if spectrum.plain is None else spectrum.plain == 0.0
@@ -431,6 +476,10 @@ def regime_of(
     coordinates = _over_all(w, u, found.steady)
     if stops is not None:
         coordinates[:, 0, :e] += stops.drift
+    if pushes is not None:
+        assert sliders is not None
+        coordinates[:, 0, :e] += space.contacts @ pushes.carried
+        coordinates[sliders.first :, 0, :e] -= pushes.anchors
     sizes = np.abs(coordinates)
     sizes[:, 0, e:], sizes[:, 1, e:] = w_size, u_size
     plain = np.flatnonzero(status != PINNED) if laws is not None else none
@@ -446,6 +495,10 @@ def regime_of(
         w, u = spectrum.functions(force.displacement, force.velocity)
         own = _over_all(w, u, found.steady)
         own[:, 0, :e] += force.loads
+        if pushes is not None:
+            held_rows = space.contacts[held]
+            own[:, 0, :e] += pushes.reaction
+            own[:, 1, :e] += np.linalg.solve(held_rows @ held_rows.T, held_rows @ pushes.rates)
         own_sizes = np.abs(own)
         own_sizes[:, 0, e:], own_sizes[:, 1, e:] = spectrum.sizes(np.abs(force.displacement), np.abs(force.velocity))
         # The reaction of a rigid stop has no upper limit.
@@ -458,13 +511,61 @@ def regime_of(
         level = np.concatenate([level, np.zeros(held.size), jump])
         force = force._replace(row=flat(own))
     whole = np.concatenate(rows)
-    return Regime(
+    regime = Regime(
         spectrum, found, blocks, e + spectrum.levels, bool(np.any(whole[:, 1, e:])), whole,
         np.concatenate(all_sizes), np.concatenate([sign, np.zeros(held.size + yields.size)]), np.abs(level),
         np.concatenate([plain, held, yields]),
         np.concatenate([np.where(sign < 0.0, OPEN, CLOSED), np.full(held.size, OPEN), np.full(yields.size, CLOSED)]),
         flat(coordinates), force, vectors, function, horizon, stops, bend,
     )  # fmt: skip
+    if sliders is None or pushes is None or laws is None:
+        return regime
+    return _with_sliders(regime, sliders, pushes, space, laws, status, coordinates, sizes)
+
+
+def _with_sliders(
+    regime: Regime, sliders: Sliders, pushes: Pushes, space: ModalSpace, laws: ContactLaws, status: Integers,
+    coordinates: Array, sizes: Array,
+) -> Regime:  # fmt: skip
+    """Return a linear piece in which sliders have the event functions of their statuses."""
+    spectrum, e, first = regime.spectrum, regime.loads, sliders.first
+    rows = space.contacts[first:]
+    modal = rows if spectrum.real.modes is None else rows @ spectrum.real.modes
+    bounds = np.abs(rows) if spectrum.real.modes is None else np.abs(rows) @ np.abs(spectrum.real.modes)
+    w, u = spectrum.functions(np.zeros_like(modal), modal)
+    speeds = _over_all(w, u, regime.answers.steady)
+    speeds[:, 1, :e] += rows @ pushes.carried - pushes.anchors
+    speed_sizes = np.abs(speeds)
+    speed_sizes[:, 0, e:], speed_sizes[:, 1, e:] = spectrum.sizes(np.zeros_like(bounds), bounds)
+    held, reaction = np.flatnonzero(status == PINNED), None
+    if regime.reactions is not None:
+        own = regime.reactions.row.reshape(held.size, 2, -1)
+        # Bounds of the reactions are those of their functions.
+        reaction = own, np.array([regime.sizes[(regime.owner == j) & (regime.sign == 0.0)][0] for j in held])
+    exits = sliders.exits(status, pushes, coordinates, (speeds, speed_sizes), reaction, sizes)
+    signs, own_status = sliders.signs(status), status[first:]
+    forces = np.zeros((len(sliders), 2, coordinates.shape[2]))
+    forces[:, 0, 0] = signs * sliders.limit
+    for j in range(len(sliders)):
+        if own_status[j] == CLOSED:
+            forces[j] = sliders.stiffness[j] * coordinates[first + j]
+        elif own_status[j] == PINNED:
+            assert reaction is not None
+            forces[j] = reaction[0][held.tolist().index(first + j)]
+    kept = regime.owner < first
+    whole = np.concatenate([regime.rows[kept], exits.rows])
+    dampers = np.where(status == CLOSED, laws.damping, 0.0)
+    return replace(
+        regime,
+        rows=whole,
+        sizes=np.concatenate([regime.sizes[kept], exits.sizes]),
+        sign=np.concatenate([regime.sign[kept], np.zeros(len(exits.owner))]),
+        level=np.concatenate([regime.level[kept], exits.level]),
+        owner=np.concatenate([regime.owner[kept], exits.owner]),
+        leads=np.concatenate([regime.leads[kept], exits.leads]),
+        mixed=bool(np.any(whole[:, 1, e:])),
+        sliding=SlidingPiece(sliders, status, pushes, flat(forces), flat(speeds), space, dampers),
+    )
 
 
 def flat(states: Array) -> Array:

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from vofem._validate import number, whole
 from vofem.errors import EventStormError, MethodError
 from vofem.integrators.event_driven.lifted import TruncatedSolution
-from vofem.integrators.event_driven.modal_space import modal_space
+from vofem.integrators.event_driven.modal_space import ModalSpace, modal_space
 from vofem.integrators.event_driven.pinned import PIN_FRACTION
+from vofem.integrators.event_driven.sliding import SlidingSolution, whole_system
 from vofem.integrators.event_driven.solution import EventSolution
 from vofem.integrators.event_driven.truncated import (
     FULL_UNKNOWNS,
@@ -50,9 +51,15 @@ MOST_EVENTS = 1_000_000
 
 def refusal(system: System) -> str | None:
     """Return why this method cannot treat the system and what can, or None."""
+    sliders, contacts = system.sliders, system.contacts
+    if sliders is not None and contacts is not None and (contacts.moving is not None or np.any(contacts.jump)):
+        return (
+            f"{sliders.labels[0]} acts beside contacts that stand in space or act on the displacement, which "
+            f"{EVENT_DRIVEN.name} does not treat together; use acts_on='penetration' and stops that stand on the base"
+        )
     for group in system.laws:
         reason = group.nonlinearity(EVENT_DRIVEN.name)
-        if reason is None and group is not system.contacts:
+        if reason is None and group is not system.contacts and group is not sliders:
             reason = f"{group.labels[0]} is no contact, and {EVENT_DRIVEN.name} takes no other laws"
         if reason is not None:
             way = {"special": True} if group.driven is not None else {"steps": True}
@@ -176,8 +183,9 @@ def _follow(
 ) -> EventSolution:  # fmt: skip
     """Follow all modes of a system from event to event."""
     counters = Counters()
-    space = system.cache.get("modal space", None, lambda: modal_space(system, counters))
-    solution = EventSolution(system, space, t_end, times, counters)
+    kind = EventSolution if system.sliders is None else SlidingSolution
+    space = space_of(system, counters)
+    solution = kind(system, space, t_end, times, counters)
     if resume is None:
         momentum = system.mass @ np.stack([start.q, start.v], axis=1)
         displacement, velocity = (space.shapes.T @ momentum).T
@@ -206,8 +214,15 @@ def _follow(
     return solution
 
 
+def space_of(system: System, counters: Counters) -> ModalSpace:
+    """Return the modal space of a system, of its sliders too, solved once."""
+    whole = system if system.sliders is None else whole_system(system)
+    return whole.cache.get("modal space", None, lambda: modal_space(whole, counters))
+
+
 def _storm(system: System, solution: EventSolution, t: float, limit: int) -> str:
-    assert system.contacts is not None
+    if system.contacts is None or not solution.events.time.size:
+        return f"more than {limit} events of sliders by t = {t:.6g} s. Raise max_events or end the run earlier"
     busy = int(np.bincount(solution.events.contact).argmax())
     return (
         f"more than {limit} contact events by t = {t:.6g} s, most of them of contact "

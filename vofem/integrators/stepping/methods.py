@@ -82,7 +82,7 @@ from vofem.integrators.observer import Observer, Snapshot
 from vofem.integrators.registry import advice
 from vofem.integrators.stepped import SteppedSolution, step_count, storage_times
 from vofem.integrators.stepping.energies import stored_energy
-from vofem.integrators.stepping.nearby import check_nearby, note_growth
+from vofem.integrators.stepping.nearby import check_nearby, note_errors, note_growth
 from vofem.integrators.stepping.run import EqualSteps, Scheme, march
 from vofem.integrators.stepping.step_loads import followed, note_loads
 from vofem.integrators.stepping.tolerance import note_tolerance, under_tolerance
@@ -102,6 +102,9 @@ _STEPS = 1000
 
 #: Default explicit step as a fraction of the critical one.
 _DEFAULT_FRACTION = 0.5
+
+#: How notes begin that report errors of steps already.
+_OF_STEPS = ("step: steps", "step: impacts", "step: the errors", "energy:", "chaos:", "load:")
 
 #: Steps beyond which a run whose step was not given is refused; it would take minutes or hours.
 _MOST_STEPS = 1e9
@@ -205,7 +208,7 @@ def central_difference(
             f"closed (2/omega_max, omega_max = {2.0 / limit:.6g} rad/s); choose dt below it, or {_without_limit()}"
         )
     asked = Asked(system, start, t_end, times, dt, observer, resume, probes, None, nearby)
-    return _equal(CENTRAL_DIFFERENCE, CENTRAL, asked, dt, counters, notes, _EXPLICIT)
+    return _equal(CENTRAL_DIFFERENCE, CENTRAL, asked, dt, counters, notes, _EXPLICIT, limit)
 
 
 def parameters(
@@ -271,9 +274,10 @@ def _implicit(method: Method, scheme: Scheme, asked: Asked, blow_up: float, advi
 
 
 def _equal(
-    method: Method, scheme: Scheme, asked: Asked, dt: float, counters: Counters, notes: list[str], blow_up: float
+    method: Method, scheme: Scheme, asked: Asked, dt: float, counters: Counters, notes: list[str], blow_up: float,
+    critical: float | None = None,
 ) -> SteppedSolution:  # fmt: skip
-    """Run equal steps."""
+    """Run equal steps, where there is a critical step below it."""
     system, start, t_end = asked.system, asked.start, asked.t_end
     steps = step_count(t_end, dt)
     stored = storage_times(asked.times, t_end, dt, steps, system.size, notes)
@@ -290,10 +294,12 @@ def _equal(
         probes=asked.probes,
     )  # fmt: skip
 
-    def again(beside: State) -> EqualSteps:
-        return EqualSteps(system, beside, Counters(), t_end, method, scheme, dt, steps)
+    def again(beside: State, dt: float = dt) -> EqualSteps:
+        return EqualSteps(system, beside, Counters(), t_end, method, scheme, dt, step_count(t_end, dt))
 
     notes += note_growth(asked.nearby, run, out, again)
+    if not any(note.startswith(_OF_STEPS) for note in notes):
+        notes += note_errors(asked.nearby, run, out, critical, lambda other: again(start, other))
     return solution
 
 

@@ -9,7 +9,12 @@ from vofem.system import System
 
 def refusal(system: System) -> str | None:
     """Return why methods that step in time cannot treat the system and what can, or None."""
-    return follows_the_force(system) or too_full(system) or _rigid(system)
+    return follows_the_force(system) or too_full(system) or _rigid(system) or _slides(system)
+
+
+def _slides(system: System) -> str | None:
+    """Return why methods that step in time cannot treat sliders; None without any."""
+    return None if system.sliders is None else system.sliders.refusal("a method that steps in time")
 
 
 def _rigid(system: System) -> str | None:

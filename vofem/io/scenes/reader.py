@@ -168,7 +168,7 @@ def _effects(items: list[Item]) -> list[Any]:
 def _numbered(cls: type) -> bool:
     """Return whether effects of a class must have a name, so that those without one are numbered."""
     known = declarations(cls) if is_declared(cls) else {}
-    return "name" in known and isinstance(known["name"].kind, Name)
+    return "name" in known and type(known["name"].kind) is Name
 
 
 # -- the initial state ------------------------------------------------------------------------------

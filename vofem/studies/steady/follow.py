@@ -30,6 +30,10 @@ FIRST, LARGEST, LEAST = 0.01, 0.1, 1e-10
 #: Cosine of the angle between successive tangents below which a step is rejected, and the desired angle in rad.
 _REFUSED, _AIM = np.cos(np.radians(25.0)), np.radians(9.0)
 
+#: Largest difference of the direction from one orbit to the next from the mean of the branch's directions at both, and
+#: the share of the largest step below which it is not looked at.
+_APART, _LEAST_SHARE = 0.1, 1e-3
+
 #: Cosine of the angle below which a step is rejected at a corner of a branch, and the largest step at a corner.
 _CORNER, _SHORT = np.cos(np.radians(80.0)), 1e-4
 
@@ -329,6 +333,12 @@ class Follower:
         if tangent @ towards < refused:
             self._why = " (the branch turns too far in one step)"
             return None
+        if chart.segmented and step > _LEAST_SHARE * self.largest:
+            # Along one branch the way between two neighbours has the mean of their directions.
+            mean = now.tangent + tangent * scales / now.scales
+            if np.linalg.norm(secant / np.linalg.norm(secant) - mean / np.linalg.norm(mean)) > _APART:
+                self._why = " (the step led to another branch)"
+                return None
         return Point(chart, y, problem, evaluation, scales, by_value, tangent)
 
     def _take(self, step: Step | None, point: Point | None = None) -> None:

@@ -104,7 +104,7 @@ def _rebound(phase: float, entries: int = 40) -> Case:
             speeds.append(-float(run.simulate(scene, t_end).velocity(mass)[-1]))
         return {"speed out, the worst of all [m/s]": max(speeds, key=lambda v: abs(v - 1.0))}
 
-    how = exact(1e-12) | {CONSERVING: How(1e-10, {"dt": dt})}
+    how = exact(1e-12) | {CONSERVING: How(5e-13, {"dt": dt})}
     reported = How(0.01, {"dt": dt}, REPORTED, "energy: ")
     how[ALPHA] = reported if phase < 5.0 else How(0.01, {"dt": dt}, STOPPED, "blew up")
     how[CENTRAL] = reported if phase < 2.0 else How(0.01, {"dt": dt}, REFUSED, "critical step")
