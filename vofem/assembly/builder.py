@@ -20,7 +20,6 @@ from vofem.bodies.path import TravellingPoint
 from vofem.errors import ArgumentError
 from vofem.laws import LawGroup
 from vofem.laws.moving import Rider
-from vofem.laws.travelling import TravellingLaw
 from vofem.system import Load, LoadFunction, System
 
 if TYPE_CHECKING:
@@ -151,12 +150,22 @@ class SystemBuilder:
 
     def add_tied_mass(self, point: TravellingPoint, mass: float, label: str, name: str) -> None:
         """Add a mass that travels with a point: an unknown of its own, tied to the beam."""
+        from vofem.laws.travelling import TravellingLaw
+
         self._mass.add_matrix(np.array([[mass]]), self.size, self.size)
         self._tied.append(point.body)
         row = Row(np.array([self.size]), np.array([-1.0]))
         self.size += 1
         self._scale, self._rotation = np.append(self._scale, 1.0), np.append(self._rotation, False)
         self.add_law(row, TravellingLaw(label, name, tied=True, track=(point, 1.0)))
+
+    def add_travelling_law(
+        self, row: Row, point: TravellingPoint, label: str, name: str, stiffness: float, damping: float
+    ) -> None:
+        """Add a spring and a dashpot on the displacement at a point that travels, and on a row at rest."""
+        from vofem.laws.travelling import TravellingLaw
+
+        self.add_law(row, TravellingLaw(label, name, stiffness, damping, track=(point, 1.0)))
 
     def add_base(self, base: Base) -> None:
         """Add the motion of the base of a body, whose displacement moves what stays in space beside the body."""

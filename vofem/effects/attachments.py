@@ -11,7 +11,6 @@ from vofem.bodies.path import TravellingPoint
 from vofem.effects.kinds import Acting, AtPoint, Called, TravellingEnd
 from vofem.effects.two_points import TwoPoints
 from vofem.errors import ArgumentError
-from vofem.laws.travelling import TravellingLaw
 from vofem.parameters import Real, declared, label_of, rule
 
 
@@ -27,8 +26,8 @@ class Spring(TwoPoints):
     def compile(self, builder: SystemBuilder) -> None:
         """Add ``k b b'`` to K."""
         if isinstance(self.a, TravellingPoint):
-            law = TravellingLaw("Spring", self.name or self.describe(), stiffness=self.stiffness, track=(self.a, 1.0))
-            builder.add_law(self._row(builder), law)
+            name = self.name or self.describe()
+            builder.add_travelling_law(self._row(builder), self.a, "Spring", name, self.stiffness, 0.0)
         else:
             builder.add_stiffness(self._row(builder), self.stiffness)
 
@@ -51,8 +50,8 @@ class Dashpot(TwoPoints):
     def compile(self, builder: SystemBuilder) -> None:
         """Add ``c b b'`` to C."""
         if isinstance(self.a, TravellingPoint):
-            law = TravellingLaw("Dashpot", self.name or self.describe(), damping=self.damping, track=(self.a, 1.0))
-            builder.add_law(self._row(builder), law)
+            name = self.name or self.describe()
+            builder.add_travelling_law(self._row(builder), self.a, "Dashpot", name, 0.0, self.damping)
         else:
             builder.add_damping(self._row(builder), self.damping)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,6 @@ from vofem.integrators.stepping.kernel import Equations, Numbers, Size, advance,
 from vofem.integrators.stepping.quality import Checked, quality_notes
 from vofem.integrators.stepping.record import Path, Record, Switches, hysteretic_energy
 from vofem.integrators.stepping.step_loads import StepLoads
-from vofem.integrators.stepping.travel import Midpoint, advance_travelling, begin_ties, midpoint, travel_of
 from vofem.kernels.mode import compiled
 from vofem.laws import initial_status
 from vofem.laws.group import StepPast
@@ -32,6 +31,9 @@ from vofem.laws.python import callbacks_of
 from vofem.laws.rows import Rows, all_rows, compressed
 from vofem.linalg.banded import band_order, band_width, factor, solve, subtract_product, to_band, widen
 from vofem.system import CLOSED, Counters, Events, State, System
+
+if TYPE_CHECKING:
+    from vofem.integrators.stepping.travel import Midpoint, Travel
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -168,9 +170,12 @@ class Run:
         if self.moving is not None:
             self.moving = self.moving.ordered(order)
             u[: self.moving.weights.shape[0]] += self.moving.at(0.0)
-        rest = np.zeros((0, system.size)) if self.rows is None else self.rows.toarray()
-        self.travel = travel_of(system.laws, rest, order)
-        if self.travel is not None:
+        self.travel: Travel | None = None
+        if any(group.travelling is not None for group in system.laws):
+            from vofem.integrators.stepping.travel import begin_ties, travel_of
+
+            assert self.rows is not None
+            self.travel = travel_of(system.laws, self.rows.toarray(), order)
             begin_ties(self.travel, q, v)
             at_start, offsets, present = (part[0] for part in self.travel.rows(np.zeros(1)))
             u = np.where(present, at_start @ q + offsets, self.travel.away)
@@ -344,6 +349,8 @@ class Run:
                 shift = forcing.first @ known.shift
         chunk, size = path.steps(t.size), known.size
         if self.travel is not None:
+            from vofem.integrators.stepping.travel import advance_travelling
+
             self.taken, solves, self.driven = advance_travelling(
                 self.travel, self._midpoint(dt), self.equations.laws, np.append(t[0] - dt, t), force, shift,
                 path.chunk.a[max(path.filled - 1, 0)], chunk,
@@ -361,6 +368,8 @@ class Run:
     def _midpoint(self, dt: float) -> Midpoint:
         """Return the matrices of steps of a size in s where something travels."""
         if dt not in self._midpoints:
+            from vofem.integrators.stepping.travel import midpoint
+
             self._midpoints[dt] = midpoint(self.system, self.damping, self.order, dt)
         return self._midpoints[dt]
 

@@ -71,10 +71,8 @@ class Travel(NamedTuple):
         return rows, offsets, present
 
 
-def travel_of(groups: tuple[LawGroup, ...], rest: Array, order: NDArray[np.int64]) -> Travel | None:
-    """Return what moves the laws of some groups; None where nothing travels."""
-    if all(group.travelling is None for group in groups):
-        return None
+def travel_of(groups: tuple[LawGroup, ...], rest: Array, order: NDArray[np.int64]) -> Travel:
+    """Return what moves the laws of some groups, whose rows at rest are given, shape (m, n)."""
     parts, first = [], 0
     for group in groups:
         if group.moving is not None:
