@@ -72,7 +72,7 @@ class Blocks(NamedTuple):
         See `linalg.oscillators`.
     pair : ndarray of int, shape (r, 3)
         Coupled blocks, the loads that drive them, and the second derivatives of these loads, -1 for none, as numbers of
-        blocks. A line that is bent is driven by its second derivative.
+        blocks. A line that is bent is driven by its second derivative; the third number is then -2.
     gain : ndarray, shape (r, 4)
         a1, b1, a2, b2 of each pair.
     group : Group or None
@@ -164,6 +164,10 @@ def _add_from_rest(blocks: Blocks, start: Array, tau: float, out: Array) -> None
     of, pair, numbers = blocks.of, blocks.pair, blocks.response.numbers
     for e in range(pair.shape[0]):
         k, j, bend = pair[e, 0], pair[e, 1], pair[e, 2]
+        if bend == -2:
+            out[0, k] += 0.5 * tau * tau * (start[0, j] + tau * start[1, j] / 3.0)
+            out[1, k] += tau * (start[0, j] + 0.5 * tau * start[1, j])
+            continue
         numbers[0], numbers[1], numbers[2] = of[DELTA, k], of[SQUARE, k], of[SQUARE, j]
         numbers[3], numbers[4] = start[0, j], start[1, j]
         for i in range(4):
@@ -233,17 +237,16 @@ def row_changes(blocks: Blocks, rows: Array, tau: Array) -> Array:
     w, u = rows[:, 0], rows[:, 1]
     delta, p = blocks.of[DELTA], blocks.of[SQUARE]
     found = np.stack([w * (c + delta * s) - u * (p * s), w * s + u * (c - delta * s)], axis=2)
-    moving = ready(blocks)
-    for e, (k, *driving) in enumerate(blocks.pair.tolist()):
-        pair = moving._replace(pair=blocks.pair[e : e + 1], gain=blocks.gain[e : e + 1])
-        for j in (number for number in driving if number >= 0):
-            for part in range(2):
-                start = np.zeros((2, delta.size))
-                start[part, j] = 1.0
-                for i, t in enumerate(tau.tolist()):
-                    from_rest = np.zeros_like(start)
-                    _add_from_rest(pair, start, t, from_rest)
-                    found[i, :, part, j] += w[:, k] * from_rest[0, k] + u[:, k] * from_rest[1, k]
+    blocks = ready(blocks)
+    driving = np.unique(blocks.pair[:, 1:])
+    for j in driving[driving >= 0].tolist():
+        for part in (0, 1):
+            start = np.zeros((2, delta.size))
+            start[part, j] = 1.0
+            for i, t in enumerate(tau.tolist()):
+                driven = np.zeros_like(start)
+                _add_from_rest(blocks, start, t, driven)
+                found[i, :, part, j] += w @ driven[0] + u @ driven[1]
     return np.asarray(found)
 
 
@@ -259,5 +262,13 @@ def _changes_at_once(blocks: Blocks, starts: Array, own: Integers, tau: Array, o
     z, v, delta = starts[own, 0], starts[own, 1], blocks.of[DELTA]
     out[:, 0] = c * z + s * (v + delta * z)
     out[:, 1] = c * v - s * (blocks.of[SQUARE] * z + delta * v)
-    for i in range(tau.size) if blocks.pair.size else ():
-        _add_from_rest(blocks, starts[own[i]], tau[i], out[i])
+    if not blocks.pair.size:
+        return
+    bends = blocks.pair[:, 2] == -2
+    for k, j, _ in blocks.pair[bends].tolist():
+        second, third = starts[own, 0, j], starts[own, 1, j]
+        out[:, 0, k] += 0.5 * tau**2 * (second + tau * third / 3.0)
+        out[:, 1, k] += tau * (second + 0.5 * tau * third)
+    others = blocks._replace(pair=blocks.pair[~bends], gain=blocks.gain[~bends])
+    for i in range(tau.size) if others.pair.size else ():
+        _add_from_rest(others, starts[own[i]], tau[i], out[i])
