@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -56,7 +59,8 @@ def test_counters_of_a_bare_beam(method):
 def test_builders_of_absent_effects_are_never_called(method, monkeypatch):
     for name in (
         "add_stiffness", "add_strains", "add_damping", "add_mass", "add_rayleigh", "add_modal_damping",
-        "add_point_load", "add_body_load", "add_acceleration", "add_contact", "add_law",
+        "add_point_load", "add_body_load", "add_acceleration", "add_contact", "add_law", "add_base", "add_tied_mass",
+        "add_travelling_load", "add_travelling_law",
     ):  # fmt: skip
         monkeypatch.setattr(SystemBuilder, name, refuse)
     monkeypatch.setattr(ContactLaws, "force", refuse)
@@ -124,3 +128,18 @@ def test_ideal_switches_have_no_quadrature(monkeypatch):
     _, scene = paper_beam("penetration", elements=5)
     for method in METHODS[1:]:
         assert run(scene, method, 4.0).energy.contact.max() > 0.0
+
+
+def test_what_travels_is_not_imported_without_points_that_travel():
+    code = (
+        "import sys, vofem as vf\n"
+        "beam = vf.Beam(1.0, 1.0, 1.0, 3, {'left': 'clamped'})\n"
+        "stop = vf.Contact(beam.at(1.0), gap=0.01, stiffness=1.0, side='above', acts_on='penetration')\n"
+        "scene = vf.Scene([beam], [stop, vf.PointLoad(beam.at(1.0), vf.Sine(1.0, 2.0))])\n"
+        "vf.simulate(scene, 0.1, method='event_driven')\n"
+        "vf.simulate(scene, 0.1, method='energy_conserving', dt=0.01)\n"
+        "print([name for name in sys.modules if 'travel' in name])\n"
+    )
+    environment = os.environ | {"VOFEM_COMPILED": "never"}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=True)
+    assert done.stdout.strip() == "[]"
