@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vofem.bodies.base import Point, as_point
+from vofem.bodies.path import TravellingPoint
 from vofem.histories.impacts import window_of
 from vofem.histories.table import Table
 from vofem.histories.variables import ENERGIES, Tabulated, histories, motion_and_contacts
@@ -36,6 +37,8 @@ def points_of_interest(scene: Scene) -> tuple[Any, ...]:
     contacts = scene.contacts
     for effect in (*contacts, *(() if contacts else scene.effects)):
         for point in effect.points():
+            if isinstance(point, TravellingPoint):
+                continue
             points.setdefault((point.body.name, point.x), point)
     touched = {name for name, _ in points}
     for body in scene.bodies:

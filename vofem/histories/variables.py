@@ -144,8 +144,7 @@ def _contacts(run: Tabulated) -> dict[str, Variable]:
 
     def gap_function(part: slice) -> NDArray:
         if part == ALL:
-            u = run.samples.along(laws.rows, "q")
-            return (u if laws.moving is None else u + laws.moving.at(run.times)).T - laws.gap
+            return np.stack([laws.gap_function(run.samples, k, run.times) for k in range(len(laws))], axis=1)
         return laws.coordinates(run.samples.q[:, part], run.times[part]).T - laws.gap
 
     over = ("time", "contact")

@@ -22,6 +22,7 @@ from vofem.sensitivities.modal import check_modal_damping, modal_change, modal_s
 from vofem.sensitivities.notes import notes_of
 from vofem.sensitivities.parameter import Parameter, parameters_of
 from vofem.sensitivities.system_change import SystemChange, system_changes
+from vofem.system import refuse_travelling
 
 Array = NDArray[np.float64]
 
@@ -209,6 +210,7 @@ def _check(what: str, result: Any) -> None:
             f"{what}: the run used {result.method}, whose steps have no exact derivatives; simulate with "
             f"{advice(exact=True)}"
         )
+    refuse_travelling(what, result.model.system)
     contacts = result.model.system.contacts
     if contacts is not None and contacts.moving is not None:
         raise MethodError(f"{what}: {contacts.moving_refusal('an exact derivative')}")
